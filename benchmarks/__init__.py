@@ -1,0 +1,1 @@
+"""The harness: matrices, runs, stored scores, tables, plots, reports and the command line."""

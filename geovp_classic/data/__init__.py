@@ -1,0 +1,1 @@
+"""Clips from files and from the synthetic world."""

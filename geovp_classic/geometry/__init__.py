@@ -1,0 +1,1 @@
+"""Where cameras are and how points become pixels, in float64."""

@@ -1,0 +1,172 @@
+"""The verbs of the suite: one-method Protocols that a component, ours or a plug-in's, fulfils without a base class."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Clip,
+    Context,
+    FloatArray,
+    Grant,
+    Intrinsics,
+    Motion,
+    Prediction,
+    Trajectory,
+    Views,
+)
+
+
+@runtime_checkable
+class Odometry(Protocol):
+    """Says where the camera was, from what it saw; never raises on hard pictures but bridges and marks the step."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
+        """The past trajectory [P] and which steps were really tracked [P]."""
+        ...
+
+
+@runtime_checkable
+class Forecaster(Protocol):
+    """Says where the camera will be, from where it was; sees poses only."""
+
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+        """Futures [S, F, 4, 4] at the given times [F], in the world frame of the past."""
+        ...
+
+
+@runtime_checkable
+class PoseSource(Protocol):
+    """Says where the camera was and will be."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks what it needs."""
+        ...
+
+
+@runtime_checkable
+class DepthSource(Protocol):
+    """Says how far away the observed pixels are."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
+        """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H, W] in [0, 1]."""
+        ...
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """What was reconstructed from the past; can be seen from anywhere, any number of times."""
+
+    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The scene from the poses [F, 4, 4], in the world frame of the past it was built with."""
+        ...
+
+
+@runtime_checkable
+class Renderer(Protocol):
+    """Builds a scene from what was seen and from where."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    def reconstruct(self, context: Context, past: Trajectory) -> Scene:
+        """The scene; Incompatible when the past's unit or the clip does not suit it."""
+        ...
+
+
+@runtime_checkable
+class Fill(Protocol):
+    """Invents the pixels that a scene does not cover."""
+
+    def fill(self, views: Views) -> ByteArray:
+        """Frames [F, H, W, 3], unchanged where `views.covered`."""
+        ...
+
+
+@runtime_checkable
+class FramePredictor(Protocol):
+    """Says what the camera will see, by whatever means."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """Predicted frames [S, F, H, W, 3] for the future times of the context."""
+        ...
+
+
+@runtime_checkable
+class FrameMetric(Protocol):
+    """Compares predicted with real frames, step by step."""
+
+    @property
+    def unit(self) -> str:
+        """What the numbers are in, "" for none."""
+        ...
+
+    @property
+    def higher_is_better(self) -> bool:
+        """Which way the arrow points."""
+        ...
+
+    def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> FloatArray:
+        """One number per step [F] from frames [F, H, W, 3]; only pixels of the mask [F, H, W] count; NaN for none."""
+        ...
+
+
+@runtime_checkable
+class TrajectoryMetric(Protocol):
+    """Compares predicted with real poses, step by step; both are in the same world frame."""
+
+    @property
+    def unit(self) -> str:
+        """What the numbers are in."""
+        ...
+
+    @property
+    def higher_is_better(self) -> bool:
+        """Which way the arrow points."""
+        ...
+
+    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+        """One number per step [F]."""
+        ...
+
+
+@runtime_checkable
+class Dataset(Protocol):
+    """Clips by number."""
+
+    @property
+    def name(self) -> str:
+        """What the results call it."""
+        ...
+
+    def __len__(self) -> int:
+        """The number of clips."""
+        ...
+
+    def __getitem__(self, index: int) -> Clip:
+        """One clip; BadData says which file is wrong."""
+        ...

@@ -1,0 +1,1 @@
+"""One number per future step from a prediction and what really came."""

@@ -1,0 +1,1 @@
+"""Where the camera was and will be: pose sources, odometry and forecasters."""

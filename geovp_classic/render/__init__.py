@@ -1,0 +1,1 @@
+"""Scenes built from the observed frames, and how they look from elsewhere."""

@@ -1,0 +1,1 @@
+"""The learned parts: the only room with torch."""
