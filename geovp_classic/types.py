@@ -7,7 +7,7 @@ Conventions, stated once and kept everywhere:
 - Camera axes as OpenCV: x right, y down, z forward. Depth is z-depth; 0 = unknown, inf = sky (inverse depth 0).
 - Pixels (u, v) = (column, row); (0, 0) is the centre of the top-left pixel; resizing maps c to (c + 0.5) * s - 0.5.
 - Images are uint8 RGB [..., H, W, 3] at the borders (clips, views, predictions, files), float32 in [0, 1] inside.
-- Axes letters: T clip, P past, F future, S samples, H, W, N points. Steps of a clip: 0..P-1 | P..P+F-1; horizon k = 1..F.
+- Axes letters: T clip, P past, F future, S samples, H, W, N points. Steps: 0..P-1 | P..P+F-1; horizon k = 1..F.
 - Units are suffixes: `_s _m _px _rad _deg _hz`. A length without one is in the trajectory's own unit; `is_metric` tells
   whether that is metres.
 - The world frame is any frame, one per trajectory; nobody assumes that `world_from_cam[0]` is the identity.

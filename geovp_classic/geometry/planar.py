@@ -1,7 +1,7 @@
 """Trajectories on the vehicle's plane: reduced to (x, z, yaw) and lifted back.
 
-The plane is the ground plane of one reference step (the last observed frame): its frame "vehicle" has the origin of that
-camera, y along the plane's normal (downwards), z along the camera's heading in the plane and x to the right. Reduction
+The plane is the ground plane of one reference step, the last observed frame. Its frame "vehicle" has the origin of that
+camera, y along the plane's normal (downwards), z along the camera's heading in the plane and x to the right. Reducing
 keeps x, z and the heading's yaw about the normal of each step; height, pitch and roll are those of the reference step.
 """
 
