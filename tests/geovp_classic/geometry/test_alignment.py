@@ -1,0 +1,65 @@
+"""Umeyama's alignment finds the similarity that made the points."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.alignment import umeyama
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def cloud(seed: int, count: int = 12) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(count, 3)) * 5
+
+
+def motion(seed: int) -> np.ndarray:
+    return se3.exp(np.random.default_rng(seed).uniform(-1.7, 1.7, 6))
+
+
+@given(seeds, st.floats(0.05, 20))
+def test_similarity_is_recovered(seed: int, scale: float) -> None:
+    points_a, b_from_a = cloud(seed), motion(seed + 1)
+    points_b = se3.transform(b_from_a, scale * points_a)
+    found_scale, found = umeyama(points_a, points_b, with_scale=True)
+    assert found_scale == pytest.approx(scale, rel=1e-9)
+    np.testing.assert_allclose(found, b_from_a, atol=1e-8 * (1 + scale))
+
+
+@given(seeds)
+def test_rigid_alignment_is_a_minimum(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points_a = cloud(seed)
+    points_b = se3.transform(motion(seed), points_a) + rng.normal(size=points_a.shape) * 0.3
+
+    def cost(b_from_a: np.ndarray) -> float:
+        return float(((se3.transform(b_from_a, points_a) - points_b) ** 2).sum())
+
+    scale, best = umeyama(points_a, points_b, with_scale=False)
+    assert scale == 1.0
+    for _ in range(5):
+        assert cost(best) <= cost(best @ se3.exp(rng.normal(size=6) * 0.05)) + 1e-9
+
+
+@given(seeds)
+def test_a_mirrored_cloud_still_gives_a_rotation(seed: int) -> None:
+    points_a = cloud(seed)
+    _, b_from_a = umeyama(points_a, points_a * [1, 1, -1], with_scale=True)
+    assert np.linalg.det(b_from_a[:3, :3]) == pytest.approx(1.0)
+
+
+def test_points_on_a_line_are_laid_onto_their_line() -> None:
+    line = np.linspace(0, 10, 7)[:, None] * [0.0, 0, 1]
+    _, b_from_a = umeyama(line, line[:, [2, 1, 0]] + [3.0, 0, 0], with_scale=False)
+    np.testing.assert_allclose(se3.transform(b_from_a, line), line[:, [2, 1, 0]] + [3.0, 0, 0], atol=1e-12)
+    assert np.linalg.det(b_from_a[:3, :3]) == pytest.approx(1.0)
+
+
+def test_too_little_to_align_is_refused() -> None:
+    with pytest.raises(BadData, match="N >= 3"):
+        umeyama(np.zeros((2, 3)), np.zeros((2, 3)), with_scale=True)
+    with pytest.raises(BadData, match="coincide"):
+        umeyama(np.ones((4, 3)), cloud(0, 4), with_scale=True)

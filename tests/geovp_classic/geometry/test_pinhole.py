@@ -1,0 +1,102 @@
+"""The pixel convention: (0, 0) is the centre of the top-left pixel, and crops and resizes keep rays on their pixels."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Intrinsics
+
+focal = st.floats(50, 2000)
+sizes = st.integers(16, 1300)
+
+
+@st.composite
+def cameras(draw: st.DrawFn) -> Intrinsics:
+    width_px, height_px = draw(sizes), draw(sizes)
+    return Intrinsics(
+        draw(focal), draw(focal), draw(st.floats(0, width_px)), draw(st.floats(0, height_px)), width_px, height_px
+    )
+
+
+points = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(0.1, 200)).map(np.array)
+
+
+@given(cameras(), points)
+def test_unproject_undoes_project(camera: Intrinsics, point: np.ndarray) -> None:
+    pixel, depth = pinhole.project(point, camera)
+    np.testing.assert_allclose(pinhole.unproject(pixel, depth, camera), point, rtol=1e-9, atol=1e-8)
+
+
+@given(cameras(), points)
+def test_project_is_the_matrix_product(camera: Intrinsics, point: np.ndarray) -> None:
+    homogeneous = camera.matrix @ point
+    np.testing.assert_allclose(pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9)
+
+
+@given(cameras(), points, st.integers(0, 10), st.integers(0, 10))
+def test_cropping_shifts_pixels(camera: Intrinsics, point: np.ndarray, left_px: int, top_px: int) -> None:
+    cropped = camera.cropped(left_px, top_px, camera.width_px, camera.height_px)
+    shift = pinhole.project(point, camera)[0] - pinhole.project(point, cropped)[0]
+    np.testing.assert_allclose(shift, [left_px, top_px], atol=1e-6)
+
+
+@given(cameras(), points, sizes, sizes)
+def test_resizing_keeps_edges_on_edges(camera: Intrinsics, point: np.ndarray, width_px: int, height_px: int) -> None:
+    scale = np.array([width_px / camera.width_px, height_px / camera.height_px])
+    before, after = (pinhole.project(point, c)[0] for c in (camera, camera.resized(width_px, height_px)))
+    np.testing.assert_allclose(after, (before + 0.5) * scale - 0.5, rtol=1e-9, atol=1e-6)
+
+
+@given(cameras(), sizes, sizes)
+def test_resizing_there_and_back(camera: Intrinsics, width_px: int, height_px: int) -> None:
+    back = camera.resized(width_px, height_px).resized(camera.width_px, camera.height_px)
+    np.testing.assert_allclose(back.matrix, camera.matrix, rtol=1e-9, atol=1e-7)
+
+
+def test_points_behind_have_no_pixel() -> None:
+    camera = Intrinsics(100, 100, 50, 50, 101, 101)
+    pixels, depth = pinhole.project(np.array([[0.0, 0, -1], [1, 1, 0], [0, 0, 2]]), camera)
+    assert np.isnan(pixels[:2]).all()
+    np.testing.assert_array_equal(pixels[2], [50, 50])
+    np.testing.assert_array_equal(depth, [-1, 0, 2])
+
+
+def test_rays_reach_unit_depth_and_project_back() -> None:
+    camera = Intrinsics(80, 90, 31.5, 23.5, 64, 48)
+    directions = pinhole.rays(camera)
+    assert directions.shape == (48, 64, 3)
+    np.testing.assert_array_equal(directions[..., 2], 1)
+    np.testing.assert_allclose(pinhole.project(directions, camera)[0], pinhole.pixel_grid(camera), atol=1e-12)
+
+
+def test_square_crop_of_kitti() -> None:
+    # 1242x375: the square is columns 433..807; 256/375 of the focal length stays.
+    camera = Intrinsics(721.5377, 721.5377, 609.5593, 172.854, 1242, 375)
+    (rows, columns), square = pinhole.square_crop(camera, (256, 256))
+    assert (rows, columns) == (slice(0, 375), slice(433, 808))
+    assert square.fx_px == pytest.approx(721.5377 * 256 / 375)
+    assert square.cx_px == pytest.approx((609.5593 - 433 + 0.5) * 256 / 375 - 0.5)
+    assert (square.width_px, square.height_px) == (256, 256)
+
+
+def test_resized_pictures_agree_with_resized_intrinsics() -> None:
+    # A bright blob at a known ray must lie where the resized camera says.
+    camera = Intrinsics(200, 200, 95.5, 63.5, 192, 128)
+    blob_px = np.array([60.0, 40.0])
+    v, u = np.mgrid[:128, :192]
+    picture = np.exp(-((u - blob_px[0]) ** 2 + (v - blob_px[1]) ** 2) / 50)
+    picture = np.repeat((picture * 255).astype(np.uint8)[..., None], 3, axis=2)
+    small = pinhole.resize(picture, (96, 64))[..., 0].astype(float)
+    moments = cv2.moments(small)
+    measured = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    expected, _ = pinhole.project(pinhole.unproject(blob_px, np.float64(1.0), camera), camera.resized(96, 64))
+    np.testing.assert_allclose(measured, expected, atol=0.02)
+
+
+def test_resize_refuses_nothing() -> None:
+    with pytest.raises(BadData, match="positive"):
+        pinhole.resize(np.zeros((4, 4, 3), np.uint8), (0, 4))

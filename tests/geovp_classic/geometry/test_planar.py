@@ -1,0 +1,59 @@
+"""On the vehicle's plane: reducing undoes lifting, and what the plane cannot hold is what is lost."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.geometry import planar, se3
+
+angles = st.floats(-3.1, 3.1)
+tilts = st.floats(-0.3, 0.3)
+places = st.floats(-40, 40)
+states = st.lists(st.tuples(places, places, angles), min_size=1, max_size=6).map(np.array)
+seeds = st.integers(0, 2**32 - 1)
+
+
+def any_pose(seed: int) -> np.ndarray:
+    return se3.exp(np.random.default_rng(seed).uniform(-1.5, 1.5, 6))
+
+
+@given(states, seeds, tilts, tilts)
+def test_reduce_undoes_lift(states: np.ndarray, seed: int, pitch_rad: float, roll_rad: float) -> None:
+    vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
+    lifted = planar.lift(states, any_pose(seed), vehicle_from_cam)
+    np.testing.assert_allclose(planar.reduce(lifted, any_pose(seed), vehicle_from_cam), states, atol=1e-9)
+
+
+@given(seeds, seeds, tilts)
+def test_reducing_twice_changes_nothing_more(seed: int, other: int, pitch_rad: float) -> None:
+    vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad)
+    reference = any_pose(seed)
+    motion = reference @ se3.exp(np.random.default_rng(other).uniform(-0.4, 0.4, (5, 6)))
+    once = planar.reduce(motion, reference, vehicle_from_cam)
+    again = planar.reduce(planar.lift(once, reference, vehicle_from_cam), reference, vehicle_from_cam)
+    np.testing.assert_allclose(again, once, atol=1e-9)
+
+
+@given(seeds, tilts, tilts)
+def test_the_reference_itself_is_the_origin(seed: int, pitch_rad: float, roll_rad: float) -> None:
+    vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
+    reference = any_pose(seed)
+    np.testing.assert_allclose(planar.reduce(reference[None], reference, vehicle_from_cam), np.zeros((1, 3)), atol=1e-9)
+    np.testing.assert_allclose(planar.lift(np.zeros((1, 3)), reference, vehicle_from_cam)[0], reference, atol=1e-12)
+
+
+def test_yaw_is_positive_to_the_right_and_height_is_dropped() -> None:
+    level = planar.level_vehicle_from_cam()
+    quarter_right = se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))  # about y (down): from z to x
+    moved = se3.compose(quarter_right[:3, :3], np.array([3.0, -1.0, 4.0]))
+    state = planar.reduce(moved[None], np.eye(4), level)[0]
+    np.testing.assert_allclose(state, [3, 4, np.pi / 2], atol=1e-12)
+    assert planar.lift(state[None], np.eye(4), level)[0, 1, 3] == pytest.approx(0)
+
+
+def test_a_camera_that_looks_up_drives_on_the_level_ground() -> None:
+    # Looking 0.1 rad above the road, ten metres ahead on the road is sin(0.1) * 10 m *below* the optical axis.
+    ahead = planar.lift(np.array([[0.0, 10, 0]]), np.eye(4), planar.level_vehicle_from_cam(pitch_rad=0.1))[0]
+    np.testing.assert_allclose(ahead[:3, 3], [0, 10 * np.sin(0.1), 10 * np.cos(0.1)], atol=1e-12)
+    np.testing.assert_allclose(ahead[:3, :3], np.eye(3), atol=1e-12)
