@@ -27,6 +27,7 @@ from geovp_classic.errors import BadData
 FloatArray = npt.NDArray[np.floating[Any]]
 ByteArray = npt.NDArray[np.uint8]
 BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.integer[Any]]
 
 RIGID_TOLERANCE = 1e-4  # KITTI writes seven digits, other tools six
 

@@ -1,0 +1,144 @@
+"""Drift, ATE and RPE: worked examples, invariances, and agreement with evo (run in its own process)."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.metrics import odometry
+from geovp_classic.types import Trajectory
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def drive(twists: np.ndarray) -> Trajectory:
+    """Steps of the given twists [T - 1, 6] from a world origin that is not the identity."""
+    poses = [se3.exp(np.array([3.0, 1, -2, 0.1, 0.4, -0.2]))]
+    for twist in twists:
+        poses.append(poses[-1] @ se3.exp(twist))
+    return Trajectory(np.array(poses), np.arange(len(poses)) * 0.1, True)
+
+
+def straight(steps: int, step_m: float = 1.0, yaw_rad: float = 0.0) -> Trajectory:
+    return drive(np.tile([0, 0, step_m, 0, yaw_rad, 0], (steps, 1)))
+
+
+def wobbly(seed: int, steps: int = 60) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    return drive(rng.normal(size=(steps, 6)) * [0.1, 0.05, 0.2, 0.01, 0.05, 0.01] + [0, 0, 1, 0, 0, 0])
+
+
+def test_five_percent_too_fast_drifts_five_percent() -> None:
+    drift = odometry.kitti_drift(straight(400, 1.05), straight(400))
+    # The first frame *farther* than the length is 101 m away on a 1 m grid: 101 * 0.05 m / 100 m, 201 * ... and so on.
+    expected = np.mean([5 * (n + 1) / n for n in (100, 200, 300) for _ in range(0, 400 - n, 10)])
+    assert drift.translation_percent == pytest.approx(expected, rel=1e-6)
+    assert drift.rotation_deg_per_100m == pytest.approx(0, abs=1e-5)
+    assert drift.num_segments == 30 + 20 + 10
+
+
+def test_constant_yaw_drift_is_counted_per_metre() -> None:
+    # 0.01 degrees at every metre: 1.01 degrees after the 101 steps of a segment of 100 m, and 2.01, 3.01.
+    drift = odometry.kitti_drift(straight(400, yaw_rad=np.deg2rad(0.01)), straight(400))
+    expected = np.mean([(n + 1) / n for n in (100, 200, 300) for _ in range(0, 400 - n, 10)])
+    assert drift.rotation_deg_per_100m == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_short_path_says_so_and_is_never_zero() -> None:
+    drift = odometry.kitti_drift(straight(99), straight(99))
+    assert str(drift) == "too short"
+    assert np.isnan([drift.translation_percent, drift.rotation_deg_per_100m]).all()
+    assert str(odometry.kitti_drift(straight(400), straight(400))) == "0.00 % / 0.000 deg/100m"
+
+
+@settings(max_examples=25)
+@given(seeds, st.floats(0.2, 5))
+def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None:
+    truth = wobbly(seed)
+    moved = se3.exp(np.random.default_rng(seed).uniform(-1, 1, 6)) @ truth.world_from_cam
+    rigid = Trajectory(moved, truth.times_s, True)
+    scaled = moved.copy()
+    scaled[:, :3, 3] *= scale
+    similar = Trajectory(scaled, truth.times_s, False)
+    for how in odometry.ALIGNMENTS:
+        assert odometry.absolute_error_m(odometry.aligned(rigid, truth, how), truth).max() < 1e-6
+    for how in ("scale", "sim3"):
+        back = odometry.aligned(similar, truth, how)
+        assert back.is_metric
+        assert odometry.absolute_error_m(back, truth).max() < 1e-6
+        assert odometry.relative_error(back, truth)[0].max() < 1e-6
+    left = odometry.root_mean_square(odometry.absolute_error_m(odometry.aligned(similar, truth, "se3"), truth))
+    spread = np.std(truth.world_from_cam[:, :3, 3] - truth.world_from_cam[0, :3, 3], axis=0)
+    assert left == pytest.approx(abs(scale - 1) * np.linalg.norm(spread), rel=1e-6, abs=1e-6)
+
+
+@given(seeds)
+def test_drift_and_relative_error_do_not_see_the_world_frame(seed: int) -> None:
+    truth, estimate = wobbly(seed, 130), wobbly(seed + 1, 130)
+    elsewhere = Trajectory(se3.exp(np.array([9.0, -4, 2, 0.5, -1, 0.3])) @ estimate.world_from_cam, truth.times_s, True)
+    a, b = (odometry.kitti_drift(path, truth) for path in (estimate, elsewhere))
+    assert a.num_segments == b.num_segments > 0
+    assert a.translation_percent == pytest.approx(b.translation_percent, rel=1e-6)
+    for one, other in zip(
+        odometry.relative_error(estimate, truth), odometry.relative_error(elsewhere, truth), strict=True
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_unequal_lengths_are_refused() -> None:
+    with pytest.raises(BadData, match="3 estimated poses for 4 real ones"):
+        odometry.absolute_error_m(straight(2), straight(3))
+    with pytest.raises(BadData, match="expected 1 to 3"):
+        odometry.relative_error(straight(3), straight(3), num_steps=4)
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    from scipy.spatial.transform import Rotation
+
+    quaternions = Rotation.from_matrix(trajectory.world_from_cam[:, :3, :3]).as_quat()
+    rows = np.column_stack([trajectory.times_s, trajectory.world_from_cam[:, :3, 3], quaternions])
+    np.savetxt(path, rows, fmt="%.12f")
+
+
+def evo(tool: str, folder: Path, *options: str) -> float:
+    """The root mean square that evo finds for estimate.txt against truth.txt."""
+    program = Path(sys.executable).with_name(tool)
+    if not program.exists():
+        pytest.skip("evo is not installed: pip install 'geovp-classic[dev]'")
+    result = folder / "result.zip"
+    result.unlink(missing_ok=True)
+    command = [str(program), "tum", "truth.txt", "estimate.txt", "--save_results", str(result), *options]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env={"HOME": str(folder)})
+    assert done.returncode == 0, done.stderr
+    with zipfile.ZipFile(result) as stored:
+        return float(json.loads(stored.read("stats.json"))["rmse"])
+
+
+def test_agreement_with_evo(tmp_path: Path) -> None:
+    truth = wobbly(1)
+    noisy = wobbly(2).world_from_cam.copy()
+    noisy[:, :3, 3] *= 1.3
+    estimate = Trajectory(noisy, truth.times_s, False)
+    write_tum(tmp_path / "truth.txt", truth)
+    write_tum(tmp_path / "estimate.txt", estimate)
+    for how, options in (
+        ("origin", ["--align_origin"]),
+        ("scale", ["--align_origin", "--correct_scale"]),
+        ("se3", ["--align"]),
+        ("sim3", ["--align", "--correct_scale"]),
+    ):
+        ours = odometry.root_mean_square(odometry.absolute_error_m(odometry.aligned(estimate, truth, how), truth))
+        assert ours == pytest.approx(evo("evo_ape", tmp_path, *options), rel=1e-5), how
+    translation, rotation_deg = odometry.relative_error(estimate, truth, num_steps=5)
+    steps = ["--delta", "5", "--delta_unit", "f", "--all_pairs"]
+    assert odometry.root_mean_square(translation) == pytest.approx(evo("evo_rpe", tmp_path, *steps), rel=1e-5)
+    angle = evo("evo_rpe", tmp_path, *steps, "--pose_relation", "angle_deg")
+    assert odometry.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
