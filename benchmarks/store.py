@@ -1,0 +1,353 @@
+"""Results on disk: the only module that knows where what lies, and how it is written so that a kill loses nothing.
+
+    <root>/protocol.json                  data set, clip names, sizes, metrics, versions
+    <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory, depths where known
+    <root>/<cell>/cell.json               the resolved components, grants, status, seconds per stage, peak memory
+    <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see SCORES
+    <root>/<cell>/predictions/<clip>.npz  the kept predictions
+    <root>/tables  plots  report.html     views of the above
+
+protocol.json: name, dataset, clips (names in order), num_past, num_future, size_px, stride, metrics, cells, versions.
+cell.json: label, kind, pose_source and renderer (for kind "geometric"), components, grants, num_samples, status,
+reason, traceback (of a failure), num_clips, seconds per stage, peak_memory_mb, fingerprint.
+
+Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
+carries in its metadata which clips these are, what they were computed with, and what that took.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote, unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
+
+SCORES = pa.schema(
+    [
+        ("clip", pa.string()),
+        ("sample", pa.int32()),  # 0 .. S-1
+        ("step", pa.int32()),  # horizon k = 1 .. F
+        ("metric", pa.string()),  # "psnr", "psnr@covered", "psnr@moving", "translation-error", ...
+        ("value", pa.float64()),  # null: not defined there, e.g. no covered pixel
+    ]
+)
+METADATA_KEY = b"geovp"
+NOT_CELLS = ("clips", "tables", "plots")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One row of a table: a pose source with a renderer, or a whole predictor; `record` is its cell.json."""
+
+    name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
+    record: Mapping[str, Any]
+
+    @property
+    def label(self) -> str:
+        """What people read: "gt-3d + ground-far-plane"."""
+        return str(self.record["label"])
+
+    @property
+    def kind(self) -> str:
+        """One of "geometric", "predictor"."""
+        return str(self.record["kind"])
+
+    @property
+    def pose_source(self) -> str | None:
+        """The matrix file's name of the pose source; None for a whole predictor."""
+        return self.record.get("pose_source")
+
+    @property
+    def renderer(self) -> str | None:
+        """The matrix file's name of the renderer; None for a whole predictor."""
+        return self.record.get("renderer")
+
+    @property
+    def status(self) -> str:
+        """One of "done", "partial", "skipped", "failed"."""
+        return str(self.record["status"])
+
+    @property
+    def reason(self) -> str:
+        """Why it was skipped or failed; "" otherwise."""
+        return str(self.record.get("reason", ""))
+
+    @property
+    def grants(self) -> tuple[str, ...]:
+        """Names of the Grant members that its parts use."""
+        return tuple(self.record["grants"])
+
+    @property
+    def num_samples(self) -> int:
+        """S, how many futures it was asked for."""
+        return int(self.record["num_samples"])
+
+    @property
+    def num_clips(self) -> int:
+        """How many clips have rows."""
+        return int(self.record["num_clips"])
+
+    @property
+    def seconds(self) -> Mapping[str, float]:
+        """Seconds per stage, summed over its clips: motion, reconstruct, view (or predict), metrics."""
+        return dict(self.record["seconds"])
+
+    @property
+    def fingerprint(self) -> str:
+        """A hash of the resolved components and the protocol: parts with another one are stale."""
+        return str(self.record["fingerprint"])
+
+    @property
+    def components(self) -> Mapping[str, Any]:
+        """The resolved components, every field spelled out: pose_source and renderer, or predictor."""
+        return dict(self.record["components"])
+
+
+@dataclass(frozen=True)
+class Part:
+    """What the metadata of one parquet file says."""
+
+    index: int
+    clips: tuple[str, ...]
+    fingerprint: str  # of the cell and the protocol that it was computed with
+    seconds: Mapping[str, float]  # per stage, summed over its clips
+    peak_memory_mb: float
+
+
+@dataclass(frozen=True)
+class Results:
+    """A results folder, read and written."""
+
+    root: Path
+
+    # Reading -----------------------------------------------------------------------------------------------------
+
+    def protocol(self) -> dict[str, Any]:
+        """What all cells share: name, dataset, clips (names, in order), num_past, num_future, size_px, stride, metrics.
+
+        `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better, unavailable: why or null};
+        a stored row's metric is such a name, or one with a pixel set behind it: "psnr@covered".
+        """
+        return _read_json(self.root / "protocol.json", "not a results folder: give one that `geovp run` wrote")
+
+    def cells(self) -> list[Cell]:
+        """All cells that have been begun, in the order of the matrix file."""
+        return [cell for name in self.protocol()["cells"] if (cell := self.cell(name)) is not None]
+
+    def cell(self, name: str) -> Cell | None:
+        """One cell, None when it has not been begun."""
+        path = self.root / name / "cell.json"
+        return Cell(name, _read_json(path, "mend or remove it")) if path.exists() else None
+
+    def scores(self, cell: str | None = None) -> pa.Table:
+        """The rows of one cell (columns of SCORES), or of all cells, with a column "cell" in front."""
+        if cell is not None:
+            paths = [self._part(cell, part.index) for part in self.parts(cell)]
+            tables = [pq.read_table(path, schema=SCORES) for path in paths]
+            return pa.concat_tables(tables) if tables else SCORES.empty_table()
+        tables = []
+        for name in (each.name for each in self.cells()):
+            rows = self.scores(name)
+            tables.append(rows.add_column(0, "cell", pa.array([name] * len(rows), pa.string())))
+        return pa.concat_tables(tables) if tables else SCORES.insert(0, pa.field("cell", pa.string())).empty_table()
+
+    def predictions(self, cell: str) -> list[tuple[str, Path]]:
+        """(clip name, file) of the predictions that were kept of one cell."""
+        return _named(self.root / cell / "predictions")
+
+    def prediction(self, cell: str, clip: str) -> Prediction:
+        """One kept prediction: frames [S, F, H, W, 3], covered [S, F, H, W] or None, motion or None."""
+        arrays = _read_npz(self.root / cell / "predictions" / _file(clip))
+        return Prediction(arrays["frames"], arrays.get("covered"), _motion(arrays))
+
+    def clips(self) -> list[tuple[str, Path]]:
+        """(clip name, file) of the clips that were kept."""
+        return _named(self.root / "clips")
+
+    def clip(self, name: str) -> Clip:
+        """One kept clip, past and future: frames, camera, trajectory, depths, moving; never wide or right frames."""
+        arrays = _read_npz(self.root / "clips" / _file(name))
+        fx, fy, cx, cy, width, height = arrays["intrinsics"].tolist()
+        trajectory = None
+        if "world_from_cam" in arrays:
+            trajectory = Trajectory(arrays["world_from_cam"], arrays["times_s"], bool(arrays["is_metric"]))
+        height_m = float(arrays["camera_height_m"]) if "camera_height_m" in arrays else None
+        return Clip(
+            name=name,
+            frames=arrays["frames"],
+            times_s=arrays["times_s"],
+            intrinsics=Intrinsics(fx, fy, cx, cy, int(width), int(height)),
+            trajectory=trajectory,
+            depths=arrays.get("depths"),
+            moving=arrays.get("moving"),
+            camera_height_m=height_m,
+        )
+
+    def parts(self, cell: str) -> list[Part]:
+        """The parts on disk that belong to the cell as it is now, by index; an unreadable file counts as absent."""
+        now = self.cell(cell)
+        parts = [_part(path) for path in sorted((self.root / cell / "scores").glob("part-*.parquet"))]
+        return [part for part in parts if part and now and part.fingerprint == now.fingerprint]
+
+    @property
+    def tables(self) -> Path:
+        """The folder of written tables."""
+        return self.root / "tables"
+
+    @property
+    def plots(self) -> Path:
+        """The folder of figures."""
+        return self.root / "plots"
+
+    @property
+    def report(self) -> Path:
+        """The one-page report."""
+        return self.root / "report.html"
+
+    # Writing -----------------------------------------------------------------------------------------------------
+
+    def write_protocol(self, protocol: Mapping[str, Any]) -> None:
+        """Write protocol.json."""
+        write_bytes(self.root / "protocol.json", _json(protocol))
+
+    def write_cell(self, name: str, record: Mapping[str, Any]) -> None:
+        """Write a cell's cell.json."""
+        write_bytes(self.root / name / "cell.json", _json(record))
+
+    def write_part(self, cell: str, rows: pa.Table, part: Part) -> None:
+        """Write all rows of the part's clips at once."""
+        facts = {
+            "clips": list(part.clips),
+            "fingerprint": part.fingerprint,
+            "seconds": dict(part.seconds),
+            "peak_memory_mb": part.peak_memory_mb,
+        }
+        with _beside(self._part(cell, part.index)) as scratch:
+            pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch.path)
+
+    def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
+        """Keep a prediction."""
+        arrays: dict[str, Any] = {"frames": prediction.frames}
+        if prediction.covered is not None:
+            arrays["covered"] = prediction.covered
+        if prediction.motion is not None:
+            past = prediction.motion.past
+            arrays |= {"past": past.world_from_cam, "past_times_s": past.times_s, "is_metric": past.is_metric}
+            arrays |= {"futures": prediction.motion.futures, "tracked": prediction.motion.tracked}
+        _write_npz(self.root / cell / "predictions" / _file(clip), arrays)
+
+    def write_clip(self, clip: Clip) -> None:
+        """Keep a clip, so that pictures and new scores need no data set."""
+        camera = clip.intrinsics
+        numbers = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.width_px, camera.height_px)
+        arrays: dict[str, Any] = {"frames": clip.frames, "times_s": clip.times_s, "intrinsics": np.array(numbers)}
+        if clip.trajectory is not None:
+            arrays |= {"world_from_cam": clip.trajectory.world_from_cam, "is_metric": clip.trajectory.is_metric}
+        for field in ("depths", "moving", "camera_height_m"):
+            if getattr(clip, field) is not None:
+                arrays[field] = getattr(clip, field)
+        _write_npz(self.root / "clips" / _file(clip.name), arrays)
+
+    def remove_part(self, cell: str, index: int) -> None:
+        """Remove a part that is stale."""
+        self._part(cell, index).unlink(missing_ok=True)
+
+    def remove_cell(self, cell: str) -> None:
+        """Remove a cell with all its rows and predictions."""
+        shutil.rmtree(self.root / cell, ignore_errors=True)
+
+    def _part(self, cell: str, index: int) -> Path:
+        return self.root / cell / "scores" / f"part-{index:05d}.parquet"
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file beside its place and rename it into it."""
+    with _beside(path) as scratch:
+        scratch.path.write_bytes(content)
+
+
+@dataclass(frozen=True)
+class _beside:  # noqa: N801  (reads as a verb: with _beside(path) as scratch)
+    """A scratch file in the same folder, renamed into place when all went well, removed otherwise."""
+
+    final: Path
+
+    @property
+    def path(self) -> Path:
+        return self.final.with_name(f".{self.final.name}.{os.getpid()}.part")
+
+    def __enter__(self) -> _beside:
+        self.final.parent.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is None:
+            os.replace(self.path, self.final)
+        else:
+            self.path.unlink(missing_ok=True)
+
+
+def _part(path: Path) -> Part | None:
+    try:
+        facts = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
+        index = int(path.stem.removeprefix("part-"))
+        return Part(index, tuple(facts["clips"]), facts["fingerprint"], facts["seconds"], facts["peak_memory_mb"])
+    except (OSError, KeyError, TypeError, ValueError):  # pa.ArrowInvalid is a ValueError
+        return None
+
+
+def _motion(arrays: Mapping[str, Any]) -> Motion | None:
+    if "futures" not in arrays:
+        return None
+    past = Trajectory(arrays["past"], arrays["past_times_s"], bool(arrays["is_metric"]))
+    return Motion(past, arrays["futures"], arrays["tracked"])
+
+
+def _file(clip: str) -> str:
+    """A file name that says the clip's name and can be turned back into it."""
+    return quote(clip, safe="+@=, ") + ".npz"
+
+
+def _named(folder: Path) -> list[tuple[str, Path]]:
+    return [(unquote(path.stem), path) for path in sorted(folder.glob("[!.]*.npz"))]
+
+
+def _json(value: Mapping[str, Any]) -> bytes:
+    return (json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _read_json(path: Path, remedy: str) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadData(f"{path.parent} has no {path.name}: {remedy}") from None
+    except ValueError as error:
+        raise BadData(f"{path} is not JSON ({error}): mend or remove it") from error
+    return content
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return dict(archive)
+    except FileNotFoundError:
+        raise BadData(f"{path} does not exist: only the predictions of a few clips are kept, see --keep") from None
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise BadData(f"{path} cannot be read ({error}): remove it and run again") from error
+
+
+def _write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
+    with _beside(path) as scratch, scratch.path.open("wb") as file:
+        np.savez_compressed(file, **arrays)

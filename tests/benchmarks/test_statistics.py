@@ -1,0 +1,75 @@
+"""Means and standard errors with numbers that one can work out by hand."""
+
+import numpy as np
+import pyarrow as pa
+
+from benchmarks import statistics
+from benchmarks.store import SCORES
+
+NAN = float("nan")
+
+
+def rows(values: dict[tuple[str, int, int], float | None], metric: str = "psnr") -> pa.Table:
+    columns = [[key[i] for key in values] for i in range(3)] + [[metric] * len(values), list(values.values())]
+    return pa.table(
+        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
+    )
+
+
+def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
+    # clip a: (1 + 3) / 2 = 2; clip b: (5 + 7) / 2 = 6; mean 4; s = sqrt(((2-4)^2 + (6-4)^2) / 1) = 2.828; / sqrt(2) = 2
+    table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
+    one = statistics.mean_of_samples(statistics.cube(table, "psnr"), True)
+    estimate = statistics.overall(one)
+    assert (float(estimate.mean), int(estimate.count)) == (4.0, 2)
+    np.testing.assert_allclose(estimate.error, 2.0)
+
+
+def test_steps_have_their_own_means() -> None:
+    table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 9.0})
+    estimate = statistics.per_step(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
+    np.testing.assert_allclose(estimate.mean, [3.0, 6.0])
+    np.testing.assert_allclose(estimate.error, [2.0, 3.0])
+
+
+def test_one_clip_has_no_standard_error() -> None:
+    estimate = statistics.overall(np.array([[2.0, 4.0]]))
+    assert float(estimate.mean) == 3.0
+    assert np.isnan(estimate.error)
+
+
+def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> None:
+    table = rows({("a", 0, 1): 1.0, ("a", 0, 2): None, ("b", 0, 1): None, ("b", 0, 2): None, ("c", 0, 1): 3.0})
+    estimate = statistics.overall(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
+    assert (float(estimate.mean), int(estimate.count)) == (2.0, 2)
+
+
+def test_best_sample_is_one_sample_over_all_steps() -> None:
+    # sample 0: 10, 2 (mean 6); sample 1: 5, 5 (mean 5). The best step of each would give 10, 5.
+    table = rows({("a", 0, 1): 10.0, ("a", 0, 2): 2.0, ("a", 1, 1): 5.0, ("a", 1, 2): 5.0})
+    cube = statistics.cube(table, "psnr")
+    np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[10.0, 2.0]])
+    np.testing.assert_array_equal(statistics.best_of_samples(cube, False), [[5.0, 5.0]])
+    np.testing.assert_array_equal(statistics.mean_of_samples(cube, True), [[7.5, 3.5]])
+
+
+def test_a_sample_without_values_is_never_the_best() -> None:
+    cube = statistics.Cube(("a",), np.array([[[NAN, NAN], [1.0, 2.0]]]))
+    np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[1.0, 2.0]])
+
+
+def test_other_metrics_do_not_mix_in() -> None:
+    table = pa.concat_tables([rows({("a", 0, 1): 1.0}), rows({("a", 0, 1): 9.0}, metric="psnr@covered")])
+    np.testing.assert_array_equal(statistics.cube(table, "psnr").values, [[[1.0]]])
+
+
+def test_no_rows_are_no_clips() -> None:
+    empty = statistics.cube(SCORES.empty_table(), "psnr")
+    assert (empty.clips, empty.values.size) == ((), 0)
+    assert int(statistics.overall(statistics.mean_of_samples(empty, True)).count) == 0
+
+
+def test_frames_without_an_error_are_infinitely_good() -> None:
+    estimate = statistics.overall(np.array([[np.inf, 20.0], [10.0, 20.0]]))
+    assert float(estimate.mean) == np.inf
+    assert np.isnan(estimate.error)

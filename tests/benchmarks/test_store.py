@@ -1,0 +1,132 @@
+"""What is written comes back, whole or not at all."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from benchmarks.store import SCORES, Part, Results, write_bytes
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
+
+CAMERA = Intrinsics(20.0, 21.0, 7.5, 5.5, 16, 12)
+NAME = "03[180:360)/000010 a"
+
+
+def trajectory(count: int) -> Trajectory:
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 2, 3] = np.arange(count)
+    return Trajectory(poses, np.arange(count) * 0.1, is_metric=True)
+
+
+def clip(**more: Any) -> Clip:
+    frames = np.random.default_rng(0).integers(0, 256, (5, 12, 16, 3), dtype=np.uint8)
+    return Clip(NAME, frames, np.arange(5) * 0.1, CAMERA, **more)
+
+
+def rows(*values: float | None) -> pa.Table:
+    count = len(values)
+    columns = [["a"] * count, [0] * count, list(range(1, count + 1)), ["psnr"] * count, list(values)]
+    return pa.table(
+        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
+    )
+
+
+def begun(root: Path, fingerprint: str = "f") -> Results:
+    results = Results(root)
+    results.write_protocol({"cells": ["x", "y"]})
+    results.write_cell("x", {"fingerprint": fingerprint, "status": "partial"})
+    return results
+
+
+def test_a_clip_comes_back(tmp_path: Path) -> None:
+    depths = np.full((5, 12, 16), np.inf, np.float32)
+    moving = np.zeros((5, 12, 16), bool)
+    kept = clip(trajectory=trajectory(5), depths=depths, moving=moving, camera_height_m=1.65)
+    results = Results(tmp_path)
+    results.write_clip(kept)
+    assert [name for name, _ in results.clips()] == [NAME]
+    back = results.clip(NAME)
+    np.testing.assert_array_equal(back.frames, kept.frames)
+    np.testing.assert_array_equal(back.depths, depths)
+    np.testing.assert_array_equal(back.moving, moving)
+    assert back.trajectory is not None
+    np.testing.assert_array_equal(back.trajectory.world_from_cam, trajectory(5).world_from_cam)
+    assert (back.intrinsics, back.camera_height_m, back.trajectory.is_metric) == (CAMERA, 1.65, True)
+
+
+def test_a_clip_of_pictures_alone_comes_back(tmp_path: Path) -> None:
+    Results(tmp_path).write_clip(clip())
+    back = Results(tmp_path).clip(NAME)
+    assert (back.trajectory, back.depths, back.moving, back.camera_height_m) == (None, None, None, None)
+
+
+def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None:
+    frames = np.arange(2 * 3 * 4 * 5 * 3, dtype=np.uint8).reshape(2, 3, 4, 5, 3)
+    covered = np.ones((2, 3, 4, 5), bool)
+    motion = Motion(trajectory(2), np.tile(np.eye(4), (2, 3, 1, 1)), np.array([True, False]))
+    results = Results(tmp_path)
+    results.write_prediction("x", NAME, Prediction(frames, covered, motion))
+    results.write_prediction("y", NAME, Prediction(frames))
+    assert [name for name, _ in results.predictions("x")] == [NAME]
+    back = results.prediction("x", NAME)
+    np.testing.assert_array_equal(back.frames, frames)
+    assert back.motion is not None
+    assert back.covered is not None
+    np.testing.assert_array_equal(back.motion.futures, motion.futures)
+    np.testing.assert_array_equal(back.motion.tracked, [True, False])
+    plain = results.prediction("y", NAME)
+    assert (plain.covered, plain.motion) == (None, None)
+
+
+def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_part("x", rows(3.0, None), Part(1, ("b",), "f", {"view": 2.0}, 10.0))
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {"view": 1.0}, 11.0))
+    assert results.scores("x")["value"].to_pylist() == [1.0, 3.0, None]
+    assert results.scores()["cell"].to_pylist() == ["x"] * 3
+    assert [(part.index, part.clips, part.seconds) for part in results.parts("x")] == [
+        (0, ("a",), {"view": 1.0}),
+        (1, ("b",), {"view": 2.0}),
+    ]
+
+
+def test_parts_of_an_older_cell_and_half_a_file_do_not_count(tmp_path: Path) -> None:
+    results = begun(tmp_path, fingerprint="new")
+    results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, 0.0))
+    results.write_part("x", rows(2.0), Part(1, ("b",), "new", {}, 0.0))
+    whole = (tmp_path / "x/scores/part-00001.parquet").read_bytes()
+    (tmp_path / "x/scores/part-00002.parquet").write_bytes(whole[: len(whole) // 2])
+    assert [part.index for part in results.parts("x")] == [1]
+    assert results.scores("x")["value"].to_pylist() == [2.0]
+
+
+def test_nothing_begun_is_no_rows(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    assert results.cell("y") is None
+    assert [cell.name for cell in results.cells()] == ["x"]
+    assert results.scores("y").num_rows == 0
+    assert results.scores().column_names == ["cell", "clip", "sample", "step", "metric", "value"]
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "cell.json"
+    write_bytes(path, b"old")
+    with pytest.raises(ValueError, match="float"):
+        Results(tmp_path.parent).write_cell(tmp_path.name, {"seconds": float("nan")})
+    assert path.read_bytes() == b"old"
+    assert [each.name for each in tmp_path.iterdir()] == ["cell.json"]
+
+
+def test_a_pickle_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "clips").mkdir()
+    np.savez(tmp_path / "clips" / "evil.npz", frames=np.array([object()]))
+    with pytest.raises(BadData, match="evil"):
+        Results(tmp_path).clip("evil")
+
+
+def test_a_folder_that_is_none_of_ours_is_said_to_be_so(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="not a results folder"):
+        Results(tmp_path).protocol()
