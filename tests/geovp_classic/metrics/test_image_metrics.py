@@ -1,0 +1,167 @@
+"""PSNR and SSIM: worked numbers, an independent implementation, masks, and what they refuse."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import FrameMetric
+from geovp_classic.metrics.image import Psnr, Ssim
+from geovp_classic.types import BoolArray, ByteArray
+
+METRICS = [Psnr(), Ssim()]
+
+
+def noise(seed: int, shape: tuple[int, ...] = (3, 32, 40, 3)) -> ByteArray:
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+def smooth_street(num_frames: int) -> ByteArray:
+    """Frames with edges, slopes and flat sky, each a little shifted."""
+    v, u = np.mgrid[:64, :80]
+    frames = [
+        np.stack([(u + 3 * k) * 3 % 256, np.where(v < 30, 200, v * 2), (u * v // 9 + k) % 256], -1)
+        for k in range(num_frames)
+    ]
+    return np.stack(frames).astype(np.uint8)
+
+
+def left_half(target: ByteArray) -> BoolArray:
+    mask = np.zeros(target.shape[:3], dtype=bool)
+    mask[:, :, : target.shape[2] // 2] = True
+    return mask
+
+
+@pytest.mark.parametrize(("name", "metric"), [("psnr", Psnr()), ("psnr", Psnr(ceiling_db=60.0)), ("ssim", Ssim())])
+def test_it_comes_and_goes_through_the_registry(name: str, metric: FrameMetric) -> None:
+    assert isinstance(metric, FrameMetric)
+    assert registry.describe(metric)["name"] == name
+    assert registry.build("frame_metrics", registry.describe(metric)) == metric
+
+
+def test_psnr_of_a_constant_offset() -> None:
+    target = np.full((2, 4, 4, 3), 100, dtype=np.uint8)
+    predicted = target.copy()
+    predicted[0] += 51  # a fifth of the peak: 10 log10(5^2)
+    predicted[1] -= 51
+    np.testing.assert_allclose(Psnr()(predicted, target, None), [13.9794, 13.9794], atol=1e-4)
+
+
+def test_psnr_takes_one_mean_square_over_all_channels() -> None:
+    target = np.zeros((1, 4, 4, 3), dtype=np.uint8)
+    predicted = target.copy()
+    predicted[..., 0] = 255  # MSE 1/3 jointly: 4.77 dB; per channel it would be 0 dB, inf and inf
+    np.testing.assert_allclose(Psnr()(predicted, target, None), [10 * np.log10(3)])
+
+
+def test_equal_frames_score_the_ceiling_and_so_does_anything_beyond_it() -> None:
+    target = noise(1, (1, 256, 256, 3))
+    almost = target.copy()
+    almost[0, 5, 5, 1] ^= 1  # 10 log10(255^2 * 256 * 256 * 3) = 101.07 dB
+    assert Psnr()(target, target, None) == 100.0
+    assert Psnr()(almost, target, None) == 100.0
+    np.testing.assert_allclose(Psnr(ceiling_db=200.0)(almost, target, None), [101.066], atol=1e-3)
+    np.testing.assert_allclose(Ssim()(target, target, None), [1.0], atol=1e-12)
+
+
+def test_psnr_agrees_with_scikit_image() -> None:
+    predicted, target = noise(1), noise(2)
+    expected = [peak_signal_noise_ratio(t, p, data_range=255) for p, t in zip(predicted, target, strict=True)]
+    np.testing.assert_allclose(Psnr()(predicted, target, None), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["noise", "shifted", "flat", "faint"])
+def test_ssim_agrees_with_scikit_image(kind: str) -> None:
+    target = smooth_street(2)
+    predicted = {
+        "noise": noise(3, target.shape),
+        "shifted": np.roll(target, 2, axis=2),
+        "flat": np.full_like(target, 255),
+        "faint": target ^ np.uint8(1),
+    }[kind]
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "channel_axis": -1}
+    for scale in (1, 255):  # 8-bit numbers with range 255, or fractions with range 1: the same protocol
+        expected = [
+            structural_similarity(t / scale, p / scale, data_range=255 / scale, **options)
+            for p, t in zip(predicted, target, strict=True)
+        ]
+        np.testing.assert_allclose(Ssim()(predicted, target, None), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_a_full_mask_changes_nothing(metric: FrameMetric) -> None:
+    predicted, target = noise(4), noise(5)
+    everything = np.ones(target.shape[:3], dtype=bool)
+    np.testing.assert_allclose(metric(predicted, target, everything), metric(predicted, target, None))
+
+
+def test_psnr_under_a_mask_is_that_of_the_masked_pixels() -> None:
+    predicted, target = noise(6), noise(7)
+    on_the_left = Psnr()(predicted[:, :, :20], target[:, :, :20], None)
+    np.testing.assert_allclose(Psnr()(predicted, target, left_half(target)), on_the_left)
+
+
+def test_ssim_under_a_mask_is_scikit_images_map_there() -> None:
+    predicted, target = np.roll(smooth_street(1), 1, axis=1), smooth_street(1)
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "channel_axis": -1}
+    _, full = structural_similarity(target[0], predicted[0], data_range=255, full=True, **options)
+    mask = np.zeros(target.shape[:3], dtype=bool)
+    mask[0, 20:30, 3:12] = True  # columns 3 and 4 are windows that look beyond the frame: left out
+    np.testing.assert_allclose(Ssim()(predicted, target, mask), [full[20:30, 5:12].mean()], atol=1e-6)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_a_frame_without_masked_pixels_scores_nan(metric: FrameMetric) -> None:
+    predicted, target = noise(8), noise(9)
+    mask = left_half(target)
+    mask[1] = False
+    assert np.isnan(metric(predicted, target, mask)).tolist() == [False, True, False]
+
+
+def test_ssim_of_a_mask_on_the_rim_alone_is_nan() -> None:
+    mask = np.zeros((3, 32, 40), dtype=bool)
+    mask[:, :5] = True
+    assert np.isnan(Ssim()(noise(1), noise(2), mask)).all()
+
+
+@pytest.mark.parametrize("metric", METRICS)
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), strength=st.integers(0, 120))
+def test_symmetric_bounded_and_best_for_equal_frames(metric: FrameMetric, seed: int, strength: int) -> None:
+    rng = np.random.default_rng(seed)
+    target = noise(seed, (2, 12, 14, 3))
+    predicted = np.clip(target + rng.integers(-strength, strength + 1, target.shape), 0, 255).astype(np.uint8)
+    scores = metric(predicted, target, None)
+    assert scores.shape == (2,)
+    assert scores.dtype == np.float64
+    np.testing.assert_allclose(scores, metric(target, predicted, None))
+    assert (scores <= metric(target, target, None) + 1e-12).all()
+    assert (np.isfinite(scores)).all()
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_more_noise_scores_worse(metric: FrameMetric) -> None:
+    target = smooth_street(1)
+    rng = np.random.default_rng(0)
+    noisy = [np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8) for s in (2, 8, 32)]
+    scores = [float(metric(frames, target, None)[0]) for frames in noisy]
+    assert scores == sorted(scores, reverse=True)
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_frames_that_do_not_fit_are_refused(metric: FrameMetric) -> None:
+    target = noise(1)
+    with pytest.raises(BadData, match=r"predicted frames are uint8 of shape \(2, 32, 40, 3\)"):
+        metric(target[:2], target, None)
+    with pytest.raises(BadData, match=r"predicted frames are float64.*expected uint8"):
+        metric(target / 255.0, target, None)
+    with pytest.raises(BadData, match=r"mask is uint8.*expected bool of shape \(3, 32, 40\)"):
+        metric(target, target, np.ones((3, 32, 40), dtype=np.uint8))
+
+
+def test_ssim_refuses_frames_smaller_than_its_window() -> None:
+    with pytest.raises(BadData, match=r"\(10, 40, 3\), expected at least 11x11"):
+        Ssim()(noise(1, (1, 10, 40, 3)), noise(2, (1, 10, 40, 3)), None)
