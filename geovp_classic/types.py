@@ -192,6 +192,7 @@ class Clip:
             camera_height_m=self.camera_height_m,
             wide=_cut(self.wide, past),
             right=_cut(self.right, past),
+            name=self.name,
         )
         target = Target(
             self.frames[future], _cut(self.trajectory, future), _cut(self.depths, future), _cut(self.moving, future)
@@ -212,6 +213,7 @@ class Context:
     camera_height_m: float | None = None  # Grant.CAMERA_HEIGHT
     wide: ExtraView | None = None  # [P], Grant.WIDE_FRAMES
     right: ExtraView | None = None  # [P], Grant.RIGHT_FRAMES
+    name: str = ""  # the clip's, by which recorded predictions are found
 
     def __post_init__(self) -> None:
         """Raise BadData unless frames fit the camera and there is at least one future time."""

@@ -1,0 +1,102 @@
+"""The simple predictive-display model: a flat road below the horizon, everything else infinitely far away.
+
+The road moves by its plane-induced homography, the rest by the infinite homography of a rotating camera. It holds on
+open, flat roads; whatever stands upright close by is smeared over the road.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import pinhole, planar, se3
+from geovp_classic.interfaces import Fill
+from geovp_classic.render import backward
+from geovp_classic.render.fill import Blank
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+
+MOVED_M = 0.1  # a shorter way says nothing about the direction of travel
+
+
+@dataclass(frozen=True)
+class GroundFarPlane:
+    """Ground plane and far plane of the last observed frame, from the camera's height and the horizon.
+
+    `pitch_deg` says how far the camera looks above the ground, `roll_deg` how far it is rolled clockwise. Without
+    `pitch_deg` the pitch is that of the direction of travel, averaged over the past, and 0 where the camera did not
+    move: a vehicle travels along its road. A pitch known from the mounting is better than one second of noisy heights.
+    """
+
+    fill: Fill = field(default_factory=Blank)
+    pitch_deg: float | None = None
+    roll_deg: float = 0.0
+
+    @property
+    def needs(self) -> Grant:
+        """The camera's height above the ground."""
+        return Grant.CAMERA_HEIGHT
+
+    def reconstruct(self, context: Context, past: Trajectory) -> GroundFarScene:
+        """The two planes; Incompatible without a camera height or without metric poses."""
+        if context.camera_height_m is None:
+            raise Incompatible("ground-far-plane needs the camera's height, the clip has none: set camera_height_m")
+        if not past.is_metric:
+            raise Incompatible("the camera's height is in metres, the poses are not: give the odometry a scale")
+        roll_rad = float(np.deg2rad(self.roll_deg))
+        pitch_rad = _travel_pitch_rad(past, roll_rad) if self.pitch_deg is None else float(np.deg2rad(self.pitch_deg))
+        return GroundFarScene(
+            frame=context.frames[-1],
+            camera=context.intrinsics,
+            world_from_last=past.world_from_cam[-1],
+            normal_last=planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3],
+            height_m=context.camera_height_m,
+            fill=self.fill,
+        )
+
+
+@dataclass(frozen=True)
+class GroundFarScene:
+    """The last observed frame, laid on the ground below the horizon and on infinity above it."""
+
+    frame: ByteArray  # [H, W, 3]
+    camera: Intrinsics
+    world_from_last: FloatArray  # [4, 4]
+    normal_last: FloatArray  # [3], unit normal of the ground, downwards, in the last camera's frame
+    height_m: float
+    fill: Fill
+
+    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The two planes from the poses [F, 4, 4]; uncovered where the last frame shows nothing of them."""
+        last_from_cam = se3.inverse(self.world_from_last) @ world_from_cam
+        frames, covered, depths = zip(*(self._view_one(one, intrinsics) for one in last_from_cam), strict=True)
+        views = Views(np.stack(frames), np.stack(covered), np.stack(depths))
+        return Views(self.fill.fill(views), views.covered, views.depths)
+
+    def _view_one(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
+        """Frame [H, W, 3], coverage and depth [H, W] from one pose."""
+        inverse_depth = self._inverse_depth(last_from_cam, intrinsics)
+        source = backward.source_pixels(last_from_cam, inverse_depth, intrinsics, self.camera)
+        covered = backward.inside(source, self.camera)
+        with np.errstate(divide="ignore"):
+            depth = np.where(covered, 1 / inverse_depth, 0).astype(np.float32)
+        return np.where(covered[..., None], backward.sample(self.frame, source), np.uint8(0)), covered, depth
+
+    def _inverse_depth(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> FloatArray:
+        """[H, W]: of the ground below this view's horizon, 0 above it; NaN when the camera is below the ground."""
+        normal_cam = self.normal_last @ last_from_cam[:3, :3]
+        height_m = self.height_m - self.normal_last @ last_from_cam[:3, 3]
+        below_horizon = pinhole.rays(intrinsics) @ normal_cam
+        ground = below_horizon / height_m if height_m > 0 else np.full(below_horizon.shape, np.nan)
+        return np.where(below_horizon > 0, ground, 0.0)
+
+
+def _travel_pitch_rad(past: Trajectory, roll_rad: float) -> float:
+    """How far the camera looks above its direction of travel, over all past steps; 0 when it stood still."""
+    rotations, positions = past.world_from_cam[:, :3, :3], past.world_from_cam[:, :3, 3]
+    steps_cam = np.einsum("nji,nj->ni", rotations[1:], np.diff(positions, axis=0))  # each in its own camera's frame
+    unrolled = steps_cam @ planar.level_vehicle_from_cam(0.0, roll_rad)[:3, :3].T
+    forward = unrolled * np.where(unrolled[:, 2:] < 0, -1.0, 1.0)  # backing up travels along the road as well
+    _, down, ahead = forward.sum(axis=0)
+    return float(np.arctan2(down, ahead)) if ahead > MOVED_M else 0.0

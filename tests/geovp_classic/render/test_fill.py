@@ -1,0 +1,95 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import Fill
+from geovp_classic.render.fill import Blank, NavierStokes, NearestBackground, Telea
+from geovp_classic.types import Views
+
+FILLS = [Blank(), NearestBackground(), Telea(), NavierStokes(radius_px=2.0)]
+
+
+def views(covered: np.ndarray, depths: np.ndarray, frames: np.ndarray) -> Views:
+    depths = np.where(covered, depths, 0).astype(np.float32)
+    return Views(np.repeat(frames[..., None], 3, axis=-1).astype(np.uint8), covered.astype(bool), depths)
+
+
+def test_a_hole_takes_the_colour_of_the_farther_side() -> None:
+    frames = np.array([[[10, 99, 99, 99, 50]], [[10, 99, 99, 99, 50]]])
+    covered = np.array([[[1, 0, 0, 0, 1]]] * 2)
+    depths = np.array([[[5, 0, 0, 0, 20]], [[np.inf, 0, 0, 0, 20]]])
+    filled = NearestBackground().fill(views(covered, depths, frames))[..., 0]
+    assert filled.tolist() == [[[10, 50, 50, 50, 50]], [[10, 10, 10, 10, 50]]]
+
+
+def test_equally_far_sides_share_the_hole_and_borders_have_one_side_only() -> None:
+    frames = np.array([[[0, 10, 0, 0, 0, 0, 50, 0]]])
+    covered = np.array([[[0, 1, 0, 0, 0, 0, 1, 0]]])
+    filled = NearestBackground().fill(views(covered, np.full((1, 1, 8), 7.0), frames))[0, 0, :, 0]
+    assert filled.tolist() == [10, 10, 10, 10, 50, 50, 50, 50]
+
+
+def test_an_empty_row_takes_the_farther_row() -> None:
+    frames = np.array([[[10], [0], [0], [50]]])
+    covered = np.array([[[1], [0], [0], [1]]])
+    filled = NearestBackground().fill(views(covered, np.array([[[9], [0], [0], [3]]]), frames))[0, :, 0, 0]
+    assert filled.tolist() == [10, 10, 10, 50]
+
+
+@pytest.mark.parametrize("fill", [Telea(), NavierStokes()], ids=lambda fill: type(fill).__name__)
+def test_inpainting_goes_on_with_what_surrounds_the_hole(fill: Fill) -> None:
+    frames = np.tile(np.linspace(20, 200, 20), (1, 20, 1))
+    covered = np.ones((1, 20, 20))
+    covered[0, 8:12, 8:12] = 0
+    filled = fill.fill(views(covered, np.ones((1, 20, 20)), np.where(covered, frames, 0)))[..., 0]
+    assert np.abs(filled.astype(float) - frames).max() < 30
+
+
+@pytest.mark.parametrize("fill", FILLS, ids=lambda fill: type(fill).__name__)
+class TestEveryFill:
+    def test_covered_pixels_stay_and_input_is_not_touched(self, fill: Fill) -> None:
+        rng = np.random.default_rng(4)
+        covered = rng.random((3, 9, 11)) < 0.6
+        given = views(covered, rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape))
+        before = given.frames.copy()
+        filled = fill.fill(given)
+        assert filled.dtype == np.uint8
+        np.testing.assert_array_equal(filled[covered], given.frames[covered])
+        np.testing.assert_array_equal(given.frames, before)
+
+    def test_garbage_under_the_hole_makes_no_difference(self, fill: Fill) -> None:
+        rng = np.random.default_rng(5)
+        covered = rng.random((1, 9, 11)) < 0.6
+        depths, frames = rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape)
+        other = np.where(covered, frames, 255 - frames)
+        np.testing.assert_array_equal(
+            fill.fill(views(covered, depths, frames)), fill.fill(views(covered, depths, other))
+        )
+
+    def test_nothing_covered_is_no_crash(self, fill: Fill) -> None:
+        nothing = np.zeros((2, 5, 6))
+        assert (fill.fill(views(nothing, nothing, nothing + 77)) == 0).all()
+
+    def test_everything_covered_is_left_alone(self, fill: Fill) -> None:
+        everything = np.ones((1, 5, 6))
+        assert (fill.fill(views(everything, everything, everything * 77)) == 77).all()
+
+    def test_survives_the_registry(self, fill: Fill) -> None:
+        assert isinstance(fill, Fill)
+        assert registry.build("fills", registry.describe(fill)) == fill
+
+
+@pytest.mark.parametrize("fill", FILLS, ids=lambda fill: type(fill).__name__)
+def test_a_frame_that_shows_nothing_known_repeats_the_one_before(fill: Fill) -> None:
+    covered = np.stack([np.eye(4), np.zeros((4, 4))])
+    first, second = fill.fill(views(covered, covered, covered * 80))
+    np.testing.assert_array_equal(second, np.zeros_like(first) if fill == Blank() else first)
+
+
+@pytest.mark.parametrize("kind", [Telea, NavierStokes])
+def test_a_radius_of_nothing_is_refused(kind: type) -> None:
+    with pytest.raises(BadData, match=r"radius_px is 0\.0"):
+        kind(radius_px=0.0)
