@@ -1,0 +1,243 @@
+"""Look through a KITTI folder and list everything that is there and everything that is wrong, by file and line.
+
+Unlike the loader, which stops at the first error of what it needs, this reads on: every sequence, camera and pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geovp_classic.data import kitti_layout, pose_files, splits
+from geovp_classic.data.findings import Finding, error
+from geovp_classic.data.frames import picture_size, scan_numbered
+from geovp_classic.data.pose_files import PoseTable
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray
+
+MAX_SPEED_M_S = 60.0  # 216 km/h: no car of KITTI came near it (26 m/s at most)
+MAX_TURN_DEG = 20.0  # between two frames; 5 degrees at most in KITTI
+MAX_STEP_RATIO = 1.8  # a longer time step, in medians, is a dropped frame
+PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the picture's width and height
+
+
+@dataclass(frozen=True)
+class CameraSummary:
+    """What one image_K holds."""
+
+    camera: int
+    num_frames: int
+    sizes_px: tuple[tuple[int, int], ...]  # every (width, height) that occurs
+
+
+@dataclass(frozen=True)
+class SequenceSummary:
+    """What one sequence holds; its findings are in the examination."""
+
+    name: str
+    cameras: tuple[CameraSummary, ...]
+    calibrated: tuple[int, ...]  # the cameras that calib.txt describes
+    num_times: int
+    duration_s: float
+    num_poses: int | None  # good ones; None without a pose file
+    length_m: float  # of the way driven, as the poses say
+    num_errors: int
+    num_warnings: int
+
+    def cells(self) -> dict[str, str]:
+        """The row of a table, by column."""
+        sizes = sorted({size_px for camera in self.cameras for size_px in camera.sizes_px})
+        return {
+            "sequence": self.name,
+            "frames": ", ".join(f"image_{camera.camera}: {camera.num_frames}" for camera in self.cameras) or "none",
+            "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes) or "-",
+            "calibrated": ", ".join(f"P{camera}" for camera in self.calibrated) or "none",
+            "times": str(self.num_times),
+            "duration_s": f"{self.duration_s:.1f}",
+            "poses": "none" if self.num_poses is None else str(self.num_poses),
+            "length_m": "-" if self.num_poses is None else f"{self.length_m:.0f}",
+            "errors": str(self.num_errors),
+            "warnings": str(self.num_warnings),
+        }
+
+
+@dataclass(frozen=True)
+class Examination:
+    """All that was found under a root."""
+
+    root: Path
+    sequences: tuple[SequenceSummary, ...]
+    findings: tuple[Finding, ...]  # sequence by sequence
+    usable_splits: tuple[str, ...]  # the named splits whose frames are all here
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing stops a loader; there may be warnings and notes."""
+        return not any(finding.severity == "error" for finding in self.findings)
+
+
+def examine(root: Path, *, deep: bool = False) -> Examination:
+    """Everything under a root; headers and ends of pictures are read, with `deep` every picture is decoded as well.
+
+    BadData only when the root holds no sequences at all.
+    """
+    names = kitti_layout.sequence_names(root)
+    if not names:
+        raise BadData(f"{root / 'sequences'} holds no sequence: expected folders such as 00 with image_2, calib.txt")
+    summaries, findings = [], []
+    for name in names:
+        summary, found = _sequence(root, name, deep)
+        summaries.append(summary)
+        findings += found
+    findings += _orphaned_poses(root, names)
+    return Examination(root, tuple(summaries), tuple(findings), _usable_splits(summaries))
+
+
+def _sequence(root: Path, name: str, deep: bool) -> tuple[SequenceSummary, list[Finding]]:
+    folder = kitti_layout.sequence_folder(root, name)
+    findings: list[Finding] = []
+    seen = [_camera(folder, camera, deep, findings) for camera in kitti_layout.cameras(folder)]
+    if not seen:
+        findings.append(
+            error(folder, None, "holds no pictures: expected a folder image_0, image_1, image_2 or image_3")
+        )
+    calibrated = _calibration(folder / "calib.txt", seen, findings)
+    num_frames = max((camera.num_frames for camera in seen), default=0)
+    findings += _uneven(folder, seen)
+    times_s = _times(folder / "times.txt", num_frames, findings)
+    table = _poses(kitti_layout.pose_path(root, name), num_frames, times_s, findings)
+    summary = SequenceSummary(
+        name=name,
+        cameras=tuple(seen),
+        calibrated=calibrated,
+        num_times=len(times_s),
+        duration_s=float(times_s[-1] - times_s[0]) if len(times_s) else 0.0,
+        num_poses=None if table is None else len(table.lines),
+        length_m=0.0 if table is None else float(_steps(table).sum()),
+        num_errors=sum(finding.severity == "error" for finding in findings),
+        num_warnings=sum(finding.severity == "warning" for finding in findings),
+    )
+    return summary, findings
+
+
+def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> CameraSummary:
+    """The pictures of one camera: numbering, sizes, damage."""
+    paths, found = scan_numbered(folder / f"image_{camera}")
+    findings += found
+    sizes_px: dict[tuple[int, int], int] = {}
+    for path in paths:
+        try:
+            size_px = picture_size(path, deep=deep)
+        except BadData as problem:
+            findings.append(error(path, None, str(problem).removeprefix(f"{path} ")))
+            continue
+        if sizes_px and size_px not in sizes_px:
+            first = next(iter(sizes_px))
+            told = f"is {size_px[0]}x{size_px[1]} pixels, but those before are {first[0]}x{first[1]}"
+            findings.append(error(path, None, told))
+        sizes_px[size_px] = sizes_px.get(size_px, 0) + 1
+    return CameraSummary(camera, len(paths), tuple(sizes_px))
+
+
+def _calibration(path: Path, seen: list[CameraSummary], findings: list[Finding]) -> tuple[int, ...]:
+    """Whether every camera with pictures has a projection that fits them."""
+    projections, found = kitti_layout.scan_calibration(path)
+    findings += found
+    for camera in seen:
+        if camera.camera not in projections:
+            if not found:
+                findings.append(kitti_layout.missing_projection(path, camera.camera))
+            continue
+        projection = projections[camera.camera]
+        for width_px, height_px in camera.sizes_px[:1]:
+            at = projection.matrix[0, 2] / width_px, projection.matrix[1, 2] / height_px
+            if not all(PRINCIPAL_POINT_RANGE[0] < part < PRINCIPAL_POINT_RANGE[1] for part in at):
+                told = (
+                    f"P{camera.camera} puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+                )
+                hint = f"of {width_px}x{height_px} pictures: were they resized or cropped without it?"
+                findings.append(Finding(path, projection.line, "warning", f"{told} {hint}"))
+    return tuple(sorted(projections))
+
+
+def _uneven(folder: Path, seen: list[CameraSummary]) -> list[Finding]:
+    counts = {camera.num_frames for camera in seen}
+    if len(counts) < 2:
+        return []
+    told = ", ".join(f"image_{camera.camera} has {camera.num_frames}" for camera in seen)
+    return [error(folder, None, f"cameras have different numbers of frames: {told}")]
+
+
+def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
+    times_s, lines, found = pose_files.scan_times(path)
+    findings += found
+    num_rows = len(times_s) + _num_bad_lines(found)
+    if num_rows and num_rows != num_frames:
+        findings.append(error(path, None, f"{num_rows} times for {num_frames} frames, expected one each"))
+    steps_s = np.diff(times_s)
+    for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * np.median(steps_s)) if len(steps_s) else []:
+        usual_s = np.median(steps_s)
+        told = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
+        findings.append(Finding(path, lines[step + 1], "warning", told))
+    return times_s
+
+
+def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]) -> PoseTable | None:
+    if not path.exists():
+        findings.append(
+            Finding(path, None, "note", "does not exist: the sequence serves for prediction without ground truth")
+        )
+        return None
+    table, found = pose_files.scan_kitti(path)
+    findings += found
+    num_rows = len(table.lines) + _num_bad_lines(found)
+    problem = kitti_layout.pose_count_problem(table.keys, num_rows, num_frames) if num_rows else ""
+    findings += [error(path, None, problem)] if problem else []
+    if len(table.lines) == len(times_s):
+        findings += _jumps(path, table, times_s)
+    return table
+
+
+def _jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Finding]:
+    """Warnings for motion that no car makes."""
+    speed_m_s = _steps(table) / np.diff(times_s)
+    later_from_earlier = se3.inverse(table.world_from_cam[1:]) @ table.world_from_cam[:-1]
+    turn_deg = np.degrees(se3.rotation_angle_rad(later_from_earlier)) if len(later_from_earlier) else speed_m_s
+    for step in np.flatnonzero(speed_m_s > MAX_SPEED_M_S):
+        told = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
+        yield Finding(path, table.lines[step + 1], "warning", told)
+    for step in np.flatnonzero(turn_deg > MAX_TURN_DEG):
+        told = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
+        yield Finding(path, table.lines[step + 1], "warning", told)
+
+
+def _num_bad_lines(findings: list[Finding]) -> int:
+    return len({finding.line for finding in findings if finding.line})
+
+
+def _steps(table: PoseTable) -> FloatArray:
+    """The way between one pose and the next [N - 1], in metres."""
+    steps_m: FloatArray = np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
+    return steps_m
+
+
+def _orphaned_poses(root: Path, names: list[str]) -> Iterator[Finding]:
+    for path in sorted((root / "poses").glob("*.txt")):
+        if path.stem not in names:
+            yield Finding(path, None, "note", f"there is no sequence {path.stem!r} with pictures for these poses")
+
+
+def _usable_splits(summaries: list[SequenceSummary]) -> tuple[str, ...]:
+    num_frames = {
+        summary.name: min((camera.num_frames for camera in summary.cameras), default=0) for summary in summaries
+    }
+    usable = []
+    for name in splits.names():
+        ranges = splits.load(name).ranges
+        if all(num_frames.get(frames.sequence, 0) >= max(frames.last or 1, frames.first + 1) for frames in ranges):
+            usable.append(name)
+    return tuple(usable)

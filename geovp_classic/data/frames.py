@@ -1,0 +1,227 @@
+"""The frames of one camera, read one at a time: a list of picture files, or a video."""
+
+from __future__ import annotations
+
+import mmap
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+
+from geovp_classic.data import image_headers
+from geovp_classic.data.findings import Finding, error
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray
+
+SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"})
+MEMORY_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
+
+
+class FrameReader(Protocol):
+    """Frames by number, all of one size; the same number gives the same picture."""
+
+    def __len__(self) -> int:
+        """The number of frames."""
+        ...
+
+    def read(self, index: int) -> ByteArray:
+        """One frame [H, W, 3]; BadData names the file that is wrong."""
+        ...
+
+
+def read_picture(path: Path) -> ByteArray:
+    """The picture [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is not a whole one."""
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
+    _inspected(path, data)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise BadData(f"{path} cannot be decoded as a picture: restore the file")
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def picture_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
+    """(width, height) from the header, or of the decoded picture when `deep` or the format's header is not known.
+
+    BadData when the file is damaged; without `deep`, damage in the middle is not seen.
+    """
+    try:
+        with path.open("rb") as file:
+            if path.stat().st_size == 0:
+                raise BadData(f"{path} is empty")
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                size_px = _inspected(path, data)
+    except OSError as problem:
+        raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
+    if size_px is not None and not deep:
+        return size_px
+    height_px, width_px = read_picture(path).shape[:2]
+    return width_px, height_px
+
+
+def _inspected(path: Path, data: image_headers.Buffer) -> tuple[int, int] | None:
+    try:
+        return image_headers.inspect(data)
+    except BadData as problem:
+        raise BadData(f"{path} {problem}: restore the file") from problem
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """One picture file a frame."""
+
+    paths: tuple[Path, ...]
+    size_px: tuple[int, int]  # (width, height) that every file must have
+    load: Callable[[Path], ByteArray] = read_picture
+
+    def __len__(self) -> int:
+        """The number of files."""
+        return len(self.paths)
+
+    def read(self, index: int) -> ByteArray:
+        """One frame; BadData when its file is damaged or of another size."""
+        picture = self.load(self.paths[index])
+        height_px, width_px = picture.shape[:2]
+        if (width_px, height_px) != self.size_px:
+            expected = f"{self.size_px[0]}x{self.size_px[1]} as the first frame"
+            raise BadData(f"{self.paths[index]} is {width_px}x{height_px} pixels, expected {expected}")
+        return picture
+
+
+@dataclass
+class VideoFrames:
+    """The frames of a video, counted from its start: a frame behind the last one read starts the video anew.
+
+    Seeking by number is not trusted, because containers lie about it.
+    """
+
+    path: Path
+    count: int  # as the container says
+    size_px: tuple[int, int]
+    rate_hz: float | None  # as the container says, None where it does not
+    _capture: Any = field(repr=False)
+    _next: int = 0
+
+    @classmethod
+    def open(cls, path: Path) -> VideoFrames:
+        """The video of a file; BadData when it cannot be decoded. Frames are counted where the container is silent."""
+        capture = cv2.VideoCapture(str(path))
+        size_px = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        if not capture.isOpened() or min(size_px) < 1:
+            raise BadData(f"{path} cannot be decoded as a video: give a folder of images or another video file")
+        count, rate_hz = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), float(capture.get(cv2.CAP_PROP_FPS))
+        if count < 1:
+            count = 0
+            while capture.grab():
+                count += 1
+            capture = cv2.VideoCapture(str(path))
+        known = np.isfinite(rate_hz) and 0 < rate_hz < 1000
+        return cls(path, count, size_px, rate_hz if known else None, capture)
+
+    def __len__(self) -> int:
+        """The number of frames."""
+        return self.count
+
+    def read(self, index: int) -> ByteArray:
+        """One frame; BadData when the video ends before it or is damaged there."""
+        if index < self._next:
+            self._capture, self._next = cv2.VideoCapture(str(self.path)), 0
+        while self._next < index and self._capture.grab():
+            self._next += 1
+        good, picture = self._capture.read() if self._next == index else (False, None)
+        if not good or picture is None:
+            raise BadData(f"{self.path}: frame {index} of {self.count} cannot be decoded: leave it out of the range")
+        self._next += 1
+        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+class FrameMemory:
+    """The frames decoded last, up to a number of bytes, so that overlapping clips decode each frame once."""
+
+    def __init__(self, load: Callable[[Any], ByteArray], limit_bytes: int = MEMORY_LIMIT_BYTES) -> None:
+        """Remember what `load` returns."""
+        self._load, self._limit_bytes, self._held_bytes = load, limit_bytes, 0
+        self._frames: OrderedDict[Any, ByteArray] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(self, key: Any) -> ByteArray:
+        """The frame of a key, decoded only when it is not remembered; read-only, because it is shared."""
+        with self._lock:
+            if key in self._frames:
+                self._frames.move_to_end(key)
+                return self._frames[key]
+        frame = self._load(key)
+        frame.flags.writeable = False
+        with self._lock:
+            if key not in self._frames:
+                self._frames[key] = frame
+                self._held_bytes += frame.nbytes
+            while self._held_bytes > self._limit_bytes:
+                self._held_bytes -= self._frames.popitem(last=False)[1].nbytes
+        return frame
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """A reader with a memory of its own, keyed by frame number."""
+
+    reader: FrameReader
+    memory: FrameMemory
+
+    def __len__(self) -> int:
+        """The number of frames."""
+        return len(self.reader)
+
+    def read(self, index: int) -> ByteArray:
+        """One frame."""
+        return self.memory(index)
+
+
+def picture_files(folder: Path) -> list[Path]:
+    """The pictures of a folder by name, numbers in names counted as numbers (2 before 10)."""
+    try:
+        found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
+    except OSError as problem:
+        raise BadData(f"{folder} cannot be listed ({problem.strerror}): give a folder of images") from problem
+    return sorted(found, key=_natural)
+
+
+def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
+    """The pictures 000000, 000001, ... of a folder, and a finding for every gap, doublet and foreign file."""
+    found: dict[int, Path] = {}
+    findings = []
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() not in SUFFIXES or not path.stem.isdecimal():
+            if not path.name.startswith("."):
+                findings.append(Finding(path, None, "note", "is not a numbered picture and is left out"))
+        elif int(path.stem) in found:
+            findings.append(
+                error(path, None, f"is frame {int(path.stem)} as {found[int(path.stem)].name} is: keep one")
+            )
+        else:
+            found[int(path.stem)] = path
+    if not found:
+        findings.append(error(folder, None, "holds no pictures, expected 000000.png (or jpg, webp, ...) and so on"))
+    expected = 0
+    for number in sorted(found):
+        if number > expected:
+            gap = (
+                f"frame {expected:06d} is"
+                if number == expected + 1
+                else f"frames {expected:06d} to {number - 1:06d} are"
+            )
+            findings.append(error(folder, None, f"{gap} missing: frames must be numbered from 000000 without a gap"))
+        expected = number + 1
+    return tuple(found[number] for number in sorted(found)), findings
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name) if part]

@@ -1,0 +1,110 @@
+"""Clips of KITTI odometry, or of anything laid out like it (see `kitti_layout`)."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from geovp_classic.data import kitti_layout, splits, windows
+from geovp_classic.data.frames import FrameMemory, read_picture
+from geovp_classic.data.windows import FrameRange, Recording
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip
+
+
+@dataclass(frozen=True)
+class Kitti:
+    """KITTI odometry; one clip every `stride` frames of each range.
+
+    Either `split` (a name, or a .toml file) or `sequences` ("06", "03[180:360)") says which frames; with neither, all
+    sequences are used. Without `camera`, each sequence shows image_2 if it has it, else image_0, else what it has.
+    Poses are those of the camera shown, or None for a sequence without a pose file. Frames are the central square at
+    `size_px`; the uncropped ones and the right camera's come when asked for, the latter only where there are any.
+    Everything but the pictures is read and checked on construction.
+    """
+
+    root: Path
+    split: str | None = None
+    sequences: tuple[str, ...] | None = None
+    camera: int | None = None
+    num_frames: int = 30
+    stride: int = 10
+    size_px: tuple[int, int] = (256, 256)
+    camera_height_m: float = 1.65
+    with_wide: bool = False
+    with_right: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless every sequence that is named can be used."""
+        windows.check_protocol(self.num_frames, self.stride, self.size_px)
+        if self.split is not None and self.sequences is not None:
+            raise BadData(f"both split {self.split!r} and sequences {list(self.sequences)} are given: keep one of them")
+        if self.camera is not None and self.camera not in kitti_layout.PREFERRED_CAMERAS:
+            raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
+        windows.unique(self.clip_names)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The settings alone, so that a copy in another process reads its own files."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @property
+    def name(self) -> str:
+        """What the results call it."""
+        return "kitti"
+
+    @cached_property
+    def ranges(self) -> tuple[FrameRange, ...]:
+        """The frames that clips are cut from, every end spelled out."""
+        wanted = self._wanted
+        return tuple(frames.within(len(self.recordings[frames.sequence].frames)) for frames in wanted)
+
+    @property
+    def split_hash(self) -> str:
+        """The hash of `ranges`: two people have the same one when their clips come from the same frames."""
+        return splits.content_hash(self.ranges)
+
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """The clips' names in order, without reading the clips."""
+        return tuple(windows.clip_name(sequence, first) for sequence, first in self._starts)
+
+    @cached_property
+    def recordings(self) -> dict[str, Recording]:
+        """The sequences in use, by name."""
+        load = FrameMemory(read_picture)
+        return {
+            name: kitti_layout.read_recording(
+                self.root, name, self.camera, load, self.camera_height_m, with_right=self.with_right
+            )
+            for name in dict.fromkeys(frames.sequence for frames in self._wanted)
+        }
+
+    def __len__(self) -> int:
+        """The number of clips."""
+        return len(self._starts)
+
+    def __getitem__(self, index: int) -> Clip:
+        """One clip; BadData names the picture that is wrong."""
+        sequence, first = self._starts[index]
+        recording = self.recordings[sequence]
+        return windows.cut(recording, first, self.num_frames, self.size_px, with_wide=self.with_wide)
+
+    @cached_property
+    def _wanted(self) -> tuple[FrameRange, ...]:
+        if self.split is not None:
+            return splits.load(self.split).ranges
+        texts = kitti_layout.sequence_names(self.root) if self.sequences is None else self.sequences
+        if not texts:
+            raise BadData(f"no sequence is named: name some that {self.root / 'sequences'} holds")
+        return tuple(FrameRange.parse(text) for text in texts)
+
+    @cached_property
+    def _starts(self) -> tuple[tuple[str, int], ...]:
+        return tuple(
+            (frames.sequence, first)
+            for frames in self.ranges
+            for first in windows.starts(frames, self.num_frames, self.stride)
+        )

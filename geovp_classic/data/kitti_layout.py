@@ -1,0 +1,192 @@
+"""The files of KITTI odometry: where they lie, how cameras are numbered, what calib.txt says about them (Geiger 2012).
+
+A root holds `sequences/NN/{image_K/000000.png, calib.txt, times.txt}` and `poses/NN.txt`; any image type, any name NN.
+P_k of calib.txt is K_k [I | t] with cam_k_from_cam0 = (I, t): all cameras are rectified to look the same way, and poses
+are camera 0's, so world_from_camk = world_from_cam0 @ cam0_from_camk.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geovp_classic.data import pose_files
+from geovp_classic.data.findings import Finding, error, raise_first
+from geovp_classic.data.frames import FrameFiles, scan_numbered
+from geovp_classic.data.text_tables import Row, parse_row, read_lines
+from geovp_classic.data.windows import Recording, SideCamera
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory
+
+PREFERRED_CAMERAS = (2, 0, 1, 3)  # left colour, left grey, then whatever is there
+RIGHT_OF = {0: 1, 2: 3}
+_CAMERA_FOLDER = re.compile(r"image_([0-3])")
+_PROJECTION = re.compile(r"P([0-3]):")
+
+
+@dataclass(frozen=True)
+class Projection:
+    """One line of calib.txt."""
+
+    line: int
+    matrix: FloatArray  # [3, 4]
+
+    @property
+    def cam_from_cam0(self) -> FloatArray:
+        """Where the fourth column puts this camera [4, 4]: t = K^-1 p4."""
+        return se3.compose(np.eye(3), np.linalg.solve(self.matrix[:, :3], self.matrix[:, 3]))
+
+    def intrinsics(self, width_px: int, height_px: int) -> Intrinsics:
+        """The camera of pictures of that size."""
+        k = self.matrix
+        return Intrinsics(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width_px, height_px)
+
+
+def sequence_names(root: Path) -> list[str]:
+    """The sequences of a root, sorted; BadData says what a root must look like."""
+    folder = root / "sequences"
+    if not root.is_dir():
+        raise BadData(f"{root} does not exist: give the folder that holds KITTI's 'sequences' and 'poses'")
+    if not folder.is_dir():
+        inside = root / "dataset"
+        hint = f"did you mean {inside}?" if (inside / "sequences").is_dir() else "give KITTI odometry's folder"
+        raise BadData(f"{root} holds no folder 'sequences': {hint}")
+    return sorted(path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+
+
+def sequence_folder(root: Path, name: str) -> Path:
+    """The folder of a sequence; BadData lists those that are there."""
+    names = sequence_names(root)
+    if name not in names:
+        raise BadData(f"sequence {name!r} is not in {root / 'sequences'}, which holds {_said(names)}")
+    return root / "sequences" / name
+
+
+def pose_path(root: Path, name: str) -> Path:
+    """Where the poses of a sequence lie, if they are known."""
+    return root / "poses" / f"{name}.txt"
+
+
+def cameras(folder: Path) -> list[int]:
+    """The cameras of a sequence that have a folder image_K."""
+    matches = [_CAMERA_FOLDER.fullmatch(path.name) for path in folder.iterdir() if path.is_dir()]
+    return sorted(int(match[1]) for match in matches if match)
+
+
+def choose_camera(folder: Path, camera: int | None) -> int:
+    """The camera asked for, or the preferred one of those there; BadData when it is not there."""
+    there = cameras(folder)
+    if not there:
+        raise BadData(f"{folder} holds no pictures: expected a folder image_0, image_1, image_2 or image_3")
+    if camera is None:
+        return next(preferred for preferred in PREFERRED_CAMERAS if preferred in there)
+    if camera not in there:
+        raise BadData(f"{folder} has no image_{camera}: it has {_said(f'image_{number}' for number in there)}")
+    return camera
+
+
+def scan_calibration(path: Path) -> tuple[dict[int, Projection], list[Finding]]:
+    """The projections P0 to P3 by camera, and what is wrong with the others; lines of other names are left alone."""
+    lines, findings = read_lines(path)
+    projections = {}
+    for number, text in lines:
+        match = _PROJECTION.match(text)
+        if match is None:
+            continue
+        row = parse_row(path, number, text[match.end() :])
+        if isinstance(row, Finding):
+            findings.append(row)
+            continue
+        problem = _projection_problem(row)
+        if problem:
+            findings.append(error(path, number, f"{match[0]} {problem}"))
+        else:
+            projections[int(match[1])] = Projection(number, np.array(row.numbers).reshape(3, 4))
+    return projections, findings
+
+
+def missing_projection(path: Path, camera: int) -> Finding:
+    """The finding for a camera that has pictures but no line in calib.txt."""
+    return error(path, None, f"has no line 'P{camera}:' for the pictures of image_{camera}")
+
+
+def read_trajectory(path: Path, times_s: FloatArray, cam_from_cam0: FloatArray) -> Trajectory | None:
+    """The poses of a camera, one for each time, of the file that gives those of camera 0; None without a file."""
+    if not path.exists():
+        return None
+    indices, world_from_cam0 = pose_files.read_kitti(path)
+    problem = pose_count_problem(indices, len(world_from_cam0), len(times_s))
+    if problem:
+        raise BadData(f"{path}: {problem}")
+    return Trajectory(world_from_cam0 @ se3.inverse(cam_from_cam0), times_s, is_metric=True)
+
+
+def pose_count_problem(indices: FloatArray | pose_files.IndexArray | None, num_poses: int, num_frames: int) -> str:
+    """Why poses (with frame indices where the file has them) are not one for each frame; empty when they are."""
+    if indices is not None and num_poses:
+        lacking = np.setdiff1d(np.arange(num_frames), indices)
+        if len(lacking):
+            return f"no pose of frame {lacking[0]} ({len(lacking)} of {num_frames} frames have none)"
+    return "" if num_poses == num_frames else f"{num_poses} poses for {num_frames} frames, expected one each"
+
+
+def read_recording(
+    root: Path,
+    name: str,
+    camera: int | None,
+    load: Callable[[Path], ByteArray],
+    camera_height_m: float | None,
+    *,
+    with_right: bool,
+) -> Recording:
+    """One sequence seen by one camera, everything but the pictures read and checked."""
+    folder = sequence_folder(root, name)
+    camera = choose_camera(folder, camera)
+    projections, findings = scan_calibration(folder / "calib.txt")
+    raise_first(findings)
+    left, left_from_cam0 = _side(folder, camera, projections, load)
+    right, beside = None, RIGHT_OF.get(camera)
+    if with_right and beside in cameras(folder):
+        assert beside is not None
+        side, right_from_cam0 = _side(folder, beside, projections, load)
+        right = SideCamera(side.frames, side.intrinsics, right_from_cam0 @ se3.inverse(left_from_cam0))
+    times_path = folder / "times.txt"
+    times_s = pose_files.read_times(times_path)
+    if len(times_s) != len(left.frames):
+        raise BadData(f"{times_path}: {len(times_s)} times for {len(left.frames)} frames, expected one each")
+    trajectory = read_trajectory(pose_path(root, name), times_s, left_from_cam0)
+    return Recording(name, left.frames, times_s, left.intrinsics, trajectory, camera_height_m, right)
+
+
+def _side(
+    folder: Path, camera: int, projections: dict[int, Projection], load: Callable[[Path], ByteArray]
+) -> tuple[SideCamera, FloatArray]:
+    """A camera as seen from itself, and cam_from_cam0."""
+    if camera not in projections:
+        raise_first([missing_projection(folder / "calib.txt", camera)])
+    paths, findings = scan_numbered(folder / f"image_{camera}")
+    raise_first(findings)
+    height_px, width_px = load(paths[0]).shape[:2]
+    frames = FrameFiles(paths, (width_px, height_px), load)
+    projection = projections[camera]
+    return SideCamera(frames, projection.intrinsics(width_px, height_px), np.eye(4)), projection.cam_from_cam0
+
+
+def _projection_problem(row: Row) -> str:
+    if len(row.numbers) != 12:
+        return f"has {len(row.numbers)} numbers, expected 12"
+    matrix = np.array(row.numbers).reshape(3, 4)
+    if not np.allclose(matrix[2, :3], [0, 0, 1]) or not np.allclose([matrix[0, 1], matrix[1, 0]], 0):
+        return "is not K [I | t] of a rectified camera: expected zeros beside the focal lengths and 0 0 1 below"
+    if min(matrix[0, 0], matrix[1, 1]) <= 0:
+        return "has a focal length that is not positive"
+    return ""
+
+
+def _said(names: Iterable[str]) -> str:
+    return ", ".join(names) or "nothing"

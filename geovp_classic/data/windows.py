@@ -1,0 +1,141 @@
+"""Clips cut from long recordings: which frames, which square of the picture, with which camera."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.data.frames import FrameReader
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+
+_RANGE = re.compile(r"(?P<sequence>[^\[\]\s]+?)(\[(?P<first>\d+):(?P<last>\d+)\))?")
+
+
+@dataclass(frozen=True)
+class FrameRange:
+    """Frames of a sequence, the first inclusive, the last exclusive; all of it when no numbers are given."""
+
+    sequence: str
+    first: int = 0
+    last: int | None = None  # None: to the end
+
+    @classmethod
+    def parse(cls, text: str) -> FrameRange:
+        """The range of "03" or "03[180:360)"."""
+        match = _RANGE.fullmatch(text.strip())
+        if match is None:
+            raise BadData(f"{text!r} is not a range of frames, expected a sequence such as '03' or '03[180:360)'")
+        if match["first"] is None:
+            return cls(match["sequence"])
+        first, last = int(match["first"]), int(match["last"])
+        if first >= last:
+            raise BadData(f"{text!r} holds no frame: the first is inclusive and the last exclusive, give first < last")
+        return cls(match["sequence"], first, last)
+
+    def within(self, num_frames: int) -> FrameRange:
+        """The same range with its end spelled out; BadData when the sequence is shorter than that."""
+        if self.last is not None and self.last > num_frames:
+            raise BadData(f"{self}: sequence {self.sequence} has {num_frames} frames, so give at most [0:{num_frames})")
+        return FrameRange(self.sequence, self.first, num_frames if self.last is None else self.last)
+
+    def __str__(self) -> str:
+        """As `parse` reads it."""
+        return self.sequence if self.last is None else f"{self.sequence}[{self.first}:{self.last})"
+
+
+@dataclass(frozen=True)
+class SideCamera:
+    """A second camera that runs along, such as the right one of a stereo pair."""
+
+    frames: FrameReader
+    intrinsics: Intrinsics
+    view_from_cam: FloatArray  # [4, 4]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A long video with all that is known about it; its frames are read when a clip needs them."""
+
+    name: str
+    frames: FrameReader
+    times_s: FloatArray  # [N]
+    intrinsics: Intrinsics  # of the frames as they are stored
+    trajectory: Trajectory | None = None  # [N]
+    camera_height_m: float | None = None
+    right: SideCamera | None = None
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless there is one time, one pose and one right frame for every frame."""
+        counts = {"times": len(self.times_s)}
+        if self.trajectory is not None:
+            counts["poses"] = len(self.trajectory)
+        if self.right is not None:
+            counts["right frames"] = len(self.right.frames)
+        for what, count in counts.items():
+            if count != len(self.frames):
+                raise BadData(f"{self.name}: {count} {what} for {len(self.frames)} frames, expected one each")
+
+
+def check_protocol(num_frames: int, stride: int, size_px: tuple[int, int]) -> None:
+    """BadData unless clips of these settings can be cut."""
+    if num_frames < 2:
+        raise BadData(f"num_frames is {num_frames}, expected 2 or more: one to look at and one to predict")
+    if stride < 1:
+        raise BadData(f"stride is {stride}, expected 1 or more frames between the starts of two clips")
+    if min(size_px) < 1 or size_px[0] != size_px[1]:
+        raise BadData(f"size_px is {list(size_px)}, expected a square: frames are cropped to one and then resized")
+
+
+def starts(frames: FrameRange, num_frames: int, stride: int) -> range:
+    """The first frame of every clip inside a range whose end is spelled out; BadData when not even one fits."""
+    assert frames.last is not None
+    if frames.last - frames.first < num_frames:
+        raise BadData(f"{frames} has {frames.last - frames.first} frames, but one clip needs {num_frames}")
+    return range(frames.first, frames.last - num_frames + 1, stride)
+
+
+def clip_name(sequence: str, first: int) -> str:
+    """What results call a clip: its sequence and first frame, "03/000180"."""
+    return f"{sequence}/{first:06d}"
+
+
+def unique(names: Sequence[str]) -> None:
+    """BadData when two clips have one name, as they do where ranges overlap."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
+        seen.add(name)
+
+
+def cut(
+    recording: Recording, first: int, num_frames: int, size_px: tuple[int, int], *, with_wide: bool = False
+) -> Clip:
+    """The clip of `num_frames` frames from `first`, cropped to the central square and resized to (width, height).
+
+    The wide view is the uncropped frames as they are stored; the right view comes with the recording.
+    """
+    steps = slice(first, first + num_frames)
+    window, intrinsics = pinhole.square_crop(recording.intrinsics, size_px)
+    native = [recording.frames.read(step) for step in range(first, first + num_frames)]
+    identity = np.eye(4)
+    return Clip(
+        name=clip_name(recording.name, first),
+        frames=np.stack([pinhole.resize(picture[window], size_px) for picture in native]),
+        times_s=recording.times_s[steps],
+        intrinsics=intrinsics,
+        trajectory=None if recording.trajectory is None else recording.trajectory[steps],
+        wide=ExtraView(np.stack(native), recording.intrinsics, identity) if with_wide else None,
+        right=None if recording.right is None else _right(recording.right, range(first, first + num_frames)),
+        camera_height_m=recording.camera_height_m,
+    )
+
+
+def _right(camera: SideCamera, steps: range) -> ExtraView:
+    frames = np.stack([camera.frames.read(step) for step in steps])
+    return ExtraView(frames, camera.intrinsics, camera.view_from_cam)
