@@ -1,0 +1,249 @@
+"""A matrix file: one protocol, and every component that is to be run under it."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from benchmarks.store import NOT_CELLS
+from geovp_classic import registry
+from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.types import Grant
+
+Spec = Mapping[str, Any]  # {"name": ..., **fields}, as `registry.build` takes it
+
+TABLES = ("protocol", "pose_sources", "renderers", "predictors", "metrics")
+PROTOCOL_KEYS = ("dataset", "num_past", "num_future", "size_px", "stride", "num_samples")
+FROM_PROTOCOL = ("num_frames", "stride", "size_px", "with_wide", "with_right")  # fields that data sets get from us
+DEFAULT_METRICS = {"frame": ["psnr", "ssim", "lpips"], "trajectory": ["translation-error", "rotation-error"]}
+COVERAGE = "coverage"  # the share of pixels that a prediction did not invent; scored without being asked for
+ENTRY_NAME = re.compile(r"[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]*")
+VARIABLE = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of a table: a component, and how many samples are asked of it."""
+
+    spec: Spec
+    num_samples: int
+
+
+@dataclass(frozen=True)
+class CellPlan:
+    """One cell to compute: a pose source with a renderer, or a whole predictor, by their names in the matrix file."""
+
+    num_samples: int
+    pose_source: str | None = None
+    renderer: str | None = None
+    predictor: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What its folder is called."""
+        return self.predictor or f"{self.pose_source}--{self.renderer}"
+
+    @property
+    def label(self) -> str:
+        """What people read."""
+        return self.predictor or f"{self.pose_source} + {self.renderer}"
+
+    @property
+    def kind(self) -> str:
+        """One of "geometric", "predictor"."""
+        return "geometric" if self.predictor is None else "predictor"
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """What a matrix file says; nothing is built yet."""
+
+    name: str
+    dataset: Spec
+    num_past: int
+    num_future: int
+    size_px: tuple[int, int]
+    stride: int
+    pose_sources: Mapping[str, Entry]
+    renderers: Mapping[str, Spec]
+    predictors: Mapping[str, Entry]
+    frame_metrics: Mapping[str, Spec]
+    trajectory_metrics: Mapping[str, Spec]
+
+    @property
+    def cells(self) -> tuple[CellPlan, ...]:
+        """Every pose source with every renderer, then the predictors, in the order of the file."""
+        crossed = [
+            CellPlan(entry.num_samples, pose_source=source, renderer=renderer)
+            for source, entry in self.pose_sources.items()
+            for renderer in self.renderers
+        ]
+        whole = [CellPlan(entry.num_samples, predictor=name) for name, entry in self.predictors.items()]
+        return (*crossed, *whole)
+
+    def with_root(self, root: Path | None) -> Matrix:
+        """The same matrix with the data set's root replaced, or with $VARIABLES in it spelled out."""
+        if root is not None:
+            return replace(self, dataset={**self.dataset, "root": str(root)})
+        given = self.dataset.get("root")
+        if not isinstance(given, str):
+            return self
+        return replace(
+            self, dataset={**self.dataset, "root": VARIABLE.sub(lambda match: _variable(match, given), given)}
+        )
+
+    def build_dataset(self, needs: Grant) -> Any:
+        """The data set with the protocol's clip length, stride and size, and with the views that someone needs."""
+        fields = {
+            "num_frames": self.num_past + self.num_future,
+            "stride": self.stride,
+            "size_px": list(self.size_px),
+            "with_wide": Grant.WIDE_FRAMES in needs,
+            "with_right": Grant.RIGHT_FRAMES in needs,
+        }
+        known = {field.name for field in dataclasses.fields(registry.load("datasets", self.dataset["name"]))}
+        ours = {name: value for name, value in fields.items() if name in known}
+        return registry.build("datasets", {**self.dataset, **ours}, "protocol.dataset")
+
+
+def read(path: Path) -> Matrix:
+    """The matrix of a TOML file; BadData or UnknownComponent names the line's table and the nearest known word."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadData(f"{path} does not exist: give a matrix file such as benchmarks/configs/demo.toml") from None
+    except IsADirectoryError:
+        raise BadData(f"{path} is a folder: give a matrix file such as benchmarks/configs/demo.toml") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise BadData(f"{path} is not TOML: {error}") from error
+    return parse(path.stem, content)
+
+
+def parse(name: str, content: Mapping[str, Any]) -> Matrix:
+    """The matrix of a TOML file's content."""
+    _only(content, TABLES, "the matrix file", "table")
+    protocol = _table(content, "protocol")
+    _only(protocol, PROTOCOL_KEYS, "protocol", "key")
+    num_samples = _count(protocol, "num_samples", "protocol", 1)
+    metrics = {**DEFAULT_METRICS, **_table(content, "metrics")}
+    _only(metrics, tuple(DEFAULT_METRICS), "metrics", "key")
+    matrix = Matrix(
+        name=name,
+        dataset=_dataset(protocol),
+        num_past=_count(protocol, "num_past", "protocol"),
+        num_future=_count(protocol, "num_future", "protocol"),
+        size_px=_size(protocol),
+        stride=_count(protocol, "stride", "protocol"),
+        pose_sources=_entries(content, "pose_sources", num_samples),
+        renderers=_named(content, "renderers"),
+        predictors=_entries(content, "predictors", num_samples),
+        frame_metrics=_metrics(metrics["frame"], "metrics.frame"),
+        trajectory_metrics=_metrics(metrics["trajectory"], "metrics.trajectory"),
+    )
+    _check_cells(matrix)
+    return matrix
+
+
+def _check_cells(matrix: Matrix) -> None:
+    if bool(matrix.pose_sources) != bool(matrix.renderers):
+        given, lacking = ("pose_sources", "renderers") if matrix.pose_sources else ("renderers", "pose_sources")
+        raise BadData(f"the matrix file has [{given}] but no [{lacking}]: every cell needs one of each")
+    names = [cell.name for cell in matrix.cells]
+    if not names:
+        raise BadData("the matrix file has no cell: give [pose_sources] and [renderers], or [predictors]")
+    for name in names:
+        if name in NOT_CELLS or names.count(name) > 1:
+            raise BadData(f"two folders of the results would be called {name!r}: rename an entry of the matrix file")
+    both = set(matrix.frame_metrics) & set(matrix.trajectory_metrics)
+    if both:
+        raise BadData(f"metrics: {min(both)!r} is a frame metric and a trajectory metric: rename one of them")
+
+
+def _dataset(protocol: Mapping[str, Any]) -> Spec:
+    spec = _spec(protocol.get("dataset"), "protocol.dataset")
+    for key in FROM_PROTOCOL:
+        if key in spec:
+            raise BadData(f"protocol.dataset has {key!r}, which the harness sets: leave it out, [protocol] says it all")
+    return spec
+
+
+def _entries(content: Mapping[str, Any], table: str, num_samples: int) -> dict[str, Entry]:
+    entries = {}
+    for name, spec in _named(content, table).items():
+        samples = _count(spec, "num_samples", f"{table}.{name}", num_samples)
+        entries[name] = Entry({key: value for key, value in spec.items() if key != "num_samples"}, samples)
+    return entries
+
+
+def _named(content: Mapping[str, Any], table: str) -> dict[str, Spec]:
+    for name in _table(content, table):
+        if not ENTRY_NAME.fullmatch(name):
+            where = f"{table}.{name}"
+            raise BadData(f"{where}: an entry's name becomes a folder's, expected letters, digits and _ + = , . -")
+    return {name: _spec(value, f"{table}.{name}") for name, value in _table(content, table).items()}
+
+
+def _metrics(value: Any, where: str) -> dict[str, Spec]:
+    """Metrics by the name of their column: a list of names and tables, or a table of named tables."""
+    if isinstance(value, Mapping):
+        named = [(name, _spec(spec, f"{where}.{name}")) for name, spec in value.items()]
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        specs = [_spec(spec, f"{where}[{i}]") for i, spec in enumerate(value)]
+        named = [(spec["name"], spec) for spec in specs]
+    else:
+        raise BadData(f'{where} is {value!r}, expected a list such as ["psnr", "ssim"]')
+    for name, _ in named:
+        if "@" in name or name == COVERAGE:
+            raise BadData(f"{where}: a column cannot be called {name!r}: give another name")
+        if [other for other, _ in named].count(name) > 1:
+            raise BadData(f"{where} has {name!r} twice: give a table, such as {{ other = {{ name = {name!r} }} }}")
+    return dict(named)
+
+
+def _spec(value: Any, where: str) -> Spec:
+    spec = {"name": value} if isinstance(value, str) else value
+    if not isinstance(spec, Mapping) or not isinstance(spec.get("name"), str):
+        raise BadData(f'{where} is {value!r}, expected a table such as {{ name = "..." }}')
+    return spec
+
+
+def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    value = content.get(key, {})
+    if not isinstance(value, Mapping):
+        raise BadData(f"{key} is {value!r}, expected a table [{key}]")
+    return value
+
+
+def _count(table: Mapping[str, Any], key: str, where: str, default: int | None = None) -> int:
+    if key not in table and default is None:
+        raise BadData(f"{where} needs {key}, a whole number: add it to the matrix file")
+    value = table.get(key, default)
+    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+        raise BadData(f"{where}.{key} is {value!r}, expected a whole number of 1 or more")
+    return value
+
+
+def _size(protocol: Mapping[str, Any]) -> tuple[int, int]:
+    value = protocol.get("size_px")
+    if not isinstance(value, list) or len(value) != 2 or not all(type(n) is int and n > 0 for n in value):
+        raise BadData(f"protocol.size_px is {value!r}, expected [width, height] in pixels, such as [256, 256]")
+    return value[0], value[1]
+
+
+def _only(table: Mapping[str, Any], known: Sequence[str], where: str, what: str) -> None:
+    for key in table:
+        if key not in known:
+            raise UnknownComponent(f"{where} has an unknown {what} {key!r}{registry.nearest(key, known)}")
+
+
+def _variable(match: re.Match[str], given: str) -> str:
+    name = match[1] or match[2]
+    if not os.environ.get(name):
+        raise BadData(f"protocol.dataset.root is {given!r}, but {name} is not set: set it, or give --root FOLDER")
+    return os.environ[name]

@@ -1,0 +1,109 @@
+"""What a matrix file says, and what it is told when it says it wrongly."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import matrix
+from geovp_classic.errors import GeovpError
+
+PROTOCOL = {"dataset": {"name": "synthetic"}, "num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
+CONFIGS = Path(matrix.__file__).parent / "configs"
+
+
+def content(**tables: Any) -> dict[str, Any]:
+    return {"protocol": dict(PROTOCOL), "predictors": {"copy": {"name": "copy-last"}}, **tables}
+
+
+def test_every_pose_source_meets_every_renderer_in_the_order_of_the_file() -> None:
+    sources = {"b": {"name": "ground-truth"}, "a": "stand-still"}
+    renderers = {"r": {"name": "ground-far-plane"}, "q": {"name": "given-depth"}}
+    cells = matrix.parse("m", content(pose_sources=sources, renderers=renderers)).cells
+    assert [cell.name for cell in cells] == ["b--r", "b--q", "a--r", "a--q", "copy"]
+    assert [cell.label for cell in cells][:1] == ["b + r"]
+    assert [cell.kind for cell in cells] == ["geometric"] * 4 + ["predictor"]
+
+
+def test_samples_are_the_protocols_unless_an_entry_says_otherwise() -> None:
+    protocol = {**PROTOCOL, "num_samples": 5}
+    predictors = {"few": {"name": "copy-last"}, "many": {"name": "copy-last", "num_samples": 100}}
+    parsed = matrix.parse("m", content(protocol=protocol, predictors=predictors))
+    assert [cell.num_samples for cell in parsed.cells] == [5, 100]
+    assert parsed.predictors["many"].spec == {"name": "copy-last"}
+
+
+def test_metrics_are_a_list_or_a_table_of_columns() -> None:
+    assert list(matrix.parse("m", content()).frame_metrics) == ["psnr", "ssim", "lpips"]
+    parsed = matrix.parse("m", content(metrics={"frame": ["psnr", {"name": "lpips", "net": "squeeze"}]}))
+    assert parsed.frame_metrics == {"psnr": {"name": "psnr"}, "lpips": {"name": "lpips", "net": "squeeze"}}
+    parsed = matrix.parse("m", content(metrics={"frame": {"small": {"name": "lpips", "net": "squeeze"}}}))
+    assert parsed.frame_metrics == {"small": {"name": "lpips", "net": "squeeze"}}
+
+
+def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    protocol = {**PROTOCOL, "dataset": {"name": "kitti", "root": "$STREETS/odometry"}}
+    parsed = matrix.parse("m", content(protocol=protocol))
+    assert parsed.with_root(Path("/data")).dataset["root"] == "/data"
+    monkeypatch.setenv("STREETS", "/streets")
+    assert parsed.with_root(None).dataset["root"] == "/streets/odometry"
+    monkeypatch.delenv("STREETS")
+    with pytest.raises(GeovpError, match=r"STREETS is not set: set it, or give --root FOLDER"):
+        parsed.with_root(None)
+
+
+def without(table: dict[str, Any], key: str) -> dict[str, Any]:
+    return {name: value for name, value in table.items() if name != key}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (content(predictor={}), "unknown table 'predictor': did you mean 'predictors'"),
+        (content(protocol={**PROTOCOL, "num_pats": 3}), "unknown key 'num_pats': did you mean 'num_past'"),
+        (content(protocol={**PROTOCOL, "num_past": "ten"}), "num_past is 'ten', expected a whole number"),
+        (content(protocol={**PROTOCOL, "stride": 0}), "stride is 0, expected a whole number of 1 or more"),
+        (content(protocol={**PROTOCOL, "stride": True}), "stride is True"),
+        (content(protocol={**PROTOCOL, "size_px": 256}), "size_px is 256, expected .width, height. in pixels"),
+        (content(protocol=without(PROTOCOL, "num_future")), "protocol needs num_future"),
+        (content(protocol=without(PROTOCOL, "dataset")), "protocol.dataset is None, expected a table"),
+        (content(protocol={**PROTOCOL, "dataset": {"name": "kitti", "stride": 2}}), "which the harness sets"),
+        (content(metrics={"frames": ["psnr"]}), "unknown key 'frames': did you mean 'frame'"),
+        (content(metrics={"frame": "psnr"}), "expected a list such as"),
+        (content(metrics={"frame": ["psnr", "psnr"]}), "'psnr' twice"),
+        (content(metrics={"frame": ["coverage"]}), "cannot be called 'coverage'"),
+        (content(metrics={"frame": ["psnr"], "trajectory": ["psnr"]}), "frame metric and a trajectory metric"),
+        (content(pose_sources={"a": "ground-truth"}), "but no .renderers."),
+        (content(predictors={}), "no cell"),
+        (content(predictors={"plots": "copy-last"}), "called 'plots'"),
+        (content(predictors={"a/b": "copy-last"}), "becomes a folder's"),
+        (content(predictors={"a": 3}), "predictors.a is 3, expected a table"),
+        (content(predictors=["copy-last"]), "expected a table .predictors."),
+        (content(predictors={"a": {"name": "copy-last", "num_samples": 0}}), "num_samples is 0"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_sentence(wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(GeovpError, match=says) as caught:
+        matrix.parse("m", wrong)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_not_toml(tmp_path: Path) -> None:
+    with pytest.raises(GeovpError, match="does not exist: give a matrix file"):
+        matrix.read(tmp_path / "no.toml")
+    with pytest.raises(GeovpError, match="is a folder"):
+        matrix.read(tmp_path)
+    (tmp_path / "bad.toml").write_text("[protocol\n")
+    with pytest.raises(GeovpError, match=r"bad\.toml is not TOML"):
+        matrix.read(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_our_own_files_can_be_read(path: Path) -> None:
+    assert matrix.read(path).cells
+
+
+def test_nothing_of_a_matrix_can_be_changed() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        matrix.parse("m", content()).name = "other"  # type: ignore[misc]
