@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from geovp_classic.data import frames, pose_files
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
-from geovp_classic.types import Context, Grant, Intrinsics, Motion, Prediction, Trajectory
+from geovp_classic.types import BoolArray, ByteArray, Context, Grant, Intrinsics, Motion, Prediction, Trajectory
+
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,8 @@ class GeometricPredictor:
 def show(scene: Scene, motion: Motion, camera: Intrinsics) -> Prediction:
     """The third step: the scene seen from every sampled future of the motion."""
     samples = [scene.view(future, camera) for future in motion.futures]
-    frames, covered = np.stack([views.frames for views in samples]), np.stack([views.covered for views in samples])
-    return Prediction(frames, covered, motion)
+    covered = np.stack([views.covered for views in samples])
+    return Prediction(np.stack([views.frames for views in samples]), covered, motion)
 
 
 @dataclass(frozen=True)
@@ -59,3 +65,93 @@ class CopyLast:
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """The last frame F times, one sample."""
         return Prediction(np.tile(context.frames[-1], (1, context.num_future, 1, 1, 1)))
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Predictions made elsewhere, found by the clip's name.
+
+    For a clip "03/000180", `path` holds one of: 03/000180.npz with `frames` (uint8 [F, H, W, 3], or [S, F, H, W, 3])
+    and optionally `covered` (bool, without the 3); a video 03/000180.mp4 (avi, mkv, mov, webm) of F frames; a folder
+    03/000180 of F images in the order of their names, or of S such folders. `poses` may hold 03/000180.txt, KITTI or
+    TUM, with a pose for every past and future frame, in any world frame; whether in metres, `poses_are_metric` says.
+    """
+
+    path: Path
+    poses: Path | None = None
+    poses_are_metric: bool = True
+
+    def __post_init__(self) -> None:
+        """Raise BadData when a folder is missing."""
+        for folder in filter(None, (self.path, self.poses)):
+            if not folder.is_dir():
+                raise BadData(f"{folder} is not a folder: give the one that holds a prediction for every clip")
+
+    @property
+    def needs(self) -> Grant:
+        """Nothing but the clip's name."""
+        return Grant.NONE
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """The recorded frames; BadData names a file that is missing or has other sizes than the clip."""
+        path = self._find(context.name)
+        pictures, covered = _read_npz(path) if path.suffix == ".npz" else (_read_pictures(path), None)
+        if pictures.ndim == 4:
+            pictures, covered = pictures[None], None if covered is None else covered[None]
+        samples = num_samples if len(pictures) > 1 else 1
+        expected = (samples, context.num_future, *context.frames.shape[1:])
+        if len(pictures) < samples or pictures.shape[1:] != expected[1:] or pictures.dtype != np.uint8:
+            raise BadData(f"{path}: {pictures.dtype} frames of shape {pictures.shape}, expected uint8 of {expected}")
+        if covered is not None and (covered.shape != pictures.shape[:4] or covered.dtype != bool):
+            raise BadData(f"{path}: {covered.dtype} covered of {covered.shape}, expected bool of {pictures.shape[:4]}")
+        motion = None if self.poses is None else self._motion(self.poses / f"{context.name}.txt", context)
+        return Prediction(pictures[:samples], None if covered is None else covered[:samples], motion)
+
+    def _find(self, name: str) -> Path:
+        if not name:
+            raise BadData("a recorded prediction is found by the clip's name, and this clip has none")
+        candidates = [self.path / f"{name}{suffix}" for suffix in (".npz", *VIDEO_SUFFIXES, "")]
+        found = [path for path in candidates if path.exists()]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise BadData(f"{found[0]} and {found[1]} both hold predictions of clip {name}: keep one")
+        raise BadData(f"{self.path / name} is missing, as .npz, video or folder of images: predict this clip as well")
+
+    def _motion(self, path: Path, context: Context) -> Motion:
+        if not path.is_file():
+            raise BadData(f"{path} is missing: give the poses of this clip as well, or leave poses out")
+        whole = pose_files.read_trajectory(path, context.times_s, is_metric=self.poses_are_metric)
+        if len(whole) != len(context.times_s):
+            raise BadData(f"{path}: {len(whole)} poses, expected {len(context.times_s)}, one per past and future frame")
+        past, num_past = whole.world_from_cam[: context.num_past], context.num_past
+        trajectory = Trajectory(past, context.times_s[:num_past], self.poses_are_metric)
+        return Motion(trajectory, whole.world_from_cam[None, num_past:], np.ones(num_past, dtype=bool))
+
+
+def _read_npz(path: Path) -> tuple[ByteArray, BoolArray | None]:
+    """The arrays `frames` and, where there is one, `covered`."""
+    try:
+        with np.load(path) as arrays:
+            return arrays["frames"], arrays.get("covered")
+    except (KeyError, ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise BadData(f"{path} cannot be read ({error}): expected an npz file with an array 'frames'") from error
+
+
+def _read_pictures(path: Path) -> ByteArray:
+    """Frames [F, H, W, 3] of a video or a folder of images, [S, F, H, W, 3] of a folder of such folders."""
+    if path.is_file():
+        video = frames.VideoFrames.open(path)
+        return _stack(path, [video.read(index) for index in range(len(video))])
+    samples = sorted(child for child in path.iterdir() if child.is_dir())
+    if samples:
+        return _stack(path, [_read_pictures(sample) for sample in samples])
+    return _stack(path, [frames.read_picture(picture) for picture in frames.picture_files(path)])
+
+
+def _stack(path: Path, pictures: list[ByteArray]) -> ByteArray:
+    shapes = {picture.shape for picture in pictures}
+    if len(shapes) != 1:
+        told = " and ".join(map(str, sorted(shapes))) or "nothing"
+        raise BadData(f"{path} holds {told}, expected pictures of one size, as many in every sample")
+    return np.stack(pictures)
