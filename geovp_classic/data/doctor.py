@@ -14,7 +14,7 @@ import numpy as np
 from geovp_classic.data import kitti_layout, pose_files, splits
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import picture_size, scan_numbered
-from geovp_classic.data.pose_files import PoseTable
+from geovp_classic.data.pose_files import IndexArray, PoseTable
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -173,14 +173,15 @@ def _uneven(folder: Path, seen: list[CameraSummary]) -> list[Finding]:
 
 
 def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
+    """The good times."""
     times_s, lines, found = pose_files.scan_times(path)
     findings += found
-    num_rows = len(times_s) + _num_bad_lines(found)
+    numbers, num_rows = _row_numbers(lines, found)
     if num_rows and num_rows != num_frames:
         findings.append(error(path, None, f"{num_rows} times for {num_frames} frames, expected one each"))
-    steps_s = np.diff(times_s)
-    for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * np.median(steps_s)) if len(steps_s) else []:
-        usual_s = np.median(steps_s)
+    steps_s = np.diff(times_s) / np.diff(numbers)
+    usual_s = np.median(steps_s) if len(steps_s) else 0.0
+    for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * usual_s):
         told = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
         findings.append(Finding(path, lines[step + 1], "warning", told))
     return times_s
@@ -194,19 +195,19 @@ def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Find
         return None
     table, found = pose_files.scan_kitti(path)
     findings += found
-    num_rows = len(table.lines) + _num_bad_lines(found)
+    numbers, num_rows = _row_numbers(table.lines, found)
     problem = kitti_layout.pose_count_problem(table.keys, num_rows, num_frames) if num_rows else ""
     findings += [error(path, None, problem)] if problem else []
-    if len(table.lines) == len(times_s):
-        findings += _jumps(path, table, times_s)
+    if len(times_s) == num_frames and not problem:
+        findings += _jumps(path, table, times_s[numbers if table.keys is None else table.keys.astype(np.int64)])
     return table
 
 
 def _jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Finding]:
-    """Warnings for motion that no car makes."""
+    """Warnings for motion that no car makes; one time for each good pose."""
     speed_m_s = _steps(table) / np.diff(times_s)
-    later_from_earlier = se3.inverse(table.world_from_cam[1:]) @ table.world_from_cam[:-1]
-    turn_deg = np.degrees(se3.rotation_angle_rad(later_from_earlier)) if len(later_from_earlier) else speed_m_s
+    earlier, later = table.world_from_cam[:-1], table.world_from_cam[1:]
+    turn_deg = np.degrees(se3.rotation_angle_rad(se3.inverse(earlier) @ later)) if len(later) else speed_m_s
     for step in np.flatnonzero(speed_m_s > MAX_SPEED_M_S):
         told = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
         yield Finding(path, table.lines[step + 1], "warning", told)
@@ -215,8 +216,10 @@ def _jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Findin
         yield Finding(path, table.lines[step + 1], "warning", told)
 
 
-def _num_bad_lines(findings: list[Finding]) -> int:
-    return len({finding.line for finding in findings if finding.line})
+def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[IndexArray, int]:
+    """The number of every good row, the first row being 0, and the number of all rows, bad ones included."""
+    all_lines = sorted({*good_lines, *(finding.line for finding in findings if finding.line)})
+    return np.searchsorted(all_lines, good_lines).astype(np.int64), len(all_lines)
 
 
 def _steps(table: PoseTable) -> FloatArray:

@@ -1,0 +1,162 @@
+"""Pictures and videos are read as they are, or the file that is not whole is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic.data import image_headers
+from geovp_classic.data.frames import (
+    FrameFiles,
+    FrameMemory,
+    VideoFrames,
+    picture_files,
+    picture_size,
+    read_picture,
+    scan_numbered,
+)
+from geovp_classic.errors import BadData
+
+ENCODINGS = {
+    "a.png": [],
+    "a.jpg": [cv2.IMWRITE_JPEG_QUALITY, 95],
+    "progressive.jpg": [cv2.IMWRITE_JPEG_PROGRESSIVE, 1],
+    "lossy.webp": [cv2.IMWRITE_WEBP_QUALITY, 90],
+    "lossless.webp": [cv2.IMWRITE_WEBP_QUALITY, 101],
+}
+
+
+def scene(height_px: int = 37, width_px: int = 53) -> np.ndarray:
+    """A smooth BGR picture with some noise, so that files have a body to cut."""
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[:height_px, :width_px]
+    smooth = np.stack([4 * u, 5 * v, 2 * u + 2 * v], axis=-1)
+    return np.clip(smooth + rng.normal(0, 3, smooth.shape), 0, 255).astype(np.uint8)
+
+
+def test_channels_come_as_red_green_blue(tmp_path: Path) -> None:
+    bgr = np.zeros((2, 3, 3), np.uint8)
+    bgr[..., 2] = 200  # red
+    cv2.imwrite(str(tmp_path / "red.png"), bgr)
+    assert read_picture(tmp_path / "red.png")[0, 0].tolist() == [200, 0, 0]
+
+
+def test_grey_pictures_get_three_equal_channels(tmp_path: Path) -> None:
+    grey = scene()[..., 0]
+    cv2.imwrite(str(tmp_path / "grey.png"), grey)
+    picture = read_picture(tmp_path / "grey.png")
+    assert picture.dtype == np.uint8
+    np.testing.assert_array_equal(picture, grey[..., None].repeat(3, axis=2))
+
+
+@pytest.mark.parametrize("name", ENCODINGS)
+def test_sizes_are_read_from_headers(tmp_path: Path, name: str) -> None:
+    cv2.imwrite(str(tmp_path / name), scene(), ENCODINGS[name])
+    assert image_headers.inspect((tmp_path / name).read_bytes()) == (53, 37)
+    assert picture_size(tmp_path / name) == picture_size(tmp_path / name, deep=True) == (53, 37)
+
+
+def test_an_extended_webp_header_is_read() -> None:
+    extended = b"RIFF" + (22).to_bytes(4, "little") + b"WEBPVP8X" + (10).to_bytes(4, "little") + bytes(4)
+    extended += (1241).to_bytes(3, "little") + (374).to_bytes(3, "little")
+    assert image_headers.inspect(extended) == (1242, 375)
+
+
+def test_formats_without_a_known_header_are_decoded_for_their_size(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.bmp"), scene())
+    assert image_headers.inspect((tmp_path / "a.bmp").read_bytes()) is None
+    assert picture_size(tmp_path / "a.bmp") == (53, 37)
+
+
+@pytest.mark.parametrize("name", ENCODINGS)
+@pytest.mark.parametrize("share", [0.0, 0.005, 0.3, 0.7, 0.98])
+def test_a_picture_that_was_cut_short_is_named(tmp_path: Path, name: str, share: float) -> None:
+    path = tmp_path / name
+    cv2.imwrite(str(path), scene(), ENCODINGS[name])
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    for read in (read_picture, picture_size):
+        with pytest.raises(BadData, match=name):
+            read(path)
+
+
+def test_a_picture_that_is_none_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("this is not a picture")
+    with pytest.raises(BadData, match=r"a\.png cannot be decoded as a picture"):
+        read_picture(tmp_path / "a.png")
+    with pytest.raises(BadData, match=r"b\.png cannot be read \(No such file"):
+        read_picture(tmp_path / "b.png")
+
+
+def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "0.png"), scene())
+    cv2.imwrite(str(tmp_path / "1.png"), scene(20, 30))
+    frames = FrameFiles((tmp_path / "0.png", tmp_path / "1.png"), (53, 37))
+    assert len(frames) == 2
+    assert frames.read(0).shape == (37, 53, 3)
+    with pytest.raises(BadData, match=r"1\.png is 30x20 pixels, expected 53x37"):
+        frames.read(1)
+
+
+def test_pictures_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> None:
+    for name in ("b10.png", "b9.jpg", "a2.png", "a2b.png", "notes.txt", ".hidden.png"):
+        (tmp_path / name).touch()
+    assert [path.name for path in picture_files(tmp_path)] == ["a2.png", "a2b.png", "b9.jpg", "b10.png"]
+    with pytest.raises(BadData, match="cannot be listed"):
+        picture_files(tmp_path / "none")
+
+
+def test_gaps_doublets_and_foreign_files_are_found(tmp_path: Path) -> None:
+    for name in ("000001.png", "000002.png", "000002.jpg", "000006.png", "readme.txt"):
+        (tmp_path / name).touch()
+    paths, findings = scan_numbered(tmp_path)
+    assert [path.name for path in paths] == ["000001.png", "000002.jpg", "000006.png"]
+    told = [(finding.severity, finding.path.name, finding.message) for finding in findings]
+    assert ("error", "000002.png", "is frame 2 as 000002.jpg is: keep one") in told
+    assert ("note", "readme.txt", "is not a numbered picture and is left out") in told
+    gaps = [message for _, name, message in told if name == tmp_path.name]
+    assert gaps[0].startswith("frame 000000 is missing")
+    assert gaps[1].startswith("frames 000003 to 000005 are missing")
+    assert len(told) == 4
+
+
+def test_memory_is_bounded_and_forgets_the_oldest() -> None:
+    asked: list[int] = []
+
+    def load(key: int) -> np.ndarray:
+        asked.append(key)
+        return np.full(100, key, np.uint8)
+
+    memory = FrameMemory(load, limit_bytes=250)  # two frames
+    for key in (1, 2, 1, 3, 1, 2):
+        assert memory(key)[0] == key
+    assert asked == [1, 2, 3, 2]  # 2 was the oldest when 3 came
+    with pytest.raises(ValueError, match="read-only"):
+        memory(1)[0] = 0
+
+
+def write_video(path: Path, count: int = 8, rate_hz: float = 12.5) -> None:
+    """Frame k is grey 20 k; motion JPEG decodes each frame alone."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), rate_hz, (48, 32))
+    for index in range(count):
+        writer.write(np.full((32, 48, 3), 20 * index, np.uint8))
+    writer.release()
+
+
+def test_video_frames_come_by_number_in_any_order(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.avi")
+    video = VideoFrames.open(tmp_path / "a.avi")
+    assert (len(video), video.size_px, video.rate_hz) == (8, (48, 32), 12.5)
+    for index in (0, 3, 4, 1, 7, 0):
+        assert abs(int(video.read(index)[16, 24, 0]) - 20 * index) <= 2
+    with pytest.raises(BadData, match="frame 8 of 8 cannot be decoded"):
+        video.read(8)
+
+
+def test_a_file_that_is_no_video_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.avi").write_text("no video")
+    with pytest.raises(BadData, match=r"a\.avi cannot be decoded as a video"):
+        VideoFrames.open(tmp_path / "a.avi")

@@ -1,0 +1,227 @@
+"""KITTI clips: which frames, whose camera, where it was; and what a damaged data set answers."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic import interfaces, registry
+from geovp_classic.data import splits
+from geovp_classic.data.kitti import Kitti
+from geovp_classic.data.windows import FrameRange
+from geovp_classic.errors import BadData
+from geovp_classic.types import Intrinsics
+
+Edit = Callable[[Path, int, str], None]
+SIZE_PX = (24, 24)
+
+
+def kitti(root: Path, **settings: object) -> Kitti:
+    return Kitti(root, **{"num_frames": 4, "stride": 4, "size_px": SIZE_PX, **settings})  # type: ignore[arg-type]
+
+
+def test_all_sequences_are_cut_when_none_is_named(kitti_root: Path) -> None:
+    data = kitti(kitti_root)
+    assert isinstance(data, interfaces.Dataset)
+    assert data.name == "kitti"
+    assert data.clip_names == tuple(f"{name}/{first:06d}" for name in ("00", "01") for first in (0, 4, 8))
+    assert len(data) == 6
+    assert [clip.name for clip in data] == list(data.clip_names)
+
+
+def test_frames_come_from_the_preferred_camera_of_each_sequence(kitti_root: Path) -> None:
+    data = kitti(kitti_root)
+    # conftest: grey value 10 * index + 5 * camera; 00 has image_2 and image_3, 01 image_0 alone
+    assert data[1].frames[:, 5, 5, 0].tolist() == [50, 60, 70, 80]
+    assert data[4].frames[:, 5, 5, 0].tolist() == [40, 50, 60, 70]
+    assert kitti(kitti_root, sequences=("00",), camera=3)[0].frames[:, 5, 5, 0].tolist() == [15, 25, 35, 45]
+
+
+def test_poses_are_those_of_the_camera_shown(kitti_root: Path) -> None:
+    # camera 2 is 6 cm to the left of camera 0, camera 3 is 44 cm to the right; 1 m a frame forwards
+    for camera, x_m in ((2, -0.06), (3, 0.44)):
+        trajectory = kitti(kitti_root, sequences=("00",), camera=camera)[1].trajectory
+        assert trajectory is not None
+        np.testing.assert_allclose(trajectory.world_from_cam[:, :3, 3], [[x_m, 0, z_m] for z_m in (4, 5, 6, 7)])
+        assert trajectory.is_metric
+        np.testing.assert_allclose(trajectory.times_s, [0.4, 0.5, 0.6, 0.7])
+
+
+def test_the_offset_turns_with_the_car(kitti_root: Path, edit: Edit) -> None:
+    # camera 0 turned by 90 degrees to the right: its x axis is the world's -z, so 44 cm to its right is z = -0.44
+    edit(kitti_root / "poses" / "00.txt", 2, "0 0 1 0 0 1 0 0 -1 0 0 0")
+    trajectory = kitti(kitti_root, sequences=("00",), camera=3)[0].trajectory
+    assert trajectory is not None
+    np.testing.assert_allclose(trajectory.world_from_cam[1, :3, 3], [0, 0, -0.44], atol=1e-12)
+
+
+def test_intrinsics_are_those_of_the_square_crop(kitti_root: Path) -> None:
+    # 64x24 crops columns 20 to 43; f = 50, cx = 31.5 - 20, then 24 -> 48 doubles: (11.5 + 0.5) * 2 - 0.5 = 23.5
+    assert kitti(kitti_root)[0].intrinsics == Intrinsics(50, 50, 11.5, 11.5, 24, 24)
+    assert kitti(kitti_root, size_px=(48, 48))[0].intrinsics == Intrinsics(100, 100, 23.5, 23.5, 48, 48)
+
+
+def test_wide_and_right_frames_come_only_when_asked_for(kitti_root: Path) -> None:
+    assert kitti(kitti_root)[0].wide is None
+    assert kitti(kitti_root)[0].right is None
+    data = kitti(kitti_root, with_wide=True, with_right=True)
+    clip = data[0]
+    assert clip.wide is not None
+    assert clip.wide.frames.shape == (4, 24, 64, 3)
+    assert clip.right is not None
+    assert clip.right.frames[:, 0, 0, 0].tolist() == [15, 25, 35, 45]
+    assert clip.right.intrinsics == clip.wide.intrinsics == Intrinsics(50, 50, 31.5, 11.5, 64, 24)
+    # camera 3 is 50 cm to the right of camera 2: a point's x is 0.5 less there
+    np.testing.assert_allclose(clip.right.view_from_cam[:3, 3], [-0.5, 0, 0])
+    assert data[3].right is None  # sequence 01 has no image_1
+
+
+def test_ranges_limit_the_clips(kitti_root: Path) -> None:
+    data = kitti(kitti_root, sequences=("00[2:8)", "01"), stride=2)
+    assert data.ranges == (FrameRange("00", 2, 8), FrameRange("01", 0, 12))
+    assert data.clip_names[:3] == ("00/000002", "00/000004", "01/000000")
+    assert data.split_hash == splits.content_hash(data.ranges)
+
+
+def test_the_hash_spells_out_what_a_whole_sequence_was(kitti_root: Path) -> None:
+    assert kitti(kitti_root, sequences=("01",)).split_hash == kitti(kitti_root, sequences=("01[0:12)",)).split_hash
+
+
+def test_a_split_may_be_a_file(kitti_root: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text('ranges = ["01[0:4)"]')
+    assert kitti(kitti_root, split=str(tmp_path / "mine.toml")).clip_names == ("01/000000",)
+
+
+def test_without_a_pose_file_there_is_no_trajectory(kitti_root: Path) -> None:
+    shutil.rmtree(kitti_root / "poses")
+    assert kitti(kitti_root)[0].trajectory is None
+
+
+def test_poses_with_frame_indices_may_stand_in_for_plain_ones(kitti_root: Path) -> None:
+    path = kitti_root / "poses" / "01.txt"
+    path.write_text("".join(f"{i} {line}\n" for i, line in enumerate(path.read_text().splitlines())))
+    trajectory = kitti(kitti_root, sequences=("01",))[1].trajectory
+    assert trajectory is not None
+    assert trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:5] + lines[7:]))
+    with pytest.raises(BadData, match=r"01\.txt: no pose of frame 5 \(2 of 12 frames have none\)"):
+        kitti(kitti_root, sequences=("01",))
+
+
+def test_overlapping_clips_decode_a_frame_once(kitti_root: Path) -> None:
+    data = kitti(kitti_root, sequences=("01",), stride=1)
+    first = data[0]
+    for path in (kitti_root / "sequences" / "01" / "image_0").iterdir():
+        if path.name != "000004.png":
+            path.unlink()
+    np.testing.assert_array_equal(data[1].frames[:3], first.frames[1:])
+
+
+def test_a_data_set_is_sent_to_another_process_as_its_settings(kitti_root: Path) -> None:
+    data = kitti(kitti_root)
+    sent = pickle.dumps(data)
+    assert len(sent) < 1000
+    np.testing.assert_array_equal(pickle.loads(sent)[2].frames, data[2].frames)
+
+
+def test_it_is_built_by_name_and_described(kitti_root: Path) -> None:
+    table = {"name": "kitti", "root": str(kitti_root), "sequences": ["00[0:8)"], "num_frames": 4, "size_px": [24, 24]}
+    data = registry.build("datasets", table)
+    assert data == Kitti(kitti_root, sequences=("00[0:8)",), num_frames=4, size_px=(24, 24))
+    assert registry.build("datasets", registry.describe(data)) == data
+
+
+WRONG_SETTINGS: list[tuple[dict[str, object], str]] = [
+    ({"sequences": ("07",)}, r"sequence '07' is not in .*, which holds 00, 01"),
+    ({"sequences": ("00[0:13)",)}, "sequence 00 has 12 frames"),
+    ({"sequences": ("00[0:3)",)}, "has 3 frames, but one clip needs 4"),
+    ({"sequences": ("00", "00[4:8)")}, "clip 00/000004 is named twice"),
+    ({"sequences": ()}, "no sequence is named"),
+    ({"split": "tets"}, "did you mean 'test'"),
+    ({"split": "test", "sequences": ("00",)}, "both split 'test' and sequences"),
+    ({"camera": 1}, "has no image_1: it has image_2, image_3"),
+    ({"camera": 4}, "camera is 4, expected 0 to 3"),
+    ({"num_frames": 1}, "num_frames is 1"),
+]
+
+
+@pytest.mark.parametrize(("settings", "message"), WRONG_SETTINGS)
+def test_wrong_settings_are_refused_on_construction(
+    kitti_root: Path, settings: dict[str, object], message: str
+) -> None:
+    with pytest.raises(BadData, match=message):
+        kitti(kitti_root, **settings)
+
+
+def test_a_root_that_is_none_says_what_a_root_is(kitti_root: Path, tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="does not exist: give the folder that holds KITTI's 'sequences'"):
+        Kitti(tmp_path / "none")
+    (tmp_path / "outer").mkdir()
+    with pytest.raises(BadData, match="holds no folder 'sequences'"):
+        Kitti(tmp_path / "outer")
+    kitti_root.rename(tmp_path / "outer" / "dataset")
+    with pytest.raises(BadData, match=r"did you mean .*outer/dataset"):
+        Kitti(tmp_path / "outer")
+
+
+BAD_LINES = [
+    ("poses/00.txt", 3, "1 0 0 0 0 1 0 0 0 0 1", r"00\.txt line 3: 11 numbers, expected 12"),
+    ("poses/00.txt", 3, "1 0 0 nan 0 1 0 0 0 0 1 0", r"00\.txt line 3: 'nan' is not finite"),
+    ("poses/00.txt", 3, "1 1 0 0 0 1 0 0 0 0 1 0", r"00\.txt line 3: not a rotation matrix"),
+    ("poses/00.txt", 3, "# lost", r"00\.txt: 11 poses for 12 frames"),
+    ("sequences/00/times.txt", 3, "0.1", r"times\.txt line 3: time 0\.1 is not after 0\.1 of line 2"),
+    ("sequences/00/times.txt", 3, "", r"times\.txt: 11 times for 12 frames"),
+    ("sequences/00/calib.txt", 3, "P2: 1 2 3", r"calib\.txt line 3: P2: has 3 numbers, expected 12"),
+    ("sequences/00/calib.txt", 3, "P2: 50 0 31 x 0 50 11 0 0 0 1 0", r"calib\.txt line 3: 'x' is not a number"),
+    ("sequences/00/calib.txt", 3, "P2: -50 0 31 0 0 50 11 0 0 0 1 0", r"line 3: P2: has a focal length"),
+    ("sequences/00/calib.txt", 3, "P2: 50 9 31 0 0 50 11 0 0 0 1 0", r"line 3: P2: is not K \[I | t\]"),
+    ("sequences/00/calib.txt", 3, "", r"calib\.txt: has no line 'P2:' for the pictures of image_2"),
+]
+
+
+@pytest.mark.parametrize(("file", "line", "text", "message"), BAD_LINES)
+def test_a_damaged_text_file_is_named_with_its_line(
+    kitti_root: Path, edit: Edit, file: str, line: int, text: str, message: str
+) -> None:
+    edit(kitti_root / file, line, text)
+    with pytest.raises(BadData, match=message):
+        kitti(kitti_root)
+
+
+@pytest.mark.parametrize("file", ["calib.txt", "times.txt"])
+def test_a_missing_text_file_is_named(kitti_root: Path, file: str) -> None:
+    (kitti_root / "sequences" / "00" / file).unlink()
+    with pytest.raises(BadData, match=f"{file}: does not exist"):
+        kitti(kitti_root)
+
+
+def test_missing_and_damaged_pictures_are_named(kitti_root: Path) -> None:
+    picture = kitti_root / "sequences" / "00" / "image_2" / "000005.png"
+    picture.write_bytes(picture.read_bytes()[:-20])
+    data = kitti(kitti_root)
+    assert data[0].name == "00/000000"
+    with pytest.raises(BadData, match=r"000005\.png is cut short: its end is missing: restore the file"):
+        data[1]
+    cv2.imwrite(str(picture), np.zeros((24, 60), np.uint8))
+    with pytest.raises(BadData, match=r"000005\.png is 60x24 pixels, expected 64x24"):
+        data[1]
+    picture.unlink()
+    with pytest.raises(BadData, match="image_2: frame 000005 is missing"):
+        kitti(kitti_root)
+
+
+def test_a_sequence_without_pictures_is_named(kitti_root: Path) -> None:
+    for camera in ("image_2", "image_3"):
+        shutil.rmtree(kitti_root / "sequences" / "00" / camera)
+    with pytest.raises(BadData, match="00 holds no pictures: expected a folder image_0"):
+        kitti(kitti_root)
+    (kitti_root / "sequences" / "00" / "image_2").mkdir()
+    with pytest.raises(BadData, match="image_2: holds no pictures, expected 000000"):
+        kitti(kitti_root)

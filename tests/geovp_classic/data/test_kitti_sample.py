@@ -1,0 +1,104 @@
+"""Facts about real KITTI frames, poses and calibration."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic.data import doctor
+from geovp_classic.data.kitti import Kitti
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray
+
+
+@pytest.fixture(scope="module")
+def root() -> Path:
+    folder = os.environ.get("GEOVP_TEST_DATA")
+    if not folder:
+        pytest.skip("GEOVP_TEST_DATA is not set: needs the folder that holds kitti/")
+    return Path(folder) / "kitti"
+
+
+def test_the_sample_is_sound_and_serves_its_splits(root: Path) -> None:
+    examination = doctor.examine(root)
+    assert examination.findings == ()
+    assert examination.usable_splits == ("test", "test-colour", "train", "val")
+    rows = {
+        row.name: (row.cameras[0].num_frames, row.cameras[0].sizes_px, row.num_poses) for row in examination.sequences
+    }
+    assert rows == {
+        "00": (1018, ((416, 128),), 1018),
+        "03": (360, ((1242, 375),), 360),
+        "06": (51, ((1226, 370),), 51),
+        "raw0095": (268, ((848, 256),), 268),
+    }
+
+
+def test_clips_of_the_test_split(root: Path) -> None:
+    data = Kitti(root, split="test")
+    # 03: 180 frames, starts 180 to 330 by 10; 06: 51 frames, starts 0, 10, 20
+    assert len(data) == 16 + 3
+    clip = data[len(data) - 1]
+    assert clip.name == "06/000020"
+    assert clip.frames.shape == (30, 256, 256, 3)
+    # 1226x370: columns 428 to 797; 707.0912 * 256 / 370, (601.8873 - 428 + 0.5) * 256 / 370 - 0.5
+    assert clip.intrinsics.fx_px == pytest.approx(489.23067)
+    assert clip.intrinsics.cx_px == pytest.approx(120.15716)
+
+
+def test_colour_frames_of_sequence_00_keep_their_pixels(root: Path) -> None:
+    clip = Kitti(root, split="test-colour", size_px=(128, 128), with_wide=True)[0]
+    assert clip.wide is not None
+    np.testing.assert_array_equal(clip.frames, clip.wide.frames[:, :, 144:272])
+    assert clip.intrinsics.fx_px == pytest.approx(240.9702627)
+    assert clip.intrinsics.fy_px == pytest.approx(244.7169362)
+    assert clip.intrinsics.cx_px == pytest.approx(203.2068532 - 144)
+
+
+def matches(left: np.ndarray, right: np.ndarray) -> tuple[FloatArray, FloatArray]:
+    """Pixels of the corners seen in both pictures, tracked there and back."""
+    grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (left, right)]
+    corners = cv2.goodFeaturesToTrack(grey[0], 400, 0.01, 8)
+    window = {"winSize": (21, 21), "maxLevel": 5}
+    there, found, _ = cv2.calcOpticalFlowPyrLK(grey[0], grey[1], corners, None, **window)
+    back, again, _ = cv2.calcOpticalFlowPyrLK(grey[1], grey[0], there, None, **window)
+    good = (found[:, 0] == 1) & (again[:, 0] == 1) & (np.linalg.norm(back - corners, axis=-1)[:, 0] < 0.3)
+    return corners[good, 0].astype(np.float64), there[good, 0].astype(np.float64)
+
+
+def epipolar_distance_px(here: FloatArray, there: FloatArray, there_from_here: FloatArray, matrix: FloatArray) -> float:
+    """The median distance of pixels from the lines on which the relative pose puts them."""
+    essential = se3.cross_matrix(there_from_here[:3, 3]) @ there_from_here[:3, :3]
+    fundamental = np.linalg.inv(matrix).T @ essential @ np.linalg.inv(matrix)
+    lines = np.c_[here, np.ones(len(here))] @ fundamental.T
+    off = np.abs((np.c_[there, np.ones(len(there))] * lines).sum(axis=1))
+    return float(np.median(off / np.linalg.norm(lines[:, :2], axis=1)))
+
+
+@pytest.mark.parametrize("frames", ["03[80:82)", "raw0095[200:202)", "00[110:112)"])
+def test_poses_intrinsics_and_pixels_of_the_crop_agree_in_a_turn(root: Path, frames: str) -> None:
+    clip = Kitti(root, sequences=(frames,), num_frames=2)[0]
+    assert clip.trajectory is not None
+    here, there = matches(clip.frames[0], clip.frames[1])
+    assert len(here) > 100
+    cam1_from_cam0 = se3.inverse(clip.trajectory.world_from_cam[1]) @ clip.trajectory.world_from_cam[0]
+    off_px = epipolar_distance_px(here, there, cam1_from_cam0, clip.intrinsics.matrix)
+    assert off_px < 0.4
+    wrong_way_round_px = epipolar_distance_px(here, there, se3.inverse(cam1_from_cam0), clip.intrinsics.matrix)
+    assert wrong_way_round_px > 10 * off_px
+
+
+def test_right_frames_see_points_further_left(root: Path) -> None:
+    clip = Kitti(root, sequences=("06[0:2)",), num_frames=2, with_wide=True, with_right=True)[0]
+    assert clip.wide is not None
+    assert clip.right is not None
+    np.testing.assert_allclose(clip.right.view_from_cam[:3, 3], [-0.5371507, 0, 0], atol=1e-6)
+    here, there = matches(clip.wide.frames[0], clip.right.frames[0])
+    disparity_px = here[:, 0] - there[:, 0]
+    assert disparity_px.min() > 0
+    assert disparity_px.max() < 707.0912 * 0.5371507 / 4  # nothing nearer than 4 m
+    assert epipolar_distance_px(here, there, clip.right.view_from_cam, clip.right.intrinsics.matrix) < 0.6

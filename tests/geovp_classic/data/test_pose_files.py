@@ -1,0 +1,194 @@
+"""Trajectories survive a round trip through text, and every bad line is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import Trajectory
+
+IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0"
+twists = arrays(np.float64, (5, 6), elements=st.floats(-1e4, 1e4)).map(lambda t: t * [1, 1, 1, 1e-4, 1e-4, 1e-4])
+steps_s = arrays(np.float64, (5,), elements=st.floats(1e-3, 1e5))
+same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50, deadline=None)
+
+
+def trajectory_of(twist: np.ndarray, step_s: np.ndarray) -> Trajectory:
+    return Trajectory(se3.exp(twist), np.cumsum(step_s), is_metric=True)
+
+
+@same_folder
+@given(twists, steps_s)
+def test_tum_files_give_back_what_was_written(tmp_path: Path, twist: np.ndarray, step_s: np.ndarray) -> None:
+    trajectory = trajectory_of(twist, step_s)
+    pose_files.write_tum(tmp_path / "tum.txt", trajectory)
+    again = pose_files.read_tum(tmp_path / "tum.txt")
+    np.testing.assert_allclose(again.world_from_cam, trajectory.world_from_cam, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(again.times_s, trajectory.times_s)
+
+
+@same_folder
+@given(twists, steps_s)
+def test_kitti_files_give_back_what_was_written(tmp_path: Path, twist: np.ndarray, step_s: np.ndarray) -> None:
+    trajectory = trajectory_of(twist, step_s)
+    pose_files.write_kitti(tmp_path / "kitti.txt", trajectory)
+    again = pose_files.read_trajectory(tmp_path / "kitti.txt", trajectory.times_s)
+    np.testing.assert_allclose(again.world_from_cam, trajectory.world_from_cam, rtol=0, atol=1e-9)
+
+
+def test_a_quarter_turn_to_the_right_is_read_as_tum_writes_it(tmp_path: Path) -> None:
+    half = np.sqrt(0.5)  # 90 degrees about y (down): z, forward, turns to x, right
+    (tmp_path / "tum.txt").write_text(f"# t x y z qx qy qz qw\n\n1.5 10 20 30 0 {half} 0 {half}\n")
+    trajectory = pose_files.read_tum(tmp_path / "tum.txt")
+    expected = [[0, 0, 1, 10], [0, 1, 0, 20], [-1, 0, 0, 30], [0, 0, 0, 1]]
+    np.testing.assert_allclose(trajectory.world_from_cam[0], expected, atol=1e-12)
+    assert trajectory.times_s.tolist() == [1.5]
+
+
+def test_thirteen_numbers_start_with_the_frames_index(tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"3 {IDENTITY}\n\n# lost\n7 {IDENTITY}  # found again\n")
+    indices, world_from_cam = pose_files.read_kitti(path)
+    assert indices is not None
+    assert indices.tolist() == [3, 7]
+    assert world_from_cam.shape == (2, 4, 4)
+    assert pose_files.read_trajectory(path, np.arange(8) / 10).times_s.tolist() == [0.3, 0.7]
+    with pytest.raises(BadData, match="a pose of frame 7, but frames end at 6"):
+        pose_files.read_trajectory(path, np.arange(7) / 10)
+
+
+def test_indices_are_written_in_front(tmp_path: Path) -> None:
+    trajectory = Trajectory(np.eye(4)[None].repeat(2, axis=0), np.array([0.0, 1.0]), is_metric=True)
+    pose_files.write_kitti(tmp_path / "poses.txt", trajectory, np.array([4, 9]))
+    indices, _ = pose_files.read_kitti(tmp_path / "poses.txt")
+    assert indices is not None
+    assert indices.tolist() == [4, 9]
+
+
+def test_seven_printed_digits_are_made_rigid(tmp_path: Path) -> None:
+    (tmp_path / "poses.txt").write_text("9.999978e-01 5.272628e-04 -2.066935e-03 -4.690294e-02 -5.296506e-04 ")
+    with (tmp_path / "poses.txt").open("a") as file:
+        file.write("9.999992e-01 -1.154865e-03 -2.839928e-02 2.066324e-03 1.155958e-03 9.999971e-01 8.586941e-01\n")
+    _, world_from_cam = pose_files.read_kitti(tmp_path / "poses.txt")
+    rotation = world_from_cam[0, :3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
+    assert world_from_cam[0, 2, 3] == 0.8586941
+
+
+BAD_KITTI = {
+    "1 0 0 0 0 1 0 0 0 0 1": "line 2: 11 numbers, expected 12 (KITTI) or 13 (with a frame index)",
+    f"5 {IDENTITY}": "line 2: 13 numbers, but line 1 has 12",
+    "nan 0 0 0 0 1 0 0 0 0 1 0": "line 2: 'nan' is not finite",
+    "1 0 0 inf 0 1 0 0 0 0 1 0": "line 2: 'inf' is not finite",
+    "1 0 0 zero 0 1 0 0 0 0 1 0": "line 2: 'zero' is not a number",
+    "2 0 0 0 0 1 0 0 0 0 1 0": "line 2: not a rotation matrix: R R' is off the identity by 3",
+    "1 0 0 0 0 1 0 0 0 0 -1 0": "line 2: not a rotation matrix but a reflection",
+    "0 0 0 0 0 0 0 0 0 0 0 0": "line 2: not a rotation matrix",
+}
+
+
+@pytest.mark.parametrize(("bad", "message"), BAD_KITTI.items())
+def test_a_bad_line_of_a_kitti_file_is_named(tmp_path: Path, bad: str, message: str) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"{IDENTITY}\n{bad}\n{IDENTITY}\n")
+    with pytest.raises(BadData) as caught:
+        pose_files.read_kitti(path)
+    assert f"{path} {message}" in str(caught.value)
+    table, findings = pose_files.scan_kitti(path)
+    assert table.lines == (1, 3)
+    assert [finding.line for finding in findings] == [2]
+
+
+BAD_TUM = {
+    "1 0 0 0 0 0 0": "line 2: 7 numbers, expected 8",
+    "1 0 0 0 0 0 0 2": "line 2: the quaternion has length 2, expected 1",
+    "1 0 0 0 0 0 0 0": "line 2: the quaternion has length 0, expected 1",
+    "0 0 0 0 0 0 0 1": "line 2: time 0.0 is not after 0.0 of line 1",
+    "1 nan 0 0 0 0 0 1": "line 2: 'nan' is not finite",
+}
+
+
+@pytest.mark.parametrize(("bad", "message"), BAD_TUM.items())
+def test_a_bad_line_of_a_tum_file_is_named(tmp_path: Path, bad: str, message: str) -> None:
+    path = tmp_path / "tum.txt"
+    path.write_text(f"0 0 0 0 0 0 0 1\n{bad}\n2 0 0 0 0 0 0 1\n")
+    with pytest.raises(BadData) as caught:
+        pose_files.read_tum(path)
+    assert f"{path} {message}" in str(caught.value)
+    assert pose_files.scan_tum(path)[0].lines == (1, 3)
+
+
+@pytest.mark.parametrize(("first", "message"), [("-1", "whole number"), ("1.5", "whole number"), ("9", "not after")])
+def test_frame_indices_count_upwards(tmp_path: Path, first: str, message: str) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"{first} {IDENTITY}\n2 {IDENTITY}\n")
+    with pytest.raises(BadData, match=message):
+        pose_files.read_kitti(path)
+
+
+def test_every_bad_line_is_found_in_the_order_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"{IDENTITY}\n2 0 0 0 0 1 0 0 0 0 1 0\n1 2 3\nnan\n{IDENTITY}\n")
+    assert [finding.line for finding in pose_files.scan_kitti(path)[1]] == [2, 3, 4]
+
+
+@pytest.mark.parametrize("content", ["", "# nothing but this\n\n"])
+def test_a_file_without_poses_is_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(content)
+    for read in (pose_files.read_kitti, pose_files.read_tum, pose_files.read_trajectory):
+        with pytest.raises(BadData, match="holds no poses"):
+            read(path)
+    with pytest.raises(BadData, match="holds no times"):
+        pose_files.read_times(path)
+
+
+def test_files_that_are_no_text_or_not_there_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="does not exist"):
+        pose_files.read_trajectory(tmp_path / "none.txt")
+    (tmp_path / "picture.txt").write_bytes(b"\x89PNG\xff\xfe")
+    with pytest.raises(BadData, match="cannot be read as text"):
+        pose_files.read_trajectory(tmp_path / "picture.txt")
+
+
+def test_the_format_is_told_by_the_numbers_on_a_line(tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text("0 0 0 5 0 0 0 1\n")
+    assert pose_files.read_trajectory(path, is_metric=False).world_from_cam[0, 2, 3] == 5
+    assert not pose_files.read_trajectory(path, is_metric=False).is_metric
+    path.write_text(f"{IDENTITY}\n")
+    with pytest.raises(BadData, match="KITTI's format, which has no times"):
+        pose_files.read_trajectory(path)
+    with pytest.raises(BadData, match="1 poses for 2 frames, expected one each"):
+        pose_files.read_trajectory(path, np.array([0.0, 0.1]))
+    path.write_text("# x y z\n1 2 3\n")
+    with pytest.raises(BadData, match=r"line 2: 3 numbers, expected 8 \(TUM\), 12 or 13 \(KITTI\)"):
+        pose_files.read_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("0\n0.1\n0.1\n", "line 3: time 0.1 is not after 0.1 of line 2"), ("0\n1 2\n", "line 2: 2 numbers, expected one")],
+)
+def test_times_must_increase(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "times.txt").write_text(text)
+    with pytest.raises(BadData, match=message):
+        pose_files.read_times(tmp_path / "times.txt")
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    trajectory = Trajectory(np.eye(4)[None], np.array([0.0]), is_metric=True)
+    with pytest.raises(BadData, match="cannot be written"):
+        pose_files.write_tum(tmp_path / "no folder" / "tum.txt", trajectory)
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(BadData, match="cannot be written"):
+        pose_files.write_tum(tmp_path / "taken", trajectory)
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]

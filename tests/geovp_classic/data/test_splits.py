@@ -1,0 +1,90 @@
+"""Named splits hold what the documentation says, and a hash that follows their content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from geovp_classic.data import splits
+from geovp_classic.data.windows import FrameRange
+from geovp_classic.errors import BadData
+
+EXPECTED = {
+    "train": "00[0:569) raw0095[0:268)",
+    "val": "00[600:725) 03[0:180)",
+    "test": "03[180:360) 06[0:51)",
+    "test-colour": "00[757:1018)",
+    "deepvo-train": "00 02 08 09",
+    "deepvo-test": "03 04 05 06 07 10",
+    "forecast-train": "00 02 08 09",
+    "forecast-val": "01 04",
+    "forecast-test": "03 05 06 07 10",
+    "thesis-like-train": "00 02 05 06 08 09",
+    "thesis-like-val": "01 04",
+    "thesis-like-test": "07 10",
+}
+
+
+def test_every_split_that_is_named_is_stated_here() -> None:
+    assert splits.names() == sorted(EXPECTED)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_named_split_holds_its_ranges(name: str) -> None:
+    split = splits.load(name)
+    assert " ".join(map(str, split.ranges)) == EXPECTED[name]
+    assert split.about
+
+
+@pytest.mark.parametrize("family", ["", "forecast-", "thesis-like-", "deepvo-"])
+def test_no_frame_is_in_two_parts_of_a_family(family: str) -> None:
+    parts = [part for part in ("train", "val", "test", "test-colour") if family + part in EXPECTED]
+    frames: set[tuple[str, int]] = set()
+    for part in parts:
+        for range_ in splits.load(family + part).ranges:
+            here = {(range_.sequence, frame) for frame in range(range_.first, range_.last or 5000)}
+            assert not frames & here
+            frames |= here
+
+
+def test_the_hash_follows_the_ranges_and_nothing_else() -> None:
+    split = splits.load("test")
+    again = splits.parse("other", b'# comment\nranges = [ "03[180:360)",  "06[0:51)" ]', "other.toml")
+    assert splits.content_hash(split.ranges) == splits.content_hash(again.ranges)
+    assert splits.content_hash(split.ranges) != splits.content_hash(split.ranges[:1])
+    # sha256 of "03[180:360)\n06[0:51)", from `printf '03[180:360)\n06[0:51)' | sha256sum`
+    assert splits.content_hash(split.ranges) == "d0e9f82c1cf7af3ed2deda01d675bc811ee49374bf080b996bd049bb575b698a"
+
+
+def test_a_mistyped_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(BadData, match="no split is called 'tset': did you mean 'test'"):
+        splits.load("tset")
+    with pytest.raises(BadData, match=r"known are deepvo-test, .*or give a \.toml file"):
+        splits.load("#####")
+
+
+def test_a_users_own_file_is_a_split(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('ranges = ["06"]\n')
+    assert splits.load(str(path)) == splits.Split("mine", (FrameRange("06"),))
+    with pytest.raises(BadData, match="does not exist"):
+        splits.load(str(tmp_path / "none.toml"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("ranges = [", "is not TOML"),
+        ("", "expected ranges"),
+        ("ranges = []", "expected ranges"),
+        ("ranges = [6]", "expected ranges"),
+        ('ranges = ["06[3:1)"]', "holds no frame"),
+        ('ranges = ["06"]\nsequences = ["07"]', "'sequences' is not expected"),
+    ],
+)
+def test_a_file_that_is_no_split_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(BadData, match=message):
+        splits.load(str(path))

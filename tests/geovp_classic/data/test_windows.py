@@ -1,0 +1,150 @@
+"""Frame ranges, the starts of clips, and crops whose intrinsics agree with their pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.data import windows
+from geovp_classic.data.windows import FrameRange, Recording, SideCamera
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Intrinsics, Trajectory
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Frames held in memory."""
+
+    frames: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read(self, index: int) -> np.ndarray:
+        return self.frames[index]
+
+
+def recording_of(frames: np.ndarray, camera: Intrinsics, right: SideCamera | None = None) -> Recording:
+    count = len(frames)
+    world_from_cam = np.eye(4)[None].repeat(count, axis=0)
+    world_from_cam[:, 2, 3] = np.arange(count)
+    times_s = np.arange(count) / 10
+    trajectory = Trajectory(world_from_cam, times_s, is_metric=True)
+    return Recording("a", Pictures(frames), times_s, camera, trajectory, 1.65, right)
+
+
+def test_a_range_says_first_inclusive_and_last_exclusive() -> None:
+    assert FrameRange.parse("03[180:360)") == FrameRange("03", 180, 360)
+    assert FrameRange.parse(" raw0095 ") == FrameRange("raw0095", 0, None)
+    assert str(FrameRange("06").within(51)) == "06[0:51)"
+    with pytest.raises(BadData, match="sequence 03 has 300 frames"):
+        FrameRange.parse("03[180:360)").within(300)
+
+
+@given(st.from_regex(r"[a-z0-9_]{1,8}", fullmatch=True), st.integers(0, 10**6), st.integers(1, 10**6))
+def test_a_range_is_read_as_it_is_written(name: str, first: int, count: int) -> None:
+    frames = FrameRange(name, first, first + count)
+    assert FrameRange.parse(str(frames)) == frames
+
+
+@pytest.mark.parametrize(
+    "text", ["03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03[9:5)", "03 [0:4)"]
+)
+def test_other_ways_to_write_a_range_are_refused(text: str) -> None:
+    with pytest.raises(BadData, match=r"first|expected"):
+        FrameRange.parse(text)
+
+
+def test_clips_start_every_stride_and_end_inside() -> None:
+    # 51 frames, clips of 30: the last one that fits starts at 21
+    assert list(windows.starts(FrameRange("06", 0, 51), 30, 10)) == [0, 10, 20]
+    assert list(windows.starts(FrameRange("03", 180, 210), 30, 10)) == [180]
+    with pytest.raises(BadData, match=r"03\[180:209\) has 29 frames, but one clip needs 30"):
+        windows.starts(FrameRange("03", 180, 209), 30, 10)
+
+
+@given(st.integers(0, 50), st.integers(2, 60), st.integers(2, 20), st.integers(1, 9))
+def test_no_clip_leaves_its_range_and_none_is_forgotten(first: int, count: int, num_frames: int, stride: int) -> None:
+    if count < num_frames:
+        return
+    begun = windows.starts(FrameRange("a", first, first + count), num_frames, stride)
+    assert begun[0] == first
+    assert begun[-1] + num_frames <= first + count < begun[-1] + stride + num_frames
+
+
+@pytest.mark.parametrize(
+    ("num_frames", "stride", "size_px", "message"),
+    [
+        (1, 1, (8, 8), "num_frames is 1"),
+        (2, 0, (8, 8), "stride is 0"),
+        (2, 1, (8, 9), "a square"),
+        (2, 1, (0, 0), "a square"),
+    ],
+)
+def test_settings_that_make_no_clip_are_refused(
+    num_frames: int, stride: int, size_px: tuple[int, int], message: str
+) -> None:
+    with pytest.raises(BadData, match=message):
+        windows.check_protocol(num_frames, stride, size_px)
+
+
+def test_two_clips_of_one_name_are_refused() -> None:
+    with pytest.raises(BadData, match="clip a/000000 is named twice"):
+        windows.unique(["a/000000", "a/000010", "a/000000"])
+
+
+@pytest.mark.parametrize(
+    ("native_px", "side_px", "tolerance_px"),
+    [((1242, 375), 256, 0.01), ((1226, 370), 256, 0.01), ((416, 128), 128, 1e-6), ((416, 128), 256, 0.02)],
+)
+def test_a_corner_lands_where_the_intrinsics_say(native_px: tuple[int, int], side_px: int, tolerance_px: float) -> None:
+    width_px, height_px = native_px
+    corner_u, corner_v = width_px // 2 - 20, height_px // 2 + 13  # the first white column and row
+    frame = np.zeros((height_px, width_px, 3), np.uint8)
+    frame[corner_v:, corner_u:] = 255
+    camera = Intrinsics(720.0, 715.0, width_px / 2 + 7.3, height_px / 2 - 2.2, width_px, height_px)
+    clip = windows.cut(recording_of(frame[None].repeat(2, axis=0), camera), 0, 2, (side_px, side_px))
+    on_corner = np.array([corner_u - 0.5, corner_v - 0.5])  # between black and white
+    expected, _ = pinhole.project(pinhole.unproject(on_corner, np.array(9.0), camera), clip.intrinsics)
+    white = clip.frames[0, :, :, 0] / 255.0  # the share of a pixel's area that is white
+    found = [side_px - 0.5 - white[-1].sum(), side_px - 0.5 - white[:, -1].sum()]
+    np.testing.assert_allclose(found, expected, atol=tolerance_px)
+
+
+def test_a_clip_takes_its_own_frames_times_poses_and_views() -> None:
+    camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
+    frames = np.arange(6, dtype=np.uint8)[:, None, None, None] * np.ones((1, 4, 8, 3), np.uint8)
+    right_from_cam = np.eye(4)
+    right_from_cam[0, 3] = -0.5
+    recording = recording_of(frames, camera, SideCamera(Pictures(frames + 100), camera, right_from_cam))
+    clip = windows.cut(recording, 2, 3, (4, 4), with_wide=True)
+    assert clip.name == "a/000002"
+    assert clip.frames.shape == (3, 4, 4, 3)
+    assert clip.frames[:, 0, 0, 0].tolist() == [2, 3, 4]
+    assert clip.times_s.tolist() == [0.2, 0.3, 0.4]
+    assert clip.trajectory is not None
+    assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [2, 3, 4]
+    assert clip.camera_height_m == 1.65
+    assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
+    assert clip.wide is not None
+    assert clip.wide.frames.shape == (3, 4, 8, 3)
+    assert clip.wide.intrinsics == camera
+    np.testing.assert_array_equal(clip.wide.view_from_cam, np.eye(4))
+    assert clip.right is not None
+    assert clip.right.frames[:, 0, 0, 0].tolist() == [102, 103, 104]
+    np.testing.assert_array_equal(clip.right.view_from_cam, right_from_cam)
+    assert windows.cut(recording, 2, 3, (4, 4)).wide is None
+
+
+def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
+    camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
+    frames = np.zeros((5, 4, 8, 3), np.uint8)
+    with pytest.raises(BadData, match="a: 4 times for 5 frames"):
+        Recording("a", Pictures(frames), np.arange(4.0), camera)
+    with pytest.raises(BadData, match="a: 3 right frames for 5 frames"):
+        recording_of(frames, camera, SideCamera(Pictures(frames[:3]), camera, np.eye(4)))
