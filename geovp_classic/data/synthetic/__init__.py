@@ -1,0 +1,5 @@
+"""A synthetic street world: the data set that needs no download."""
+
+from geovp_classic.data.synthetic.dataset import Synthetic
+
+__all__ = ["Synthetic"]

@@ -1,0 +1,196 @@
+"""The embedded data set: clips of a car driving through synthetic streets, rendered on first use and kept on disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geovp_classic.data.synthetic import camera as cameras
+from geovp_classic.data.synthetic.drive import Manoeuvre
+from geovp_classic.data.synthetic.render import Footage, Optics, render_drive
+from geovp_classic.data.synthetic.world import World, build_world
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+
+RATE_HZ = 10.0
+DRIVE_FRAMES = 60  # as long as the traffic is interesting
+
+
+@dataclass(frozen=True)
+class Synthetic:
+    """A synthetic street world with exact poses, depths and moving masks.
+
+    The clips go round the manoeuvres of `drive.Manoeuvre`, each on a street of its own. After one round come later
+    windows of the same drives, `stride` frames on, and when the drives (DRIVE_FRAMES long) are used up, new streets.
+    The same settings give the same bytes. Clips are kept under `cache` (default: GEOVP_CACHE, else the user's cache
+    folder) and rendered again when a file there is damaged. `noise`, `exposure_drift`, `haze_per_m` and `gloss` set to
+    0 make a world whose surfaces look the same from everywhere; `finest_detail_m` smooths textures to that
+    size.
+    """
+
+    seed: int = 0
+    num_clips: int = 8
+    num_frames: int = 30
+    stride: int = 10
+    size_px: tuple[int, int] = (256, 256)
+    with_wide: bool = False
+    with_right: bool = False
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+    bounce: float = 1.0
+    noise: float = 1.5
+    exposure_drift: float = 0.02
+    haze_per_m: float = 0.0012
+    gloss: float = 1.0
+    finest_detail_m: float = 0.0
+    cache: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Raise BadData for settings that make no clip."""
+        if min(self.num_clips, self.num_frames, self.stride, *self.size_px) < 1:
+            raise BadData(
+                f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and size_px "
+                f"{tuple(self.size_px)} must all be at least 1"
+            )
+
+    @property
+    def name(self) -> str:
+        """What the results call it."""
+        return "synthetic"
+
+    def __len__(self) -> int:
+        """The number of clips."""
+        return self.num_clips
+
+    def __getitem__(self, index: int) -> Clip:
+        """One clip, from the cache or rendered now."""
+        if not -self.num_clips <= index < self.num_clips:
+            raise IndexError(f"synthetic clip {index} of {self.num_clips}")
+        index %= self.num_clips
+        file = self._folder() / f"{index:04d}.npz"
+        arrays = _read(file)
+        if arrays is None:
+            arrays = self._render(index)
+            _write(file, arrays)
+        return self._clip(index, arrays)
+
+    def window(self, index: int) -> tuple[int, Manoeuvre, int]:
+        """The seed of clip `index`'s street, what is driven there, and the first frame of the clip on that drive."""
+        kinds = list(Manoeuvre)
+        windows = max(1, 1 + (DRIVE_FRAMES - self.num_frames) // self.stride)
+        lap, kind = divmod(index, len(kinds))
+        return self.seed + 1000 * (lap // windows), kinds[kind], (lap % windows) * self.stride
+
+    def clip_name(self, index: int) -> str:
+        """As "seed0/left-turn-000": the street, the manoeuvre and the first frame."""
+        seed, manoeuvre, first = self.window(index)
+        return f"seed{seed}/{manoeuvre.value}-{first:03d}"
+
+    def _render(self, index: int) -> dict[str, FloatArray]:
+        seed, manoeuvre, first = self.window(index)
+        times_s = (first + np.arange(self.num_frames)) / RATE_HZ
+        world = _world(seed, manoeuvre)
+        world_from_cam = cameras.world_from_camera(world, times_s, seed, self.pitch_deg, self.roll_deg, self.bounce)
+        square, wide = cameras.square_camera(self.size_px), cameras.wide_camera(self.size_px)
+        footage = self._film(world, world_from_cam, wide if self.with_wide else square, times_s)
+        pictures = self._expose(footage, index, eye=0)
+        left = (pictures.shape[2] - square.width_px) // 2
+        middle = slice(left, left + square.width_px)
+        arrays = {
+            "world_from_cam": world_from_cam,
+            "times_s": times_s,
+            "frames": pictures[:, :, middle],
+            "depths": footage.depths[:, :, middle],
+            "moving": footage.moving[:, :, middle],
+        }
+        if self.with_wide:
+            arrays["wide"] = pictures
+        if self.with_right:
+            world_from_right = world_from_cam @ se3.inverse(_right_from_cam())
+            arrays["right"] = self._expose(self._film(world, world_from_right, wide, times_s), index, eye=1)
+        return arrays
+
+    def _film(self, world: World, world_from_cam: FloatArray, camera: Intrinsics, times_s: FloatArray) -> Footage:
+        return render_drive(
+            world, world_from_cam, camera, times_s, Optics(self.haze_per_m, self.gloss, self.finest_detail_m)
+        )
+
+    def _expose(self, footage: Footage, index: int, eye: int) -> FloatArray:
+        rng = np.random.default_rng([self.seed, index, eye, 99])
+        canvas_px = cameras.wide_camera(self.size_px).width_px
+        return cameras.exposed(footage.light, canvas_px, rng, self.noise, self.exposure_drift)
+
+    def _clip(self, index: int, arrays: Mapping[str, FloatArray]) -> Clip:
+        wide = cameras.wide_camera(self.size_px)
+        views = {
+            "wide": ExtraView(arrays["wide"], wide, np.eye(4)) if self.with_wide else None,
+            "right": ExtraView(arrays["right"], wide, _right_from_cam()) if self.with_right else None,
+        }
+        return Clip(
+            name=self.clip_name(index),
+            frames=arrays["frames"],
+            times_s=arrays["times_s"],
+            intrinsics=cameras.square_camera(self.size_px),
+            trajectory=Trajectory(arrays["world_from_cam"], arrays["times_s"], is_metric=True),
+            depths=arrays["depths"],
+            moving=arrays["moving"],
+            wide=views["wide"],
+            right=views["right"],
+            camera_height_m=cameras.CAMERA_HEIGHT_M,
+        )
+
+    def _folder(self) -> Path:
+        """Where clips of these settings, made by this code, are kept."""
+        settings = {key: value for key, value in dataclasses.asdict(self).items() if key not in ("cache", "num_clips")}
+        digest = hashlib.sha256((json.dumps(settings, sort_keys=True) + _code_version()).encode()).hexdigest()
+        return (self.cache or _user_cache()) / "synthetic" / digest[:16]
+
+
+def _right_from_cam() -> FloatArray:
+    """[4, 4] of the right camera, BASELINE_M beside the left one."""
+    return se3.compose(np.eye(3), np.array([-cameras.BASELINE_M, 0.0, 0.0]))
+
+
+def _user_cache() -> Path:
+    own = os.environ.get("GEOVP_CACHE")
+    return Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
+
+
+@functools.lru_cache(maxsize=2)
+def _world(seed: int, manoeuvre: Manoeuvre) -> World:
+    return build_world(seed, manoeuvre)
+
+
+@functools.lru_cache(maxsize=1)
+def _code_version() -> str:
+    """A hash of this package's source, so that pictures made by other code are not taken for this one's."""
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+
+
+def _read(file: Path) -> dict[str, FloatArray] | None:
+    """The arrays of a file whose parts have the checksums that zip keeps; None when it is missing or damaged."""
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+def _write(file: Path, arrays: Mapping[str, FloatArray]) -> None:
+    """Written beside and renamed into place, so that a reader never sees half a file."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as beside:
+        np.savez(beside, **arrays)
+    os.replace(beside.name, file)

@@ -1,0 +1,74 @@
+"""Look up textures, averaged over a pixel's footprint: mip-maps across, several taps along it."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from geovp_classic.data.synthetic.textures import Atlas
+from geovp_classic.types import FloatArray
+
+MOST_TAPS = 8  # along the longer side of a footprint
+
+
+def sample(
+    atlas: Atlas,
+    textures: FloatArray,  # [N] int
+    uv: FloatArray,  # [N, 2], in tiles; the pictures repeat
+    step_x: FloatArray,  # [N, 2], change of uv to the next pixel right
+    step_y: FloatArray,  # [N, 2], and down
+    finest: FloatArray | float = 0.0,  # [N], tiles; nothing smaller than this is resolved
+) -> FloatArray:
+    """RGBA [N, 4] float32 in 0..1, as bytes are: display brightness."""
+    count = len(textures)
+    out = np.empty((count, 4), dtype=np.float32)
+    finest_tiles = np.ascontiguousarray(np.broadcast_to(np.asarray(finest, dtype=np.float32), (count,)))
+    uv64, steps = np.asarray(uv, dtype=np.float64), np.stack([step_x, step_y], axis=1).astype(np.float32)
+    _sample(
+        atlas.texels,
+        atlas.starts,
+        atlas.widths,
+        atlas.heights,
+        textures.astype(np.int64),
+        uv64,
+        steps,
+        finest_tiles,
+        out,
+    )
+    return out
+
+
+@numba.njit(cache=True)
+def _sample(texels, starts, widths, heights, textures, uv, steps, finest, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    for i in range(len(textures)):
+        texture = textures[i]
+        full_width, full_height = widths[texture, 0], heights[texture, 0]
+        across = math.hypot(steps[i, 0, 0] * full_width, steps[i, 0, 1] * full_height)
+        down = math.hypot(steps[i, 1, 0] * full_width, steps[i, 1, 1] * full_height)
+        longer = 0 if across > down else 1
+        major, minor = max(across, down), min(across, down)
+        minor = max(minor, major / MOST_TAPS, finest[i] * full_height, 1.0)
+        taps = min(max(math.ceil(major / minor), 1), MOST_TAPS)
+        level = math.log2(minor)
+        low = int(level)
+        for channel in range(4):
+            out[i, channel] = 0.0
+        for k in range(2 * taps):  # every tap on two levels
+            tap, this = k >> 1, low + (k & 1)
+            share = (level - low if k & 1 else 1.0 - (level - low)) / taps
+            while widths[texture, this] == 0:
+                this -= 1
+            start, width, height = starts[texture, this], widths[texture, this], heights[texture, this]
+            place = (tap + 0.5) / taps - 0.5
+            x = (uv[i, 0] + place * steps[i, longer, 0]) * width - 0.5
+            y = (uv[i, 1] + place * steps[i, longer, 1]) * height - 0.5
+            column, row = math.floor(x), math.floor(y)
+            fx, fy = x - column, y - row
+            for corner in range(4):
+                right, below = corner & 1, corner >> 1
+                weight = share * (fx if right else 1.0 - fx) * (fy if below else 1.0 - fy) / 255.0
+                texel = start + ((row + below) % height) * width + (column + right) % width
+                for channel in range(4):
+                    out[i, channel] += weight * texels[texel, channel]
