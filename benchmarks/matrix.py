@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import re
 import tomllib
@@ -86,6 +87,18 @@ class Matrix:
         ]
         whole = [CellPlan(entry.num_samples, predictor=name) for name, entry in self.predictors.items()]
         return (*crossed, *whole)
+
+    def to_json(self) -> str:
+        """The matrix as plain text, for another process."""
+        return json.dumps(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Matrix:
+        """What `to_json` wrote."""
+        fields = json.loads(text)
+        for table in ("pose_sources", "predictors"):
+            fields[table] = {name: Entry(**entry) for name, entry in fields[table].items()}
+        return cls(**{**fields, "size_px": tuple(fields["size_px"])})
 
     def with_root(self, root: Path | None) -> Matrix:
         """The same matrix with the data set's root replaced, or with $VARIABLES in it spelled out."""

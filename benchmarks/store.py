@@ -122,8 +122,9 @@ class Part:
     index: int
     clips: tuple[str, ...]
     fingerprint: str  # of the cell and the protocol that it was computed with
+    metrics: Mapping[str, Any]  # the resolved metric behind each column
     seconds: Mapping[str, float]  # per stage, summed over its clips
-    peak_memory_mb: float
+    peak_memory_mb: float  # the highest resident memory of the process so far, whatever it did before
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,11 @@ class Results:
         a stored row's metric is such a name, or one with a pixel set behind it: "psnr@covered".
         """
         return _read_json(self.root / "protocol.json", "not a results folder: give one that `geovp run` wrote")
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything was ever written here."""
+        return (self.root / "protocol.json").exists()
 
     def cells(self) -> list[Cell]:
         """All cells that have been begun, in the order of the matrix file."""
@@ -231,6 +237,7 @@ class Results:
         facts = {
             "clips": list(part.clips),
             "fingerprint": part.fingerprint,
+            "metrics": dict(part.metrics),
             "seconds": dict(part.seconds),
             "peak_memory_mb": part.peak_memory_mb,
         }
@@ -259,6 +266,10 @@ class Results:
             if getattr(clip, field) is not None:
                 arrays[field] = getattr(clip, field)
         _write_npz(self.root / "clips" / _file(clip.name), arrays)
+
+    def remove_clips(self) -> None:
+        """Remove the kept clips, of another protocol by now."""
+        shutil.rmtree(self.root / "clips", ignore_errors=True)
 
     def remove_part(self, cell: str, index: int) -> None:
         """Remove a part that is stale."""
@@ -303,7 +314,7 @@ def _part(path: Path) -> Part | None:
     try:
         facts = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
         index = int(path.stem.removeprefix("part-"))
-        return Part(index, tuple(facts["clips"]), facts["fingerprint"], facts["seconds"], facts["peak_memory_mb"])
+        return Part(index, **{**facts, "clips": tuple(facts["clips"])})
     except (OSError, KeyError, TypeError, ValueError):  # pa.ArrowInvalid is a ValueError
         return None
 

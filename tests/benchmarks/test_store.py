@@ -83,8 +83,8 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
 
 def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part("x", rows(3.0, None), Part(1, ("b",), "f", {"view": 2.0}, 10.0))
-    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {"view": 1.0}, 11.0))
+    results.write_part("x", rows(3.0, None), Part(1, ("b",), "f", {}, {"view": 2.0}, 10.0))
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {"view": 1.0}, 11.0))
     assert results.scores("x")["value"].to_pylist() == [1.0, 3.0, None]
     assert results.scores()["cell"].to_pylist() == ["x"] * 3
     assert [(part.index, part.clips, part.seconds) for part in results.parts("x")] == [
@@ -95,8 +95,8 @@ def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Pa
 
 def test_parts_of_an_older_cell_and_half_a_file_do_not_count(tmp_path: Path) -> None:
     results = begun(tmp_path, fingerprint="new")
-    results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, 0.0))
-    results.write_part("x", rows(2.0), Part(1, ("b",), "new", {}, 0.0))
+    results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, {}, 0.0))
+    results.write_part("x", rows(2.0), Part(1, ("b",), "new", {}, {}, 0.0))
     whole = (tmp_path / "x/scores/part-00001.parquet").read_bytes()
     (tmp_path / "x/scores/part-00002.parquet").write_bytes(whole[: len(whole) // 2])
     assert [part.index for part in results.parts("x")] == [1]

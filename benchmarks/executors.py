@@ -1,0 +1,103 @@
+"""Where chunks of work are done: here, in other processes of this machine, or on a Dask cluster.
+
+An executor maps a picklable function over tasks and yields the results as they come. It takes the next task only when
+it has room for it, so that whoever makes the tasks may look at earlier results first.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+from geovp_classic.errors import BadData, GeovpError, MissingExtra
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+AHEAD = 2  # tasks a worker, so that none waits for the next one
+
+
+class Executor(Protocol):
+    """Does the tasks of a run."""
+
+    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """The results in any order; the function's own errors are raised."""
+        ...
+
+
+@dataclass(frozen=True)
+class Serial:
+    """One task after the other, in this process."""
+
+    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """The results in the order of the tasks."""
+        return map(function, tasks)
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Several processes on this machine, each with an equal share of its cores."""
+
+    workers: int = 2
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless there is at least one worker."""
+        if self.workers < 1:
+            raise BadData(f"workers is {self.workers}, expected 1 or more")
+
+    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """The results as they come; GeovpError when a process dies."""
+        threads = max(1, (os.cpu_count() or 1) // self.workers)
+        pool = futures.ProcessPoolExecutor(
+            self.workers, multiprocessing.get_context("spawn"), _limit_threads, (threads,)
+        )
+        waiting: set[futures.Future[Result]] = set()
+        try:
+            for task in tasks:
+                waiting.add(pool.submit(function, task))
+                if len(waiting) >= AHEAD * self.workers:
+                    done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
+                    yield from (future.result() for future in done)
+            yield from (future.result() for future in futures.as_completed(waiting))
+        except BrokenProcessPool as error:
+            raise GeovpError("a worker process died (out of memory?): run again, with fewer --workers") from error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@dataclass(frozen=True)
+class Dask:
+    """A Dask cluster whose workers see this machine's file system under the same paths."""
+
+    address: str
+
+    def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
+        """The results as they come; MissingExtra without Dask, BadData when nobody answers at the address."""
+        try:
+            import distributed
+        except ModuleNotFoundError as error:
+            raise MissingExtra("a Dask cluster needs dask: pip install 'geovp-classic[cluster]'") from error
+        try:
+            client = distributed.Client(self.address, timeout=10)
+        except (OSError, ValueError) as error:
+            raise BadData(f"no Dask scheduler answers at {self.address!r}: give one such as tcp://host:8786") from error
+        with client:
+            room = AHEAD * max(1, sum(client.nthreads().values()))
+            submitted = distributed.as_completed()
+            for task in tasks:
+                submitted.add(client.submit(function, task, pure=False))
+                if submitted.count() >= room:
+                    yield next(submitted).result()
+            for future in submitted:
+                yield future.result()
+
+
+def _limit_threads(count: int) -> None:
+    """Keep the libraries of a worker, which are imported later, from starting a thread a core each."""
+    for variable in THREAD_LIMITS:
+        os.environ.setdefault(variable, str(count))

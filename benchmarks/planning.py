@@ -1,0 +1,180 @@
+"""What is settled before the first clip is read: components, clips, metrics, and protocol.json, which says them all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from benchmarks.matrix import COVERAGE, Matrix
+from benchmarks.store import Results
+from benchmarks.workshop import Failure, Workshop, workshop
+from geovp_classic import registry
+from geovp_classic.errors import BadData, MissingExtra
+
+CLIPS_PER_PART = 2
+KEPT_BY_DEFAULT = 3
+VERSIONS_OF = ("geovp-classic", "numpy", "scipy", "opencv-contrib-python-headless", "open3d", "pycolmap", "torch")
+NOT_THE_DATA = ("with_wide", "with_right")  # follow from what the components ask for
+
+
+@runtime_checkable
+class HasSplit(Protocol):
+    """A data set that can say which frames it is made of."""
+
+    @property
+    def split_hash(self) -> str:
+        """The same for all who have the same frames."""
+        ...
+
+
+@runtime_checkable
+class StatesProtocol(Protocol):
+    """A metric that says by which of the usual definitions it goes."""
+
+    @property
+    def protocol(self) -> str:
+        """The definition in a few words."""
+        ...
+
+
+@dataclass(frozen=True)
+class Options:
+    """How much of a matrix is run."""
+
+    limit: int | None = None  # only the first clips
+    keep: int | None = KEPT_BY_DEFAULT  # predictions kept of so many clips, None for all
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Everything that is settled before the first clip is read."""
+
+    shop: Workshop
+    results: Results
+    clips: tuple[str, ...]
+    kept: frozenset[str]
+    unavailable: Mapping[str, str]  # metric -> why
+    shared: str  # the protocol's part of all fingerprints
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The metrics that can be computed here."""
+        return tuple(name for name in self.shop.metrics if name not in self.unavailable)
+
+    @property
+    def chunks(self) -> list[dict[int, str]]:
+        """Clips by number, CLIPS_PER_PART at a time; the i-th is what part i is about."""
+        numbered = list(enumerate(self.clips))
+        return [dict(numbered[i : i + CLIPS_PER_PART]) for i in range(0, len(numbered), CLIPS_PER_PART)]
+
+
+def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
+    """Build everything once, choose the clips and write protocol.json."""
+    shop = workshop(matrix.to_json())
+    clips = shop.clip_names[: options.limit]
+    if not clips:
+        raise BadData("the data set has no clip of that length: give a longer sequence or fewer frames a clip")
+    plan = Plan(shop, results, clips, _kept(clips, options.keep), _unavailable(shop), _shared(shop))
+    before = results.protocol() if results.begun else {}
+    if before.get("fingerprint") == plan.shared:
+        if options.limit is not None and len(before["clips"]) > len(clips):
+            raise BadData(
+                f"{results.root} holds {len(before['clips'])} clips, more than --limit {options.limit} would leave: "
+                "give another folder with --out"
+            )
+    else:
+        results.remove_clips()
+    results.write_protocol(_protocol(plan))
+    return plan
+
+
+def _protocol(plan: Plan) -> dict[str, Any]:
+    matrix = plan.shop.matrix
+    return {
+        "name": matrix.name,
+        "dataset": registry.describe(plan.shop.dataset),
+        "dataset_name": plan.shop.dataset.name,
+        "split_hash": _split_hash(plan.shop),
+        "num_past": matrix.num_past,
+        "num_future": matrix.num_future,
+        "size_px": list(matrix.size_px),
+        "stride": matrix.stride,
+        "metrics": _metrics(plan),
+        "cells": [cell.name for cell in matrix.cells],
+        "clips": list(plan.clips),
+        "fingerprint": plan.shared,
+        "versions": _versions(),
+    }
+
+
+def _metrics(plan: Plan) -> dict[str, Any]:
+    """What the columns mean."""
+    entries: dict[str, Any] = {}
+    for name, metric in plan.shop.metrics.items():
+        role = "frame" if name in plan.shop.matrix.frame_metrics else "trajectory"
+        entries[name] = {"role": role, "unavailable": plan.unavailable.get(name)}
+        if not isinstance(metric, Failure):
+            entries[name] |= {"unit": metric.unit, "higher_is_better": metric.higher_is_better}
+            entries[name] |= {"component": registry.describe(metric)}
+            entries[name]["definition"] = metric.protocol if isinstance(metric, StatesProtocol) else ""
+    definition = "share of pixels that were not invented"
+    coverage = {"unit": "", "higher_is_better": True, "definition": definition, "unavailable": None}
+    return {**entries, COVERAGE: {"role": "frame", **coverage}}
+
+
+def _unavailable(shop: Workshop) -> dict[str, str]:
+    """Why metrics cannot be computed here; a frame metric is tried, since its weights may be missing."""
+    reasons = {name: metric.reason for name, metric in shop.metrics.items() if isinstance(metric, Failure)}
+    width_px, height_px = shop.matrix.size_px
+    blank = np.zeros((1, height_px, width_px, 3), np.uint8)
+    for name in shop.matrix.frame_metrics:
+        if name not in reasons:
+            try:
+                shop.metrics[name](blank, blank, None)
+            except MissingExtra as error:
+                reasons[name] = str(error)
+    return reasons
+
+
+def _kept(clips: tuple[str, ...], keep: int | None) -> frozenset[str]:
+    """So many clips, spread over all of them."""
+    count = len(clips) if keep is None else min(keep, len(clips))
+    return frozenset(clips[int((i + 0.5) * len(clips) / count)] for i in range(count))
+
+
+def _shared(shop: Workshop) -> str:
+    """A hash of everything but the cell that a row depends on."""
+    matrix = shop.matrix
+    dataset = {key: value for key, value in registry.describe(shop.dataset).items() if key not in NOT_THE_DATA}
+    if "root" in dataset:
+        dataset["root"] = str(Path(dataset["root"]).resolve())
+    numbers = [matrix.num_past, matrix.num_future, matrix.stride, *matrix.size_px]
+    return content_hash({"dataset": dataset, "split": _split_hash(shop), "numbers": numbers})
+
+
+def _split_hash(shop: Workshop) -> str:
+    """The data set's own, or that of its clips' names."""
+    return shop.dataset.split_hash if isinstance(shop.dataset, HasSplit) else content_hash(list(shop.clip_names))
+
+
+def content_hash(value: Any) -> str:
+    """SHA-256 of anything that JSON can say, the order of keys aside."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def _versions() -> dict[str, str]:
+    installed = {"python": platform.python_version()}
+    for package in VERSIONS_OF:
+        try:
+            installed[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return installed

@@ -1,0 +1,144 @@
+"""Fill what is missing or stale of a matrix's results, whatever happened to earlier runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from benchmarks.executors import Executor
+from benchmarks.matrix import CellPlan, Matrix
+from benchmarks.planning import Options, Plan, content_hash, prepare
+from benchmarks.store import Cell, Part, Results
+from benchmarks.workshop import Failure, Report, Task, compute
+from geovp_classic import registry
+from geovp_classic.types import Grant
+
+Progress = Callable[[int, int], None]  # (clips done, clips in all), both times cells
+
+
+@dataclass(frozen=True)
+class _State:
+    """What is left to do of each cell that can be computed, and what went wrong."""
+
+    missing: dict[str, set[int]]  # cell -> chunks
+    failures: dict[str, tuple[int, Failure]] = field(default_factory=dict)  # cell -> of its first chunk that failed
+
+    def left(self, chunks: list[dict[int, str]]) -> int:
+        """Clips times cells that are still to be done."""
+        open_cells = (indices for name, indices in self.missing.items() if name not in self.failures)
+        return sum(len(chunks[index]) for indices in open_cells for index in indices)
+
+
+def run(matrix: Matrix, results: Results, options: Options, executor: Executor, progress: Progress) -> list[Cell]:
+    """Compute what is missing and return all cells; BadData when the matrix or the data set is wrong."""
+    plan = prepare(matrix, results, options)
+    plans = {cell.name: cell for cell in matrix.cells}
+    records = {name: _begin(plan, cell) for name, cell in plans.items()}
+    state = _State({name: _missing(plan, name) for name, record in records.items() if "fingerprint" in record})
+    chunks = plan.chunks
+    total = state.left(chunks)
+    progress(0, total)
+    try:
+        for report in executor.map(compute, _tasks(plan, state, records)):
+            _note(report, state)
+            progress(total - state.left(chunks), total)
+    finally:
+        for name in state.missing:
+            _finish(plan, name, records[name], state)
+    return results.cells()
+
+
+def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
+    """The record of a cell, written; what is on disk of another one is removed. No fingerprint: it cannot be built."""
+    parts = plan.shop.parts(cell)
+    before = plan.results.cell(cell.name)
+    names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
+    record: dict[str, Any] = {"label": cell.label, "kind": cell.kind, **names, "num_samples": cell.num_samples}
+    record |= {"asked": plan.shop.specs(cell), "protocol": plan.shared}
+    failures = [part for part in parts.values() if isinstance(part, Failure)]
+    if failures:
+        _begin_without(plan, cell.name, record, failures[0])
+        return record
+    components = {role: registry.describe(part) for role, part in parts.items()}
+    needs = plan.shop.needs(cell)
+    record |= {"components": components, "grants": [str(grant.name) for grant in Grant if grant in needs]}
+    record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
+    if before is None or before.fingerprint != record["fingerprint"]:
+        plan.results.remove_cell(cell.name)
+    plan.results.write_cell(cell.name, {**record, "status": "partial", **_tally(plan.results.parts(cell.name))})
+    return record
+
+
+def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Failure) -> None:
+    """Write the record of a cell that cannot be built here, unless its rows were computed where it could."""
+    before = plan.results.cell(name)
+    same = before is not None and all(before.record.get(key) == value for key, value in record.items())
+    if before is None or not same or before.num_clips == 0:
+        plan.results.remove_cell(name)
+        nothing = {"components": {}, "grants": [], "fingerprint": "", **_tally([])}
+        plan.results.write_cell(name, {**record, **nothing, "status": failure.status, "reason": failure.reason})
+
+
+def _missing(plan: Plan, name: str) -> set[int]:
+    """The chunks that a cell lacks; parts that no longer fit are removed."""
+    chunks = plan.chunks
+    specs = {column: registry.describe(plan.shop.metrics[column]) for column in plan.columns}
+    kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
+    missing = set(range(len(chunks)))
+    for part in plan.results.parts(name):
+        if part.index >= len(chunks) or part.clips != tuple(chunks[part.index].values()):
+            plan.results.remove_part(name, part.index)
+            continue
+        measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
+        if measured and plan.kept.intersection(part.clips) <= kept:
+            missing.discard(part.index)
+    return missing
+
+
+def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) -> Iterator[Task]:
+    """A task per chunk, without the cells that have failed by then."""
+    matrix = plan.shop.matrix
+    for index, clips in enumerate(plan.chunks):
+        cells = [cell for cell in matrix.cells if index in state.missing.get(cell.name, ())]
+        cells = [cell for cell in cells if cell.name not in state.failures]
+        if cells:
+            fingerprints = {cell.name: str(records[cell.name]["fingerprint"]) for cell in cells}
+            yield Task(
+                matrix=matrix.to_json(),
+                root=str(plan.results.root),
+                chunk=index,
+                clips=clips,
+                cells=tuple(cells),
+                fingerprints=fingerprints,
+                columns=plan.columns,
+                kept=plan.kept,
+            )
+
+
+def _note(report: Report, state: _State) -> None:
+    """Strike off what is on disk; of several failures of a cell the one of the first chunk is told, in any order."""
+    index = report.task.chunk
+    for cell in report.task.cells:
+        failure = report.failures.get(cell.name)
+        if failure is None:
+            state.missing[cell.name].discard(index)
+        elif cell.name not in state.failures or index < state.failures[cell.name][0]:
+            state.failures[cell.name] = (index, failure)
+
+
+def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> None:
+    """Write what became of a cell."""
+    verdict: dict[str, Any] = {"status": "partial" if state.missing[name] else "done"}
+    if name in state.failures:
+        failure = state.failures[name][1]
+        verdict = {"status": failure.status, "reason": failure.reason, "traceback": failure.traceback}
+    plan.results.write_cell(name, {**record, **verdict, **_tally(plan.results.parts(name))})
+
+
+def _tally(parts: list[Part]) -> dict[str, Any]:
+    """What the parts of a cell took together."""
+    stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
+    seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
+    peak_mb = max((part.peak_memory_mb for part in parts), default=0.0)
+    return {"num_clips": sum(len(part.clips) for part in parts), "seconds": seconds, "peak_memory_mb": peak_mb}

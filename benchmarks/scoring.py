@@ -1,0 +1,113 @@
+"""One prediction against one clip: the rows that go into a part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pyarrow as pa
+
+from benchmarks.matrix import COVERAGE
+from benchmarks.store import SCORES
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
+from geovp_classic.metrics.strata import strata
+from geovp_classic.metrics.trajectory import relative_to_last_observed
+from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Prediction, Target, Trajectory
+
+EVERYTHING = ~Grant.NONE
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """What predictions are measured with, by the names of the columns."""
+
+    frame: Mapping[str, FrameMetric]
+    trajectory: Mapping[str, TrajectoryMetric]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A clip with what is needed to score any prediction of it."""
+
+    clip: Clip
+    num_past: int
+
+    @cached_property
+    def truth(self) -> tuple[Context, Target]:
+        """Everything that is known about past and future; for scoring alone."""
+        return self.clip.split(self.num_past, EVERYTHING)
+
+    @cached_property
+    def pixel_sets(self) -> Mapping[str, BoolArray]:
+        """Masks [F, H, W] of pixels that are scored apart; none for a clip without exact depth."""
+        return strata(*self.truth)
+
+    @cached_property
+    def future(self) -> Trajectory | None:
+        """The real future as seen from the last observed camera, where poses are known."""
+        context, target = self.truth
+        if context.past is None or target.trajectory is None:
+            return None
+        return relative_to_last_observed(context.past, target.trajectory.world_from_cam, target.trajectory.times_s)
+
+
+def score(case: Case, prediction: Prediction, metrics: Metrics) -> pa.Table:
+    """All rows of one clip, ordered by sample, metric and step; BadData when the prediction is of another size."""
+    expected = case.truth[1].frames.shape
+    if prediction.frames.shape[1:] != expected:
+        raise BadData(f"predicted frames have shape {prediction.frames.shape}, expected (S, {str(expected)[1:]}")
+    if prediction.motion is not None and len(prediction.motion.futures) not in (1, len(prediction.frames)):
+        futures = len(prediction.motion.futures)
+        raise BadData(
+            f"{futures} predicted futures for {len(prediction.frames)} samples, expected one each or one for all"
+        )
+    blocks = [
+        _block(case.clip.name, sample, name, values)
+        for sample in range(len(prediction.frames))
+        for name, values in _values(case, prediction, sample, metrics)
+    ]
+    return pa.concat_tables(blocks) if blocks else SCORES.empty_table()
+
+
+def _values(case: Case, prediction: Prediction, sample: int, metrics: Metrics) -> Iterator[tuple[str, FloatArray]]:
+    """(column, one number per step [F]) of one sample."""
+    predicted, target = prediction.frames[sample], case.truth[1].frames
+    covered = None if prediction.covered is None else prediction.covered[sample]
+    masks: dict[str, BoolArray | None] = {"": None}
+    if covered is not None:
+        masks["@covered"] = covered
+        yield COVERAGE, covered.mean(axis=(1, 2))
+    masks.update({f"@{name}": mask for name, mask in case.pixel_sets.items()})
+    for name, frame_metric in metrics.frame.items():
+        for suffix, mask in masks.items():
+            yield name + suffix, frame_metric(predicted, target, mask)
+    future = _future(case, prediction, sample)
+    if future is not None and case.future is not None:
+        for name, trajectory_metric in metrics.trajectory.items():
+            yield name, trajectory_metric(future, case.future)
+
+
+def _future(case: Case, prediction: Prediction, sample: int) -> Trajectory | None:
+    """The predicted future as seen from the predicted last observed camera; one future may serve all samples."""
+    if prediction.motion is None:
+        return None
+    futures = prediction.motion.futures
+    times_s = case.truth[0].times_s[case.num_past :]
+    return relative_to_last_observed(prediction.motion.past, futures[sample % len(futures)], times_s)
+
+
+def _block(clip: str, sample: int, metric: str, values: FloatArray) -> pa.Table:
+    count = len(values)
+    steps = np.arange(1, count + 1, dtype=np.int32)
+    numbers = np.asarray(values, dtype=np.float64)
+    columns = [
+        pa.array([clip] * count, pa.string()),
+        pa.array(np.full(count, sample, np.int32)),
+        pa.array(steps),
+        pa.array([metric] * count, pa.string()),
+        pa.array(numbers, mask=np.isnan(numbers)),
+    ]
+    return pa.table(columns, schema=SCORES)

@@ -1,0 +1,219 @@
+"""The components of a matrix, built, and the computing of one chunk of clips with them; runs in any process."""
+
+from __future__ import annotations
+
+import functools
+import resource
+import sys
+import traceback
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import pyarrow as pa
+
+from benchmarks.matrix import CellPlan, Matrix, Spec
+from benchmarks.remembering import Memory, RememberingPoseSource, RememberingRenderer, Stopwatch
+from benchmarks.scoring import Case, Metrics, score
+from benchmarks.store import Part, Results
+from geovp_classic import registry
+from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_classic.interfaces import Dataset, FramePredictor
+from geovp_classic.predictors import GeometricPredictor
+from geovp_classic.types import Clip, Grant
+
+
+@runtime_checkable
+class ListsClips(Protocol):
+    """A data set that knows its clips' names without reading them."""
+
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """The names in order."""
+        ...
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a cell, a component or a metric cannot go on."""
+
+    status: str  # "skipped" or "failed"
+    reason: str
+    traceback: str = ""
+
+    @classmethod
+    def of(cls, error: Exception) -> Failure:
+        """Skipped when the parts do not suit each other or something is not installed, failed otherwise."""
+        if isinstance(error, (Incompatible, MissingExtra)):
+            return cls("skipped", str(error))
+        trace = "".join(traceback.format_exception(error))
+        reason = str(error) if isinstance(error, BadData) else f"{type(error).__name__}: {error}"
+        return cls("failed", reason.strip().partition("\n")[0], trace)
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """The built components of a matrix by role and name, a Failure in place of one that cannot be built here."""
+
+    matrix: Matrix
+    dataset: Dataset
+    components: Mapping[tuple[str, str], Any]
+    metrics: Mapping[str, Any]
+
+    @functools.cached_property
+    def clip_names(self) -> tuple[str, ...]:
+        """The names of all clips of the data set, in order."""
+        if isinstance(self.dataset, ListsClips):
+            return tuple(self.dataset.clip_names)
+        return tuple(self.dataset[index].name for index in range(len(self.dataset)))
+
+    def parts(self, plan: CellPlan) -> dict[str, Any]:
+        """The components of a cell: pose_source and renderer, or predictor."""
+        if plan.predictor is not None:
+            return {"predictor": self.components["predictors", plan.predictor]}
+        source, renderer = str(plan.pose_source), str(plan.renderer)
+        return {
+            "pose_source": self.components["pose_sources", source],
+            "renderer": self.components["renderers", renderer],
+        }
+
+    def specs(self, plan: CellPlan) -> dict[str, Spec]:
+        """The same as the matrix file has it."""
+        if plan.predictor is not None:
+            return {"predictor": self.matrix.predictors[plan.predictor].spec}
+        source, renderer = str(plan.pose_source), str(plan.renderer)
+        return {"pose_source": self.matrix.pose_sources[source].spec, "renderer": self.matrix.renderers[renderer]}
+
+    def needs(self, plan: CellPlan) -> Grant:
+        """What the components of a cell need together."""
+        return functools.reduce(Grant.__or__, (part.needs for part in self.parts(plan).values()))
+
+    def predictor(self, plan: CellPlan, memory: Memory, watch: Stopwatch) -> FramePredictor:
+        """The predictor of a cell; one made of two parts shares its motions and scenes through the memory."""
+        parts = self.parts(plan)
+        if plan.predictor is not None:
+            whole: FramePredictor = parts["predictor"]
+            return whole
+        return GeometricPredictor(
+            RememberingPoseSource(str(plan.pose_source), parts["pose_source"], memory, watch),
+            RememberingRenderer(str(plan.renderer), parts["renderer"], memory, watch),
+        )
+
+    def chosen(self, columns: tuple[str, ...]) -> Metrics:
+        """The metrics of these columns."""
+        frame = {name: self.metrics[name] for name in self.matrix.frame_metrics if name in columns}
+        return Metrics(frame, {name: self.metrics[name] for name in self.matrix.trajectory_metrics if name in columns})
+
+
+@dataclass(frozen=True)
+class Task:
+    """A chunk of clips and the cells that lack it; plain data, so that it can travel."""
+
+    matrix: str  # Matrix.to_json
+    root: str
+    chunk: int
+    clips: Mapping[int, str]  # number in the data set -> name
+    cells: tuple[CellPlan, ...]
+    fingerprints: Mapping[str, str]
+    columns: tuple[str, ...]
+    kept: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What became of a task; its parts are on disk."""
+
+    task: Task
+    failures: Mapping[str, Failure]
+
+
+@dataclass(frozen=True)
+class _Tally:
+    """What one cell has so far in this chunk."""
+
+    watch: Stopwatch = field(default_factory=Stopwatch)
+    rows: list[pa.Table] = field(default_factory=list)
+
+
+@functools.lru_cache(maxsize=1)
+def workshop(matrix_json: str) -> Workshop:
+    """The workshop of a matrix; a component's wrong name or setting is raised, what is not installed is kept."""
+    matrix = Matrix.from_json(matrix_json)
+    components = {key: _build(*key, spec) for key, spec in _specs(matrix)}
+    needs = [part.needs for part in components.values() if not isinstance(part, Failure)]
+    dataset = matrix.build_dataset(functools.reduce(Grant.__or__, needs, Grant.NONE))
+    roles = {"frame_metrics": matrix.frame_metrics, "trajectory_metrics": matrix.trajectory_metrics}
+    metrics = {name: _build(role, name, spec) for role, specs in roles.items() for name, spec in specs.items()}
+    return Workshop(matrix, dataset, components, metrics)
+
+
+def compute(task: Task) -> Report:
+    """Predict and score the clips of a task in all its cells and write a part for every cell that went through."""
+    shop, results = workshop(task.matrix), Results(Path(task.root))
+    tallies = {plan.name: _Tally() for plan in task.cells}
+    failures: dict[str, Failure] = {}
+    for index, name in task.clips.items():
+        case = Case(_clip(shop, index, name), shop.matrix.num_past)
+        if name in task.kept:
+            results.write_clip(case.clip)
+        memory = Memory()
+        for plan in (plan for plan in task.cells if plan.name not in failures):
+            try:
+                _predict_and_score(shop, plan, case, memory, tallies[plan.name], task)
+            except Exception as error:  # the cell's failure is recorded and the matrix goes on
+                failures[plan.name] = Failure.of(error)
+    specs = {column: registry.describe(shop.metrics[column]) for column in task.columns}
+    for name in (plan.name for plan in task.cells if plan.name not in failures):
+        tally = tallies[name]
+        clips = tuple(task.clips.values())
+        part = Part(task.chunk, clips, task.fingerprints[name], specs, tally.watch.seconds, peak_memory_mb())
+        results.write_part(name, pa.concat_tables(tally.rows), part)
+    return Report(task, failures)
+
+
+def peak_memory_mb() -> float:
+    """The highest resident memory of this process since it began (getrusage's ru_maxrss) in MiB."""
+    unit = 2**20 if sys.platform == "darwin" else 2**10  # bytes there, KiB elsewhere
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
+
+
+def _predict_and_score(shop: Workshop, plan: CellPlan, case: Case, memory: Memory, tally: _Tally, task: Task) -> None:
+    predictor = shop.predictor(plan, memory, tally.watch)
+    context, _ = case.clip.split(case.num_past, predictor.needs)
+    if plan.predictor is None:
+        prediction = predictor.predict(context, plan.num_samples)  # its parts are timed one by one
+    else:
+        with tally.watch.time("predict"):
+            prediction = predictor.predict(context, plan.num_samples)
+    if case.clip.name in task.kept:
+        Results(Path(task.root)).write_prediction(plan.name, case.clip.name, prediction)
+    _ = case.pixel_sets  # computed once for all cells, so charged to none
+    with tally.watch.time("metrics"):
+        tally.rows.append(score(case, prediction, shop.chosen(task.columns)))
+
+
+def _clip(shop: Workshop, index: int, name: str) -> Clip:
+    clip = shop.dataset[index]
+    wanted = shop.matrix.num_past + shop.matrix.num_future
+    if clip.name != name:
+        raise BadData(f"clip {index} of the data set is called {clip.name!r} now and {name!r} before: it must stay")
+    if len(clip) != wanted:
+        raise BadData(f"{clip.name}: {len(clip)} frames, expected num_past + num_future = {wanted}")
+    return clip
+
+
+def _specs(matrix: Matrix) -> Iterator[tuple[tuple[str, str], Spec]]:
+    for name, source in matrix.pose_sources.items():
+        yield ("pose_sources", name), source.spec
+    for name, renderer in matrix.renderers.items():
+        yield ("renderers", name), renderer
+    for name, predictor in matrix.predictors.items():
+        yield ("predictors", name), predictor.spec
+
+
+def _build(role: str, name: str, spec: Spec) -> Any:
+    try:
+        return registry.build(role, spec, f"{role}.{name}")
+    except (Incompatible, MissingExtra) as error:
+        return Failure.of(error)

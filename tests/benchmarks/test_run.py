@@ -1,0 +1,291 @@
+"""A run fills what is missing, records what cannot be, and computes nothing twice."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.compute as pc
+import pytest
+
+from benchmarks import matrix as matrix_module
+from benchmarks.executors import Executor, Processes, Serial
+from benchmarks.planning import Options
+from benchmarks.run import run
+from benchmarks.store import Cell, Results
+from geovp_classic.errors import BadData, GeovpError
+
+METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
+
+
+def content(dataset: dict[str, Any] | None = None, metrics: Any = METRICS, **tables: Any) -> dict[str, Any]:
+    protocol = {"num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1}
+    protocol["dataset"] = {"name": "toy-road", **(dataset or {})}
+    return {"protocol": protocol, "metrics": metrics, **tables}
+
+
+def crossed(log: Path, step_m: float = 1.0) -> dict[str, Any]:
+    sources = {name: {"name": "toy-steady", "step_m": step_m, "log": str(log)} for name in ("a", "b")}
+    renderers = {name: {"name": "toy-slide", "log": str(log)} for name in ("r", "q")}
+    return {"pose_sources": sources, "renderers": renderers}
+
+
+def go(root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any) -> dict[str, Cell]:
+    cells = run(
+        matrix_module.parse("m", tables),
+        Results(root),
+        Options(**options),
+        executor or Serial(),
+        lambda done, total: None,
+    )
+    return {cell.name: cell for cell in cells}
+
+
+def rows(root: Path, cell: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = Results(root).scores(cell).to_pylist()
+    return found
+
+
+def values(root: Path, cell: str, metric: str) -> list[float]:
+    table = Results(root).scores(cell)
+    numbers: list[float] = table.filter(pc.equal(table["metric"], metric))["value"].to_pylist()
+    return numbers
+
+
+@pytest.mark.usefixtures("toys")
+class TestRows:
+    def test_one_row_per_clip_sample_step_and_metric(self, tmp_path: Path) -> None:
+        cells = go(tmp_path, content(predictors={"still": {"name": "toy-still"}}))
+        assert (cells["still"].status, cells["still"].num_clips) == ("done", 5)
+        # the last seen frame is 1 and 2 levels darker than the next ones
+        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
+        assert rows(tmp_path, "still")[1] == {
+            "clip": "road/000",
+            "sample": 0,
+            "step": 2,
+            "metric": "toy-difference",
+            "value": 2.0,
+        }
+
+    def test_covered_pixels_and_trajectories_have_rows_of_their_own(self, tmp_path: Path) -> None:
+        go(tmp_path, content(**crossed(tmp_path / "log", step_m=1.5)))
+        assert values(tmp_path, "a--r", "toy-difference@covered") == [1.0, 2.0] * 5
+        assert values(tmp_path, "a--r", "coverage") == [0.5] * 10
+        np.testing.assert_allclose(values(tmp_path, "a--r", "toy-gap"), [0.5, 1.0] * 5)
+
+    def test_a_clip_with_exact_depth_has_pixel_sets(self, tmp_path: Path) -> None:
+        go(tmp_path, content({"with_depths": True}, predictors={"still": {"name": "toy-still"}}))
+        found = {row["metric"] for row in rows(tmp_path, "still")}
+        assert {"toy-difference", "toy-difference@seen", "toy-difference@disoccluded"} == found
+
+    def test_samples_have_rows_of_their_own(self, tmp_path: Path) -> None:
+        predictors = {"noise": {"name": "toy-noise", "num_samples": 3}}
+        cells = go(tmp_path, content(predictors=predictors))
+        assert cells["noise"].num_samples == 3
+        assert sorted({row["sample"] for row in rows(tmp_path, "noise")}) == [0, 1, 2]
+
+    def test_parts_share_motions_and_scenes(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        cells = go(tmp_path / "out", content({"clips": 1}, **crossed(log)))
+        assert [cell.status for cell in cells.values()] == ["done"] * 4
+        # two sources, two renderers, four cells, and both sources have the same past
+        assert sorted(log.read_text().split()) == ["estimate"] * 2 + ["reconstruct"] * 2
+        assert set(cells["a--r"].seconds) == {"motion", "reconstruct", "view", "metrics"}
+
+    def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
+        cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors={"still": {"name": "toy-still"}}))
+        assert cells["a--r"].grants == ("PAST_POSES",)
+        assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == ("a", "r", None)
+        assert cells["still"].components == {"predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}}
+        protocol = Results(tmp_path).protocol()
+        assert protocol["clips"] == [f"road/{i:03d}" for i in range(5)]
+        assert protocol["metrics"]["toy-difference"]["unit"] == "grey levels"
+        assert protocol["metrics"]["toy-difference"]["definition"] == "mean over pixels and channels"
+        assert protocol["dataset"]["num_frames"] == 5
+
+    def test_a_few_predictions_and_their_clips_are_kept(self, tmp_path: Path) -> None:
+        tables = content({"clips": 9}, **crossed(tmp_path / "log"))
+        go(tmp_path, tables)
+        results = Results(tmp_path)
+        spread = ["road/001", "road/004", "road/007"]
+        assert [clip for clip, _ in results.predictions("a--r")] == spread
+        assert [clip for clip, _ in results.clips()] == spread
+        kept = results.prediction("b--q", "road/004")
+        assert (kept.frames == 42).all()
+        assert kept.motion is not None
+        go(tmp_path, tables, keep=None)
+        assert len(results.predictions("a--r")) == 9
+
+
+@pytest.mark.usefixtures("toys")
+class TestAgain:
+    def test_what_is_done_is_not_done_again(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
+        go(tmp_path, tables)
+        before = rows(tmp_path, "still")
+        go(tmp_path, tables)
+        assert len(log.read_text().split()) == 5
+        assert rows(tmp_path, "still") == before
+
+    def test_only_the_cell_that_changed_is_computed_again(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}, "noise": {"name": "toy-noise"}})
+        go(tmp_path, tables)
+        before = rows(tmp_path, "noise")
+        tables["predictors"]["noise"]["seed"] = 1
+        cells = go(tmp_path, tables)
+        assert len(log.read_text().split()) == 5
+        assert cells["noise"].components["predictor"]["seed"] == 1
+        assert rows(tmp_path, "noise") != before
+        assert len(rows(tmp_path, "noise")) == len(before)
+
+    def test_another_protocol_makes_all_cells_stale(self, tmp_path: Path) -> None:
+        tables = content({"clips": 4}, predictors={"still": {"name": "toy-still"}})
+        go(tmp_path, tables)
+        tables["protocol"]["num_future"] = 1
+        go(tmp_path, tables)
+        assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
+        assert len(Results(tmp_path).clip("road/000").frames) == 4
+
+    def test_a_lost_part_is_made_again(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
+        go(tmp_path, tables, keep=0)
+        before = rows(tmp_path, "still")
+        (tmp_path / "still/scores/part-00001.parquet").unlink()
+        go(tmp_path, tables, keep=0)
+        assert rows(tmp_path, "still") == before
+        assert len(log.read_text().split()) == 5 + 2
+
+    def test_a_limited_run_grows_and_never_shrinks_a_longer_one(self, tmp_path: Path) -> None:
+        tables = content(predictors={"still": {"name": "toy-still"}})
+        assert go(tmp_path, tables, limit=3)["still"].num_clips == 3
+        assert go(tmp_path, tables)["still"].num_clips == 5
+        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
+        with pytest.raises(BadData, match="holds 5 clips, more than --limit 3 would leave"):
+            go(tmp_path, tables, limit=3)
+
+    def test_a_data_set_that_grew_or_shrank(self, tmp_path: Path) -> None:
+        predictors = {"still": {"name": "toy-still"}}
+        go(tmp_path, content({"clips": 5}, predictors=predictors))
+        go(tmp_path, content({"clips": 3}, predictors=predictors))
+        assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 3
+
+    def test_a_new_metric_is_computed_and_a_changed_one_again(self, tmp_path: Path) -> None:
+        tables = content(predictors={"still": {"name": "toy-still"}})
+        go(tmp_path, tables)
+        double = {"name": "toy-difference", "scale": 2.0}
+        tables["metrics"] = {"frame": {"toy-difference": double, "plain": {"name": "toy-difference"}}, "trajectory": []}
+        go(tmp_path, tables)
+        assert values(tmp_path, "still", "toy-difference") == [2.0, 4.0] * 5
+        assert values(tmp_path, "still", "plain") == [1.0, 2.0] * 5
+
+
+@pytest.mark.usefixtures("toys")
+class TestFailures:
+    def test_a_failure_is_recorded_and_the_matrix_goes_on(self, tmp_path: Path) -> None:
+        names = ("broken", "misfit", "small", "uninstalled", "still")
+        cells = go(tmp_path, content(predictors={name: {"name": f"toy-{name}"} for name in names}))
+        assert [cells[name].status for name in names] == ["failed", "skipped", "failed", "skipped", "done"]
+        assert cells["broken"].reason == "ZeroDivisionError: the road ended"
+        assert "the road ended" in cells["broken"].record["traceback"]
+        assert cells["misfit"].reason == "misfits need a square road: give one"
+        assert cells["small"].reason == "predicted frames have shape (1, 2, 2, 2, 3), expected (S, 2, 8, 8, 3)"
+        assert "package_that_nobody_has, which is not installed" in cells["uninstalled"].reason
+
+    def test_a_cell_that_fails_late_is_left_at_once_and_tried_again(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        broken = {"name": "toy-broken", "brightness": 22, "log": str(log)}
+        tables = content({"clips": 9}, predictors={"broken": broken})
+        cells = go(tmp_path, tables, keep=0)
+        # clips 0 and 1 make part 0; clip 2 fails; nothing after it is begun
+        assert (cells["broken"].status, cells["broken"].num_clips) == ("failed", 2)
+        assert len(log.read_text().split()) == 2 + 2 + 1  # a clip that works is noted twice
+        go(tmp_path, tables, keep=0)
+        assert len(log.read_text().split()) == 2 + 2 + 1 + 1
+
+    def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
+        weights = tmp_path / "weights"
+        metrics = {"frame": ["toy-difference", {"name": "toy-weightless", "weights": str(weights)}], "trajectory": []}
+        tables = content(metrics=metrics, predictors={"still": {"name": "toy-still"}})
+        assert go(tmp_path, tables)["still"].status == "done"
+        entry = Results(tmp_path).protocol()["metrics"]["toy-weightless"]
+        assert entry["unavailable"] == "weights of toy-weightless are not here: fetch them"
+        assert values(tmp_path, "still", "toy-weightless") == []
+        weights.touch()
+        go(tmp_path, tables)
+        assert values(tmp_path, "still", "toy-weightless") == [0.0] * 10
+        weights.unlink()
+        go(tmp_path, tables)  # losing them again costs nothing that was computed
+        assert values(tmp_path, "still", "toy-weightless") == [0.0] * 10
+
+    def test_a_bad_clip_ends_the_run_but_not_what_was_done(self, tmp_path: Path) -> None:
+        tables = content({"broken_clip": 4}, predictors={"still": {"name": "toy-still"}})
+        with pytest.raises(BadData, match=r"road/004\.png is truncated"):
+            go(tmp_path, tables)
+        cell = Results(tmp_path).cell("still")
+        assert cell is not None
+        assert (cell.status, cell.num_clips) == ("partial", 4)
+
+    def test_rows_of_another_machine_stay_when_their_cell_cannot_be_built_here(self, tmp_path: Path) -> None:
+        tables = content(predictors={"still": {"name": "toy-still"}, "gone": {"name": "toy-uninstalled"}})
+        go(tmp_path, tables)
+        shutil.copytree(tmp_path / "still/scores", tmp_path / "gone/scores")
+        there = json.loads((tmp_path / "still/cell.json").read_text())
+        here = json.loads((tmp_path / "gone/cell.json").read_text())
+        record = {**there, **{key: here[key] for key in ("label", "asked")}}
+        Results(tmp_path).write_cell("gone", record)
+        assert go(tmp_path, tables)["gone"].status == "done"
+        assert len(rows(tmp_path, "gone")) == 10
+        tables["predictors"]["gone"]["seed"] = 3
+        assert go(tmp_path, tables)["gone"].status == "skipped"
+        assert rows(tmp_path, "gone") == []
+
+    @pytest.mark.parametrize(
+        ("tables", "says"),
+        [
+            (content(predictors={"x": "toy-stil"}), "no predictor is called 'toy-stil': did you mean 'toy-still'"),
+            (content(predictors={"x": {"name": "toy-still", "slep_s": 1}}), "has no field 'slep_s': did you mean"),
+            (content(predictors={"x": {"name": "toy-still", "sleep_s": "1"}}), "sleep_s is '1', expected a number"),
+            (content({"clips": 0}, predictors={"x": "toy-still"}), "no clip of that length"),
+            (content({"clip": 0}, predictors={"x": "toy-still"}), "has no field 'clip': did you mean 'clips'"),
+            (content(metrics={"frame": ["toy-differ"]}, predictors={"x": "toy-still"}), "no frame metric is called"),
+        ],
+    )
+    def test_a_users_mistake_is_one_sentence_before_anything_runs(
+        self, tmp_path: Path, tables: dict[str, Any], says: str
+    ) -> None:
+        with pytest.raises(GeovpError, match=says):
+            go(tmp_path, tables)
+        assert not list(tmp_path.glob("*/scores"))
+
+
+def everything(root: Path, names: Sequence[str]) -> list[dict[str, Any]]:
+    return [{"cell": name, **row} for name in names for row in rows(root, name)]
+
+
+def test_processes_give_the_rows_of_one_process(tmp_path: Path, toys: Path) -> None:
+    tables = content(
+        {"clips": 7},
+        **crossed(tmp_path / "log"),
+        predictors={
+            "noise": {"name": "toy-noise", "num_samples": 2},
+            "broken": {"name": "toy-broken", "brightness": 25},
+        },
+    )
+    one, two = tmp_path / "one", tmp_path / "two"
+    alone, together = go(one, tables), go(two, tables, executor=Processes(workers=2))
+    names = ("a--r", "b--q", "noise")
+    assert everything(one, names) == everything(two, names)
+    assert {name: (cell.status, cell.reason) for name, cell in alone.items()} == {
+        name: (cell.status, cell.reason) for name, cell in together.items()
+    }
+
+
+def test_a_bad_clip_is_the_same_sentence_from_another_process(tmp_path: Path, toys: Path) -> None:
+    tables = content({"broken_clip": 0}, predictors={"still": {"name": "toy-still"}})
+    with pytest.raises(BadData, match=r"road/000\.png is truncated"):
+        go(tmp_path, tables, executor=Processes(workers=1))
