@@ -5,7 +5,7 @@ Unlike the loader, which stops at the first error of what it needs, this reads o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,16 +80,17 @@ class Examination:
         return not any(finding.severity == "error" for finding in self.findings)
 
 
-def examine(root: Path, *, deep: bool = False) -> Examination:
+def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter) -> Examination:
     """Everything under a root; headers and ends of pictures are read, with `deep` every picture is decoded as well.
 
-    BadData only when the root holds no sequences at all.
+    The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does). BadData only when the
+    root holds no sequences at all.
     """
     names = kitti_layout.sequence_names(root)
     if not names:
         raise BadData(f"{root / 'sequences'} holds no sequence: expected folders such as 00 with image_2, calib.txt")
     summaries, findings = [], []
-    for name in names:
+    for name in watch(names):
         summary, found = _sequence(root, name, deep)
         summaries.append(summary)
         findings += found

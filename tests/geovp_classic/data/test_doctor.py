@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -41,6 +41,18 @@ def test_a_sound_root_has_no_findings(kitti_root: Path) -> None:
     }
     assert [camera.num_frames for camera in examination.sequences[1].cameras] == [12]
     assert examination.usable_splits == ()
+
+
+def test_progress_can_be_watched(kitti_root: Path) -> None:
+    seen: list[str] = []
+
+    def watch(names: list[str]) -> Iterator[str]:
+        for name in names:
+            seen.append(name)
+            yield name
+
+    doctor.examine(kitti_root, watch=watch)
+    assert seen == ["00", "01"]
 
 
 def test_everything_wrong_is_found_at_once(kitti_root: Path, edit: Edit) -> None:
