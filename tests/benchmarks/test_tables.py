@@ -1,0 +1,150 @@
+"""What a reader of a table must be able to see."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from benchmarks import tables
+from benchmarks.store import SCORES, Part, Results
+
+DONE = {"kind": "predictor", "grants": [], "num_samples": 1, "seconds": {}, "components": {}, "fingerprint": "f"}
+METRICS = {
+    "psnr": {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None, "definition": "per frame"},
+    "lpips": {"role": "frame", "unavailable": "lpips_alex is not here: fetch it"},
+    "translation-error": {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None},
+    "coverage": {"role": "frame", "unit": "", "higher_is_better": True, "unavailable": None, "definition": "share"},
+}
+
+
+def write(results: Results, name: str, values: dict[tuple[str, int, str], float | None], **record: Any) -> None:
+    clips = list(dict.fromkeys(clip for clip, _, _ in values))
+    facts = {**DONE, "label": name.replace("--", " + "), "status": "done", "num_clips": len(clips), **record}
+    results.write_cell(name, facts)
+    columns = [
+        [clip for clip, _, _ in values],
+        [sample for _, sample, _ in values],
+        [1] * len(values),
+        [metric for _, _, metric in values],
+        list(values.values()),
+    ]
+    rows = pa.table(
+        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
+    )
+    if values:
+        results.write_part(name, rows, Part(0, tuple(clips), "f", {}, {}, 0.0))
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    """Two clips; `sharp` is better in PSNR, `still` in the error; one cell of each other status."""
+    results = Results(tmp_path)
+    cells = ["a--sharp", "still", "half", "broken", "apart"]
+    protocol = {"name": "demo", "dataset_name": "road", "cells": cells, "metrics": METRICS, "clips": ["x", "y"]}
+    results.write_protocol({**protocol, "num_past": 10, "num_future": 20, "size_px": [64, 48]})
+    sharp = {
+        ("x", 0, "psnr"): 20.0,
+        ("y", 0, "psnr"): 24.0,
+        ("x", 0, "translation-error"): 3.0,
+        ("y", 0, "translation-error"): 3.0,
+    }
+    apart = {("x", 0, "psnr@covered"): 25.0, ("y", 0, "psnr@covered"): None, ("x", 0, "coverage"): 0.5}
+    write(results, "a--sharp", {**sharp, **apart}, grants=["PAST_POSES", "FUTURE_POSES"])
+    write(results, "still", {("x", 0, "psnr"): 10.0, ("y", 0, "psnr"): 12.0, ("x", 0, "translation-error"): 1.0})
+    write(results, "half", {("x", 0, "psnr"): 90.0}, status="partial")
+    write(results, "broken", {}, status="failed", reason="the road ended")
+    write(results, "apart", {}, status="skipped", reason="give the odometry a scale")
+    return results
+
+
+def lines(results: Results, number: int = 0) -> list[str]:
+    return tables.markdown(tables.build(results)[number]).splitlines()
+
+
+def row_of(text: list[str], name: str) -> list[str]:
+    line = next(line for line in text if line.startswith(f"| {name}"))
+    return [entry.strip() for entry in line.strip("|").split("|")]
+
+
+def test_headings_say_unit_and_direction(results: Results) -> None:
+    assert row_of(lines(results), "method") == ["method", "clips", "PSNR (dB) ↑", "LPIPS", "translation error (m) ↓"]
+
+
+def test_the_best_of_each_column_is_bold_and_nothing_else_is(results: Results) -> None:
+    text = lines(results)
+    # 20 and 24: mean 22, s = 2.828, / sqrt(2) = 2
+    assert row_of(text, "a + sharp")[2:] == ["**22.00** ± 2.00", "unavailable", "3.000 ± 0.000"]
+    assert row_of(text, "still")[2:] == ["11.00 ± 1.00", "unavailable", "**1.000** (n=1)"]
+
+
+def test_an_unfinished_row_is_shown_but_does_not_compete(results: Results) -> None:
+    text = lines(results)
+    assert row_of(text, "half")[1:3] == ["1", "90.00"]
+    assert any(line.startswith("- half: partial: 1 of 2 clips") for line in text)
+
+
+def test_grants_are_marked_and_explained(results: Results) -> None:
+    text = lines(results)
+    assert row_of(text, "a + sharp")[0] == "a + sharp [pf]"
+    assert row_of(text, "still")[0] == "still"
+    assert "- Granted beyond the observed frames: [p] true past poses, [f] true future poses." in text
+
+
+def test_what_stands_below(results: Results) -> None:
+    text = "\n".join(lines(results))
+    assert "± is one standard error of the mean over clips" in text
+    assert "2 clips of road; 10 frames seen, the next 20 predicted at 64x48" in text
+    assert "- PSNR: per frame." in text
+    assert "- LPIPS: unavailable: lpips_alex is not here: fetch it." in text
+    assert "- broken: failed: the road ended." in text
+    assert "- apart: skipped: give the odometry a scale." in text
+    assert not any(line.startswith(("| broken", "| apart")) for line in text.splitlines())
+
+
+def test_sets_of_pixels_have_their_own_table(results: Results) -> None:
+    text = lines(results, 1)
+    assert row_of(text, "method")[2:] == ["all pixels (dB) ↑", "covered pixels (dB) ↑", "coverage ↑"]
+    assert row_of(text, "a + sharp")[3:] == ["**25.00** (n=1)", "**0.500** (n=1)"]
+    assert row_of(text, "still")[3:] == ["-", "-"]
+
+
+def test_samples_give_two_rows(results: Results) -> None:
+    values = {("x", 0, "psnr"): 10.0, ("x", 1, "psnr"): 30.0, ("y", 0, "psnr"): 20.0, ("y", 1, "psnr"): 10.0}
+    write(results, "still", values)
+    text = lines(results)
+    assert row_of(text, "still, mean of 2")[2] == "17.50 ± 2.50"
+    assert row_of(text, "still, best of 2")[2] == "**25.00** ± 5.00"
+
+
+def test_latex_escapes_and_emphasises(results: Results) -> None:
+    write(results, "still", {("x", 0, "psnr"): 30.0, ("y", 0, "psnr"): 30.0}, label="100%_still & co")
+    text = tables.latex(tables.build(results)[0])
+    assert r"100\%\_still \& co & 2 & \textbf{30.00} $\pm$ 0.00" in text
+    assert r"a + sharp$^{\mathrm{pf}}$ & 2 & 22.00 $\pm$ 2.00" in text
+    assert r"PSNR (dB) $\uparrow$" in text
+    assert text.count(r"\\") == len(tables.build(results)[0].notes) + 1 + 3
+
+
+def test_csv_has_every_digit(results: Results) -> None:
+    write(results, "still", {("x", 0, "psnr"): 1.0, ("y", 0, "psnr"): 0.1})
+    table = list(csv.DictReader(tables.comma_separated(tables.build(results)[0]).splitlines()))
+    assert table[1]["method"] == "still"
+    assert float(table[1]["psnr"]) == 0.55
+    assert float(table[1]["psnr_standard_error"]) == pytest.approx(0.45)
+    assert (table[1]["psnr_clips"], table[1]["lpips"], table[1]["lpips_clips"]) == ("2", "", "0")
+    assert table[0]["grants"] == "pf"
+
+
+def test_all_formats_are_written(results: Results) -> None:
+    names = sorted(path.name for path in tables.write_all(results))
+    endings = ("csv", "md", "tex")
+    assert names == [f"{table}.{ending}" for table in ("pixels-psnr", "scores") for ending in endings]
+    assert all((results.root / "tables" / name).read_text() for name in names)
+
+
+def test_equal_digits_are_equally_good(results: Results) -> None:
+    write(results, "still", {("x", 0, "psnr"): 20.001, ("y", 0, "psnr"): 24.001})
+    text = lines(results)
+    assert row_of(text, "still")[2] == row_of(text, "a + sharp")[2] == "**22.00** ± 2.00"
