@@ -1,0 +1,172 @@
+"""How every figure looks: colours that the colour-blind tell apart, dashes that survive grey print, small type."""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
+
+PRINT_DPI = 300
+INK = "#222222"
+FAINT = "#8a8a8a"
+RULE = "#d9d9d9"
+TRUTH = "#000000"
+COLOURS = (  # Okabe and Ito 2008 without yellow and black, then Tol's indigo, wine and olive
+    "#0072b2",
+    "#d55e00",
+    "#009e73",
+    "#cc79a7",
+    "#56b4e9",
+    "#e69f00",
+    "#332288",
+    "#882255",
+    "#7a7a00",
+)
+DASHES: tuple[tuple[float, tuple[float, ...] | None], ...] = (
+    (0, None),
+    (0, (5, 1.6)),
+    (0, (1, 1.3)),
+    (0, (6, 1.5, 1, 1.5)),
+)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+SETTINGS: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8,
+    "svg.fonttype": "none",  # text stays text: searchable, editable, small
+    "svg.hashsalt": "geovp",  # the same figure gives the same bytes
+    "text.parse_math": False,  # a $ in a name is a $
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """How one line is drawn."""
+
+    colour: str
+    dash: tuple[float, tuple[float, ...] | None]
+    marker: str
+
+    def line(self, width: float = 1.4) -> dict[str, Any]:
+        """The keyword arguments of `Axes.plot` for it."""
+        marker = {"marker": self.marker, "markersize": 4, "markeredgecolor": "white", "markeredgewidth": 0.5}
+        return {"color": self.colour, "linestyle": self.dash, "linewidth": width, **marker}
+
+
+TRUTH_STROKE = Stroke(TRUTH, DASHES[0], MARKERS[0])
+
+
+def strokes(keys: Sequence[tuple[str, str]]) -> list[Stroke]:
+    """One stroke per (part, other part) such as (pose source, renderer); no two alike up to 252 of them.
+
+    Where several lines share a part, colour says the first part, dash and marker say the second; otherwise all three
+    change from line to line.
+    """
+    firsts, seconds = _ranks(first for first, _ in keys), _ranks(second for _, second in keys)
+    crossed = len(firsts) < len(keys) and len(firsts) <= len(COLOURS) and len(seconds) <= len(DASHES) * len(MARKERS)
+    pairs = [(firsts[a], seconds[b]) if crossed else (i, i) for i, (a, b) in enumerate(keys)]
+    return [
+        Stroke(COLOURS[hue % len(COLOURS)], DASHES[form % len(DASHES)], MARKERS[form % len(MARKERS)])
+        for hue, form in pairs
+    ]
+
+
+def settings() -> AbstractContextManager[None]:
+    """The settings of all figures, for use with `with`; nothing global is left behind."""
+    context: AbstractContextManager[None] = matplotlib.rc_context(SETTINGS)
+    return context
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Room around the axes, in inches."""
+
+    left_in: float = 0.62
+    right_in: float = 0.15
+    top_in: float = 0.52
+    bottom_in: float = 0.58
+
+
+def sheet(width_in: float, height_in: float, margins: Margins, dpi: float = PRINT_DPI) -> tuple[Figure, Axes]:
+    """A figure with axes of the given size that leaves the margins."""
+    wide_in = margins.left_in + width_in + margins.right_in
+    high_in = margins.bottom_in + height_in + margins.top_in
+    figure = Figure(figsize=(wide_in, high_in), dpi=dpi)
+    place = (margins.left_in / wide_in, margins.bottom_in / high_in, width_in / wide_in, height_in / high_in)
+    return figure, figure.add_axes(place)
+
+
+def width_in(texts: Iterable[str], size_pt: float) -> float:
+    """The width of the longest text."""
+    font = FontProperties(family="DejaVu Sans", size=size_pt)
+    return max(
+        (TextPath((0, 0), text, prop=font).get_extents().width / 72 for text in texts if text.strip()), default=0.0
+    )
+
+
+def tidy(axes: Axes) -> None:
+    """Thin rules, no box, ticks that do not shout."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(FAINT)
+        axes.spines[side].set_linewidth(0.6)
+    axes.tick_params(colors=INK, length=3, width=0.6, labelsize=7.5)
+    axes.grid(True, color=RULE, linewidth=0.5)
+    axes.set_axisbelow(True)
+
+
+def headline(axes: Axes, title: str, subtitle: str, lift_pt: float = 7) -> None:
+    """A bold title and a faint line under it, above the axes, flush left."""
+    axes.annotate(
+        title, (0, 1), (0, lift_pt + 12), "axes fraction", "offset points", fontsize=9.5, weight="bold", color=INK
+    )
+    axes.annotate(subtitle, (0, 1), (0, lift_pt), "axes fraction", "offset points", fontsize=7.5, color=FAINT)
+
+
+def wrapped(text: str, width: int) -> str:
+    """The text in lines of at most `width` characters, broken at spaces and after + / x - _ where possible."""
+    spaced = text
+    for mark in "+/-_":
+        spaced = spaced.replace(mark, mark + "\u200b ")
+    lines = textwrap.wrap(spaced, width + 2, break_long_words=True, break_on_hyphens=False) or [text]
+    return "\n".join(line.replace("\u200b ", "").replace("\u200b", "") for line in lines)
+
+
+def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """Positions nearest to the wanted ones that are at least `gap` apart and, while there is room, in [low, high]."""
+    order = sorted(range(len(wanted)), key=lambda i: wanted[i])
+    blocks: list[tuple[float, int]] = []  # (sum of wanted first positions, members): pool adjacent violators
+    for rank, i in enumerate(order):
+        blocks.append((wanted[i] - rank * gap, 1))
+        while len(blocks) > 1 and blocks[-2][0] / blocks[-2][1] > blocks[-1][0] / blocks[-1][1]:
+            (total, count), (more, others) = blocks[-2:]
+            blocks[-2:] = [(total + more, count + others)]
+    placed = [0.0] * len(wanted)
+    firsts = [total / count for total, count in blocks for _ in range(count)]
+    highest = max(low, high - gap * (len(wanted) - 1))
+    for rank, (i, first) in enumerate(zip(order, firsts, strict=True)):
+        placed[i] = min(max(first, low), highest) + rank * gap
+    return placed
+
+
+def pages(count: int, most: int) -> list[range]:
+    """Index ranges that share `count` rows evenly over as few pages of at most `most` rows as needed."""
+    number = max(1, -(-count // most))
+    edges = [round(i * count / number) for i in range(number + 1)]
+    return [range(a, b) for a, b in itertools.pairwise(edges)]
+
+
+def _ranks(words: Iterable[str]) -> dict[str, int]:
+    return {word: rank for rank, word in enumerate(dict.fromkeys(words))}

@@ -1,0 +1,223 @@
+"""Figures say what the rows say, look the same every time, and can be told apart in colour, in grey and by name."""
+
+import itertools
+import shutil
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from benchmarks import plots
+from benchmarks.plots import curves, gather, strips, style, trajectories
+from benchmarks.store import Results
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+
+SIDE = 16
+CLIP = "01-a-b-0-9-x-y"
+
+
+@pytest.fixture(scope="module")
+def pages(folder: Path) -> dict[str, gather.Page]:
+    return {page.name: page for job in plots.jobs(Results(folder)) for page in job.draw()}
+
+
+@pytest.fixture(scope="module")
+def written(folder: Path) -> list[Path]:
+    return plots.write_all(folder)
+
+
+def texts(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))  # type: ignore[attr-defined]
+
+
+class TestWriteAll:
+    def test_one_page_per_metric_and_per_kept_clip(self, written: list[Path]) -> None:
+        horizon = ["horizon-psnr", "horizon-psnr-covered", "horizon-translation-error"]
+        names = [*horizon, "strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
+        both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+        assert {path.name for path in written} == both | {"invented-01-a-b-0-9-x-y.png"}
+        assert all(path.stat().st_size > 0 for path in written)
+
+    def test_words_are_words_in_the_svg(self, folder: Path, written: list[Path]) -> None:
+        svg = (folder / "plots" / "horizon-psnr.svg").read_text()
+        for word in ("gt + far", "_vo + far (only 2 of 3 clips)", "kalman + far, best of 3", "copy-last", "0.5 s"):
+            assert word in svg
+        assert "PSNR (dB)    ↑ higher is better" in svg
+        assert "mean of 3 clips, band ± one standard error over clips" in svg
+        assert "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
+        assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
+
+    @pytest.mark.parametrize("kind", ["png", "svg"])
+    def test_the_same_rows_give_the_same_bytes(self, folder: Path, written: list[Path], kind: str) -> None:
+        page = plots.jobs(Results(folder))[1].draw()[0]
+        assert plots.rendered(page, kind) == (folder / "plots" / f"{page.name}.{kind}").read_bytes()
+
+    def test_outdated_figures_go_and_foreign_files_stay(self, folder: Path, tmp_path: Path) -> None:
+        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names})
+        (tmp_path / "r" / "plots").mkdir()
+        old, foreign = tmp_path / "r" / "plots" / "horizon-ssim-2.png", tmp_path / "r" / "plots" / "mine.png"
+        old.touch()
+        foreign.touch()
+        seen: list[tuple[int, int, str]] = []
+        plots.write_all(tmp_path / "r", lambda done, total, name: seen.append((done, total, name)))
+        assert not old.exists()
+        assert foreign.exists()
+        assert seen == [(1, 3, "PSNR"), (2, 3, "Translation error"), (3, 3, "PSNR, covered pixels")]
+
+    def test_nothing_global_is_left_behind(self, folder: Path, written: list[Path]) -> None:
+        before = dict(matplotlib.rcParams)
+        plots.jobs(Results(folder))[0].draw()
+        assert dict(matplotlib.rcParams) == before
+
+    def test_a_folder_without_results_is_bad_data(self, tmp_path: Path) -> None:
+        with pytest.raises(BadData, match=r"not a results folder: give one that `geovp run` wrote"):
+            plots.write_all(tmp_path)
+
+
+class TestCurves:
+    def test_mean_and_band_are_the_statistics(self, pages: dict[str, gather.Page]) -> None:
+        """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, standard error 1 / sqrt(3)."""
+        axes = pages["horizon-psnr"].figure.axes[0]
+        line, band = axes.lines[0], axes.collections[0]
+        np.testing.assert_allclose(line.get_ydata(), 21.0 - np.arange(1, 7))
+        heights = band.get_paths()[0].vertices[:, 1]
+        at_one = np.asarray(band.get_paths()[0].vertices)[:, 0] == 1
+        np.testing.assert_allclose(heights[at_one].min(), 20 - 1 / np.sqrt(3))
+        np.testing.assert_allclose(heights[at_one].max(), 20 + 1 / np.sqrt(3))
+
+    def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, gather.Page]) -> None:
+        """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best 2 dB."""
+        lines = pages["horizon-psnr"].figure.axes[0].lines
+        single, mean, best = (np.asarray(lines[i].get_ydata()) for i in (0, 2, 3))
+        np.testing.assert_allclose(mean - single, 1.0)
+        np.testing.assert_allclose(best - single, 2.0)
+
+    def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, gather.Page]) -> None:
+        words = texts(pages["horizon-translation-error"].figure)
+        assert "gt" in words.split("\n")
+        assert "far" not in words
+        assert "copy-last" not in words
+
+    def test_steps_without_a_value_end_the_line(self, pages: dict[str, gather.Page]) -> None:
+        figure = pages["horizon-psnr-covered"].figure
+        np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [29, 28, 27, 26, np.nan, np.nan])
+        assert "copy-last" not in texts(figure)
+
+    def test_many_rows_share_out_over_pages_with_the_same_axes(self) -> None:
+        steps = np.arange(1.0, 4)
+        strokes = style.strokes([(f"method {i}", "") for i in range(25)])
+        rows = [
+            curves.Curve(f"method {i}", steps, i - steps, 0 * steps + 1, stroke) for i, stroke in enumerate(strokes)
+        ]
+        with style.settings():
+            figures = curves.draw(rows, curves.Measure("PSNR", "dB", True, "", None))
+        assert len(figures) == 3
+        assert len({figure.axes[0].get_ylim() for figure in figures}) == 1
+        shown = [[i for i in range(25) if f"method {i}" in texts(figure).split("\n")] for figure in figures]
+        assert list(itertools.chain(*shown)) == list(range(25))
+        assert max(map(len, shown)) <= 12
+        assert "(2 of 3)" in texts(figures[1])
+
+
+class TestStrips:
+    def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, gather.Page]) -> None:
+        """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
+        sheet = np.asarray(pages[f"strip-{CLIP}"].figure.axes[0].images[0].get_array())
+        gap = 2
+        assert sheet.shape == (5 * SIDE + 4 * gap, 3 * SIDE + 2 * gap, 3)
+        corner = sheet[:: SIDE + gap, :: SIDE + gap, 0]
+        np.testing.assert_array_equal(
+            corner, [[202, 203, 207], [255, 1, 5], [255, 11, 15], [255, 21, 25], [255, 31, 35]]
+        )
+
+    def test_rows_are_named_and_scored(self, pages: dict[str, gather.Page]) -> None:
+        """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
+        words = texts(pages[f"strip-{CLIP}"].figure)
+        for word in ("ground truth", "last observed frame", "frame +5  (0.5 s)", "gt +\nfar", "PSNR 16.5 dB"):
+            assert word in words
+        assert "sample 1 of 3" in words
+
+    def test_only_invented_pixels_are_washed(self) -> None:
+        frames = np.full((1, 2, 2, 3), 100, np.uint8)
+        covered = np.array([[[True, False], [True, True]]])
+        washed = strips.invented(strips.Row("x", "", frames, covered)).frames
+        np.testing.assert_array_equal(washed[covered], 100)
+        np.testing.assert_array_equal(washed[~covered], [(0.35 * 100 + 0.65 * strips.INVENTED).astype(int)])
+
+    def test_more_than_ten_methods_take_two_pages(self) -> None:
+        frame = np.zeros((2, 2, 3), np.uint8)
+        truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
+        assert len(strips.draw(truth, [strips.Row(f"m{i}", "", frame[None]) for i in range(11)], "t", "s")) == 2
+
+
+class TestTrajectories:
+    def test_forward_is_z_and_left_is_minus_x_of_the_last_camera(self) -> None:
+        """The last camera looks along the world's x axis; 2 m ahead of it and 1 m to its right, where z is -1."""
+        yaw = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+        world_from_last = se3.compose(yaw, np.array([5.0, 0, 0]))
+        there = se3.compose(yaw, np.array([7.0, 0, -1]))
+        np.testing.assert_allclose(trajectories.from_above(there, world_from_last), [2.0, -1.0], atol=1e-12)
+
+    def test_paths_are_drawn_true_to_scale(self, pages: dict[str, gather.Page]) -> None:
+        """1 m a step for six steps; 1.2 m a step; scale-free ones get the true past's length."""
+        figure = pages[f"paths-{CLIP}"].figure
+        axes = figure.axes[0]
+        assert axes.get_aspect() == 1.0
+        legend = axes.get_legend()
+        assert legend is not None
+        names = [text.get_text() for text in legend.get_texts()]
+        assert names == ["past", "ground truth", "gt", "_vo (true scale lent)", "kalman", "last observed camera"]
+        ends = {round(float(np.asarray(line.get_xdata())[-1]), 6) for line in axes.lines if len(line.get_xdata()) == 7}
+        assert ends == {6.0, 7.2}
+
+    def test_a_clip_without_poses_has_no_paths(self, folder: Path, tmp_path: Path) -> None:
+        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots"} & {*names})
+        results = Results(tmp_path / "r")
+        clip = results.clip(results.clips()[0][0])
+        results.write_clip(type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics))
+        drawn = [page.kind for job in plots.jobs(results) if job.name.startswith("clip") for page in job.draw()]
+        assert drawn == ["strip", "invented"]
+
+
+class TestStyle:
+    def test_no_two_lines_look_alike(self) -> None:
+        plain = style.strokes([(f"m{i}", "") for i in range(60)])
+        crossed = style.strokes([(f"s{i}", f"r{j}") for i, j in itertools.product(range(9), range(20))])
+        assert len(set(plain)) == 60
+        assert len(set(crossed)) == 180
+
+    def test_colour_says_the_pose_source_and_dash_the_renderer(self) -> None:
+        a_r, a_q, b_r, b_q = style.strokes([("a", "r"), ("a", "q"), ("b", "r"), ("b", "q")])
+        assert a_r.colour == a_q.colour != b_r.colour == b_q.colour
+        assert a_r.dash == b_r.dash != a_q.dash == b_q.dash
+
+    @given(st.lists(st.floats(-5, 5), min_size=1, max_size=12), st.floats(0.01, 0.5))
+    def test_spread_keeps_order_and_distance(self, wanted: list[float], gap: float) -> None:
+        placed = style.spread(wanted, gap, -6.0, 6.0)
+        order = np.argsort(wanted, kind="stable")
+        assert (np.diff(np.array(placed)[order]) >= gap - 1e-9).all()
+        assert min(placed) >= -6 - 1e-9
+        assert max(placed) <= 6 + 1e-9
+        if (np.diff(np.sort(wanted)) >= gap).all():
+            np.testing.assert_allclose(placed, wanted, atol=1e-9)
+
+    def test_two_equal_names_move_apart_by_half_a_gap_each(self) -> None:
+        np.testing.assert_allclose(style.spread([1.0, 1.0], 0.5, 0, 10), [0.75, 1.25])
+
+    @given(st.integers(0, 200), st.integers(1, 20))
+    def test_pages_share_all_rows_evenly(self, count: int, most: int) -> None:
+        shared = style.pages(count, most)
+        assert [i for page in shared for i in page] == list(range(count))
+        assert max(map(len, shared)) - min(map(len, shared)) <= 1
+        assert max(map(len, shared)) <= most
+
+    @given(st.text("ab-_+/ ", max_size=60), st.integers(4, 20))
+    def test_wrapping_loses_no_letter(self, text: str, width: int) -> None:
+        lines = style.wrapped(text, width)
+        assert lines.replace("\n", "").replace(" ", "") == text.replace(" ", "")
+        assert all(len(line) <= width + 2 for line in lines.split("\n")) or not text.strip()
