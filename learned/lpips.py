@@ -1,0 +1,247 @@
+"""Learned perceptual distance LPIPS v0.1 (Zhang et al. 2018) in plain torch, on AlexNet or SqueezeNet 1.1.
+
+Weights are not part of the package. They come from the `weights` field, or else from what the environment variable
+GEOVP_LPIPS_WEIGHTS names (both: an npz file, or a folder with `lpips_alex_v0.1.npz` and `lpips_squeeze_v0.1.npz`), or
+else from the user's cache, which is filled from torchvision's and the LPIPS authors' servers and checked by SHA-256.
+Wherever they come from, they must give a known score to a known pair of pictures before they are used.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import http.client
+import logging
+import os
+import tempfile
+import urllib.request
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from geovp_classic.errors import BadData, MissingExtra
+from geovp_classic.metrics.image import check_frames
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
+
+Net = Literal["alex", "squeeze"]
+Weights = Mapping[str, Tensor]
+
+WEIGHTS_VARIABLE = "GEOVP_LPIPS_WEIGHTS"
+TORCHVISION = "https://download.pytorch.org/models/"
+AUTHORS = "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/082bb24f84c091ea94de2867d34c4544f68e0963/"
+REMOTES = {  # url and SHA-256 of the backbone, then of the linear layers
+    "alex": (
+        (
+            TORCHVISION + "alexnet-owt-7be5be79.pth",  # 244 MB, most of it the classifier, which is not kept
+            "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02",
+        ),
+        (
+            AUTHORS + "lpips/weights/v0.1/alex.pth",
+            "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
+        ),
+    ),
+    "squeeze": (
+        (
+            TORCHVISION + "squeezenet1_1-b8a52dc0.pth",  # 5 MB
+            "b8a52dc049b60e4b6ab68ad0df457362afab8b6304b2febdc1650a5dab4d7e7b",
+        ),
+        (
+            AUTHORS + "lpips/weights/v0.1/squeeze.pth",
+            "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76",
+        ),
+    ),
+}
+CHECK_SCORES = {"alex": 0.389235, "squeeze": 0.443713}  # of `check_pictures`, under the weights above
+CHECK_TOLERANCE = 1e-4
+SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of RGB in [-1, 1]: ImageNet's mean and deviation
+SMALLEST_PX = 32  # below it the deepest layers have no pixel left
+FRAMES_AT_ONCE = 10
+TIMEOUT_S = 20.0
+ALEX_LAYERS = ((0, 4, 2, False), (3, 1, 2, True), (6, 1, 1, True), (8, 1, 1, False), (10, 1, 1, False))
+SQUEEZE_FIRES = (((3, 4), True), ((6, 7), True), ((9,), True), ((10,), False), ((11,), False), ((12,), False))
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Lpips:
+    """LPIPS v0.1 with its linear layers, on RGB in [-1, 1] at the frames' own size.
+
+    With a mask, each layer's map of differences is averaged with the share of masked pixels under each of its cells as
+    the weight. Features look beyond a mask's rim, so what is outside still has some influence.
+    """
+
+    net: Net = "alex"
+    weights: Path | None = None
+
+    unit: ClassVar[str] = ""
+    higher_is_better: ClassVar[bool] = False
+
+    @property
+    def protocol(self) -> str:
+        """The definition in words."""
+        return f"LPIPS v0.1, {self.net}, RGB in [-1, 1]"
+
+    def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+        """Distance per frame [F], at least 0.
+
+        BadData when the arrays do not fit together or are below 32 pixels; MissingExtra when there are no weights. The
+        first call finds and reads them; one that failed to download does not try again in the same process.
+        """
+        check_frames(predicted, target, mask)
+        if min(target.shape[1:3]) < SMALLEST_PX:
+            raise BadData(f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: use larger")
+        weights = load_weights(self.net, find_weights(self.net, self.weights))
+        scores = np.empty(len(target))
+        for start in range(0, len(target), FRAMES_AT_ONCE):
+            part = slice(start, start + FRAMES_AT_ONCE)
+            scores[part] = distances(
+                self.net, weights, predicted[part], target[part], None if mask is None else mask[part]
+            )
+        return scores
+
+
+@torch.inference_mode()
+def distances(
+    net: Net,
+    weights: Weights,
+    predicted: ByteArray,  # [N, H, W, 3]
+    target: ByteArray,  # [N, H, W, 3]
+    mask: BoolArray | None,  # [N, H, W]
+) -> FloatArray:
+    """The distance of every pair [N] (Zhang et al. 2018, eq. 1); NaN where the mask is empty."""
+    features = {"alex": alex_features, "squeeze": squeeze_features}[net]
+    share = None if mask is None else torch.tensor(mask, dtype=torch.float32)[:, None]
+    total = torch.zeros(len(target), dtype=torch.float64)
+    layers = zip(features(weights, normalised(predicted)), features(weights, normalised(target)), strict=True)
+    for index, (ours, real) in enumerate(layers):
+        squares = (_unit_length(ours) - _unit_length(real)) ** 2
+        difference = functional.conv2d(squares, weights[f"lin{index}.weight"][None, :, None, None])  # [N, 1, h, w]
+        cells = (difference.shape[2], difference.shape[3])
+        cell_share = torch.ones(1) if share is None else functional.adaptive_avg_pool2d(share, cells)
+        counted = cell_share.double().expand_as(difference)
+        total += (difference * counted).sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3))
+    return np.asarray(total.numpy())
+
+
+def alex_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
+    """The five rectified convolutions of AlexNet as torchvision numbers them."""
+    for layer, stride, padding, is_pooled in ALEX_LAYERS:
+        if is_pooled:
+            pixels = functional.max_pool2d(pixels, 3, 2)
+        pixels = _convolved(weights, f"features.{layer}", pixels, stride, padding)
+        yield pixels
+
+
+def squeeze_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
+    """The first convolution of SqueezeNet 1.1, then six of its stages, as torchvision numbers them."""
+    pixels = _convolved(weights, "features.0", pixels, stride=2)
+    yield pixels
+    for fires, is_pooled in SQUEEZE_FIRES:
+        if is_pooled:
+            pixels = functional.max_pool2d(pixels, 3, 2, ceil_mode=True)
+        for fire in fires:
+            squeezed = _convolved(weights, f"features.{fire}.squeeze", pixels)
+            narrow = _convolved(weights, f"features.{fire}.expand1x1", squeezed)
+            wide = _convolved(weights, f"features.{fire}.expand3x3", squeezed, padding=1)
+            pixels = torch.cat([narrow, wide], dim=1)
+        yield pixels
+
+
+def normalised(frames: ByteArray) -> Tensor:
+    """Frames [N, H, W, 3] as the networks want them [N, 3, H, W]."""
+    pixels = torch.tensor(frames).permute(0, 3, 1, 2).float() / 127.5 - 1.0
+    return (pixels - torch.tensor(SHIFT)[:, None, None]) / torch.tensor(SCALE)[:, None, None]
+
+
+def find_weights(net: Net, named: Path | None) -> Path:
+    """The npz file to read, downloaded into the cache if need be; MissingExtra when there is none."""
+    file_name = f"lpips_{net}_v0.1.npz"
+    if given := named or os.environ.get(WEIGHTS_VARIABLE):
+        place = Path(given).expanduser()
+        file = place / file_name if place.is_dir() else place
+        if not file.is_file():
+            raise MissingExtra(f"LPIPS weights {file} do not exist: name {file_name} or its folder")
+        return file
+    cached = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp" / file_name
+    if not cached.is_file() and (reason := _why_not_downloaded(net, cached)):
+        raise MissingExtra(
+            f"LPIPS weights for {net!r} are not on this machine and cannot be downloaded ({reason}): "
+            f"set {WEIGHTS_VARIABLE} to {file_name} or its folder"
+        )
+    return cached
+
+
+@functools.cache
+def load_weights(net: Net, file: Path) -> Weights:
+    """The tensors of an npz file, once per process; MissingExtra unless they are LPIPS v0.1's for this network."""
+    try:
+        with np.load(file) as arrays:
+            weights = {name: torch.from_numpy(arrays[name].astype(np.float32)) for name in arrays.files}
+        score = float(distances(net, weights, *check_pictures(), None)[0])
+    except (OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
+        raise MissingExtra(f"LPIPS weights {file} are not a readable npz file ({error}): get them anew") from error
+    except (KeyError, ValueError, RuntimeError) as error:
+        raise MissingExtra(f"{file} does not hold LPIPS weights for {net!r} ({error}): get them anew") from error
+    if not abs(score - CHECK_SCORES[net]) < CHECK_TOLERANCE:
+        raise MissingExtra(
+            f"{file} does not hold LPIPS v0.1's weights for {net!r}: the check pictures score {score:.6f}, "
+            f"expected {CHECK_SCORES[net]:.6f}: get them anew"
+        )
+    return weights
+
+
+def check_pictures() -> tuple[ByteArray, ByteArray]:
+    """A pair of pictures [1, 64, 64, 3] that every version of every library makes alike."""
+    v, u, channel = np.mgrid[:64, :64, :3]
+    waves = (u * (3 + channel) + v * v // 5) % 256
+    return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)
+
+
+def _convolved(weights: Weights, name: str, pixels: Tensor, stride: int = 1, padding: int = 0) -> Tensor:
+    return functional.conv2d(pixels, weights[f"{name}.weight"], weights[f"{name}.bias"], stride, padding).relu_()
+
+
+def _unit_length(features: Tensor) -> Tensor:
+    """Every pixel's features divided by their length over the channels."""
+    return features / (features.norm(dim=1, keepdim=True) + 1e-10)
+
+
+@functools.cache
+def _why_not_downloaded(net: Net, cached: Path) -> str:
+    """Fill the cache: "" when done, else why not; asked once per process: no table waits twice for a dead line."""
+    try:
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=cached.parent) as folder:
+            backbone, linear = (_downloaded(url, sha256, Path(folder)) for url, sha256 in REMOTES[net])
+            arrays: dict[str, Any] = {
+                name: tensor.numpy() for name, tensor in backbone.items() if name.startswith("features.")
+            }
+            arrays |= {f"{name.partition('.')[0]}.weight": tensor.numpy().ravel() for name, tensor in linear.items()}
+            written = Path(folder) / "written.npz"
+            np.savez(written, **arrays)
+            written.replace(cached)
+    except (OSError, http.client.HTTPException, BadData) as error:
+        return str(error)
+    return ""
+
+
+def _downloaded(url: str, sha256: str, folder: Path) -> Mapping[str, Tensor]:
+    """The tensors of a .pth file; nothing in it is run, and it is opened only once its hash is right."""
+    logger.info("downloading %s", url)
+    file, digest = folder / Path(url).name, hashlib.sha256()
+    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response, file.open("wb") as copy:
+        while block := response.read(1 << 20):
+            digest.update(block)
+            copy.write(block)
+    if digest.hexdigest() != sha256:
+        raise BadData(f"{url} has SHA-256 {digest.hexdigest()[:8]}..., expected {sha256[:8]}...")
+    tensors: Mapping[str, Tensor] = torch.load(file, map_location="cpu", weights_only=True)
+    return tensors
