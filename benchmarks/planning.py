@@ -11,13 +11,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-
-from benchmarks.matrix import COVERAGE, Matrix
+from benchmarks.matrix import Matrix
 from benchmarks.store import Results
-from benchmarks.workshop import Failure, Workshop, workshop
+from benchmarks.workshop import Workshop, workshop
 from geovp_classic import registry
-from geovp_classic.errors import BadData, MissingExtra
+from geovp_classic.errors import BadData
 
 CLIPS_PER_PART = 2
 KEPT_BY_DEFAULT = 3
@@ -32,16 +30,6 @@ class HasSplit(Protocol):
     @property
     def split_hash(self) -> str:
         """The same for all who have the same frames."""
-        ...
-
-
-@runtime_checkable
-class StatesProtocol(Protocol):
-    """A metric that says by which of the usual definitions it goes."""
-
-    @property
-    def protocol(self) -> str:
-        """The definition in a few words."""
         ...
 
 
@@ -67,7 +55,7 @@ class Plan:
     @property
     def columns(self) -> tuple[str, ...]:
         """The metrics that can be computed here."""
-        return tuple(name for name in self.shop.metrics if name not in self.unavailable)
+        return tuple(name for name in self.shop.measures.built if name not in self.unavailable)
 
     @property
     def chunks(self) -> list[dict[int, str]]:
@@ -79,10 +67,11 @@ class Plan:
 def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     """Build everything once, choose the clips and write protocol.json."""
     shop = workshop(matrix.to_json())
-    clips = shop.clip_names[: options.limit]
+    clips = shop.clip_names(options.limit)
     if not clips:
         raise BadData("the data set has no clip of that length: give a longer sequence or fewer frames a clip")
-    plan = Plan(shop, results, clips, _kept(clips, options.keep), _unavailable(shop), _shared(shop))
+    kept = spread(clips, len(clips) if options.keep is None else options.keep)
+    plan = Plan(shop, results, clips, kept, shop.measures.unavailable(matrix.size_px), _shared(shop))
     before = results.protocol() if results.begun else {}
     if before.get("fingerprint") == plan.shared:
         if options.limit is not None and len(before["clips"]) > len(clips):
@@ -107,46 +96,17 @@ def _protocol(plan: Plan) -> dict[str, Any]:
         "num_future": matrix.num_future,
         "size_px": list(matrix.size_px),
         "stride": matrix.stride,
-        "metrics": _metrics(plan),
+        "metrics": plan.shop.measures.about(plan.unavailable),
         "cells": [cell.name for cell in matrix.cells],
         "clips": list(plan.clips),
         "fingerprint": plan.shared,
-        "versions": _versions(),
+        "versions": versions(),
     }
 
 
-def _metrics(plan: Plan) -> dict[str, Any]:
-    """What the columns mean."""
-    entries: dict[str, Any] = {}
-    for name, metric in plan.shop.metrics.items():
-        role = "frame" if name in plan.shop.matrix.frame_metrics else "trajectory"
-        entries[name] = {"role": role, "unavailable": plan.unavailable.get(name)}
-        if not isinstance(metric, Failure):
-            entries[name] |= {"unit": metric.unit, "higher_is_better": metric.higher_is_better}
-            entries[name] |= {"component": registry.describe(metric)}
-            entries[name]["definition"] = metric.protocol if isinstance(metric, StatesProtocol) else ""
-    definition = "share of pixels that were not invented"
-    coverage = {"unit": "", "higher_is_better": True, "definition": definition, "unavailable": None}
-    return {**entries, COVERAGE: {"role": "frame", **coverage}}
-
-
-def _unavailable(shop: Workshop) -> dict[str, str]:
-    """Why metrics cannot be computed here; a frame metric is tried, since its weights may be missing."""
-    reasons = {name: metric.reason for name, metric in shop.metrics.items() if isinstance(metric, Failure)}
-    width_px, height_px = shop.matrix.size_px
-    blank = np.zeros((1, height_px, width_px, 3), np.uint8)
-    for name in shop.matrix.frame_metrics:
-        if name not in reasons:
-            try:
-                shop.metrics[name](blank, blank, None)
-            except MissingExtra as error:
-                reasons[name] = str(error)
-    return reasons
-
-
-def _kept(clips: tuple[str, ...], keep: int | None) -> frozenset[str]:
-    """So many clips, spread over all of them."""
-    count = len(clips) if keep is None else min(keep, len(clips))
+def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
+    """So many of the clips, evenly spread over all of them."""
+    count = min(count, len(clips))
     return frozenset(clips[int((i + 0.5) * len(clips) / count)] for i in range(count))
 
 
@@ -161,8 +121,8 @@ def _shared(shop: Workshop) -> str:
 
 
 def _split_hash(shop: Workshop) -> str:
-    """The data set's own, or that of its clips' names."""
-    return shop.dataset.split_hash if isinstance(shop.dataset, HasSplit) else content_hash(list(shop.clip_names))
+    """The data set's own; the empty one where its settings say all."""
+    return shop.dataset.split_hash if isinstance(shop.dataset, HasSplit) else ""
 
 
 def content_hash(value: Any) -> str:
@@ -170,7 +130,8 @@ def content_hash(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """What is installed of the packages that numbers depend on."""
     installed = {"python": platform.python_version()}
     for package in VERSIONS_OF:
         try:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.executors import Executor
+from benchmarks.failures import Failure
 from benchmarks.matrix import CellPlan, Matrix
 from benchmarks.planning import Options, Plan, content_hash, prepare
 from benchmarks.store import Cell, Part, Results
-from benchmarks.workshop import Failure, Report, Task, compute
+from benchmarks.workshop import Report, Task, compute
 from geovp_classic import registry
 from geovp_classic.types import Grant
 
@@ -83,7 +84,7 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
 def _missing(plan: Plan, name: str) -> set[int]:
     """The chunks that a cell lacks; parts that no longer fit are removed."""
     chunks = plan.chunks
-    specs = {column: registry.describe(plan.shop.metrics[column]) for column in plan.columns}
+    specs = plan.shop.measures.describe(plan.columns)
     kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
     missing = set(range(len(chunks)))
     for part in plan.results.parts(name):

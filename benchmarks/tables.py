@@ -86,16 +86,15 @@ def build(results: Results) -> list[Table]:
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
     main = [name for name in metrics if name != COVERAGE]
-    about = _notes(protocol, cells)
     methods = [line for cell in cells if cell.name in rows for line in _lines(cell, rows[cell.name], protocol)]
-    tables = [_table("scores", "whole frames and poses", {key: title(key) for key in main}, protocol, methods, about)]
+    tables = [_table("scores", "whole frames and poses", {key: title(key) for key in main}, protocol, methods, cells)]
     for name in (name for name in main if metrics[name]["role"] == "frame"):
         apart = [key for key in keys if key.startswith(f"{name}@")]
         if apart:
             columns = {name: "all pixels", **{key: f"{key.partition('@')[2]} pixels" for key in apart}}
             columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
             heading = f"{title(name)} over sets of pixels"
-            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, about))
+            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
     return tables
 
 
@@ -164,11 +163,12 @@ def _table(
     columns: Mapping[str, str],  # key -> words
     protocol: Mapping[str, Any],
     rows: Sequence[Row],
-    notes: Sequence[str],
+    cells: Sequence[Cell],
 ) -> Table:
     abouts = {key: protocol["metrics"][key.partition("@")[0]] for key in columns}
     made = tuple(_column(key, words, abouts[key], rows) for key, words in columns.items())
-    return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), tuple(notes))
+    shown = {key.partition("@")[0]: about for key, about in abouts.items()}
+    return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), tuple(_notes(protocol, shown, cells)))
 
 
 def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
@@ -206,9 +206,10 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
     ]
 
 
-def _notes(protocol: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
+def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
     width_px, height_px = protocol["size_px"]
-    clips = f"{len(protocol['clips'])} clips of {protocol['dataset_name']}"
+    split = f", split {protocol['dataset']['split']}" if "split" in protocol["dataset"] else ""
+    clips = f"{len(protocol['clips'])} clips of {protocol['dataset_name']}{split}"
     frames = (
         f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted at {width_px}x{height_px}"
     )
@@ -217,7 +218,7 @@ def _notes(protocol: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
     legend = [f"[{mark}] {meaning}" for grant, (mark, meaning) in MARKS.items() if grant in used]
     if legend:
         notes.append(f"Granted beyond the observed frames: {', '.join(legend)}.")
-    for name, about in protocol["metrics"].items():
+    for name, about in shown.items():
         if about["unavailable"]:
             notes.append(f"{title(name)}: unavailable: {about['unavailable']}.")
         elif about.get("definition"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import resource
 import sys
-import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +12,13 @@ from typing import Any, Protocol, runtime_checkable
 
 import pyarrow as pa
 
+from benchmarks.failures import Failure, build
 from benchmarks.matrix import CellPlan, Matrix, Spec
+from benchmarks.measures import Measures
 from benchmarks.remembering import Memory, RememberingPoseSource, RememberingRenderer, Stopwatch
-from benchmarks.scoring import Case, Metrics, score
+from benchmarks.scoring import Case, score
 from benchmarks.store import Part, Results
-from geovp_classic import registry
-from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset, FramePredictor
 from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.types import Clip, Grant
@@ -35,38 +35,19 @@ class ListsClips(Protocol):
 
 
 @dataclass(frozen=True)
-class Failure:
-    """Why a cell, a component or a metric cannot go on."""
-
-    status: str  # "skipped" or "failed"
-    reason: str
-    traceback: str = ""
-
-    @classmethod
-    def of(cls, error: Exception) -> Failure:
-        """Skipped when the parts do not suit each other or something is not installed, failed otherwise."""
-        if isinstance(error, (Incompatible, MissingExtra)):
-            return cls("skipped", str(error))
-        trace = "".join(traceback.format_exception(error))
-        reason = str(error) if isinstance(error, BadData) else f"{type(error).__name__}: {error}"
-        return cls("failed", reason.strip().partition("\n")[0], trace)
-
-
-@dataclass(frozen=True)
 class Workshop:
     """The built components of a matrix by role and name, a Failure in place of one that cannot be built here."""
 
     matrix: Matrix
     dataset: Dataset
     components: Mapping[tuple[str, str], Any]
-    metrics: Mapping[str, Any]
+    measures: Measures
 
-    @functools.cached_property
-    def clip_names(self) -> tuple[str, ...]:
-        """The names of all clips of the data set, in order."""
+    def clip_names(self, limit: int | None) -> tuple[str, ...]:
+        """The names of the first clips, or of all; a data set that does not list them is read for it."""
         if isinstance(self.dataset, ListsClips):
-            return tuple(self.dataset.clip_names)
-        return tuple(self.dataset[index].name for index in range(len(self.dataset)))
+            return tuple(self.dataset.clip_names[:limit])
+        return tuple(self.dataset[index].name for index in range(len(self.dataset))[:limit])
 
     def parts(self, plan: CellPlan) -> dict[str, Any]:
         """The components of a cell: pose_source and renderer, or predictor."""
@@ -99,11 +80,6 @@ class Workshop:
             RememberingPoseSource(str(plan.pose_source), parts["pose_source"], memory, watch),
             RememberingRenderer(str(plan.renderer), parts["renderer"], memory, watch),
         )
-
-    def chosen(self, columns: tuple[str, ...]) -> Metrics:
-        """The metrics of these columns."""
-        frame = {name: self.metrics[name] for name in self.matrix.frame_metrics if name in columns}
-        return Metrics(frame, {name: self.metrics[name] for name in self.matrix.trajectory_metrics if name in columns})
 
 
 @dataclass(frozen=True)
@@ -140,12 +116,11 @@ class _Tally:
 def workshop(matrix_json: str) -> Workshop:
     """The workshop of a matrix; a component's wrong name or setting is raised, what is not installed is kept."""
     matrix = Matrix.from_json(matrix_json)
-    components = {key: _build(*key, spec) for key, spec in _specs(matrix)}
+    components = {key: build(*key, spec) for key, spec in _specs(matrix)}
     needs = [part.needs for part in components.values() if not isinstance(part, Failure)]
     dataset = matrix.build_dataset(functools.reduce(Grant.__or__, needs, Grant.NONE))
-    roles = {"frame_metrics": matrix.frame_metrics, "trajectory_metrics": matrix.trajectory_metrics}
-    metrics = {name: _build(role, name, spec) for role, specs in roles.items() for name, spec in specs.items()}
-    return Workshop(matrix, dataset, components, metrics)
+    measures = Measures.build(matrix.frame_metrics, matrix.trajectory_metrics)
+    return Workshop(matrix, dataset, components, measures)
 
 
 def compute(task: Task) -> Report:
@@ -163,7 +138,7 @@ def compute(task: Task) -> Report:
                 _predict_and_score(shop, plan, case, memory, tallies[plan.name], task)
             except Exception as error:  # the cell's failure is recorded and the matrix goes on
                 failures[plan.name] = Failure.of(error)
-    specs = {column: registry.describe(shop.metrics[column]) for column in task.columns}
+    specs = shop.measures.describe(task.columns)
     for name in (plan.name for plan in task.cells if plan.name not in failures):
         tally = tallies[name]
         clips = tuple(task.clips.values())
@@ -190,7 +165,7 @@ def _predict_and_score(shop: Workshop, plan: CellPlan, case: Case, memory: Memor
         Results(Path(task.root)).write_prediction(plan.name, case.clip.name, prediction)
     _ = case.pixel_sets  # computed once for all cells, so charged to none
     with tally.watch.time("metrics"):
-        tally.rows.append(score(case, prediction, shop.chosen(task.columns)))
+        tally.rows.append(score(case, prediction, shop.measures.chosen(task.columns)))
 
 
 def _clip(shop: Workshop, index: int, name: str) -> Clip:
@@ -210,10 +185,3 @@ def _specs(matrix: Matrix) -> Iterator[tuple[tuple[str, str], Spec]]:
         yield ("renderers", name), renderer
     for name, predictor in matrix.predictors.items():
         yield ("predictors", name), predictor.spec
-
-
-def _build(role: str, name: str, spec: Spec) -> Any:
-    try:
-        return registry.build(role, spec, f"{role}.{name}")
-    except (Incompatible, MissingExtra) as error:
-        return Failure.of(error)

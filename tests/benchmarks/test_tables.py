@@ -42,7 +42,14 @@ def results(tmp_path: Path) -> Results:
     """Two clips; `sharp` is better in PSNR, `still` in the error; one cell of each other status."""
     results = Results(tmp_path)
     cells = ["a--sharp", "still", "half", "broken", "apart"]
-    protocol = {"name": "demo", "dataset_name": "road", "cells": cells, "metrics": METRICS, "clips": ["x", "y"]}
+    protocol = {
+        "name": "demo",
+        "dataset_name": "road",
+        "dataset": {"name": "road", "split": "test"},
+        "cells": cells,
+        "metrics": METRICS,
+        "clips": ["x", "y"],
+    }
     results.write_protocol({**protocol, "num_past": 10, "num_future": 20, "size_px": [64, 48]})
     sharp = {
         ("x", 0, "psnr"): 20.0,
@@ -95,11 +102,12 @@ def test_grants_are_marked_and_explained(results: Results) -> None:
 def test_what_stands_below(results: Results) -> None:
     text = "\n".join(lines(results))
     assert "± is one standard error of the mean over clips" in text
-    assert "2 clips of road; 10 frames seen, the next 20 predicted at 64x48" in text
+    assert "2 clips of road, split test; 10 frames seen, the next 20 predicted at 64x48" in text
     assert "- PSNR: per frame." in text
     assert "- LPIPS: unavailable: lpips_alex is not here: fetch it." in text
     assert "- broken: failed: the road ended." in text
     assert "- apart: skipped: give the odometry a scale." in text
+    assert "share" not in text  # coverage is not in this table
     assert not any(line.startswith(("| broken", "| apart")) for line in text.splitlines())
 
 

@@ -1,0 +1,82 @@
+"""The metrics of a matrix: built, tried out, and described for whoever reads the results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from benchmarks.failures import Failure, build
+from benchmarks.matrix import COVERAGE, Spec
+from benchmarks.scoring import Metrics
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+
+
+@runtime_checkable
+class StatesProtocol(Protocol):
+    """A metric that says by which of the usual definitions it goes."""
+
+    @property
+    def protocol(self) -> str:
+        """The definition in a few words."""
+        ...
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Metrics by column, a Failure in place of one that cannot be built here."""
+
+    frame: Mapping[str, Spec]
+    trajectory: Mapping[str, Spec]
+    built: Mapping[str, Any]
+
+    @classmethod
+    def build(cls, frame: Mapping[str, Spec], trajectory: Mapping[str, Spec]) -> Measures:
+        """The metrics of a matrix file; a wrong name or setting is raised."""
+        roles = {"frame_metrics": frame, "trajectory_metrics": trajectory}
+        built = {name: build(role, name, spec) for role, specs in roles.items() for name, spec in specs.items()}
+        return cls(frame, trajectory, built)
+
+    def unavailable(self, size_px: tuple[int, int]) -> dict[str, str]:
+        """Why metrics cannot be computed here; each frame metric is tried, since its weights may be missing."""
+        reasons = {name: metric.reason for name, metric in self.built.items() if isinstance(metric, Failure)}
+        blank = np.zeros((1, size_px[1], size_px[0], 3), np.uint8)
+        for name in (name for name in self.frame if name not in reasons):
+            try:
+                self.built[name](blank, blank, None)
+            except BadData:
+                raise
+            except Exception as error:  # one metric less, and the run goes on
+                reasons[name] = Failure.of(error).reason
+        return reasons
+
+    def chosen(self, columns: Iterable[str]) -> Metrics:
+        """The metrics of these columns."""
+        wanted = set(columns)
+        frame = {name: self.built[name] for name in self.frame if name in wanted}
+        return Metrics(frame, {name: self.built[name] for name in self.trajectory if name in wanted})
+
+    def describe(self, columns: Iterable[str]) -> dict[str, Any]:
+        """The resolved settings of these columns."""
+        return {column: registry.describe(self.built[column]) for column in columns}
+
+    def about(self, unavailable: Mapping[str, str]) -> dict[str, Any]:
+        """What the columns mean, for protocol.json."""
+        entries: dict[str, Any] = {}
+        for role, specs in (("frame", self.frame), ("trajectory", self.trajectory)):
+            for name, spec in specs.items():
+                entries[name] = {"role": role, "asked": spec, "unavailable": unavailable.get(name)}
+                entries[name] |= _meaning(self.built[name])
+        definition = "share of pixels that were not invented"
+        coverage = {"unit": "", "higher_is_better": True, "definition": definition, "unavailable": None}
+        return {**entries, COVERAGE: {"role": "frame", **coverage}}
+
+
+def _meaning(metric: Any) -> dict[str, Any]:
+    if isinstance(metric, Failure):
+        return {}
+    definition = metric.protocol if isinstance(metric, StatesProtocol) else ""
+    return {"unit": metric.unit, "higher_is_better": metric.higher_is_better, "definition": definition}
