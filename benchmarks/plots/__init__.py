@@ -11,6 +11,8 @@ from benchmarks.plots import style
 from benchmarks.plots.gather import Page, jobs
 from benchmarks.store import Results, write_bytes
 
+__all__ = ["Page", "Progress", "jobs", "rendered", "write_all"]
+
 Progress = Callable[[int, int, str], None]  # (jobs done, jobs in all, what was drawn)
 SAVING: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 2}},

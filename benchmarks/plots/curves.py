@@ -37,22 +37,19 @@ class Measure:
     title: str
     unit: str
     higher_is_better: bool
-    subtitle: str  # what the mean and the band are taken over
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
 
-def draw(curves: Sequence[Curve], measure: Measure) -> list[Figure]:
+def draw(curves: Sequence[Curve], measure: Measure, words: style.Words) -> list[Figure]:
     """One figure per dozen curves; those of the other pages stay as faint lines, and all pages share their axes."""
     pages = style.pages(len(curves), MOST_LINES)
-    return [
-        _page(curves, measure, page, f" ({n} of {len(pages)})" * (len(pages) > 1)) for n, page in enumerate(pages, 1)
-    ]
+    return [_page(curves, measure, page, words.numbered(n, len(pages))) for n, page in enumerate(pages, 1)]
 
 
-def _page(curves: Sequence[Curve], measure: Measure, page: range, suffix: str) -> Figure:
+def _page(curves: Sequence[Curve], measure: Measure, page: range, words: style.Words) -> Figure:
     named = [curves[number] for number in page]
-    names_in = NAMES_FROM * WIDTH_IN - WIDTH_IN + style.width_in((curve.label for curve in named), NAME_PT) + 0.1
-    figure, axes = style.sheet(WIDTH_IN, HEIGHT_IN, style.Margins(right_in=names_in))
+    names_in = (NAMES_FROM - 1) * WIDTH_IN + style.width_in((curve.label for curve in named), NAME_PT) + 0.1
+    figure, axes = style.sheet((WIDTH_IN, HEIGHT_IN), style.Margins(right_in=names_in), words)
     style.tidy(axes)
     for number, curve in enumerate(curves):
         if number in page:
@@ -61,7 +58,6 @@ def _page(curves: Sequence[Curve], measure: Measure, page: range, suffix: str) -
             axes.plot(curve.steps, curve.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
     _frame(axes, curves, measure)
     _names(axes, named)
-    style.headline(axes, measure.title + " over horizon" + suffix, measure.subtitle)
     return figure
 
 

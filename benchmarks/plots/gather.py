@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from matplotlib.figure import Figure
 
-from benchmarks import statistics
+from benchmarks import statistics, tables
 from benchmarks.plots import curves, strips, style, trajectories
 from benchmarks.store import Cell, Results
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
@@ -27,6 +27,7 @@ class Page:
 
     name: str  # of the file, without its ending
     kind: str  # "horizon", "strip", "invented" or "paths"
+    subject: str  # the metric or the clip
     caption: str
     figure: Figure
     formats: tuple[str, ...] = ("png", "svg")
@@ -86,10 +87,9 @@ def jobs(results: Results) -> list[Job]:
 
 
 def title(metric: str) -> str:
-    """A metric's name for people: "psnr@covered" is "PSNR, covered pixels"."""
-    name, _, pixels = metric.partition("@")
-    words = name.upper() if len(name) <= 5 else name.replace("-", " ").capitalize()
-    return f"{words}, {pixels} pixels" if pixels else words
+    """A metric's name as a heading."""
+    words = tables.title(metric)
+    return words[:1].upper() + words[1:]
 
 
 def metrics_of(tables: Iterable[pa.Table]) -> list[str]:
@@ -127,11 +127,12 @@ def _curves(material: _Material, metric: str) -> list[Page]:
         if np.isfinite(cube.values).any():
             known.append((line, statistics.per_step(line.reduce(cube, facts["higher_is_better"]))))
     most = max(int(estimate.count.max()) for _, estimate in known)
-    words = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
-    words += ", band ± one standard error over clips" if most > 1 else ""
-    measure = curves.Measure(title(metric), facts["unit"], facts["higher_is_better"], words, material.step_s)
-    figures = curves.draw([_curve(line, estimate, most) for line, estimate in known], measure)
-    return _pages("horizon", metric, f"{title(metric)} over horizon, {words}.", figures)
+    over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
+    over += ", band ± one standard error over clips" if most > 1 else ""
+    words = style.Words(f"{title(metric)} over horizon", over)
+    measure = curves.Measure(title(metric), facts["unit"], facts["higher_is_better"], material.step_s)
+    figures = curves.draw([_curve(line, estimate, most) for line, estimate in known], measure, words)
+    return _pages("horizon", metric, metric, words, figures)
 
 
 def _curve(line: _Line, estimate: statistics.Estimate, most: int) -> curves.Curve:
@@ -186,14 +187,14 @@ def _strips(material: _Material, clip: Clip, kept: dict[str, Prediction], file: 
     rows = [_strip(material, cell, kept[cell.name], clip.name, steps) for cell in cells]
     if not rows:
         return []
-    words = f"{material.data}; the small numbers are means over the {future} frames of this clip"
-    pages = _pages("strip", file, f"Clip {clip.name}: {words}.", strips.draw(truth, rows, f"Clip {clip.name}", words))
+    means = f"{material.data}; the small numbers are means over the {future} frames of this clip"
+    words = style.Words(f"Clip {clip.name}", means)
+    pages = _pages("strip", file, clip.name, words, strips.draw(truth, rows, words))
     if any(row.covered is not None and not row.covered.all() for row in rows):
-        words = f"{material.data}; pixels in pink were not seen in the past: the method invented them"
-        figures = strips.draw(
-            truth, [strips.invented(row) for row in rows], f"Clip {clip.name}, invented pixels", words
-        )
-        invented = _pages("invented", file, f"Clip {clip.name}: {words}.", figures)
+        unseen = f"{material.data}; pixels in pink were not seen in the past: the method invented them"
+        words = style.Words(f"Clip {clip.name}, invented pixels", unseen)
+        figures = strips.draw(truth, [strips.invented(row) for row in rows], words)
+        invented = _pages("invented", file, clip.name, words, figures)
         pages += [replace(page, formats=("png",)) for page in invented]
     return pages
 
@@ -227,10 +228,11 @@ def _paths(material: _Material, clip: Clip, kept: dict[str, Prediction], file: s
         return []
     strokes = style.strokes([(label, "") for label in motions])
     paths = [_path(label, motions[label], truth.past, stroke) for label, stroke in zip(motions, strokes, strict=True)]
-    words = f"{material.data}, from above, in the last observed camera's frame; a mark every 5 frames"
+    seen = f"{material.data}, from above, in the last observed camera's frame; a mark every 5 frames"
+    words = style.Words(f"Paths of clip {clip.name}", seen)
     unit = "m" if clip.trajectory.is_metric else "the ground truth's unit"
-    figures = trajectories.draw(truth, paths, unit, f"Paths of clip {clip.name}", words)
-    return _pages("paths", file, f"Paths of clip {clip.name}: {words}.", figures)
+    figures = trajectories.draw(truth, paths, unit, words)
+    return _pages("paths", file, clip.name, words, figures)
 
 
 def _path(label: str, motion: Motion, true_past: FloatArray, stroke: style.Stroke) -> trajectories.Path:
@@ -245,7 +247,8 @@ def _path(label: str, motion: Motion, true_past: FloatArray, stroke: style.Strok
     return trajectories.Path(f"{label} (true scale lent)", past * scale, futures * scale, stroke)
 
 
-def _pages(kind: str, name: str, caption: str, figures: Sequence[Figure]) -> list[Page]:
+def _pages(kind: str, name: str, subject: str, words: style.Words, figures: Sequence[Figure]) -> list[Page]:
     stem = f"{kind}-{re.sub('[^A-Za-z0-9]+', '-', name).strip('-').lower()}"
+    caption = f"{words.title}. {words.subtitle}."
     many = len(figures) > 1
-    return [Page(stem + f"-{n}" * many, kind, caption, figure) for n, figure in enumerate(figures, 1)]
+    return [Page(stem + f"-{n}" * many, kind, subject, caption, figure) for n, figure in enumerate(figures, 1)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,9 +15,10 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 MOST_ROWS = 10
 MARGINS = style.Margins(left_in=0.22, right_in=0.08, top_in=0.7, bottom_in=0.08)
-WIDTH_IN = 7.0
-LEAST_WIDTH_PX = 1500
+TILE_IN = 1.14  # width of a picture: six of them fill a page
+LEAST_DPI = 220
 LABEL_CHARACTERS = 21
+NAME_PT, NOTE_PT = 8.0, 6.5
 LINE_SPACING = 1.2  # matplotlib's
 INVENTED = np.array([214, 39, 160])  # a colour that streets do not have
 
@@ -41,13 +43,11 @@ class Truth:
     ahead_s: FloatArray  # [K], seconds after the last observed frame
 
 
-def draw(truth: Truth, rows: Sequence[Row], title: str, subtitle: str) -> list[Figure]:
+def draw(truth: Truth, rows: Sequence[Row], words: style.Words) -> list[Figure]:
     """One figure per ten rows, the truth on top of each."""
     pages = style.pages(len(rows), MOST_ROWS)
-    many = len(pages) > 1
     return [
-        _page(truth, rows[page.start : page.stop], title + f" ({n} of {len(pages)})" * many, subtitle)
-        for n, page in enumerate(pages, 1)
+        _page(truth, rows[page.start : page.stop], words.numbered(n, len(pages))) for n, page in enumerate(pages, 1)
     ]
 
 
@@ -59,21 +59,24 @@ def invented(row: Row) -> Row:
     return Row(row.label, row.note, np.where(row.covered[..., None], row.frames, washed), row.covered)
 
 
-def _page(truth: Truth, rows: Sequence[Row], title: str, subtitle: str) -> Figure:
-    """The figure; its resolution is such that a predicted pixel is a whole number of pixels of the file."""
+def _page(truth: Truth, rows: Sequence[Row], words: style.Words) -> Figure:
+    """The figure; where it can be, a predicted pixel is a whole number of pixels of the file."""
     height_px, width_px = truth.last_seen.shape[:2]
-    gap_px = max(2, width_px // 40)
+    gap_px = max(1, width_px // 40)
     sheet = _mosaic(truth, rows, gap_px)
-    enlarged = max(1, round(LEAST_WIDTH_PX / sheet.shape[1]))
-    height_in = WIDTH_IN * sheet.shape[0] / sheet.shape[1]
-    figure, axes = style.sheet(WIDTH_IN, height_in, MARGINS, dpi=enlarged * sheet.shape[1] / WIDTH_IN)
+    enlarged = max(1, round(LEAST_DPI * TILE_IN / width_px))
+    dpi = enlarged * width_px / TILE_IN
+    size_in = (TILE_IN * sheet.shape[1] / width_px, TILE_IN * sheet.shape[0] / width_px)
+    figure, axes = style.sheet(size_in, MARGINS, words, dpi=min(dpi, style.PRINT_DPI))
     axes.set_axis_off()
-    axes.imshow(sheet, aspect="auto", extent=(0, sheet.shape[1], sheet.shape[0], 0), interpolation="nearest")
+    smooth = "nearest" if dpi <= style.PRINT_DPI else "antialiased"
+    axes.imshow(sheet, aspect="auto", extent=(0, sheet.shape[1], sheet.shape[0], 0), interpolation=smooth)
     _headings(axes, truth, width_px + gap_px, width_px)
     for number, row in enumerate(rows, 1):
-        _label(axes, row, width_px, number * (height_px + gap_px) + height_px / 2)
-    axes.text(-gap_px, height_px / 2, "ground truth", rotation=90, ha="right", va="center", fontsize=8, weight="bold")
-    style.headline(axes, title, subtitle, lift_pt=22)
+        middle_px = number * (height_px + gap_px) + height_px / 2
+        _label(axes, row, width_px, middle_px, room_pt=72 * TILE_IN * height_px / width_px)
+    place: dict[str, Any] = {"textcoords": "offset points", "rotation": 90, "ha": "right", "va": "center"}
+    axes.annotate("ground truth", (0, height_px / 2), (-3, 0), **place, fontsize=8, weight="bold")
     return figure
 
 
@@ -98,25 +101,19 @@ def _headings(axes: Axes, truth: Truth, right_px: int, width_px: int) -> None:
         axes.annotate(text, (x, 0), (0, 4), textcoords="offset points", ha="center", fontsize=7.5, color=style.INK)
 
 
-def _label(axes: Axes, row: Row, right_px: float, middle_px: float) -> None:
-    """Name and note right-aligned beside the row, centred together; a long name is set smaller."""
-    parts = [style.wrapped(part, LABEL_CHARACTERS) for part in row.label.split(" + ")]
-    name = " +\n".join(parts)
-    name_pt = 8.0 if name.count("\n") < 4 else 6.5
-    name_height, note_height = (text.count("\n") * size + size for text, size in ((name, name_pt), (row.note, 6.5)))
-    top_pt = (name_height + note_height * bool(row.note)) * LINE_SPACING / 2
-    for text, size, drop_pt, colour in (
-        (name, name_pt, 0.0, style.INK),
-        (row.note, 6.5, name_height * LINE_SPACING + 2, style.FAINT),
-    ):
-        place = (-3, top_pt - drop_pt)
-        axes.annotate(
-            text,
-            (right_px, middle_px),
-            place,
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            size=size,
-            color=colour,
-        )
+def _label(axes: Axes, row: Row, right_px: float, middle_px: float, room_pt: float) -> None:
+    """Name and note right-aligned beside the row, centred together; small for a long name, no note for a low row."""
+    parts = row.label.split(" + ") if len(row.label) > LABEL_CHARACTERS else [row.label]
+    name = " +\n".join(style.wrapped(part, LABEL_CHARACTERS) for part in parts)
+    name_pt = NAME_PT if name.count("\n") < 4 else NOTE_PT
+    name_high_pt, note_high_pt = _height_pt(name, name_pt), _height_pt(row.note, NOTE_PT)
+    note = row.note if name_high_pt + note_high_pt <= room_pt else ""
+    top_pt = (name_high_pt + note_high_pt * bool(note)) / 2
+    place: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "top"}
+    axes.annotate(name, (right_px, middle_px), (-3, top_pt), **place, fontsize=name_pt, color=style.INK)
+    below_pt = top_pt - name_high_pt - 2
+    axes.annotate(note, (right_px, middle_px), (-3, below_pt), **place, fontsize=NOTE_PT, color=style.FAINT)
+
+
+def _height_pt(text: str, size_pt: float) -> float:
+    return len(text.splitlines()) * size_pt * LINE_SPACING

@@ -16,6 +16,7 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
 PRINT_DPI = 300
+TITLE_PT, SUBTITLE_PT = 9.5, 7.5
 INK = "#222222"
 FAINT = "#8a8a8a"
 RULE = "#d9d9d9"
@@ -98,13 +99,36 @@ class Margins:
     bottom_in: float = 0.58
 
 
-def sheet(width_in: float, height_in: float, margins: Margins, dpi: float = PRINT_DPI) -> tuple[Figure, Axes]:
-    """A figure with axes of the given size that leaves the margins."""
-    wide_in = margins.left_in + width_in + margins.right_in
-    high_in = margins.bottom_in + height_in + margins.top_in
+@dataclass(frozen=True)
+class Words:
+    """What stands above the axes."""
+
+    title: str
+    subtitle: str
+
+    @property
+    def width_in(self) -> float:
+        """How wide they are; bold letters are an eighth wider."""
+        return max(1.125 * width_in([self.title], TITLE_PT), width_in([self.subtitle], SUBTITLE_PT))
+
+    def numbered(self, page: int, pages: int) -> Words:
+        """The same with the page's number, where there are several."""
+        return Words(f"{self.title} ({page} of {pages})", self.subtitle) if pages > 1 else self
+
+
+def sheet(size_in: tuple[float, float], margins: Margins, words: Words, dpi: float = PRINT_DPI) -> tuple[Figure, Axes]:
+    """A figure with axes of the given size that leaves the margins, more where the words need it."""
+    right_in = max(margins.right_in, words.width_in - size_in[0] + 0.1)
+    wide_in = margins.left_in + size_in[0] + right_in
+    high_in = margins.bottom_in + size_in[1] + margins.top_in
     figure = Figure(figsize=(wide_in, high_in), dpi=dpi)
-    place = (margins.left_in / wide_in, margins.bottom_in / high_in, width_in / wide_in, height_in / high_in)
-    return figure, figure.add_axes(place)
+    left, bottom = margins.left_in / wide_in, margins.bottom_in / high_in
+    axes = figure.add_axes((left, bottom, size_in[0] / wide_in, size_in[1] / high_in))
+    lift_pt = margins.top_in * 72 - TITLE_PT - 21
+    above: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    axes.annotate(words.title, (0, 1), (0, lift_pt + 12), **above, fontsize=TITLE_PT, weight="bold", color=INK)
+    axes.annotate(words.subtitle, (0, 1), (0, lift_pt), **above, fontsize=SUBTITLE_PT, color=FAINT)
+    return figure, axes
 
 
 def width_in(texts: Iterable[str], size_pt: float) -> float:
@@ -125,14 +149,6 @@ def tidy(axes: Axes) -> None:
     axes.tick_params(colors=INK, length=3, width=0.6, labelsize=7.5)
     axes.grid(True, color=RULE, linewidth=0.5)
     axes.set_axisbelow(True)
-
-
-def headline(axes: Axes, title: str, subtitle: str, lift_pt: float = 7) -> None:
-    """A bold title and a faint line under it, above the axes, flush left."""
-    axes.annotate(
-        title, (0, 1), (0, lift_pt + 12), "axes fraction", "offset points", fontsize=9.5, weight="bold", color=INK
-    )
-    axes.annotate(subtitle, (0, 1), (0, lift_pt), "axes fraction", "offset points", fontsize=7.5, color=FAINT)
 
 
 def wrapped(text: str, width: int) -> str:

@@ -41,22 +41,21 @@ def from_above(
     return np.stack([last_from_cam[..., 2, 3], -last_from_cam[..., 0, 3]], axis=-1)
 
 
-def draw(truth: Path, paths: Sequence[Path], unit: str, title: str, subtitle: str) -> list[Figure]:
+def draw(truth: Path, paths: Sequence[Path], unit: str, words: style.Words) -> list[Figure]:
     """One figure per ten paths, with the truth in black; axes are equal and shared by all pages."""
     pages = style.pages(len(paths), MOST_PATHS)
     limits = _limits([truth, *paths])
-    many = len(pages) > 1
     return [
-        _page(truth, paths[page.start : page.stop], limits, unit, (title + f" ({n} of {len(pages)})" * many, subtitle))
+        _page(truth, paths[page.start : page.stop], limits, unit, words.numbered(n, len(pages)))
         for n, page in enumerate(pages, 1)
     ]
 
 
-def _page(truth: Path, paths: Sequence[Path], limits: FloatArray, unit: str, words: tuple[str, str]) -> Figure:
+def _page(truth: Path, paths: Sequence[Path], limits: FloatArray, unit: str, words: style.Words) -> Figure:
     (left, right), (low, high) = limits
     names_in = style.width_in([*(path.label for path in paths), LAST_OBSERVED], NAME_PT)
     height_in = WIDTH_IN * (high - low) / (right - left)
-    figure, axes = style.sheet(WIDTH_IN, height_in, style.Margins(right_in=names_in + 0.75))
+    figure, axes = style.sheet((WIDTH_IN, height_in), style.Margins(right_in=names_in + 0.75), words)
     style.tidy(axes)
     past = axes.plot(*truth.past.T, color=style.RULE, linewidth=3, solid_capstyle="round")
     lines = [*past, _path(axes, truth, width=3), *(_path(axes, path) for path in paths)]
@@ -70,7 +69,6 @@ def _page(truth: Path, paths: Sequence[Path], limits: FloatArray, unit: str, wor
     axes.set_aspect("equal")
     axes.set_xlabel(f"forward ({unit})", color=style.INK)
     axes.set_ylabel(f"left ({unit})", color=style.INK)
-    style.headline(axes, *words)
     return figure
 
 

@@ -19,6 +19,7 @@ from geovp_classic.geometry import se3
 
 SIDE = 16
 CLIP = "01-a-b-0-9-x-y"
+WORDS = style.Words("t", "s")
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +116,7 @@ class TestCurves:
             curves.Curve(f"method {i}", steps, i - steps, 0 * steps + 1, stroke) for i, stroke in enumerate(strokes)
         ]
         with style.settings():
-            figures = curves.draw(rows, curves.Measure("PSNR", "dB", True, "", None))
+            figures = curves.draw(rows, curves.Measure("PSNR", "dB", True, None), style.Words("PSNR", ""))
         assert len(figures) == 3
         assert len({figure.axes[0].get_ylim() for figure in figures}) == 1
         shown = [[i for i in range(25) if f"method {i}" in texts(figure).split("\n")] for figure in figures]
@@ -128,7 +129,7 @@ class TestStrips:
     def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, gather.Page]) -> None:
         """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
         sheet = np.asarray(pages[f"strip-{CLIP}"].figure.axes[0].images[0].get_array())
-        gap = 2
+        gap = 1
         assert sheet.shape == (5 * SIDE + 4 * gap, 3 * SIDE + 2 * gap, 3)
         corner = sheet[:: SIDE + gap, :: SIDE + gap, 0]
         np.testing.assert_array_equal(
@@ -138,7 +139,7 @@ class TestStrips:
     def test_rows_are_named_and_scored(self, pages: dict[str, gather.Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
         words = texts(pages[f"strip-{CLIP}"].figure)
-        for word in ("ground truth", "last observed frame", "frame +5  (0.5 s)", "gt +\nfar", "PSNR 16.5 dB"):
+        for word in ("ground truth", "last observed frame", "frame +5  (0.5 s)", "gt + far", "PSNR 16.5 dB"):
             assert word in words
         assert "sample 1 of 3" in words
 
@@ -152,7 +153,7 @@ class TestStrips:
     def test_more_than_ten_methods_take_two_pages(self) -> None:
         frame = np.zeros((2, 2, 3), np.uint8)
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
-        assert len(strips.draw(truth, [strips.Row(f"m{i}", "", frame[None]) for i in range(11)], "t", "s")) == 2
+        assert len(strips.draw(truth, [strips.Row(f"m{i}", "", frame[None]) for i in range(11)], WORDS)) == 2
 
 
 class TestTrajectories:

@@ -1,0 +1,33 @@
+"""One self-contained page about a results folder: numbers, figures, settings, and what became of each cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks import plots
+from benchmarks.report import markup, sections
+from benchmarks.store import Results, write_bytes
+
+
+def write(results_dir: Path, progress: plots.Progress | None = None) -> Path:
+    """Write report.html, figures drawn anew from the stored rows; BadData when the folder holds no results."""
+    results = Results(results_dir)
+    facts = sections.Facts.read(results)
+    jobs = plots.jobs(results)
+    figures: list[sections.Drawn] = []
+    for number, job in enumerate(jobs, 1):
+        figures += [sections.Drawn.of(page) for page in job.draw()]
+        if progress is not None:
+            progress(number, len(jobs), job.name)
+    chapters = [
+        ("Scores", sections.scores(facts)),
+        ("Over the horizon", sections.horizon(figures)),
+        ("Clips", sections.clips(figures)),
+        ("Methods", sections.methods(facts)),
+        ("Protocol", sections.protocol(facts)),
+    ]
+    told = [(title, inside) for title, inside in chapters if inside]
+    opening = sections.opening(facts, [title for title, _ in told])
+    page = markup.page(str(facts.protocol["name"]), opening, *(sections.chapter(*each) for each in told))
+    write_bytes(results.report, page.encode())
+    return results.report

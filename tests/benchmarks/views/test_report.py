@@ -1,0 +1,151 @@
+"""The report is one page that needs nothing else, says what the rows say, and shows every name as it is."""
+
+import html
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from benchmarks import report, tables
+from benchmarks.report import markup
+from benchmarks.store import Results
+from geovp_classic.errors import BadData
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> str:
+    path = report.write(folder)
+    assert path == folder / "report.html"
+    return path.read_text(encoding="utf-8")
+
+
+class Reader(HTMLParser):
+    """Collects elements with their attributes, and which were left open."""
+
+    def __init__(self) -> None:
+        """Nothing read yet."""
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in markup.WITHOUT_END:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def read(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    return reader
+
+
+def seen(page: str) -> str:
+    """The text that a reader sees."""
+    return html.unescape(re.sub(r"<[^>]*>", "", page.partition("</style>")[2]))
+
+
+def test_it_is_well_formed_and_all_is_in_it(page: str) -> None:
+    reader = read(page)
+    assert reader.open == []
+    assert "http" not in re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert {tag for tag, _ in reader.elements}.isdisjoint({"script", "link", "iframe", "object"})
+    sources = [attributes["src"] or "" for tag, attributes in reader.elements if tag == "img"]
+    assert [source.partition(";")[0].removeprefix("data:") for source in sources] == [
+        "image/svg+xml",  # psnr, translation error
+        "image/svg+xml",
+        "image/svg+xml",  # psnr over covered pixels
+        "image/jpeg",  # strip
+        "image/svg+xml",  # paths
+        "image/jpeg",  # invented
+    ]
+    assert not re.search(r"url\(|@import", page)
+
+
+def test_links_lead_to_chapters(page: str) -> None:
+    elements = read(page).elements
+    anchors = {attributes.get("id") for _, attributes in elements}
+    links = [attributes["href"] for tag, attributes in elements if tag == "a"]
+    assert links == ["#scores", "#over-the-horizon", "#clips", "#methods", "#protocol"]
+    assert {(link or "").removeprefix("#") for link in links} <= anchors
+
+
+def test_every_number_of_the_main_table_is_there(page: str) -> None:
+    """PSNR 20 + clip - step: over three clips and six steps 17.5 dB, standard error 1 / sqrt(3) = 0.58."""
+    assert "17.50 ± 0.58" in seen(page)
+    assert '<td><b>19.50</b><span class="error"> ± 0.58</span></td>' in page  # the best of three samples
+    assert "PSNR (dB) ↑" in seen(page)
+    assert "unavailable" in seen(page)
+
+
+def test_all_notes_of_the_main_table_are_there(page: str, folder: Path) -> None:
+    text = seen(page)
+    main = tables.build(Results(folder))[0]
+    assert main.notes
+    for note in main.notes:
+        assert note in text
+
+
+def test_names_and_reasons_are_shown_and_never_run(page: str) -> None:
+    text = seen(page)
+    for shown in ("toy & matrix", "toy <val>", "ValueError: <b>bold</b>", "<script>alert(1)</script>", "<i>odd</i>"):
+        assert shown in text
+    for raw in ("<script>", "<i>odd", "<b>bold", "<x>", "<val>"):
+        assert raw not in page
+    assert "a/b[0:9) <x> & $y" in text
+
+
+def test_what_became_of_each_method(page: str) -> None:
+    text = seen(page)
+    assert "Methods: 3 done, 1 partial, 1 skipped, 1 failed." in text
+    assert "skipped: the poses are not in metres: give the odometry a scale" in text
+    assert "2 of 3" in text
+    assert "0.42" in text  # 1.25 s of motion over three clips
+    assert "321" in text
+
+
+def test_settings_are_lines_for_a_matrix_file(page: str) -> None:
+    assert '[pose_sources."gt"]\nname = "chained"\nnote = "<i>odd</i>"' in seen(page)
+    assert '[predictors."copy-last"]\nname = "copy-last"' in seen(page)
+    assert "Granted beyond the observed frames: true past poses." in seen(page)
+
+
+def test_the_protocol_is_told(page: str) -> None:
+    text = seen(page)
+    for word in ("abc123", 'split = "val"', "16 x 16 pixels", "numpy 9.9.9", "3 observed, 6 predicted"):
+        assert word in text
+
+
+def test_progress_is_told(folder: Path) -> None:
+    told: list[tuple[int, int, str]] = []
+    report.write(folder, lambda done, total, name: told.append((done, total, name)))
+    assert [done for done, _, _ in told] == [1, 2, 3, 4]
+    assert {total for _, total, _ in told} == {4}
+
+
+def test_a_folder_without_results_is_bad_data(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="not a results folder"):
+        report.write(tmp_path)
+
+
+def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
+    protocol = Results(folder).protocol()
+    Results(tmp_path).write_protocol({**protocol, "cells": []})
+    text = seen(report.write(tmp_path).read_text(encoding="utf-8"))
+    assert "3 clips of toy <val>" in text
+    assert "Over the horizon" not in text
+
+
+class TestMarkup:
+    def test_strings_are_escaped_and_html_is_not(self) -> None:
+        assert markup.tag("p", "<&>", markup.tag("b", '"')) == "<p>&lt;&amp;&gt;<b>&quot;</b></p>"
+
+    def test_attributes_are_quoted(self) -> None:
+        assert markup.tag("img", alt='"><script>') == '<img alt="&quot;&gt;&lt;script&gt;">'
+
+    def test_nothing_to_fold_is_nothing(self) -> None:
+        assert markup.fold("more") == ""
