@@ -272,3 +272,7 @@ class Bar:
         """Leave the last state on the screen."""
         if self._close is not None:
             self._close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

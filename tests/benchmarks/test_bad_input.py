@@ -1,0 +1,173 @@
+"""What a user gets wrong is told in one sentence with exit code 2, never in a traceback."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from benchmarks.store import Results
+
+FRAMES = 8
+MATRIX = """
+[protocol]
+dataset = { name = "kitti", root = "ROOT" }
+num_past = 3
+num_future = 2
+size_px = [32, 32]
+stride = 3
+
+[predictors]
+copy-last = { name = "copy-last" }
+
+[metrics]
+frame = ["psnr"]
+"""
+
+
+@pytest.fixture
+def street(tmp_path: Path) -> Path:
+    """A matrix file beside a tiny KITTI folder with which everything goes well."""
+    root = tmp_path / "kitti"
+    pictures = root / "sequences/00/image_0"
+    pictures.mkdir(parents=True)
+    noise = np.random.default_rng(0)
+    for number in range(FRAMES):
+        cv2.imwrite(str(pictures / f"{number:06d}.png"), noise.integers(0, 256, (40, 60), dtype=np.uint8))
+    (root / "sequences/00/calib.txt").write_text("P0: 50 0 29.5 0 0 50 19.5 0 0 0 1 0\n")
+    (root / "sequences/00/times.txt").write_text("".join(f"{0.1 * number:.2f}\n" for number in range(FRAMES)))
+    (root / "poses").mkdir()
+    (root / "poses/00.txt").write_text("".join(pose(number) for number in range(FRAMES)))
+    path = tmp_path / "street.toml"
+    path.write_text(MATRIX.replace("ROOT", str(root)))
+    return path
+
+
+def pose(number: float, first: float | str = 1) -> str:
+    return f"{first} 0 0 0 0 1 0 0 0 0 1 {number}\n"
+
+
+def run(street: Path) -> int:
+    return cli.main(["run", str(street), "--out", str(street.parent / "out"), "--no-report"])
+
+
+def replaced(old: str, new: str) -> Callable[[Path], None]:
+    def damage(street: Path) -> None:
+        content = street.read_text()
+        assert old in content
+        street.write_text(content.replace(old, new))
+
+    return damage
+
+
+def poses(*lines: str) -> Callable[[Path], None]:
+    def damage(street: Path) -> None:
+        (street.parent / "kitti/poses/00.txt").write_text("".join(lines))
+
+    return damage
+
+
+def truncated(street: Path) -> None:
+    picture = street.parent / "kitti/sequences/00/image_0/000004.png"
+    picture.write_bytes(picture.read_bytes()[:200])
+
+
+def emptied(street: Path) -> None:
+    (street.parent / "kitti/sequences").rename(street.parent / "elsewhere")
+
+
+def without_calibration(street: Path) -> None:
+    (street.parent / "kitti/sequences/00/calib.txt").unlink()
+
+
+def sentence(street: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """What is said on standard error when the run ends with exit code 2: one line, no traceback."""
+    assert run(street) == 2
+    lines = [line for line in capsys.readouterr().err.replace("\r", "\n").splitlines() if line.startswith("geovp: ")]
+    assert len(lines) == 1
+    assert "Traceback" not in lines[0]
+    return lines[0]
+
+
+def test_all_is_well_without_damage(street: Path) -> None:
+    assert run(street) == 0
+    assert Results(street.parent / "out").scores("copy-last").num_rows == 2 * 2  # two clips, two steps
+
+
+GOOD = [pose(number) for number in range(FRAMES)]
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (replaced("/kitti", "/nowhere"), "nowhere"),
+        (emptied, "sequences"),
+        (truncated, "000004.png"),
+        (without_calibration, "calib.txt"),
+        (poses(*GOOD[:-1]), "00.txt"),
+        (poses(*GOOD[:2], pose(2, "nan"), *GOOD[3:]), "line 3"),
+        (poses(*GOOD[:2], pose(2, 2.5), *GOOD[3:]), "line 3"),
+        (poses(*GOOD[:2], "1 0 0\n", *GOOD[3:]), "line 3"),
+        (poses(*GOOD[:2], pose(2, "one"), *GOOD[3:]), "line 3"),
+        (replaced('"copy-last" }', '"copy-lst" }'), "did you mean 'copy-last'?"),
+        (replaced('"kitti"', '"kiti"'), "did you mean 'kitti'?"),
+        (replaced('"psnr"', '"pnsr"'), "did you mean 'psnr'?"),
+        (replaced('root = "', 'camera = "0", root = "'), "protocol.dataset.camera is '0', expected a whole number"),
+        (replaced('root = "', 'rot = 1, root = "'), "no field 'rot': did you mean 'root'?"),
+        (replaced("[32, 32]", "[32, 16]"), "expected a square"),
+        (replaced("num_past = 3", "num_past = 300"), "one clip needs 302"),
+        (replaced('root = "', 'sequences = ["07"], root = "'), "07"),
+        (replaced('root = "', 'sequences = ["00[0:900)"], root = "'), "00[0:900)"),
+        (replaced('root = "', 'split = "tset", root = "'), "did you mean 'test'?"),
+        (replaced("num_past", "num_pats"), "did you mean 'num_past'?"),
+        (replaced("[protocol]", "[protocol"), "not TOML"),
+        (Path.unlink, "does not exist: give a matrix file"),
+    ],
+)
+def test_damage_is_told_in_one_sentence(
+    street: Path, capsys: pytest.CaptureFixture[str], damage: Callable[[Path], None], says: str
+) -> None:
+    damage(street)
+    assert says in sentence(street, capsys)
+
+
+@pytest.mark.parametrize("verb", ["table", "plot", "report", "score"])
+def test_a_folder_without_results_is_told_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    assert cli.main([verb, str(tmp_path)]) == 2
+    assert "not a results folder" in capsys.readouterr().err
+
+
+def test_damaged_results_are_told_so(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(street)
+    (street.parent / "out/protocol.json").write_text("{")
+    assert cli.main(["table", str(street.parent / "out")]) == 2
+    assert "protocol.json is not JSON" in capsys.readouterr().err
+
+
+def test_missing_poses_are_no_mistake(street: Path) -> None:
+    (street.parent / "kitti/poses/00.txt").unlink()
+    assert run(street) == 0
+
+
+def test_a_pose_source_without_poses_is_a_skipped_cell(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (street.parent / "kitti/poses/00.txt").unlink()
+    tables = '\n[pose_sources]\ntrue = { name = "ground-truth" }\n[renderers]\nflat = { name = "ground-far-plane" }\n'
+    street.write_text(street.read_text() + tables)
+    assert run(street) == 1
+    assert "- true + flat: skipped: " in capsys.readouterr().out
+
+
+def test_the_doctor_is_told_where_there_is_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["data", "doctor", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("geovp: ")
+
+
+def test_the_doctor_lists_what_is_wrong(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    root = street.parent / "kitti"
+    assert cli.main(["data", "doctor", str(root)]) == 0
+    assert "image_0: 8" in capsys.readouterr().out
+    truncated(street)
+    assert cli.main(["data", "doctor", str(root)]) == 1
+    assert "error: " in capsys.readouterr().out

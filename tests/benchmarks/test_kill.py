@@ -1,0 +1,85 @@
+"""Kill -9 in the middle of a run, run again: the same rows as an uninterrupted run, none lost or doubled."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import cli
+from benchmarks.store import Results
+
+MATRIX = """
+[protocol]
+dataset = {{ name = "toy-road", clips = 9 }}
+num_past = 3
+num_future = 2
+size_px = [8, 8]
+stride = 1
+
+[pose_sources]
+steady = {{ name = "toy-steady" }}
+
+[renderers]
+slide = {{ name = "toy-slide" }}
+
+[predictors]
+slow = {{ name = "toy-still", sleep_s = {sleep_s} }}
+noise = {{ name = "toy-noise", num_samples = 2 }}
+
+[metrics]
+frame = ["toy-difference"]
+trajectory = ["toy-gap"]
+"""
+CELLS = ("steady--slide", "slow", "noise")
+
+
+def begin(folder: Path, toys: Path, sleep_s: float) -> subprocess.Popen[bytes]:
+    path = folder / "m.toml"
+    path.write_text(MATRIX.format(sleep_s=sleep_s))
+    command = [sys.executable, "-m", "benchmarks.cli", "run", str(path), "--out", str(folder / "out"), "--no-report"]
+    path_variable = os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path_variable}, stderr=subprocess.DEVNULL)
+
+
+def wait_for_parts(root: Path, count: int, process: subprocess.Popen[bytes]) -> None:
+    for _ in range(1200):
+        if len(list(root.glob("*/scores/part-*.parquet"))) >= count:
+            return
+        assert process.poll() is None, "the run ended before it could be killed"
+        time.sleep(0.05)
+    pytest.fail("the run made no parts in a minute")
+
+
+def rows(root: Path, cell: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = Results(root).scores(cell).to_pylist()
+    return found
+
+
+def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> None:
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    killed.mkdir()
+    whole.mkdir()
+    for parts in (1, 4):  # twice, so that a resumed run is killed as well
+        process = begin(killed, toys, sleep_s=0.15)
+        wait_for_parts(killed / "out", parts, process)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+    done = sum(part.stat().st_size > 0 for part in (killed / "out").glob("*/scores/part-*.parquet"))
+    assert 4 <= done < 15, "killed in the middle: 3 cells of 5 parts each"
+    scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
+    scratch.write_bytes(b"half a part that a kill left behind")
+    assert begin(killed, toys, sleep_s=0.15).wait() == 0
+    path = whole / "m.toml"
+    path.write_text(MATRIX.format(sleep_s=0.0))
+    assert cli.main(["run", str(path), "--out", str(whole / "out"), "--no-report"]) == 0
+    for cell in CELLS:
+        resumed = rows(killed / "out", cell)
+        assert resumed == rows(whole / "out", cell)
+        keys = [(row["clip"], row["sample"], row["step"], row["metric"]) for row in resumed]
+        assert len(set(keys)) == len(keys)
+        assert len({row["clip"] for row in resumed}) == 9

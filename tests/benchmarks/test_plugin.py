@@ -1,0 +1,96 @@
+"""A component in somebody else's package, installed by pip, is found by name and runs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.store import Results
+
+PROJECT = """
+[build-system]
+requires = ["setuptools"]
+build-backend = "setuptools.build_meta"
+
+[project]
+name = "far-away-methods"
+version = "0.1"
+
+[project.entry-points."geovp.predictors"]
+grey = "far_away_methods:Grey"
+
+[tool.setuptools]
+py-modules = ["far_away_methods"]
+"""
+MODULE = '''
+"""One predictor that knows nothing of the harness."""
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.types import Context, Grant, Prediction
+
+
+@dataclass(frozen=True)
+class Grey:
+    """The same grey everywhere."""
+
+    level: int = 128
+    needs = Grant.NONE
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        shape = (1, context.num_future, *context.frames.shape[1:])
+        return Prediction(np.full(shape, self.level, np.uint8))
+'''
+MATRIX = """
+[protocol]
+dataset = { name = "toy-road", clips = 1 }
+num_past = 3
+num_future = 2
+size_px = [8, 8]
+stride = 1
+
+[predictors]
+dark = { name = "grey", level = 13 }
+
+[metrics]
+frame = ["toy-difference"]
+trajectory = []
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder into which pip has put the package."""
+    source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
+    (source / "pyproject.toml").write_text(PROJECT)
+    (source / "far_away_methods.py").write_text(MODULE)
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*command, "--target", str(target), str(source)], check=True)
+    return target
+
+
+def geovp(installed: Path, toys: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(installed), str(toys), os.environ.get("PYTHONPATH", "")])
+    command = [sys.executable, "-m", "benchmarks.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False)
+
+
+def test_it_is_listed_with_its_package(installed: Path, toys: Path) -> None:
+    done = geovp(installed, toys, "list", "predictors")
+    assert done.returncode == 0, done.stderr
+    assert "  grey [far-away-methods]" in done.stdout.splitlines()
+
+
+def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(MATRIX)
+    out = str(tmp_path / "out")
+    done = geovp(installed, toys, "run", str(tmp_path / "m.toml"), "--out", out, "--no-report")
+    assert done.returncode == 0, done.stderr
+    cell = Results(tmp_path / "out").cell("dark")
+    assert cell is not None
+    assert cell.components == {"predictor": {"name": "grey", "level": 13}}
+    # the real frames of steps 3 and 4 have the grey levels 3 and 4
+    assert Results(tmp_path / "out").scores("dark")["value"].to_pylist() == [10.0, 9.0]
