@@ -2,8 +2,8 @@
 
 Weights are not part of the package. They come from the `weights` field, or else from what the environment variable
 GEOVP_LPIPS_WEIGHTS names (both: an npz file, or a folder with `lpips_alex_v0.1.npz` and `lpips_squeeze_v0.1.npz`), or
-else from the user's cache, which is filled from torchvision's and the LPIPS authors' servers and checked by SHA-256.
-Wherever they come from, they must give a known score to a known pair of pictures before they are used.
+else from the cache (GEOVP_CACHE, or the user's own), which is filled from torchvision's and the LPIPS authors' servers
+and checked by SHA-256. Wherever they come from, they must give a known score to a known pair of pictures first.
 """
 
 from __future__ import annotations
@@ -170,7 +170,9 @@ def find_weights(net: Net, named: Path | None) -> Path:
         if not file.is_file():
             raise MissingExtra(f"LPIPS weights {file} do not exist: name {file_name} or its folder")
         return file
-    cached = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp" / file_name
+    own_cache = os.environ.get("GEOVP_CACHE")
+    users_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
+    cached = (Path(own_cache) if own_cache else users_cache) / file_name
     if not cached.is_file() and (reason := _why_not_downloaded(net, cached)):
         raise MissingExtra(
             f"LPIPS weights for {net!r} are not on this machine and cannot be downloaded ({reason}): "

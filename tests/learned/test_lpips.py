@@ -66,7 +66,8 @@ def one_thread() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def no_weights_by_accident(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Neither the machine's own weights nor the network are touched."""
-    monkeypatch.delenv(lpips.WEIGHTS_VARIABLE, raising=False)
+    for variable in (lpips.WEIGHTS_VARIABLE, "GEOVP_CACHE"):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(lpips, "REMOTES", dict.fromkeys(NETS, (("file:///nowhere.pth", "0" * 64),) * 2))
 
@@ -239,6 +240,9 @@ def test_the_field_wins_over_the_variable_and_the_variable_over_the_cache(
     cached = tmp_path / "cache" / "geovp" / "lpips_alex_v0.1.npz"
     cached.parent.mkdir(parents=True)
     cached.touch()
+    assert lpips.find_weights("alex", None) == cached
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "elsewhere"))
+    monkeypatch.setenv("GEOVP_CACHE", str(cached.parent))
     assert lpips.find_weights("alex", None) == cached
     monkeypatch.setenv(lpips.WEIGHTS_VARIABLE, str(folder))
     assert lpips.find_weights("alex", None) == folder / "lpips_alex_v0.1.npz"
