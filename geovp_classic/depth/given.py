@@ -1,0 +1,35 @@
+"""Recorded depth as a depth source: the yardstick for the estimated ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.types import Context, FloatArray, Grant, Trajectory
+
+
+@dataclass(frozen=True)
+class Given:
+    """The recorded depth of the observed frames, in metres."""
+
+    @property
+    def needs(self) -> Grant:
+        """The recorded past depths."""
+        return Grant.PAST_DEPTHS
+
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
+        """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where depth is recorded, 0 where unknown.
+
+        Incompatible when the clip has no depth or the poses are not in metres.
+        """
+        if context.past_depths is None:
+            raise Incompatible("given depth needs recorded depth, the clip has none: choose an estimating depth source")
+        if not past.is_metric:
+            raise Incompatible("recorded depth is in metres, the poses are not: give the odometry a scale")
+        depths = context.past_depths
+        if not (depths >= 0).all():
+            raise BadData("recorded depth has negative numbers or NaN: write 0 where it is unknown, inf for the sky")
+        known = depths > 0
+        return np.where(known, 1 / np.where(known, depths, 1), 0).astype(np.float32), known.astype(np.float32)

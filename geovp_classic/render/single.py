@@ -1,0 +1,105 @@
+"""The last observed frame on its recorded depth: what the best possible depth of one frame could show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.interfaces import Fill
+from geovp_classic.render import backward, splat
+from geovp_classic.render.fill import Blank
+from geovp_classic.types import ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+
+HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
+STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
+FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
+
+
+@dataclass(frozen=True)
+class GivenDepth:
+    """The recorded depth of the last frame, drawn with a z-buffer; colours are read backward from the frame, once."""
+
+    fill: Fill = field(default_factory=Blank)
+
+    @property
+    def needs(self) -> Grant:
+        """The recorded past depths."""
+        return Grant.PAST_DEPTHS
+
+    def reconstruct(self, context: Context, past: Trajectory) -> SurfaceScene:
+        """The last frame's visible surface; Incompatible when the clip has no depth or the poses are not metric."""
+        if context.past_depths is None:
+            raise Incompatible("given-depth needs recorded depth, the clip has none: choose a renderer without it")
+        if not past.is_metric:
+            raise Incompatible("recorded depth is in metres, the poses are not: give the odometry a scale")
+        depth = context.past_depths[-1]
+        if not (depth >= 0).all():
+            raise BadData("recorded depth has negative numbers or NaN: write 0 where it is unknown, inf for the sky")
+        inverse_depth = np.where(depth > 0, 1 / np.where(depth > 0, depth.astype(np.float64), 1), np.nan)
+        return SurfaceScene(
+            frame=context.frames[-1],
+            camera=context.intrinsics,
+            world_from_last=past.world_from_cam[-1],
+            patches_last=_patches(inverse_depth, context.intrinsics),
+            fill=self.fill,
+        )
+
+
+@dataclass(frozen=True)
+class SurfaceScene:
+    """One frame whose every pixel is a small flat patch in space."""
+
+    frame: ByteArray  # [H, W, 3]
+    camera: Intrinsics
+    world_from_last: FloatArray  # [4, 4]
+    patches_last: FloatArray  # [N, 4, 4], homogeneous corners in the last camera's frame
+    fill: Fill
+
+    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The surface from the poses [F, 4, 4]; uncovered where the last frame does not show what would be seen."""
+        last_from_cam = se3.inverse(self.world_from_last) @ world_from_cam
+        frames, inverse_depths = zip(*(self._view_one(one, intrinsics) for one in last_from_cam), strict=True)
+        covered = np.isfinite(inverse_depths)
+        views = Views(np.stack(frames), covered, splat.depths(np.stack(inverse_depths), covered))
+        return Views(self.fill.fill(views), covered, views.depths)
+
+    def _view_one(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, FloatArray]:
+        """Frame [H, W, 3] and inverse depth [H, W], NaN where nothing is seen."""
+        inverse_depth, winner = splat.draw(self.patches_last @ se3.inverse(last_from_cam).T, intrinsics)
+        inverse_depth = np.where(winner == splat.NOTHING, np.nan, inverse_depth)
+        source = backward.source_pixels(last_from_cam, inverse_depth, intrinsics, self.camera)
+        covered = backward.inside(source, self.camera)
+        frame = np.where(covered[..., None], backward.sample(self.frame, source), np.uint8(0))
+        return frame, np.where(covered, inverse_depth, np.nan)
+
+
+def _patches(inverse_depth: FloatArray, camera: Intrinsics) -> FloatArray:
+    """The corners [N, 4, 4] of the patches of all pixels whose inverse depth [H, W] is known (not NaN)."""
+    slopes = np.stack([_slopes(inverse_depth), _slopes(inverse_depth.T).T], axis=-1)
+    known = np.isfinite(inverse_depth)
+    offsets = HALF_PX * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    corners_px = pinhole.pixel_grid(camera)[known][:, None] + offsets
+    corners_q = np.maximum(inverse_depth[known][:, None] + slopes[known] @ offsets.T, 0.0)
+    rays = pinhole.unproject(corners_px, np.ones(corners_q.shape), camera)
+    return np.concatenate([rays, corners_q[..., None]], axis=-1)
+
+
+def _slopes(inverse_depth: FloatArray) -> FloatArray:
+    """The step of the surface per pixel along the rows [H, W]; 0 where neither side goes on straight.
+
+    A pixel on the edge of a thing belongs to one side; the side whose next step continues the slope is its own. Of two
+    such sides the flatter one is taken.
+    """
+    padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
+    step = np.diff(padded, axis=1)  # [H, W + 3]; pixel c lies between steps c + 1 and c + 2
+    sides = [(step[:, 2:-1], step[:, 3:]), (step[:, 1:-2], step[:, :-3])]
+    candidates = []
+    for near, beyond in sides:
+        straight = np.abs(beyond - near) <= STRAIGHT * np.abs(near)
+        flat = np.abs(near) <= FLAT * inverse_depth
+        candidates.append(np.where(straight | flat, near, np.inf))
+    flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
+    return np.where(np.isfinite(flatter), flatter, 0.0)
