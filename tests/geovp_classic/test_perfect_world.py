@@ -1,0 +1,95 @@
+"""With exact depth and exact poses, geometry must predict the future of the synthetic street.
+
+What the last frame does not determine is left out, by exact masks, and how much is left in is asserted as well: pixels
+that the renderer does not cover; moving things, where they are and where the last frame shows them; surfaces that the
+last frame did not see; and pixels on an outline, which hold a mixture of two surfaces in either picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.metrics.strata import strata
+from geovp_classic.poses.sources import GroundTruth
+from geovp_classic.predictors import GeometricPredictor
+from geovp_classic.render.single import GivenDepth
+from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Target
+
+NUM_FUTURE = 5
+PREDICTOR = GeometricPredictor(GroundTruth(), GivenDepth())
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+def quiet_street(index: int, cache: Path, pitch_deg: float, roll_deg: float) -> Clip:
+    """A street whose surfaces look the same from everywhere, filmed without noise."""
+    street = Synthetic(
+        num_clips=2,
+        num_frames=1 + NUM_FUTURE,
+        size_px=(192, 192),
+        noise=0.0,
+        exposure_drift=0.0,
+        haze_per_m=0.0,
+        gloss=0.0,
+        finest_detail_m=0.3,
+        pitch_deg=pitch_deg,
+        roll_deg=roll_deg,
+        cache=cache,
+    )
+    return street[index]
+
+
+def determined(context: Context, target: Target, moving: BoolArray) -> BoolArray:
+    """Static future pixels [F, H, W] whose surface the last frame shows and no moving thing is drawn over."""
+    stains = np.where(ndimage.binary_dilation(moving, iterations=2)[None, ..., None], 255, 0).astype(np.uint8)
+    stained = replace(context, frames=np.broadcast_to(stains, context.frames.shape))
+    drawn_over = PREDICTOR.predict(stained).frames[0].any(axis=-1)
+    return strata(context, target)["seen"] & ~drawn_over
+
+
+def outlines(depths: FloatArray) -> BoolArray:
+    """Pixels [F, H, W] next to a bend or a jump of the inverse depth, which is straight on planes."""
+    inverse = 1 / depths
+    bend = np.zeros(depths.shape, dtype=bool)
+    for axis in (1, 2):
+        second = np.abs(ndimage.convolve1d(inverse, [1, -2, 1], axis=axis, mode="nearest"))
+        bend |= second > 0.02 * inverse
+    return ndimage.binary_dilation(bend, np.ones((1, 3, 3)))
+
+
+def psnr_db(frames: ByteArray, target: ByteArray, mask: BoolArray) -> float:
+    return float(10 * np.log10(255**2 / np.mean((frames[mask].astype(float) - target[mask]) ** 2)))
+
+
+@pytest.mark.parametrize(
+    ("index", "pitch_deg", "roll_deg"),
+    [
+        pytest.param(0, 0.0, 0.0, id="straight"),
+        pytest.param(0, -4.0, 5.0, id="straight-pitched-and-rolled"),
+        pytest.param(1, -4.0, 5.0, id="turn-pitched-and-rolled"),
+    ],
+)
+def test_the_future_is_reproduced(index: int, pitch_deg: float, roll_deg: float, cache: Path) -> None:
+    clip = quiet_street(index, cache, pitch_deg, roll_deg)
+    assert clip.moving is not None
+    assert clip.depths is not None
+    context, target = clip.split(1, ~Grant.NONE)
+    prediction = PREDICTOR.predict(context)
+    assert prediction.covered is not None
+    static = prediction.covered[0] & determined(context, target, clip.moving[0])
+    pure = static & ~outlines(clip.depths[1:])
+    assert static.mean() > 0.7
+    assert pure.mean() > 0.55
+    assert psnr_db(prediction.frames[0], target.frames, pure) >= 35
+    assert psnr_db(prediction.frames[0], target.frames, static) >= 30  # outlines included
+    copied = np.broadcast_to(context.frames[-1], target.frames.shape)
+    assert psnr_db(copied, target.frames, pure) < 28  # the camera really moved
