@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.data.synthetic.mesh import Builder, Colour, Material, Soup
+from geovp_classic.data.synthetic.mesh import Builder, Colour, Material, Soup, soup_of
 from geovp_classic.data.synthetic.textures import Texture
 
 STOREY_M = 2.8
@@ -100,7 +100,7 @@ def _roof(builder: Builder, plan: Plan) -> None:
         builder.quad([(x0, ridge, zm), (x1, ridge, zm), (x1, low, zf), (x0, low, zf)], plan.roof)
         builder.quad([(x1, ridge, zm), (x0, ridge, zm), (x0, low, zb), (x1, low, zb)], plan.roof)
         for x in (-half, half):
-            builder.quad([(x, ridge, zm), (x, ridge, zm), (x, top, depth), (x, top, 0.0)], plan.wall)
+            builder.add(soup_of(np.array([[(x, ridge, zm), (x, top, depth), (x, top, 0.0)]]), plan.wall))
         builder.box((x0, low - 0.02, zf - 0.1), (x1, low + 0.12, zf + 0.02), TRIM)
     else:
         rise = plan.roof_rise * half
@@ -109,7 +109,7 @@ def _roof(builder: Builder, plan: Plan) -> None:
         builder.quad([(0, ridge, zf), (0, ridge, zb), (x1, low, zb), (x1, low, zf)], plan.roof)
         builder.quad([(0, ridge, zb), (0, ridge, zf), (x0, low, zf), (x0, low, zb)], plan.roof)
         for z in (0.0, depth):
-            builder.quad([(0, ridge, z), (0, ridge, z), (half, top, z), (-half, top, z)], plan.wall)
+            builder.add(soup_of(np.array([[(0.0, ridge, z), (half, top, z), (-half, top, z)]]), plan.wall))
         _window(builder, plan, (0.0, 0.0), (1.0, 0.0), top - 0.6, (1.0, 1.1))
     x, z = (0.25 * plan.width_m, depth / 2) if plan.ridge_along_front else (0.1, 0.7 * depth)
     builder.box(
@@ -120,11 +120,13 @@ def _roof(builder: Builder, plan: Plan) -> None:
 def _front(builder: Builder, plan: Plan, rng: np.random.Generator) -> None:
     slots = max(3, round(plan.width_m / 2.7))
     places = (np.arange(slots) - (slots - 1) / 2) * (plan.width_m / slots)
-    door_slot = int(rng.integers(slots))
+    door_slot, garage_slot = int(rng.integers(slots)), int(rng.integers(2 * slots))  # not every house has a garage
     for storey in range(plan.storeys):
         for slot, x in enumerate(places):
             if storey == 0 and slot == door_slot:
                 _door(builder, plan, float(x))
+            elif storey == 0 and slot == garage_slot:
+                _garage(builder, plan, float(x))
             else:
                 _window(builder, plan, (float(x), 0.0), (1.0, 0.0), -storey * STOREY_M - 1.1, (1.15, 1.35))
 
@@ -147,6 +149,12 @@ def _door(builder: Builder, plan: Plan, x: float) -> None:
     )
     builder.box((x - 0.9, -2.6, -0.9), (x + 0.9, -2.48, 0.0), plan.roof)
     builder.box((x - 0.9, -0.2, -1.0), (x + 0.9, FOUNDATION_M, 0.0), Material(Texture.KERB))
+
+
+def _garage(builder: Builder, plan: Plan, x: float) -> None:
+    door = Material(Texture.GARAGE, plan.shutters or (0.92, 0.92, 0.9))
+    corners = [(x - 1.2, -2.2, -0.03), (x + 1.2, -2.2, -0.03), (x + 1.2, 0.05, -0.03), (x - 1.2, 0.05, -0.03)]
+    builder.quad(corners, door, picture=True)
 
 
 def _window(

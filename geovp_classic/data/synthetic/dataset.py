@@ -12,8 +12,10 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from geovp_classic.data.synthetic import camera as cameras
 from geovp_classic.data.synthetic.drive import Manoeuvre
@@ -21,7 +23,9 @@ from geovp_classic.data.synthetic.render import Footage, Optics, render_drive
 from geovp_classic.data.synthetic.world import World, build_world
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import ByteArray, Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+
+Arrays = Mapping[str, npt.NDArray[Any]]
 
 RATE_HZ = 10.0
 DRIVE_FRAMES = 60  # as long as the traffic is interesting
@@ -60,8 +64,8 @@ class Synthetic:
         """Raise BadData for settings that make no clip."""
         if min(self.num_clips, self.num_frames, self.stride, *self.size_px) < 1:
             raise BadData(
-                f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and size_px "
-                f"{tuple(self.size_px)} must all be at least 1"
+                f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and "
+                f"size_px {tuple(self.size_px)} must all be at least 1"
             )
 
     @property
@@ -97,7 +101,7 @@ class Synthetic:
         seed, manoeuvre, first = self.window(index)
         return f"seed{seed}/{manoeuvre.value}-{first:03d}"
 
-    def _render(self, index: int) -> dict[str, FloatArray]:
+    def _render(self, index: int) -> Arrays:
         seed, manoeuvre, first = self.window(index)
         times_s = (first + np.arange(self.num_frames)) / RATE_HZ
         world = _world(seed, manoeuvre)
@@ -107,7 +111,7 @@ class Synthetic:
         pictures = self._expose(footage, index, eye=0)
         left = (pictures.shape[2] - square.width_px) // 2
         middle = slice(left, left + square.width_px)
-        arrays = {
+        arrays: dict[str, npt.NDArray[Any]] = {
             "world_from_cam": world_from_cam,
             "times_s": times_s,
             "frames": pictures[:, :, middle],
@@ -126,17 +130,13 @@ class Synthetic:
             world, world_from_cam, camera, times_s, Optics(self.haze_per_m, self.gloss, self.finest_detail_m)
         )
 
-    def _expose(self, footage: Footage, index: int, eye: int) -> FloatArray:
+    def _expose(self, footage: Footage, index: int, eye: int) -> ByteArray:
         rng = np.random.default_rng([self.seed, index, eye, 99])
         canvas_px = cameras.wide_camera(self.size_px).width_px
         return cameras.exposed(footage.light, canvas_px, rng, self.noise, self.exposure_drift)
 
-    def _clip(self, index: int, arrays: Mapping[str, FloatArray]) -> Clip:
+    def _clip(self, index: int, arrays: Arrays) -> Clip:
         wide = cameras.wide_camera(self.size_px)
-        views = {
-            "wide": ExtraView(arrays["wide"], wide, np.eye(4)) if self.with_wide else None,
-            "right": ExtraView(arrays["right"], wide, _right_from_cam()) if self.with_right else None,
-        }
         return Clip(
             name=self.clip_name(index),
             frames=arrays["frames"],
@@ -145,8 +145,8 @@ class Synthetic:
             trajectory=Trajectory(arrays["world_from_cam"], arrays["times_s"], is_metric=True),
             depths=arrays["depths"],
             moving=arrays["moving"],
-            wide=views["wide"],
-            right=views["right"],
+            wide=ExtraView(arrays["wide"], wide, np.eye(4)) if self.with_wide else None,
+            right=ExtraView(arrays["right"], wide, _right_from_cam()) if self.with_right else None,
             camera_height_m=cameras.CAMERA_HEIGHT_M,
         )
 
@@ -154,7 +154,7 @@ class Synthetic:
         """Where clips of these settings, made by this code, are kept."""
         settings = {key: value for key, value in dataclasses.asdict(self).items() if key not in ("cache", "num_clips")}
         digest = hashlib.sha256((json.dumps(settings, sort_keys=True) + _code_version()).encode()).hexdigest()
-        return (self.cache or _user_cache()) / "synthetic" / digest[:16]
+        return Path(self.cache or _user_cache()) / "synthetic" / digest[:16]
 
 
 def _right_from_cam() -> FloatArray:
@@ -179,7 +179,7 @@ def _code_version() -> str:
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
 
-def _read(file: Path) -> dict[str, FloatArray] | None:
+def _read(file: Path) -> Arrays | None:
     """The arrays of a file whose parts have the checksums that zip keeps; None when it is missing or damaged."""
     try:
         with np.load(file, allow_pickle=False) as stored:
@@ -188,9 +188,15 @@ def _read(file: Path) -> dict[str, FloatArray] | None:
         return None
 
 
-def _write(file: Path, arrays: Mapping[str, FloatArray]) -> None:
+def _write(file: Path, arrays: Arrays) -> None:
     """Written beside and renamed into place, so that a reader never sees half a file."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as beside:
-        np.savez(beside, **arrays)
-    os.replace(beside.name, file)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as beside:
+            np.savez(beside, allow_pickle=False, **arrays)
+        os.replace(beside.name, file)
+    except OSError as error:
+        raise BadData(
+            f"synthetic clips cannot be kept in {file.parent} ({error.strerror}): make room there or set GEOVP_CACHE "
+            "to another folder"
+        ) from error

@@ -131,7 +131,7 @@ def _turn(rng: np.random.Generator, to_the_right: bool) -> Scheme:
             side, Speed([0.0], [8.0]), start_m=260.0 + sign * 45.0, right_m=sign * LANE_M, backwards=not to_the_right
         ),
         Journey(side, Speed([0.0], [9.0]), start_m=260.0 + sign * 75.0, right_m=-sign * LANE_M, backwards=to_the_right),
-        Journey(main, Speed([0.0, 2.0], [0.1, 0.0]), start_m=200.0 + 9.0, right_m=-LANE_M, backwards=True),
+        Journey(main, Speed([0.0, 1.5], [2.0, 0.0]), start_m=200.0 + 19.0, right_m=-LANE_M, backwards=True),
     ]
     return Scheme(roads, ego, traffic)
 
@@ -140,21 +140,21 @@ def _at_junction(manoeuvre: Manoeuvre, rng: np.random.Generator) -> Scheme:
     """Braking to a stop before crossing traffic, standing there, and driving off."""
     roads = _crossing()
     main, side = roads.paths
-    stop_m = 200.0 - 9.0
+    stop_m = 200.0 - 18.0
     first, second = float(rng.uniform(8, 10)), float(rng.uniform(7, 9))
     left_to_right = Journey(side, Speed([0.0], [first]), start_m=260.0 - rng.uniform(14, 20), right_m=LANE_M)
     right_to_left = Journey(
-        side, Speed([0.0], [second]), start_m=260.0 + rng.uniform(24, 32), right_m=-LANE_M, backwards=True
+        side, Speed([0.0], [second]), start_m=260.0 + rng.uniform(16, 24), right_m=-LANE_M, backwards=True
     )
-    follower = Journey(side, Speed([0.0], [first]), start_m=260.0 - rng.uniform(48, 60), right_m=LANE_M)
+    follower = Journey(side, Speed([0.0], [first]), start_m=260.0 - rng.uniform(38, 46), right_m=LANE_M)
     if manoeuvre is Manoeuvre.BRAKE:
         ego = Journey(main, Speed([0.0, 0.5, 3.4], [11.0, 11.0, 0.0]), start_m=stop_m - 21.4, right_m=LANE_M)
         return Scheme(roads, ego, [left_to_right, right_to_left, follower])
     if manoeuvre is Manoeuvre.STAND:
         ego = Journey(main, Speed([0.0], [0.0]), start_m=stop_m, right_m=LANE_M)
-        waiting = Journey(main, Speed([0.0], [0.0]), start_m=200.0 + 10.0, right_m=-LANE_M, backwards=True)
+        waiting = Journey(main, Speed([0.0], [0.0]), start_m=200.0 + 18.0, right_m=-LANE_M, backwards=True)
         return Scheme(roads, ego, [left_to_right, right_to_left, follower, waiting])
-    ego = Journey(main, Speed([0.4, 1.2, 5.0], [0.0, 2.0, 11.0]), start_m=stop_m - 6.5, right_m=LANE_M)
+    ego = Journey(main, Speed([0.4, 1.2, 5.0], [0.0, 2.0, 11.0]), start_m=stop_m - 11.0, right_m=LANE_M)
     leader = Journey(main, Speed([-0.2, 0.6, 5.0], [0.0, 2.2, 12.0]), start_m=stop_m + 1.5, right_m=LANE_M)
     oncoming = Journey(main, Speed([0.0, 4.0], [1.0, 10.0]), start_m=200.0 + 24.0, right_m=-LANE_M, backwards=True)
     return Scheme(roads, ego, [leader, oncoming])

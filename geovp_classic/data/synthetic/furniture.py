@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from geovp_classic.data.synthetic import buildings, plants, vehicles
@@ -42,8 +44,9 @@ class _Plot:
         self.roads, self.terrain, self.seen, self.route, self.rng = roads, terrain, seen, route, rng
         self.soups: list[Soup] = []
         self.taken: list[tuple[FloatArray, float]] = []
-        self.trees_near = [plants.tree(rng, float(height_m), 2) for height_m in rng.uniform(6.5, 10.5, 4)]
-        self.trees_far = [plants.tree(rng, float(height_m), 1) for height_m in rng.uniform(8, 13, 3)]
+        self.trees_near = [plants.broadleaf(rng, float(height_m), 2) for height_m in rng.uniform(6.5, 10.5, 5)]
+        self.trees_far = [plants.broadleaf(rng, float(height_m), 1) for height_m in rng.uniform(8, 13, 4)]
+        self.trees_far += [plants.conifer(rng, float(height_m)) for height_m in rng.uniform(7, 12, 2)]
 
     def houses(self, path: Path, side: float) -> None:
         along_m = float(self.rng.uniform(0, 6))
@@ -81,7 +84,8 @@ class _Plot:
             right_m = side * (self.roads.half_width_m + float(self.rng.choice([1.6, 2.9, 2.9, 3.4])))
             place, _ = path.at(along_m, right_m)
             if self._free(place, 0.5, 1.3):
-                tree = self.trees_near[self.rng.integers(len(self.trees_near))]
+                kinds = self.trees_near if self._near(place, 45.0) else self.trees_far
+                tree = kinds[self.rng.integers(len(kinds) - 2)]  # no fir among street trees
                 self._put(
                     tree, path, along_m, right_m, float(self.rng.uniform(0, 6.3)), float(self.rng.uniform(0.7, 1.05))
                 )
@@ -124,13 +128,18 @@ class _Plot:
         places, _ = path.at(along_m + np.array([-9.0, 9.0]), 0.0)
         return bool((self.roads.distance_m(places) > -self.roads.half_width_m - 0.05).all())
 
+    def _near(self, place: FloatArray, reach_m: float) -> bool:
+        """Whether the drive's first 100 m come that near."""
+        return bool(np.linalg.norm(self.seen[:12] - place, axis=-1).min() < reach_m)
+
     def _visible(self, place: FloatArray) -> bool:
         return bool(np.linalg.norm(self.seen - place, axis=-1).min() < NEAR_M)
 
     def _free(self, place: FloatArray, radius_m: float, from_kerb_m: float) -> bool:
         if not self._visible(place) or self.roads.distance_m(place[None])[0] < from_kerb_m:
             return False
-        return all(np.linalg.norm(place - other) > radius_m + other_radius_m for other, other_radius_m in self.taken)
+        others = np.array([(*other, other_radius_m) for other, other_radius_m in self.taken]).reshape(-1, 3)
+        return bool((np.hypot(*(others[:, :2] - place).T) > radius_m + others[:, 2]).all())
 
     def _put(
         self,
@@ -171,6 +180,7 @@ def skyline(rng: np.random.Generator, centre: FloatArray, terrain: Terrain) -> S
     return loft(np.stack([rings[2], rings[1], rings[0], foot]), Material(Texture.WOODS), None, closed=False)
 
 
+@functools.lru_cache(maxsize=1)
 def _lamp() -> Soup:
     """A street lamp; its arm reaches towards -z."""
     builder = Builder()
@@ -189,4 +199,5 @@ def _sign(rng: np.random.Generator) -> Soup:
     else:
         corners = [(-0.3, -2.7, 0), (0.3, -2.7, 0), (0.3, -2.1, 0), (-0.3, -2.1, 0)]
         builder.quad(corners, Material(Texture.SIGN_BLUE), picture=True)
+    builder.add(disc((0, -2.4, 0.015), 0.3, "z", STEEL, 16))
     return builder.soup()

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.data.synthetic.mesh import Material, Soup, joined, soup_of
-from geovp_classic.data.synthetic.paths import Path, Terrain
+from geovp_classic.data.synthetic.paths import STEP_M, Path, Terrain
 from geovp_classic.data.synthetic.textures import TILE_M, Texture
 from geovp_classic.types import BoolArray, FloatArray
 
 KERB_HEIGHT_M = 0.12
 CORNER_RADIUS_M = 6.0
 PAVEMENT_M = 2.2  # from the kerb's edge to the grass
+BEFORE_CORNER_M = 4.6 + CORNER_RADIUS_M + 0.5  # from the middle of a junction to a zebra crossing
+ZEBRA_M = 3.0
 CELL_M = 1.2
 FAR_CELL_M = 16.0
 PAINT_WIDTH_M = 9.4  # the paint's picture spans this much of the road
@@ -57,10 +59,9 @@ def ground(roads: Roads, terrain: Terrain, focus: FloatArray, reach_m: float) ->
     middle = fine[:, :, :2].mean(axis=1)
     distance_m = roads.distance_m(middle)
     wanted = distance_m < 9.0
-    road, raised, _ = _split(_with_distance(fine[wanted], roads), 0.0)
+    road, raised, kerb_line = _split(_with_distance(fine[wanted], roads), 0.0)
     stone, beyond, _ = _split(raised, 0.2)
     slabs, verge, _ = _split(beyond, PAVEMENT_M)
-    kerb_faces = _kerb_faces(_split(_with_distance(fine[wanted], roads), 0.0)[2], terrain)
     far = _grid(focus.min(axis=0) - 500.0, focus.max(axis=0) + 500.0, FAR_CELL_M)
     return joined(
         [
@@ -68,10 +69,35 @@ def ground(roads: Roads, terrain: Terrain, focus: FloatArray, reach_m: float) ->
             _flat(stone, KERB_HEIGHT_M, KERB, terrain),
             _flat(slabs, KERB_HEIGHT_M, PAVEMENT, terrain),
             _flat(verge, KERB_HEIGHT_M, GRASS, terrain),
-            kerb_faces,
+            _kerb_faces(kerb_line, terrain),
+            *_crossings(roads, terrain),
             _flat(far, -0.25, GRASS, terrain),
         ]
     )
+
+
+def _crossings(roads: Roads, terrain: Terrain) -> list[Soup]:
+    """A zebra crossing on every arm of every junction, just before the rounded corners."""
+    soups = []
+    across = np.linspace(-1.0, 1.0, 9)
+    for path in roads.paths:
+        for other in roads.paths:
+            if other is path:
+                continue
+            middle_m = float(np.abs(other.locate(path.points)[1]).argmin() * STEP_M)
+            for start_m in (middle_m + BEFORE_CORNER_M, middle_m - BEFORE_CORNER_M - ZEBRA_M):
+                along, share = np.meshgrid([start_m, start_m + ZEBRA_M], across, indexing="ij")
+                place, _ = path.at(along, share * roads.half_width_m)
+                points = np.stack([place[..., 0], np.full(along.shape, -0.012), place[..., 1]], axis=-1)
+                uv = np.stack([0.5 + 0.5 * share, np.tile([[0.0], [1.0]], (1, len(across)))], axis=-1)
+                soups.append(soup_of(_strip(terrain.lifted(points)), Material(Texture.ZEBRA), _strip(uv)))
+    return soups
+
+
+def _strip(rows: FloatArray) -> FloatArray:
+    """Triangles [2 (K - 1), 3, ...] between two rows [2, K, ...] of values."""
+    a, b, c, d = rows[0, :-1], rows[0, 1:], rows[1, 1:], rows[1, :-1]
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def _round_union(a: FloatArray, b: FloatArray, radius_m: float) -> FloatArray:

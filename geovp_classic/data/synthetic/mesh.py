@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from geovp_classic.data.synthetic.textures import TILE_M, Texture
+from geovp_classic.data.synthetic.textures import TILE_M, IntArray, Texture
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
@@ -36,16 +36,22 @@ class Material:
 
 @dataclass(frozen=True)
 class Soup:
-    """Triangles with everything that shading needs, per corner or per triangle."""
+    """Triangles with everything that shading needs, per corner or per triangle; kept in single precision."""
 
     corners: FloatArray  # [N, 3, 3], metres
     uv: FloatArray  # [N, 3, 2], in tiles of the texture
     shade: FloatArray  # [N, 3], light that reaches the corner from around, 0 to 1
-    texture: FloatArray  # [N], int
+    texture: IntArray  # [N]
     tint: FloatArray  # [N, 3]
     gloss: FloatArray  # [N]
     paint_uv: FloatArray  # [N, 3, 2], in tiles of the paint
-    paint: FloatArray  # [N], int: the texture laid over the first one, NO_PAINT for none
+    paint: IntArray  # [N], the texture laid over the first one, NO_PAINT for none
+
+    def __post_init__(self) -> None:
+        """Single precision, for speed; 0.03 mm on a street of 500 m."""
+        for part in fields(self):
+            kind = np.int32 if part.name in ("texture", "paint") else np.float32
+            object.__setattr__(self, part.name, np.ascontiguousarray(getattr(self, part.name), dtype=kind))
 
     def __len__(self) -> int:
         """N, the number of triangles."""
@@ -58,7 +64,7 @@ class Soup:
 
     def recoloured(self, old: Colour, new: Colour) -> Soup:
         """The same triangles with one tint replaced."""
-        hit = (self.tint == np.asarray(old)).all(axis=-1)
+        hit = (self.tint == np.asarray(old, dtype=np.float32)).all(axis=-1)
         return replace(self, tint=np.where(hit[:, None], np.asarray(new), self.tint))
 
 

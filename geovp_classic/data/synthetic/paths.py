@@ -5,6 +5,7 @@ A place on the map is (x, z) in metres; yaw is 0 towards +z and grows to the rig
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -47,13 +48,17 @@ class Path:
 
     def locate(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where the places [N, 2] lie: metres along [N] and to the right [N] of the nearest point."""
-        nearest = cKDTree(self.points).query(places)[1]
+        nearest = self._tree.query(places)[1]
         ahead, right = _directions(self.yaw_rad[nearest])
         offset = places - self.points[nearest]
         along_m = nearest * STEP_M + (offset * ahead).sum(axis=-1)
         right_m = (offset * right).sum(axis=-1)
         beyond = np.maximum(-along_m, along_m - self.length_m)
         return along_m, np.where(beyond > STEP_M, np.copysign(np.hypot(right_m, beyond), right_m), right_m)
+
+    @functools.cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
 
     def shifted(self, offset: FloatArray) -> Path:
         """The same line moved by (x, z)."""

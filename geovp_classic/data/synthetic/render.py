@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 import open3d as o3d
 
-from geovp_classic.data.synthetic.mesh import Soup
-from geovp_classic.data.synthetic.shading import Surfaces, shade, surfaces_of
-from geovp_classic.data.synthetic.textures import Texture, atlas
+from geovp_classic.data.synthetic.mesh import Soup, joined
+from geovp_classic.data.synthetic.shading import Surfaces, Weather, dot, shade, sky_light, surfaces_of
+from geovp_classic.data.synthetic.textures import IntArray, Texture, atlas
 from geovp_classic.data.synthetic.world import World
-from geovp_classic.geometry import pinhole
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 SUBPIXELS = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)])  # a rotated grid
 LEAF_GAP_M = 0.7  # leaves are not shaded by their nearest neighbours, which would be all flicker
+SHADOW_REACH_M = 7.0  # no car throws a longer shadow, measured from its middle
+MOST_THREADS = 4
 
 
 @dataclass(frozen=True)
@@ -38,12 +43,7 @@ class Footage:
     @property
     def frames(self) -> ByteArray:
         """Pictures [T, H, W, 3]."""
-        return developed(self.light)
-
-
-def developed(light: FloatArray) -> ByteArray:
-    """Bytes of linear light."""
-    return np.asarray(np.sqrt(np.clip(light, 0.0, 1.0)) * 255 + 0.5, dtype=np.uint8)
+        return np.asarray(np.sqrt(np.clip(self.light, 0.0, 1.0)) * 255 + 0.5, dtype=np.uint8)
 
 
 def render_drive(
@@ -54,149 +54,181 @@ def render_drive(
     optics: Optics | None = None,
 ) -> Footage:
     """The street from any camera at any times; pixels at edges are averages of five rays."""
-    stage = _Stage(world, optics or Optics())
-    shots = [stage.shoot(pose, camera, float(time_s)) for pose, time_s in zip(world_from_cam, times_s, strict=True)]
+    optics = optics or Optics()
+    weather = replace(world.weather, haze_per_m=optics.haze_per_m, gloss=optics.gloss, finest_m=optics.finest_detail_m)
+    static = _Body(world.static)
+
+    def shoot(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        traffic = _Traffic(world.traffic_at(float(times_s[step])), world_from_cam[step], camera)
+        return _Shot(static, traffic, weather, world_from_cam[step], camera).picture()
+
+    with ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1)) as pool:
+        shots = list(pool.map(shoot, range(len(times_s))))
     light, depths, moving = (np.stack(parts) for parts in zip(*shots, strict=True))
     return Footage(light, depths, moving)
+
+
+class _Body:
+    """Triangles ready for rays."""
+
+    def __init__(self, soup: Soup) -> None:
+        vertices = o3d.core.Tensor(soup.corners.reshape(-1, 3))  # type: ignore[call-overload]
+        faces = o3d.core.Tensor(np.arange(3 * len(soup), dtype=np.uint32).reshape(-1, 3))  # type: ignore[call-overload]
+        self.scene = o3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(vertices, faces)
+        self.surfaces = surfaces_of(soup)
+
+    def cast(self, eye: FloatArray, directions: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Depths [N] (inf for nothing) and triangles [N]."""
+        rays = np.concatenate([np.broadcast_to(eye.astype(np.float32), directions.shape), directions], axis=-1)
+        answer = self.scene.cast_rays(o3d.core.Tensor(rays))  # type: ignore[call-overload]
+        return answer["t_hit"].numpy(), answer["primitive_ids"].numpy().astype(np.int64)
+
+    def blocks(self, points: FloatArray, to_sun: FloatArray) -> BoolArray:
+        """Whether something stands between the points [N, 3] and the sun."""
+        rays = np.concatenate([points, np.broadcast_to(to_sun, points.shape)], axis=-1).astype(np.float32)
+        blocked: BoolArray = self.scene.test_occlusions(o3d.core.Tensor(rays)).numpy()  # type: ignore[call-overload]
+        return blocked
+
+
+class _Traffic:
+    """The moving cars of one instant; only rays that come near them are tried."""
+
+    def __init__(self, soups: Sequence[Soup], world_from_cam: FloatArray, camera: Intrinsics) -> None:
+        self.body = _Body(joined(soups)) if soups else None
+        self.middles = np.array([soup.corners.mean(axis=(0, 1)) for soup in soups]).reshape(-1, 3)
+        cam_from_world = se3.inverse(world_from_cam)
+        corners = [se3.transform(cam_from_world, soup.corners.reshape(-1, 3)) for soup in soups]
+        self.windows = [_window(points, camera) for points in corners if (points[:, 2] > 0).any()]
+
+    def in_sight(self, pixels: FloatArray) -> IntArray:
+        """Which of the pixels [N, 2] may show a car."""
+        near = np.zeros(len(pixels), dtype=bool)
+        u, v = np.ascontiguousarray(pixels.T)
+        for low, high in self.windows:
+            near |= (u >= low[0]) & (u <= high[0]) & (v >= low[1]) & (v <= high[1])
+        return np.nonzero(near)[0]
+
+    def in_reach(self, points: FloatArray) -> IntArray:
+        """Which of the points [N, 3] a car may shade."""
+        near = np.zeros(len(points), dtype=bool)
+        x, z = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 2])
+        for middle in self.middles:
+            near |= (np.abs(x - middle[0]) < SHADOW_REACH_M) & (np.abs(z - middle[2]) < SHADOW_REACH_M)
+        return np.nonzero(near)[0]
 
 
 @dataclass(frozen=True)
 class _Hits:
     """What rays met."""
 
-    depths: FloatArray  # [N]
-    triangles: FloatArray  # [N], -1 for nothing
-    lit: FloatArray  # [N], 0 or 1
+    depths: FloatArray  # [N], inf for the sky
+    look: IntArray  # [N], one number for every texture and colour, 0 for the sky
+    normal: FloatArray  # [N, 3]
+    lit: BoolArray  # [N]
     moving: BoolArray  # [N]
-
-
-class _Stage:
-    """The street ready for rays; the traffic is put in its place for every shot."""
-
-    def __init__(self, world: World, optics: Optics) -> None:
-        self.world = world
-        self.weather = replace(
-            world.weather, haze_per_m=optics.haze_per_m, gloss=optics.gloss, finest_m=optics.finest_detail_m
-        )
-        self.scene = _scene(world.static)
-        self.num_static = len(world.static)
-        self.static = surfaces_of(world.static)
-
-    def shoot(
-        self, world_from_cam: FloatArray, camera: Intrinsics, time_s: float
-    ) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Light [H, W, 3], depth [H, W] and moving [H, W] of one picture."""
-        traffic = self.world.traffic_at(time_s)
-        shot = _Shot(self, traffic, world_from_cam, camera)
-        margin = camera.cropped(-1, -1, camera.width_px + 2, camera.height_px + 2)
-        grid = pinhole.pixel_grid(margin)
-        hits, light = shot.trace(grid.reshape(-1, 2) - 1.0)
-        size = grid.shape[:2]
-        edge = _edges(shot.surfaces, hits, size)[1:-1, 1:-1]
-        light = light.reshape(*size, 3)[1:-1, 1:-1].copy()
-        moving = hits.moving.reshape(size)[1:-1, 1:-1].copy()
-        depths = hits.depths.reshape(size)[1:-1, 1:-1]
-        rows, columns = np.nonzero(edge)
-        if len(rows):
-            pixels = np.stack([columns, rows], axis=-1)[:, None] + SUBPIXELS
-            more, more_light = shot.trace(pixels.reshape(-1, 2))
-            total = light[rows, columns] + more_light.reshape(len(rows), -1, 3).sum(axis=1)
-            light[rows, columns] = total / (len(SUBPIXELS) + 1)
-            moving[rows, columns] |= more.moving.reshape(len(rows), -1).any(axis=1)
-        return light, depths.astype(np.float32), moving
+    light: FloatArray  # [N, 3]
 
 
 class _Shot:
     """One instant seen from one place."""
 
-    def __init__(self, stage: _Stage, traffic: Soup | None, world_from_cam: FloatArray, camera: Intrinsics) -> None:
-        self.stage, self.camera, self.eye = stage, camera, world_from_cam[:3, 3]
-        self.rotation = world_from_cam[:3, :3]
-        self.traffic = None if traffic is None else _scene(traffic)
-        self.surfaces = stage.static if traffic is None else _appended(stage.static, surfaces_of(traffic))
+    def __init__(
+        self, static: _Body, traffic: _Traffic, weather: Weather, world_from_cam: FloatArray, camera: Intrinsics
+    ) -> None:
+        self.static, self.traffic, self.weather, self.camera = static, traffic, weather, camera
+        self.rotation, self.eye = world_from_cam[:3, :3], world_from_cam[:3, 3]
 
-    def trace(self, pixels: FloatArray) -> tuple[_Hits, FloatArray]:
-        """What rays through pixels [N, 2] meet, and the light [N, 3] that comes along them."""
-        rays = pinhole.unproject(pixels, np.ones(len(pixels)), self.camera)
-        directions = (rays @ self.rotation.T).astype(np.float32)
-        depths, triangles = _cast(self.stage.scene, self.eye, directions)
-        moving = np.zeros(len(depths), dtype=bool)
-        if self.traffic is not None:
-            near, which = _cast(self.traffic, self.eye, directions)
-            moving = near < depths
-            depths = np.where(moving, near, depths)
-            triangles = np.where(moving, which + self.stage.num_static, triangles)
-        lit, shaded_by_traffic = self._sunlight(directions, depths, triangles)
-        hits = _Hits(depths, triangles, lit, moving | shaded_by_traffic)
+    def picture(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Light [H, W, 3], depth [H, W] and moving [H, W]; edges look one pixel beyond the border."""
+        size = (self.camera.height_px + 2, self.camera.width_px + 2)
+        margin = self.camera.cropped(-1, -1, size[1], size[0])
+        hits = self.trace(pinhole.pixel_grid(margin).reshape(-1, 2) - 1.0)
+        edge, inner = _edges(hits, size)[1:-1, 1:-1], (slice(1, -1), slice(1, -1))
+        light = hits.light.reshape(*size, 3)[inner].copy()
+        moving = hits.moving.reshape(size)[inner].copy()
+        rows, columns = np.nonzero(edge)
+        pixels = np.stack([columns, rows], axis=-1)[:, None] + SUBPIXELS
+        more = self.trace(pixels.reshape(-1, 2))
+        total = light[rows, columns] + more.light.reshape(len(rows), len(SUBPIXELS), 3).sum(axis=1)
+        light[rows, columns] = total / (len(SUBPIXELS) + 1)
+        moving[rows, columns] |= more.moving.reshape(len(rows), len(SUBPIXELS)).any(axis=1)
+        return light, hits.depths.reshape(size)[inner].astype(np.float32), moving
+
+    def trace(self, pixels: FloatArray) -> _Hits:
+        """What rays through pixels [N, 2] meet."""
+        rays = pinhole.unproject(pixels, np.ones(len(pixels)), self.camera).astype(np.float32)
+        directions = rays @ self.rotation.T.astype(np.float32)
+        depths, moving, solid, surfaces = self._nearest(pixels, directions)
+        lit, light = np.ones(len(pixels), dtype=bool), np.empty((len(pixels), 3), dtype=np.float32)
+        look, normal = np.zeros(len(pixels), dtype=np.int64), np.zeros((len(pixels), 3), dtype=np.float32)
+        sunny, shaded_by_traffic = self._sunlight(surfaces, directions[solid], depths[solid])
         steps = np.stack([self.rotation[:, 0] / self.camera.fx_px, self.rotation[:, 1] / self.camera.fy_px])
-        light = shade(atlas(), self.surfaces, self.stage.weather, self.eye, directions, depths, triangles, lit, steps)
-        return hits, light
+        light[solid] = shade(atlas(), surfaces, self.weather, self.eye, directions[solid], depths[solid], sunny, steps)
+        sky = np.isinf(depths)
+        light[sky] = sky_light(atlas(), self.weather, directions[sky] / np.sqrt(dot(directions[sky], directions[sky])))
+        lit[solid], normal[solid] = sunny, surfaces.normal
+        look[solid] = 1 + surfaces.texture + 64 * (surfaces.tint[:, 0] * 255).astype(np.int32)
+        moving[solid] |= shaded_by_traffic
+        return _Hits(depths, look, normal, lit, moving, light)
 
-    def _sunlight(
-        self, directions: FloatArray, depths: FloatArray, triangles: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Whether the sun reaches the points [N], and whether it would but for the traffic [N]."""
-        to_sun = self.stage.weather.to_sun
-        lit, by_traffic = np.ones(len(depths), dtype=np.float32), np.zeros(len(depths), dtype=bool)
-        hit = np.nonzero(triangles >= 0)[0]
-        normal = self.surfaces.normal[triangles[hit]]
-        away = np.sign((normal * directions[hit]).sum(axis=-1, keepdims=True))
-        leaf = self.surfaces.texture[triangles[hit]] == Texture.LEAVES
-        turned = ((-away * normal) @ to_sun <= 0) & ~leaf
-        lit[hit[turned]] = 0.0
-        hit, normal, away, leaf = hit[~turned], normal[~turned], away[~turned], leaf[~turned]
-        gap = np.where(leaf, LEAF_GAP_M, 0.01)[:, None]
-        points = self.eye + depths[hit, None] * directions[hit] - 0.01 * away * normal + gap * to_sun
-        blocked = _blocked(self.stage.scene, points, to_sun)
-        if self.traffic is not None:
-            by_traffic[hit] = ~blocked & _blocked(self.traffic, points, to_sun)
-        lit[hit] = ~(blocked | by_traffic[hit])
-        return lit, by_traffic
+    def _nearest(self, pixels: FloatArray, directions: FloatArray) -> tuple[FloatArray, BoolArray, IntArray, Surfaces]:
+        """Depth [N], whether it is a moving car [N], which rays [K] meet anything, and the surfaces [K] they meet."""
+        depths, triangles = self.static.cast(self.eye, directions)
+        depths, moving = depths.copy(), np.zeros(len(depths), dtype=bool)
+        near = self.traffic.in_sight(pixels)
+        if self.traffic.body is None or not len(near):
+            solid = np.nonzero(np.isfinite(depths))[0]
+            return depths, moving, solid, self.static.surfaces.take(triangles[solid])
+        car_depths, car_triangles = self.traffic.body.cast(self.eye, directions[near])
+        nearer = car_depths < depths[near]
+        moving[near] = nearer
+        depths[near] = np.where(nearer, car_depths, depths[near])
+        triangles[near[nearer]] = 0
+        solid = np.nonzero(np.isfinite(depths))[0]
+        surfaces = self.static.surfaces.take(triangles[solid])
+        cars = self.traffic.body.surfaces.take(car_triangles[nearer])
+        return depths, moving, solid, surfaces.replaced(moving[solid], cars)
 
-
-def _scene(soup: Soup) -> o3d.t.geometry.RaycastingScene:
-    scene = o3d.t.geometry.RaycastingScene()
-    vertices = o3d.core.Tensor(soup.corners.reshape(-1, 3).astype(np.float32))
-    scene.add_triangles(vertices, o3d.core.Tensor(np.arange(3 * len(soup), dtype=np.uint32).reshape(-1, 3)))
-    return scene
-
-
-def _cast(
-    scene: o3d.t.geometry.RaycastingScene, eye: FloatArray, directions: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Depths [N] (inf for nothing) and triangles [N] (-1 for nothing)."""
-    rays = np.concatenate([np.broadcast_to(eye.astype(np.float32), directions.shape), directions], axis=-1)
-    answer = scene.cast_rays(o3d.core.Tensor(rays))
-    depths = answer["t_hit"].numpy()
-    return depths, np.where(np.isfinite(depths), answer["primitive_ids"].numpy().astype(np.int64), -1)
-
-
-def _blocked(scene: o3d.t.geometry.RaycastingScene, points: FloatArray, to_sun: FloatArray) -> BoolArray:
-    rays = np.concatenate([points, np.broadcast_to(to_sun, points.shape)], axis=-1).astype(np.float32)
-    blocked: BoolArray = scene.test_occlusions(o3d.core.Tensor(rays)).numpy()
-    return blocked
+    def _sunlight(self, surfaces: Surfaces, directions: FloatArray, depths: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """Whether the sun reaches what the rays [K] meet, and whether only the traffic keeps it off [K]."""
+        to_sun = self.weather.to_sun.astype(np.float32)
+        lit, by_traffic = np.zeros(len(depths), dtype=bool), np.zeros(len(depths), dtype=bool)
+        outward = surfaces.normal * -np.sign(dot(surfaces.normal, directions))
+        leaf = surfaces.texture == Texture.LEAVES
+        facing = np.nonzero((outward @ to_sun > 0) | leaf)[0]
+        gap = np.where(leaf[facing], LEAF_GAP_M, 0.01).astype(np.float32)[:, None]
+        reached = self.eye.astype(np.float32) + depths[facing, None] * directions[facing]
+        points = reached + np.float32(0.01) * outward[facing] + gap * to_sun
+        free = ~self.static.blocks(points, to_sun)
+        near = self.traffic.in_reach(points)
+        if self.traffic.body is not None and len(near):
+            by_traffic[facing[near]] = free[near] & self.traffic.body.blocks(points[near], to_sun)
+        lit[facing] = free
+        return lit & ~by_traffic, by_traffic
 
 
-def _appended(first: Surfaces, second: Surfaces) -> Surfaces:
-    pairs = {name: (value, getattr(second, name)) for name, value in vars(first).items()}
-    return Surfaces(**{name: np.concatenate(pair) for name, pair in pairs.items()})
+def _window(points_cam: FloatArray, camera: Intrinsics) -> tuple[FloatArray, FloatArray]:
+    """The lowest and highest pixel at which points [N, 3] can be seen; everything when some are beside the camera."""
+    if (points_cam[:, 2] < 0.2).any():
+        return np.full(2, -np.inf), np.full(2, np.inf)
+    pixels, _ = pinhole.project(points_cam, camera)
+    return pixels.min(axis=0) - 1.0, pixels.max(axis=0) + 1.0
 
 
-def _edges(surfaces: Surfaces, hits: _Hits, size: tuple[int, int]) -> BoolArray:
+def _edges(hits: _Hits, size: tuple[int, int]) -> BoolArray:
     """Pixels [H, W] whose neighbours show something else, or the same in another light."""
-    triangles = hits.triangles.reshape(size)
-    known = np.maximum(triangles, 0)
-    look = np.where(triangles >= 0, surfaces.texture[known] + 1, 0) + 64 * (surfaces.tint[known, 0] * 255).astype(int)
-    lit, inverse = hits.lit.reshape(size), 1.0 / hits.depths.reshape(size)
-    normal = surfaces.normal[known]
+    look, lit, inverse = hits.look.reshape(size), hits.lit.reshape(size), 1.0 / hits.depths.reshape(size)
+    normal = hits.normal.reshape(*size, 3)
     edge = np.zeros(size, dtype=bool)
-    for here, there in (
-        ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
-        ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),
-    ):
-        turned = np.abs((normal[here] * normal[there]).sum(axis=-1)) < 0.8
-        leaves = surfaces.texture[known][here] == Texture.LEAVES
-        step = np.abs(inverse[here] - inverse[there]) > 0.06 * np.maximum(inverse[here], inverse[there])
+    for axis in (0, 1):
+        here, there = (
+            tuple(slice(*ends) if axis == k else slice(None) for k in (0, 1)) for ends in ((1, None), (None, -1))
+        )
+        turned = np.abs(np.einsum("hwk,hwk->hw", normal[here], normal[there])) < 0.8
+        leaves = (look[here] == look[there]) & (look[here] % 64 == Texture.LEAVES + 1)
+        jump = np.where(leaves, 0.2, 0.06)  # leaves before leaves show little of an edge
+        step = np.abs(inverse[here] - inverse[there]) > jump * np.maximum(inverse[here], inverse[there])
         differs = (look[here] != look[there]) | (lit[here] != lit[there]) | step | (turned & ~leaves)
         edge[here] |= differs
         edge[there] |= differs

@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from geovp_classic.data.synthetic.textures import Atlas
+from geovp_classic.data.synthetic.textures import Atlas, IntArray
 from geovp_classic.types import FloatArray
 
 MOST_TAPS = 8  # along the longer side of a footprint
@@ -15,7 +15,7 @@ MOST_TAPS = 8  # along the longer side of a footprint
 
 def sample(
     atlas: Atlas,
-    textures: FloatArray,  # [N] int
+    textures: IntArray,  # [N]
     uv: FloatArray,  # [N, 2], in tiles; the pictures repeat
     step_x: FloatArray,  # [N, 2], change of uv to the next pixel right
     step_y: FloatArray,  # [N, 2], and down
@@ -24,23 +24,21 @@ def sample(
     """RGBA [N, 4] float32 in 0..1, as bytes are: display brightness."""
     count = len(textures)
     out = np.empty((count, 4), dtype=np.float32)
-    finest_tiles = np.ascontiguousarray(np.broadcast_to(np.asarray(finest, dtype=np.float32), (count,)))
-    uv64, steps = np.asarray(uv, dtype=np.float64), np.stack([step_x, step_y], axis=1).astype(np.float32)
     _sample(
         atlas.texels,
         atlas.starts,
         atlas.widths,
         atlas.heights,
-        textures.astype(np.int64),
-        uv64,
-        steps,
-        finest_tiles,
+        np.ascontiguousarray(textures, dtype=np.int64),
+        np.ascontiguousarray(uv, dtype=np.float32),
+        np.stack([step_x, step_y], axis=1).astype(np.float32),
+        np.ascontiguousarray(np.broadcast_to(finest, (count,)), dtype=np.float32),
         out,
     )
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _sample(texels, starts, widths, heights, textures, uv, steps, finest, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     for i in range(len(textures)):
         texture = textures[i]
@@ -53,22 +51,28 @@ def _sample(texels, starts, widths, heights, textures, uv, steps, finest, out): 
         taps = min(max(math.ceil(major / minor), 1), MOST_TAPS)
         level = math.log2(minor)
         low = int(level)
-        for channel in range(4):
-            out[i, channel] = 0.0
-        for k in range(2 * taps):  # every tap on two levels
-            tap, this = k >> 1, low + (k & 1)
-            share = (level - low if k & 1 else 1.0 - (level - low)) / taps
+        red, green, blue, alpha = 0.0, 0.0, 0.0, 0.0
+        for upper in range(2):  # two mip levels, mixed
+            this = low + upper
+            share = (level - low if upper else 1.0 - (level - low)) / (255.0 * taps)
+            if share == 0.0:
+                continue
             while widths[texture, this] == 0:
                 this -= 1
             start, width, height = starts[texture, this], widths[texture, this], heights[texture, this]
-            place = (tap + 0.5) / taps - 0.5
-            x = (uv[i, 0] + place * steps[i, longer, 0]) * width - 0.5
-            y = (uv[i, 1] + place * steps[i, longer, 1]) * height - 0.5
-            column, row = math.floor(x), math.floor(y)
-            fx, fy = x - column, y - row
-            for corner in range(4):
-                right, below = corner & 1, corner >> 1
-                weight = share * (fx if right else 1.0 - fx) * (fy if below else 1.0 - fy) / 255.0
-                texel = start + ((row + below) % height) * width + (column + right) % width
-                for channel in range(4):
-                    out[i, channel] += weight * texels[texel, channel]
+            for tap in range(taps):
+                place = (tap + 0.5) / taps - 0.5
+                x = (uv[i, 0] + place * steps[i, longer, 0]) * width - 0.5
+                y = (uv[i, 1] + place * steps[i, longer, 1]) * height - 0.5
+                column, row = math.floor(x), math.floor(y)
+                fx, fy = x - column, y - row
+                left, right = column & (width - 1), (column + 1) & (width - 1)  # sizes are powers of two
+                above, below = start + (row & (height - 1)) * width, start + ((row + 1) & (height - 1)) * width
+                for corner in range(4):
+                    texel = (below if corner >> 1 else above) + (right if corner & 1 else left)
+                    weight = share * (fx if corner & 1 else 1.0 - fx) * (fy if corner >> 1 else 1.0 - fy)
+                    red += weight * texels[texel, 0]
+                    green += weight * texels[texel, 1]
+                    blue += weight * texels[texel, 2]
+                    alpha += weight * texels[texel, 3]
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = red, green, blue, alpha

@@ -11,20 +11,13 @@ import numpy as np
 
 from geovp_classic.data.synthetic.mesh import Soup, normals
 from geovp_classic.data.synthetic.sampling import sample
-from geovp_classic.data.synthetic.textures import TILE_M, Atlas, Texture
+from geovp_classic.data.synthetic.textures import TILE_M, Atlas, IntArray, Texture
 from geovp_classic.types import BoolArray, FloatArray
 
-ROUGH = (
-    Texture.ASPHALT,
-    Texture.PAVEMENT,
-    Texture.GRASS,
-    Texture.PLASTER,
-    Texture.BRICK,
-    Texture.ROOF,
-    Texture.WOODS,
-)  # these get large-scale blotches, which hide that they repeat
 TILES_M = np.array([TILE_M[texture] for texture in Texture])
-IS_ROUGH = np.array([texture in ROUGH for texture in Texture])
+BLOTCHES = np.zeros(len(Texture), dtype=np.float32)  # how much large stains show on a texture
+BLOTCHES[[Texture.ASPHALT, Texture.GRASS, Texture.WOODS]] = 0.28
+BLOTCHES[[Texture.PAVEMENT, Texture.PLASTER, Texture.BRICK, Texture.ROOF]] = 0.14
 
 
 @dataclass(frozen=True)
@@ -35,33 +28,43 @@ class Surfaces:
     normal: FloatArray  # [N, 3] float32
     at_corner: FloatArray  # [N, 5] float32
     gradient: FloatArray  # [N, 5, 3] float32, per metre
-    texture: FloatArray  # [N] int32
-    paint: FloatArray  # [N] int32
+    texture: IntArray  # [N]
+    paint: IntArray  # [N]
     tint: FloatArray  # [N, 3] float32
     gloss: FloatArray  # [N] float32
+
+    def take(self, triangles: IntArray) -> Surfaces:
+        """The rows of some triangles [K]."""
+        return Surfaces(**{name: column[triangles] for name, column in vars(self).items()})
+
+    def replaced(self, where: BoolArray, other: Surfaces) -> Surfaces:
+        """The same rows but for those where [N] is True, which become the other's, in order."""
+        columns = {name: column.copy() for name, column in vars(self).items()}
+        for name, column in columns.items():
+            column[where] = getattr(other, name)
+        return Surfaces(**columns)
 
 
 def surfaces_of(soup: Soup) -> Surfaces:
     """The table of a soup; triangles without area get constant values."""
-    corners = soup.corners
+    corners = soup.corners.astype(np.float64)
     values = np.concatenate([soup.uv, soup.paint_uv, soup.shade[..., None]], axis=-1)  # [N, 3, 5]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     aa, ab, bb = (a * a).sum(-1), (a * b).sum(-1), (b * b).sum(-1)
     area = aa * bb - ab * ab
     scale = np.where(area > 1e-12, 1.0 / np.where(area > 1e-12, area, 1.0), 0.0)[:, None]
-    dual_a = (bb[:, None] * a - ab[:, None] * b) * scale
-    dual_b = (aa[:, None] * b - ab[:, None] * a) * scale
+    dual_a = ((bb[:, None] * a - ab[:, None] * b) * scale).astype(np.float32)
+    dual_b = ((aa[:, None] * b - ab[:, None] * a) * scale).astype(np.float32)
     rise_a, rise_b = values[:, 1] - values[:, 0], values[:, 2] - values[:, 0]
-    gradient = rise_a[..., None] * dual_a[:, None] + rise_b[..., None] * dual_b[:, None]
     return Surfaces(
-        corner=corners[:, 0].astype(np.float32),
-        normal=normals(corners).astype(np.float32),
-        at_corner=values[:, 0].astype(np.float32),
-        gradient=gradient.astype(np.float32),
-        texture=soup.texture.astype(np.int32),
-        paint=soup.paint.astype(np.int32),
-        tint=soup.tint.astype(np.float32),
-        gloss=soup.gloss.astype(np.float32),
+        corner=soup.corners[:, 0],
+        normal=normals(soup.corners),
+        at_corner=values[:, 0],
+        gradient=rise_a[..., None] * dual_a[:, None] + rise_b[..., None] * dual_b[:, None],
+        texture=soup.texture,
+        paint=soup.paint,
+        tint=soup.tint,
+        gloss=soup.gloss,
     )
 
 
@@ -82,35 +85,28 @@ class Weather:
 
 def shade(
     atlas: Atlas,
-    surfaces: Surfaces,
+    surfaces: Surfaces,  # N rows, one per ray
     weather: Weather,
     eye: FloatArray,  # [3]
     directions: FloatArray,  # [N, 3] float32, world frame, of z-depth 1
-    depths: FloatArray,  # [N] float32, inf for sky
-    triangles: FloatArray,  # [N] int, -1 for sky
-    lit: FloatArray,  # [N], 1 in the sun, 0 in the shadow
+    depths: FloatArray,  # [N] float32
+    lit: BoolArray,  # [N], whether the sun gets there
     pixel_steps: FloatArray,  # [2, 3], how a direction changes to the next pixel right and down
 ) -> FloatArray:
-    """Light [N, 3] float32 that comes along the rays."""
-    light = np.empty(directions.shape, dtype=np.float32)
-    length = np.linalg.norm(directions, axis=-1)
-    sky = triangles < 0
-    light[sky] = sky_light(atlas, weather, directions[sky] / length[sky, None])
-    solid = np.nonzero(~sky)[0]
-    ray, depth, triangle, length = directions[solid], depths[solid, None], triangles[solid], length[solid, None]
-    normal = surfaces.normal[triangle]
-    facing = _dot(normal, ray)
-    normal, facing = normal * -np.sign(facing), np.minimum(-np.abs(facing), -1e-4 * length)
+    """Light [N, 3] that comes along rays from the surfaces they meet."""
+    depth, length = depths[:, None], np.sqrt(dot(directions, directions))
+    against = dot(surfaces.normal, directions)
+    normal = surfaces.normal * -np.sign(against)
+    facing = np.minimum(-np.abs(against), -1e-4 * length)
     steps = [  # how the point moves to the next pixel: in the plane of the triangle
-        depth * (change - _dot(normal, change) / facing * ray) for change in pixel_steps.astype(np.float32)
+        depth * (change - (normal @ change)[:, None] / facing * directions) for change in pixel_steps.astype(np.float32)
     ]
-    points = eye + depth * ray
-    albedo, around = _albedo(atlas, surfaces, triangle, points, steps, weather.finest_m)
-    colour = albedo * _incoming(weather, normal, lit[solid], around, surfaces.texture[triangle] == Texture.LEAVES)
-    colour = _mirrored(atlas, weather, colour, surfaces.gloss[triangle], ray / length, normal)
-    clear = np.exp(-weather.haze_per_m * depth * length)
-    light[solid] = colour * clear + weather.horizon * (1 - clear)
-    return light
+    points = eye.astype(np.float32) + depth * directions
+    albedo, around = _albedo(atlas, surfaces, points, steps, weather.finest_m)
+    colour = albedo * _incoming(weather, normal, lit, around, surfaces.texture == Texture.LEAVES)
+    colour = _mirrored(atlas, weather, colour, surfaces.gloss, directions / length, normal)
+    clear = np.exp(np.float32(-weather.haze_per_m) * depth * length)
+    return colour * clear + _light(weather.horizon) * (1 - clear)
 
 
 def sky_light(
@@ -121,68 +117,61 @@ def sky_light(
     """Light [N, 3] of the sky: brighter towards the horizon, clouds on a ceiling, a glow around the sun."""
     up = np.maximum(-directions[:, 1:2], 0.0)
     fade = np.exp(-4.0 * up)
-    clear = weather.horizon * fade + weather.zenith * (1 - fade)
+    clear = _light(weather.horizon) * fade + _light(weather.zenith) * (1 - fade)
     reach = 0.35 / (up + 0.12)
     spread = np.concatenate([0.004 * reach**2, np.zeros_like(reach)], axis=-1)
     place = directions[:, [0, 2]] * reach + weather.cloud_shift
     clouds = sample(atlas, np.full(len(up), int(Texture.CLOUDS)), place, spread, spread[:, ::-1])
-    cover = clouds[:, 3:] * np.minimum(1.0, 5.0 * up)
-    glow = np.maximum(directions @ weather.to_sun, 0.0)[:, None] ** 24 * 0.35
-    return clear * (1 - cover) + clouds[:, :1] ** 2 * cover + glow * weather.sun
+    clouds *= np.minimum(1.0, 5.0 * up)  # none in the haze
+    glow = np.maximum(directions @ _light(weather.to_sun), 0.0)[:, None] ** 24 * np.float32(0.35)
+    return clear * (1 - clouds[:, 3:]) + np.float32(0.93) * clouds[:, :3] + glow * _light(weather.sun)
 
 
 def _albedo(
     atlas: Atlas,
-    surfaces: Surfaces,
-    triangles: FloatArray,  # [N]
+    surfaces: Surfaces,  # N rows
     points: FloatArray,  # [N, 3]
     steps: list[FloatArray],  # two of [N, 3]
     finest_m: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Linear reflectance [N, 3] and the share [N, 1] of the light from all around that arrives."""
-    gradient = surfaces.gradient[triangles]  # [N, 5, 3]
-    values = surfaces.at_corner[triangles] + _apply(gradient, points - surfaces.corner[triangles])
-    over_x, over_y = (_apply(gradient[:, :4], step) for step in steps)
-    texture, paint = surfaces.texture[triangles], surfaces.paint[triangles]
-    colour = (
-        sample(atlas, texture, values[:, :2], over_x[:, :2], over_y[:, :2], finest_m / TILES_M[texture])[:, :3]
-        * surfaces.tint[triangles]
+    offsets = np.stack([points - surfaces.corner, *steps], axis=-1)  # [N, 3, 3]
+    change = surfaces.gradient @ offsets  # [N, 5, 3]
+    values = surfaces.at_corner + change[..., 0]
+    finest = (finest_m / TILES_M).astype(np.float32)
+    colour = sample(
+        atlas, surfaces.texture, values[:, :2], change[:, :2, 1], change[:, :2, 2], finest[surfaces.texture]
     )
-    rough = np.nonzero(IS_ROUGH[texture])[0]
-    colour[rough] *= _blotches(atlas, surfaces.normal[triangles[rough]], points[rough], [step[rough] for step in steps])
-    painted = np.nonzero(paint >= 0)[0]
-    coat = sample(
-        atlas,
-        paint[painted],
-        values[painted, 2:4],
-        over_x[painted, 2:],
-        over_y[painted, 2:],
-        finest_m / TILES_M[paint[painted]],
-    )
-    colour[painted] += (coat[:, :3] - colour[painted]) * coat[:, 3:]
+    colour = colour[:, :3] * surfaces.tint
+    rough = np.nonzero(BLOTCHES[surfaces.texture] > 0)[0]
+    tone = _blotches(atlas, surfaces.normal[rough], points[rough], [step[rough] for step in steps])
+    colour[rough] *= 1 + BLOTCHES[surfaces.texture[rough], None] * tone
+    painted = np.nonzero(surfaces.paint >= 0)[0]
+    paint, change = surfaces.paint[painted], change[painted]
+    coat = sample(atlas, paint, values[painted, 2:4], change[:, 2:4, 1], change[:, 2:4, 2], finest[paint])
+    colour[painted] = colour[painted] * (1 - coat[:, 3:]) + coat[:, :3]
     return colour**2, np.clip(values[:, 4:], 0.0, 1.2)
 
 
 def _blotches(atlas: Atlas, normal: FloatArray, points: FloatArray, steps: list[FloatArray]) -> FloatArray:
-    """Large soft stains [N, 1] that hide the repetition of the textures."""
+    """Large soft stains [N, 1], -1 to 1, that hide the repetition of the textures."""
     flat = np.abs(normal[:, 1:2]) > 0.5
-    sizes = [np.minimum(np.linalg.norm(step, axis=-1, keepdims=True), 8.0) for step in steps]
+    sizes = [np.minimum(np.sqrt(dot(step, step)), 8.0) for step in steps]
     zero = np.zeros_like(sizes[0])
-    upright = np.concatenate([points[:, :1] + 0.7 * points[:, 2:], points[:, 1:2]], axis=-1)
-    place = np.where(flat, points[:, [0, 2]], upright) / TILE_M[Texture.MACRO]
-    step_x, step_y = (
-        np.concatenate(pair, axis=-1) / TILE_M[Texture.MACRO] for pair in ((sizes[0], zero), (zero, sizes[1]))
-    )
-    return 0.72 + 0.56 * sample(atlas, np.full(len(points), int(Texture.MACRO)), place, step_x, step_y)[:, :1]
+    upright = np.concatenate([points[:, :1] + np.float32(0.7) * points[:, 2:], points[:, 1:2]], axis=-1)
+    tile_m = np.float32(TILE_M[Texture.MACRO])
+    place = np.where(flat, points[:, [0, 2]], upright) / tile_m
+    step_x, step_y = (np.concatenate(pair, axis=-1) / tile_m for pair in ((sizes[0], zero), (zero, sizes[1])))
+    return 2 * sample(atlas, np.full(len(points), int(Texture.MACRO)), place, step_x, step_y)[:, :1] - 1
 
 
 def _incoming(
-    weather: Weather, normal: FloatArray, lit: FloatArray, around: FloatArray, leaves: BoolArray
+    weather: Weather, normal: FloatArray, lit: BoolArray, around: FloatArray, leaves: BoolArray
 ) -> FloatArray:
     """Light [N, 3] that falls on the surfaces; leaves let it through."""
-    toward = (normal @ weather.to_sun)[:, None]
+    toward = (normal @ _light(weather.to_sun))[:, None]
     direct = np.where(leaves[:, None], around * (0.25 + 0.5 * np.abs(toward)), np.maximum(toward, 0.0)) * lit[:, None]
-    return direct * weather.sun + around * (0.75 - 0.25 * normal[:, 1:2]) * weather.sky
+    return direct * _light(weather.sun) + around * (0.75 - 0.25 * normal[:, 1:2]) * _light(weather.sky)
 
 
 def _mirrored(
@@ -190,19 +179,19 @@ def _mirrored(
 ) -> FloatArray:
     """Colours [N, 3] with the sky mixed in that glass and paint mirror, more so at grazing angles (Schlick 1994)."""
     shiny = np.nonzero(gloss * weather.gloss > 0)[0]
-    cosine = -_dot(normal[shiny], ray[shiny])
-    share = (gloss[shiny, None] * weather.gloss) * (0.25 + 0.75 * (1 - np.clip(cosine, 0, 1)) ** 5)
+    cosine = -dot(normal[shiny], ray[shiny])
+    share = gloss[shiny, None] * np.float32(weather.gloss) * (0.25 + 0.75 * (1 - np.clip(cosine, 0, 1)) ** 5)
     seen = sky_light(atlas, weather, ray[shiny] + 2 * cosine * normal[shiny])
     colour = colour.copy()
     colour[shiny] += (seen - colour[shiny]) * share
     return colour
 
 
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+def dot(a: FloatArray, b: FloatArray) -> FloatArray:
     """Inner products [N, 1]."""
-    return (a * b).sum(axis=-1, keepdims=True)
+    return np.einsum("ni,ni->n", a, b)[:, None]
 
 
-def _apply(gradient: FloatArray, offset: FloatArray) -> FloatArray:
-    """The change [N, K] of K linear functions over an offset [N, 3]."""
-    return np.einsum("nkj,nj->nk", gradient, offset)
+def _light(colour: FloatArray) -> FloatArray:
+    """The same numbers in single precision, so that arrays they meet stay there."""
+    return colour.astype(np.float32)

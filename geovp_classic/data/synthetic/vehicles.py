@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from geovp_classic.data.synthetic.mesh import Builder, Colour, Material, Soup, cylinder, disc, joined, loft, soup_of
+from geovp_classic.data.synthetic.mesh import (
+    Builder,
+    Colour,
+    Material,
+    Point,
+    Soup,
+    cylinder,
+    disc,
+    joined,
+    loft,
+    soup_of,
+)
 from geovp_classic.data.synthetic.textures import Texture
 from geovp_classic.types import FloatArray
 
 PAINT: Colour = (1.0, 0.0, 1.0)  # stands for the paint until `car` replaces it
 PAINTS: tuple[Colour, ...] = (
     (0.80, 0.81, 0.83),
-    (0.93, 0.93, 0.92),
+    (0.86, 0.86, 0.85),
     (0.10, 0.10, 0.12),
     (0.30, 0.31, 0.34),
     (0.55, 0.08, 0.09),
@@ -116,48 +128,42 @@ def _cap(ring: FloatArray, material: Material) -> Soup:
 
 
 def _cabin(stations: FloatArray, feet: tuple[float, float, float, float], roof_m: float) -> Soup:
-    """Glass all around, a painted roof and painted pillars."""
+    """A painted cabin with panes set into all four sides."""
     tail, roof_tail, roof_nose, nose = feet
-    half_m, shoulder_m = stations[:, 1].max() * 0.92, stations[2:4, 2].mean() - 0.02
-    top_m = half_m * 0.82
+    half_m, low = stations[:, 1].max() * 0.92, 0.02 - stations[2:4, 2].mean()
+    top_m, high = half_m * 0.82, -roof_m
     builder = Builder()
     paint = Material(Texture.PLAIN, PAINT, gloss=0.12)
-    low, high = -shoulder_m, -roof_m
-    builder.quad(
-        [(-top_m, high, roof_tail), (top_m, high, roof_tail), (half_m, low, tail), (-half_m, low, tail)], GLASS, True
-    )
-    builder.quad(
-        [(top_m, high, roof_nose), (-top_m, high, roof_nose), (-half_m, low, nose), (half_m, low, nose)], GLASS, True
-    )
-    builder.quad(
-        [(-top_m, high, roof_nose), (top_m, high, roof_nose), (top_m, high, roof_tail), (-top_m, high, roof_tail)],
-        paint,
-    )
-    for side in (-1.0, 1.0):
-        corners = [
-            (side * top_m, high, roof_tail),
-            (side * top_m, high, roof_nose),
-            (side * half_m, low, nose),
-            (side * half_m, low, tail),
-        ]
-        builder.quad(corners, GLASS, True)
-        for start, end in ((0.0, 0.07), (0.44, 0.49), (0.93, 1.0)):
-            builder.quad(_pillar(corners, start, end, side), paint)
-        for at in (0.0, 1.0):  # rails beside the wind screens
-            builder.quad(
-                _pillar([corners[0], corners[1], corners[2], corners[3]], at * 0.96, at * 0.96 + 0.04, side), paint
-            )
+    tail_left, tail_right = (-top_m, high, roof_tail), (top_m, high, roof_tail)
+    nose_left, nose_right = (-top_m, high, roof_nose), (top_m, high, roof_nose)
+    foot_tail_left, foot_tail_right = (-half_m, low, tail), (half_m, low, tail)
+    foot_nose_left, foot_nose_right = (-half_m, low, nose), (half_m, low, nose)
+    builder.quad([nose_left, nose_right, tail_right, tail_left], paint)
+    for side, panes in (
+        ([tail_left, tail_right, foot_tail_right, foot_tail_left], [(0.09, 0.91)]),
+        ([nose_right, nose_left, foot_nose_left, foot_nose_right], [(0.05, 0.95)]),
+        ([tail_right, nose_right, foot_nose_right, foot_tail_right], [(0.08, 0.46), (0.51, 0.92)]),
+        ([nose_left, tail_left, foot_tail_left, foot_nose_left], [(0.08, 0.49), (0.54, 0.92)]),
+    ):
+        builder.quad(side, paint)
+        for start, end in panes:
+            builder.quad(_pane(side, start, end), GLASS, picture=True)
     return builder.soup()
 
 
-def _pillar(
-    corners: list[tuple[float, float, float]], start: float, end: float, side: float
-) -> list[tuple[float, float, float]]:
-    """A strip of a window [4 corners] between two fractions of its length, a little outside."""
-    a, b, c, d = (np.array(corner) for corner in corners)
-    off = np.array([side * 0.012, 0.0, 0.0])
-    strip = [a + start * (b - a), a + end * (b - a), d + end * (c - d), d + start * (c - d)]
-    return [(float(p[0]), float(p[1]), float(p[2])) for p in (corner + off for corner in strip)]
+def _pane(side: Sequence[Point], start: float, end: float) -> list[Point]:
+    """A window in a side [4 corners], between two fractions of its length, 1 cm outside."""
+    a, b, c, d = (np.asarray(corner, dtype=np.float64) for corner in side)
+    outward = np.cross(b - a, d - a)
+    off = 0.01 * outward / np.linalg.norm(outward)
+    off *= np.sign((off[[0, 2]] * (a + c - [0, 0, 0])[[0, 2]]).sum()) or 1.0
+
+    def at(along: float, down: float) -> Point:
+        top, foot = a + along * (b - a), d + along * (c - d)
+        corner: list[float] = (top + down * (foot - top) + off).tolist()
+        return corner
+
+    return [at(start, 0.12), at(end, 0.12), at(end, 0.94), at(start, 0.94)]
 
 
 def _wheels(stations: tuple[tuple[float, float, float], ...]) -> Soup:

@@ -28,16 +28,10 @@ class World:
     weather: Weather
     ego: Journey
 
-    def traffic_at(self, time_s: float) -> Soup | None:
-        """The moving cars where they are at that time; None where nothing moves."""
-        if not self.traffic:
-            return None
-        return joined(
-            [
-                soup.moved(journey.world_from_vehicle(self.terrain, np.array([time_s]))[0])
-                for soup, journey in self.traffic
-            ]
-        )
+    def traffic_at(self, time_s: float) -> list[Soup]:
+        """The moving cars where they are at that time."""
+        when = np.array([time_s])
+        return [soup.moved(journey.world_from_vehicle(self.terrain, when)[0]) for soup, journey in self.traffic]
 
 
 def build_world(seed: int, manoeuvre: Manoeuvre) -> World:
@@ -60,7 +54,7 @@ def _weather(rng: np.random.Generator) -> Weather:
     warm = float(rng.uniform(0.0, 1.0))
     return Weather(
         to_sun=np.array([flat * np.sin(azimuth_rad), -np.sin(height_rad), flat * np.cos(azimuth_rad)]),
-        sun=np.array([1.25, 1.16 - 0.06 * warm, 1.0 - 0.15 * warm]),
+        sun=np.array([1.45, 1.34 - 0.07 * warm, 1.17 - 0.18 * warm]),
         sky=np.array([0.36, 0.42, 0.52]),
         zenith=np.array([0.16, 0.33, 0.66]),
         horizon=np.array([0.62, 0.74, 0.86]),
