@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.plots import style
-from benchmarks.plots.gather import Page, jobs
+from benchmarks.plots import horizon, kept_clips, style
+from benchmarks.plots.material import Job, Material, Page, data_name, title
 from benchmarks.store import Results, write_bytes
 
-__all__ = ["Page", "Progress", "jobs", "rendered", "write_all"]
+__all__ = ["Page", "Progress", "data_name", "jobs", "rendered", "write_all"]
 
 Progress = Callable[[int, int, str], None]  # (jobs done, jobs in all, what was drawn)
 SAVING: dict[str, dict[str, Any]] = {
@@ -20,6 +21,19 @@ SAVING: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}},  # the same rows give the same bytes
 }
 KINDS = ("horizon", "strip", "invented", "paths")
+
+
+def jobs(results: Results) -> list[Job]:
+    """What there is to draw, ready to be drawn one after the other; BadData when the folder holds no results."""
+    material = Material.read(results)
+    over_horizon = [
+        Job(title(metric), partial(horizon.pages, material, metric)) for metric in horizon.metrics(material)
+    ]
+    by_clip = [
+        Job(f"clip {name}", partial(kept_clips.pages, material, number, name))
+        for number, (name, _) in enumerate(results.clips(), 1)
+    ]
+    return over_horizon + by_clip
 
 
 def write_all(results_dir: Path, progress: Progress | None = None) -> list[Path]:

@@ -15,6 +15,7 @@ from geovp_classic.types import FloatArray
 
 MOST_LINES = 12
 WIDTH_IN, HEIGHT_IN = 4.6, 3.1  # of the axes; names stand outside
+DWARFS = 3.0  # times the second largest
 NAMES_FROM = 1.12  # in widths of the axes
 NAME_PT, NAME_GAP_PT = 7.5, 9.5
 
@@ -48,7 +49,9 @@ def draw(curves: Sequence[Curve], measure: Measure, words: style.Words) -> list[
 
 def _page(curves: Sequence[Curve], measure: Measure, page: range, words: style.Words) -> Figure:
     named = [curves[number] for number in page]
-    names_in = (NAMES_FROM - 1) * WIDTH_IN + style.width_in((curve.label for curve in named), NAME_PT) + 0.1
+    highest = _limits(curves, measure)[1]
+    names = [_name(curve, highest, measure.unit) for curve in named]
+    names_in = (NAMES_FROM - 1) * WIDTH_IN + style.width_in(names, NAME_PT) + 0.1
     figure, axes = style.sheet((WIDTH_IN, HEIGHT_IN), style.Margins(right_in=names_in), words)
     style.tidy(axes)
     for number, curve in enumerate(curves):
@@ -57,7 +60,7 @@ def _page(curves: Sequence[Curve], measure: Measure, page: range, words: style.W
         else:
             axes.plot(curve.steps, curve.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
     _frame(axes, curves, measure)
-    _names(axes, named)
+    _names(axes, named, names)
     return figure
 
 
@@ -80,35 +83,45 @@ def _frame(axes: Axes, curves: Sequence[Curve], measure: Measure) -> None:
     arrow = "↑ higher is better" if measure.higher_is_better else "↓ lower is better"
     unit = f" ({measure.unit})" if measure.unit else ""
     axes.set_ylabel(f"{measure.title}{unit}    {arrow}", color=style.INK)
-    axes.set_ylim(*_limits(curves))
+    axes.set_ylim(*_limits(curves, measure))
     axes.yaxis.set_major_locator(MaxNLocator(6))
 
 
-def _limits(curves: Sequence[Curve]) -> tuple[float, float]:
-    """The range of all bands with a margin; does not leave zero behind when no value does."""
+def _limits(curves: Sequence[Curve], measure: Measure) -> tuple[float, float]:
+    """The range of all bands with a margin; does not leave zero behind when no value does.
+
+    An error that dwarfs all others runs off the axis, so that the others can be told apart; its name says how far.
+    """
     errors = [np.nan_to_num(curve.error) for curve in curves]
     low = min(np.nanmin(curve.mean - error) for curve, error in zip(curves, errors, strict=True))
-    high = max(np.nanmax(curve.mean + error) for curve, error in zip(curves, errors, strict=True))
+    highs = sorted(np.nanmax(curve.mean + error) for curve, error in zip(curves, errors, strict=True))
+    dwarfs = not measure.higher_is_better and len(highs) > 2 and highs[-1] > DWARFS * highs[-2] > 0
+    high = highs[-2] if dwarfs else highs[-1]
     margin = 0.05 * (high - low) or 0.5
     floor = 0.0 if min(np.nanmin(curve.mean) for curve in curves) >= 0 else -np.inf
     return max(float(low - margin), floor), float(high + margin)
 
 
-def _names(axes: Axes, curves: Sequence[Curve]) -> None:
+def _names(axes: Axes, curves: Sequence[Curve], names: Sequence[str]) -> None:
     """Names beside the ends of their lines, with a sample of the line, moved apart where lines end together."""
     ends = [_end(curve) for curve in curves]
     low, high = axes.get_ylim()
-    wanted = [(value - low) / (high - low) for _, value in ends]
+    wanted = [(min(value, high) - low) / (high - low) for _, value in ends]
     gap, edge = NAME_GAP_PT / 72 / HEIGHT_IN, 3 / 72 / HEIGHT_IN
     heights = style.spread(wanted, gap, edge, 1 - edge)
-    for curve, end, height in zip(curves, ends, heights, strict=True):
-        leader = {"arrowstyle": "-", "color": style.FAINT, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 3}
-        axes.annotate("", end, (1.03, height), textcoords="axes fraction", annotation_clip=False, arrowprops=leader)
-        xs = (1.035, 1.07, 1.105)
-        axes.plot(xs, [height] * 3, transform=axes.transAxes, clip_on=False, **curve.stroke.line(), markevery=[1])
-        axes.text(
-            NAMES_FROM, height, curve.label, transform=axes.transAxes, va="center", fontsize=NAME_PT, color=style.INK
-        )
+    leader = {"arrowstyle": "-", "color": style.FAINT, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 3}
+    for curve, name, end, height in zip(curves, names, ends, heights, strict=True):
+        if end[1] <= high:
+            axes.annotate("", end, (1.03, height), textcoords="axes fraction", annotation_clip=False, arrowprops=leader)
+        sample = (1.035, 1.07, 1.105)
+        axes.plot(sample, [height] * 3, transform=axes.transAxes, clip_on=False, **curve.stroke.line(), markevery=[1])
+        axes.text(NAMES_FROM, height, name, transform=axes.transAxes, va="center", fontsize=NAME_PT, color=style.INK)
+
+
+def _name(curve: Curve, highest: float, unit: str) -> str:
+    """The label, and where the line goes when it leaves the axes."""
+    value = _end(curve)[1]
+    return curve.label if value <= highest else f"{curve.label} (off the axis: {f'{value:#.3g} {unit}'.strip()})"
 
 
 def _end(curve: Curve) -> tuple[float, float]:

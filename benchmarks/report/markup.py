@@ -26,9 +26,10 @@ a:hover { text-decoration: underline; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .9rem; }
 th, td { padding: .35rem .7rem; text-align: right; border-bottom: 1px solid var(--rule); white-space: nowrap; }
-th { font-weight: 600; color: var(--faint); border-bottom-color: var(--faint); vertical-align: bottom; }
+th { font-weight: 600; color: var(--faint); border-bottom-color: var(--faint); vertical-align: bottom;
+  white-space: normal; }
 th:first-child, td:first-child, .words { text-align: left; }
-td:first-child, td.words { white-space: normal; min-width: 13rem; overflow-wrap: anywhere; }
+td:first-child, td.words { white-space: normal; min-width: 16rem; overflow-wrap: anywhere; }
 sup { line-height: 0; }
 tbody tr:hover { background: var(--raised); }
 td b { color: var(--accent); }

@@ -64,7 +64,7 @@ def opening(facts: Facts, chapters: Iterable[str]) -> Html:
     states = Counter(cell.status for cell in facts.cells)
     became = [joined((f"{count} ", tag("span", status, class_=status))) for status, count in states.items()]
     lead = (
-        f"{facts.num_clips} clips of {protocol['dataset_name']}: {protocol['num_past']} frames observed, "
+        f"{facts.num_clips} clips of {plots.data_name(protocol)}: {protocol['num_past']} frames observed, "
         f"the next {protocol['num_future']} predicted at {width_px} x {height_px} pixels. Methods: "
     )
     links = (tag("a", title, href=f"#{_anchor(title)}") for title in chapters)
@@ -126,7 +126,7 @@ def protocol(facts: Facts) -> Html:
     told = facts.protocol
     width_px, height_px = told["size_px"]
     pairs = [
-        ("data set", f"{told['dataset_name']}: " + "; ".join(_flat(told["dataset"]))),
+        ("data set", f"{plots.data_name(told)}: " + "; ".join(_flat(told["dataset"]))),
         ("split hash", str(told["split_hash"])),
         ("clips", f"{facts.num_clips}, a new one every {told['stride']} frames"),
         ("frames", f"{told['num_past']} observed, {told['num_future']} predicted"),
@@ -138,10 +138,10 @@ def protocol(facts: Facts) -> Html:
 
 
 def _scores(scored: tables.Table) -> Html:
-    head = ("method", "clips", *(column.heading for column in scored.columns))
+    head = ("method", "clips", *(_unbroken(column.heading) for column in scored.columns))
     rows = (
         (
-            tag("td", row.name, tag("sup", f" {row.marks}")) if row.marks else tag("td", row.name),
+            tag("td", row.name, tag("sup", f"\u00a0{row.marks}")) if row.marks else tag("td", row.name),
             str(row.num_clips),
             *(_score(scored, row, column) for column in scored.columns),
         )
@@ -193,6 +193,11 @@ def _flat(settings: Mapping[str, Any], above: str = "") -> Iterable[str]:
             yield from _flat(value, f"{above}{key}.")
         else:
             yield f"{above}{key} = {json.dumps(value, ensure_ascii=False)}"
+
+
+def _unbroken(heading: str) -> str:
+    """The arrow stays with the word before it."""
+    return heading.replace(" ↑", "\u00a0↑").replace(" ↓", "\u00a0↓")
 
 
 def _anchor(title: str) -> str:

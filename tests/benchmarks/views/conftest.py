@@ -15,6 +15,7 @@ CLIPS = ("a/b[0:9) <x> & $y", "b", "c")
 KEPT = CLIPS[0]
 CAMERA = Intrinsics(16.0, 16.0, 7.5, 7.5, SIDE, SIDE)
 FACTS: dict[str, Any] = {
+    "final-gap": {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None},
     "psnr": {"role": "frame", "unit": "dB", "higher_is_better": True, "definition": "RGB jointly", "unavailable": None},
     "lpips": {"role": "frame", "unavailable": "frame metric 'lpips' needs torch: install it"},
     "translation-error": {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None},
@@ -63,6 +64,7 @@ def rows(name: str) -> pa.Table:
                 found.append((clip, sample, step, "psnr", 20.0 + number + sample - step))
                 if CELLS[name][0] is not None:
                     found.append((clip, sample, step, "translation-error", 0.1 * step))
+                    found.append((clip, sample, step, "final-gap", 1.0 if step == FUTURE else None))
                     found.append((clip, sample, step, "psnr@covered", None if step > 4 else 30.0 - step))
     return pa.table(
         [pa.array(column, f.type) for column, f in zip(zip(*found, strict=True), SCORES, strict=True)], SCORES

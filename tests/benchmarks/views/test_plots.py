@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from benchmarks import plots
-from benchmarks.plots import curves, gather, strips, style, trajectories
+from benchmarks.plots import Page, curves, strips, style, trajectories
 from benchmarks.store import Results
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -23,7 +23,7 @@ WORDS = style.Words("t", "s")
 
 
 @pytest.fixture(scope="module")
-def pages(folder: Path) -> dict[str, gather.Page]:
+def pages(folder: Path) -> dict[str, Page]:
     return {page.name: page for job in plots.jobs(Results(folder)) for page in job.draw()}
 
 
@@ -41,6 +41,7 @@ class TestWriteAll:
         horizon = ["horizon-psnr", "horizon-psnr-covered", "horizon-translation-error"]
         names = [*horizon, "strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
         both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
+        assert not any("final-gap" in path.name for path in written)  # known at the last step alone: no curve
         assert {path.name for path in written} == both | {"invented-01-a-b-0-9-x-y.png"}
         assert all(path.stat().st_size > 0 for path in written)
 
@@ -81,7 +82,7 @@ class TestWriteAll:
 
 
 class TestCurves:
-    def test_mean_and_band_are_the_statistics(self, pages: dict[str, gather.Page]) -> None:
+    def test_mean_and_band_are_the_statistics(self, pages: dict[str, Page]) -> None:
         """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, standard error 1 / sqrt(3)."""
         axes = pages["horizon-psnr"].figure.axes[0]
         line, band = axes.lines[0], axes.collections[0]
@@ -91,20 +92,20 @@ class TestCurves:
         np.testing.assert_allclose(heights[at_one].min(), 20 - 1 / np.sqrt(3))
         np.testing.assert_allclose(heights[at_one].max(), 20 + 1 / np.sqrt(3))
 
-    def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, gather.Page]) -> None:
+    def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
         """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best 2 dB."""
         lines = pages["horizon-psnr"].figure.axes[0].lines
         single, mean, best = (np.asarray(lines[i].get_ydata()) for i in (0, 2, 3))
         np.testing.assert_allclose(mean - single, 1.0)
         np.testing.assert_allclose(best - single, 2.0)
 
-    def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, gather.Page]) -> None:
+    def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, Page]) -> None:
         words = texts(pages["horizon-translation-error"].figure)
         assert "gt" in words.split("\n")
         assert "far" not in words
         assert "copy-last" not in words
 
-    def test_steps_without_a_value_end_the_line(self, pages: dict[str, gather.Page]) -> None:
+    def test_steps_without_a_value_end_the_line(self, pages: dict[str, Page]) -> None:
         figure = pages["horizon-psnr-covered"].figure
         np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [29, 28, 27, 26, np.nan, np.nan])
         assert "copy-last" not in texts(figure)
@@ -124,9 +125,23 @@ class TestCurves:
         assert max(map(len, shown)) <= 12
         assert "(2 of 3)" in texts(figures[1])
 
+    def test_an_error_that_dwarfs_the_others_runs_off_the_axis_and_says_so(self) -> None:
+        """At the end 20, 2 and 1 m: the axis ends 5 % above 2 m. As a score, the best row is never cut off."""
+        steps = np.arange(1.0, 3)
+        strokes = style.strokes([("still", ""), ("a", ""), ("b", "")])
+        rows = [
+            curves.Curve(stroke_of, steps, steps * end / 2, 0 * steps, stroke)
+            for (stroke_of, end), stroke in zip([("still", 20), ("a", 2), ("b", 1)], strokes, strict=True)
+        ]
+        error, score = (curves.draw(rows, curves.Measure("x", "m", higher, 0.1), WORDS)[0] for higher in (False, True))
+        assert error.axes[0].get_ylim()[1] == pytest.approx(2.0, rel=0.06)
+        assert "still (off the axis: 20.0 m)" in texts(error)
+        assert score.axes[0].get_ylim()[1] > 20
+        assert "off the axis" not in texts(score)
+
 
 class TestStrips:
-    def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, gather.Page]) -> None:
+    def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, Page]) -> None:
         """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
         sheet = np.asarray(pages[f"strip-{CLIP}"].figure.axes[0].images[0].get_array())
         gap = 1
@@ -136,7 +151,7 @@ class TestStrips:
             corner, [[202, 203, 207], [255, 1, 5], [255, 11, 15], [255, 21, 25], [255, 31, 35]]
         )
 
-    def test_rows_are_named_and_scored(self, pages: dict[str, gather.Page]) -> None:
+    def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
         words = texts(pages[f"strip-{CLIP}"].figure)
         for word in ("ground truth", "last observed frame", "frame +5  (0.5 s)", "gt + far", "PSNR 16.5 dB"):
@@ -164,7 +179,7 @@ class TestTrajectories:
         there = se3.compose(yaw, np.array([7.0, 0, -1]))
         np.testing.assert_allclose(trajectories.from_above(there, world_from_last), [2.0, -1.0], atol=1e-12)
 
-    def test_paths_are_drawn_true_to_scale(self, pages: dict[str, gather.Page]) -> None:
+    def test_paths_are_drawn_true_to_scale(self, pages: dict[str, Page]) -> None:
         """1 m a step for six steps; 1.2 m a step; scale-free ones get the true past's length."""
         figure = pages[f"paths-{CLIP}"].figure
         axes = figure.axes[0]

@@ -78,7 +78,7 @@ def test_every_number_of_the_main_table_is_there(page: str) -> None:
     """PSNR 20 + clip - step: over three clips and six steps 17.5 dB, standard error 1 / sqrt(3) = 0.58."""
     assert "17.50 ± 0.58" in seen(page)
     assert '<td><b>19.50</b><span class="error"> ± 0.58</span></td>' in page  # the best of three samples
-    assert "PSNR (dB) ↑" in seen(page)
+    assert "PSNR (dB)\u00a0↑" in seen(page)
     assert "unavailable" in seen(page)
 
 
@@ -136,7 +136,7 @@ def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) ->
     protocol = Results(folder).protocol()
     Results(tmp_path).write_protocol({**protocol, "cells": []})
     text = seen(report.write(tmp_path).read_text(encoding="utf-8"))
-    assert "3 clips of toy <val>" in text
+    assert "3 clips of toy <val>, split val" in text
     assert "Over the horizon" not in text
 
 

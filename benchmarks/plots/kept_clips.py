@@ -1,0 +1,98 @@
+"""Which film strips and paths there are of the clips that were kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.compute as pc
+
+from benchmarks.plots import strips, style, trajectories
+from benchmarks.plots.material import Material, Page, numbered, title
+from benchmarks.store import Cell
+from geovp_classic.types import Clip, FloatArray, Motion, Prediction
+
+HORIZONS = (1, 5, 10, 15, 20)
+
+
+def pages(material: Material, number: int, name: str) -> list[Page]:
+    """The figures of one clip; its number goes into the names of the files."""
+    clip = material.results.clip(name)
+    kept = {
+        cell.name: material.results.prediction(cell.name, name)
+        for cell in material.cells
+        if name in dict(material.results.predictions(cell.name))
+    }
+    file = f"{number:02d}-{name}"
+    return _strips(material, clip, kept, file) + _paths(material, clip, kept, file)
+
+
+def _strips(material: Material, clip: Clip, kept: dict[str, Prediction], file: str) -> list[Page]:
+    past = material.protocol["num_past"]
+    future = len(clip) - past
+    horizons = [k for k in HORIZONS if k <= future] or [future]
+    steps = [k - 1 for k in horizons]
+    ahead_s = clip.times_s[past:][steps] - clip.times_s[past - 1]
+    truth = strips.Truth(clip.frames[past - 1], clip.frames[past:][steps], horizons, ahead_s)
+    cells = [cell for cell in material.cells if cell.name in kept]
+    rows = [_strip(material, cell, kept[cell.name], clip.name, steps) for cell in cells]
+    if not rows:
+        return []
+    means = f"{material.data}; the small numbers are means over the {future} frames of this clip"
+    words = style.Words(f"Clip {clip.name}", means)
+    pages = numbered("strip", file, clip.name, words, strips.draw(truth, rows, words))
+    if any(row.covered is not None and not row.covered.all() for row in rows):
+        unseen = f"{material.data}; pixels in pink were not seen in the past: invented, or left blank"
+        words = style.Words(f"Clip {clip.name}, invented pixels", unseen)
+        figures = strips.draw(truth, [strips.invented(row) for row in rows], words)
+        invented = numbered("invented", file, clip.name, words, figures)
+        pages += [replace(page, formats=("png",)) for page in invented]
+    return pages
+
+
+def _strip(material: Material, cell: Cell, prediction: Prediction, clip: str, steps: list[int]) -> strips.Row:
+    """The first sample's frames, with that sample's scores on this clip."""
+    rows = material.rows[cell.name]
+    rows = rows.filter(pc.and_(pc.equal(rows["clip"], clip), pc.equal(rows["sample"], 0)))
+    samples = len(prediction.frames)
+    notes = [f"sample 1 of {samples}"] if samples > 1 else []
+    for metric, facts in material.protocol["metrics"].items():
+        values = rows.filter(pc.equal(rows["metric"], metric))["value"]
+        if facts["role"] == "frame" and values.null_count < len(values):
+            notes.append(f"{title(metric)} {pc.mean(values).as_py():#.3g} {facts['unit']}".strip())
+    covered = None if prediction.covered is None else prediction.covered[0, steps]
+    return strips.Row(cell.label, "\n".join(notes), prediction.frames[0, steps], covered)
+
+
+def _paths(material: Material, clip: Clip, kept: dict[str, Prediction], file: str) -> list[Page]:
+    past = material.protocol["num_past"]
+    if clip.trajectory is None:
+        return []
+    above = trajectories.from_above(clip.trajectory.world_from_cam, clip.trajectory.world_from_cam[past - 1])
+    truth = trajectories.Path("ground truth", above[:past], above[None, past:], style.TRUTH_STROKE)
+    motions: dict[str, Motion] = {}  # one per pose source: its renderers share it
+    for cell in material.cells:
+        prediction = kept.get(cell.name)
+        if prediction is not None and prediction.motion is not None:
+            motions.setdefault(cell.pose_source or cell.label, prediction.motion)
+    if not motions:
+        return []
+    strokes = style.strokes([(label, "") for label in motions])
+    paths = [_path(label, motions[label], truth.past, stroke) for label, stroke in zip(motions, strokes, strict=True)]
+    seen = f"{material.data}, from above, in the last observed camera's frame; a mark every 5 frames"
+    words = style.Words(f"Paths of clip {clip.name}", seen)
+    unit = "m" if clip.trajectory.is_metric else "the ground truth's unit"
+    figures = trajectories.draw(truth, paths, unit, words)
+    return numbered("paths", file, clip.name, words, figures)
+
+
+def _path(label: str, motion: Motion, true_past: FloatArray, stroke: style.Stroke) -> trajectories.Path:
+    """A motion of unknown scale is drawn with the true past's length, and its label says so."""
+    last = motion.past.world_from_cam[-1]
+    past = trajectories.from_above(motion.past.world_from_cam, last)
+    futures = trajectories.from_above(motion.futures, last)
+    length, true_length = (np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in (past, true_past))
+    if motion.past.is_metric or length == 0:
+        return trajectories.Path(label, past, futures, stroke)
+    scale = true_length / length
+    return trajectories.Path(f"{label} (true scale lent)", past * scale, futures * scale, stroke)

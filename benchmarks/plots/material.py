@@ -1,0 +1,95 @@
+"""What figures are drawn from, and what they are once drawn."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from matplotlib.figure import Figure
+
+from benchmarks import tables
+from benchmarks.plots import style
+from benchmarks.store import Cell, Results
+
+
+@dataclass(frozen=True)
+class Page:
+    """One figure, ready to be written."""
+
+    name: str  # of the file, without its ending
+    kind: str  # "horizon", "strip", "invented" or "paths"
+    subject: str  # the metric or the clip
+    caption: str
+    figure: Figure
+    formats: tuple[str, ...] = ("png", "svg")
+
+
+@dataclass(frozen=True)
+class Job:
+    """Figures that are drawn together."""
+
+    name: str
+    make: Callable[[], list[Page]]
+
+    def draw(self) -> list[Page]:
+        """The figures, in the suite's style."""
+        with style.settings():
+            return self.make()
+
+
+@dataclass(frozen=True)
+class Material:
+    """What all figures of a results folder share."""
+
+    results: Results
+    protocol: Mapping[str, Any]
+    cells: Sequence[Cell]  # with rows
+    rows: Mapping[str, pa.Table]  # by cell
+    step_s: float | None  # seconds from one horizon step to the next, None where clips differ
+
+    @classmethod
+    def read(cls, results: Results) -> Material:
+        """Everything but pictures; BadData when the folder holds no results."""
+        protocol = results.protocol()
+        ran = [cell for cell in results.cells() if cell.status in ("done", "partial")]
+        rows = {cell.name: results.scores(cell.name) for cell in ran}
+        cells = [cell for cell in ran if len(rows[cell.name])]
+        return cls(results, protocol, cells, rows, _step_s(results, protocol["num_past"]))
+
+    @property
+    def data(self) -> str:
+        """The data set and its split, for people."""
+        return data_name(self.protocol)
+
+
+def data_name(protocol: Mapping[str, Any]) -> str:
+    """The data set and its split, for people."""
+    split = protocol["dataset"].get("split")
+    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
+
+
+def title(metric: str) -> str:
+    """A metric's name as a heading."""
+    words = tables.title(metric)
+    return words[:1].upper() + words[1:]
+
+
+def numbered(kind: str, name: str, subject: str, words: style.Words, figures: Sequence[Figure]) -> list[Page]:
+    """The pages of one drawing; `name` may hold any letters."""
+    stem = f"{kind}-{re.sub('[^A-Za-z0-9]+', '-', name).strip('-').lower()}"
+    caption = f"{words.title}. {words.subtitle}."
+    many = len(figures) > 1
+    return [Page(stem + f"-{n}" * many, kind, subject, caption, figure) for n, figure in enumerate(figures, 1)]
+
+
+def _step_s(results: Results, num_past: int) -> float | None:
+    """The seconds between two horizon steps, from the kept clips; None when they differ by more than a tenth."""
+    clips = [results.clip(name) for name, _ in results.clips()]
+    steps_s = [np.diff(clip.times_s[num_past - 1 :]).mean() for clip in clips]
+    if not steps_s or max(steps_s) > 1.1 * min(steps_s):
+        return None
+    return float(np.mean(steps_s))
