@@ -34,6 +34,48 @@ class Odometry(Protocol):
 
 
 @runtime_checkable
+class Gauge(Protocol):
+    """Learns from picture to picture how long an odometry's unit of length is."""
+
+    @property
+    def unit(self) -> float:
+        """Metres per unit of the odometry; 1 while unknown."""
+        ...
+
+    @property
+    def confidence(self) -> float:
+        """How well the unit is known, from 0 (not at all) to 1."""
+        ...
+
+    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> None:
+        """Take two grey pictures [H, W] and the motion between them [4, 4], in units of the odometry."""
+        ...
+
+    def restart(self) -> None:
+        """The odometry has lost its unit and goes on with another."""
+        ...
+
+
+@runtime_checkable
+class Scale(Protocol):
+    """Gives an odometry metres, or says that it has none."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    @property
+    def is_metric(self) -> bool:
+        """Whether lengths become metres."""
+        ...
+
+    def gauge(self, intrinsics: Intrinsics, camera_height_m: float | None) -> Gauge:
+        """A fresh gauge for one camera and one drive; Incompatible when what it needs is missing."""
+        ...
+
+
+@runtime_checkable
 class Forecaster(Protocol):
     """Says where the camera will be, from where it was; sees poses only."""
 

@@ -36,6 +36,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
     "odometries": interfaces.Odometry,
     "forecasters": interfaces.Forecaster,
+    "scales": interfaces.Scale,
     "depth_sources": interfaces.DepthSource,
     "renderers": interfaces.Renderer,
     "fills": interfaces.Fill,
