@@ -17,7 +17,7 @@ __all__ = ["Page", "Progress", "data_name", "jobs", "rendered", "write_all"]
 Progress = Callable[[int, int, str], None]  # (jobs done, jobs in all, what was drawn)
 SAVING: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 2}},
-    "jpg": {"pil_kwargs": {"quality": 88, "subsampling": 0}},
+    "jpg": {"pil_kwargs": {"quality": 85}},
     "svg": {"metadata": {"Date": None}},  # the same rows give the same bytes
 }
 KINDS = ("horizon", "strip", "invented", "paths")
@@ -37,7 +37,9 @@ def jobs(results: Results) -> list[Job]:
 
 
 def write_all(results_dir: Path, progress: Progress | None = None) -> list[Path]:
-    """Draw every figure into the results folder's plots, png and svg, and remove figures that are out of date.
+    """Draw every figure into the results folder's plots and remove figures that are out of date.
+
+    All come as png and svg but two: curves over sets of pixels as svg alone, strips of invented pixels as png alone.
 
     BadData when the folder holds no results.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow.compute as pc
@@ -42,7 +42,7 @@ def metrics(material: Material) -> list[str]:
 
 
 def pages(material: Material, metric: str) -> list[Page]:
-    """The figures of one metric."""
+    """The figures of one metric; over sets of pixels, which are many, as svg alone."""
     facts = material.protocol["metrics"][metric.partition("@")[0]]
     known = []
     for line in _lines(material.cells, facts["role"]):
@@ -55,7 +55,8 @@ def pages(material: Material, metric: str) -> list[Page]:
     words = style.Words(f"{title(metric)} over horizon", over)
     measure = curves.Measure(title(metric), facts["unit"], facts["higher_is_better"], material.step_s)
     figures = curves.draw([_curve(line, estimate, most) for line, estimate in known], measure, words)
-    return numbered("horizon", metric, metric, words, figures)
+    drawn = numbered("horizon", metric, metric, words, figures)
+    return [replace(page, formats=("svg",)) for page in drawn] if "@" in metric else drawn
 
 
 def _curve(line: _Line, estimate: statistics.Estimate, most: int) -> curves.Curve:

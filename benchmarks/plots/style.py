@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import textwrap
+import re
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -134,9 +134,8 @@ def sheet(size_in: tuple[float, float], margins: Margins, words: Words, dpi: flo
 def width_in(texts: Iterable[str], size_pt: float) -> float:
     """The width of the longest text."""
     font = FontProperties(family="DejaVu Sans", size=size_pt)
-    return max(
-        (TextPath((0, 0), text, prop=font).get_extents().width / 72 for text in texts if text.strip()), default=0.0
-    )
+    paths = (TextPath((0, 0), text, prop=font) for text in texts if text.strip())
+    return max((float(path.vertices[:, 0].max()) / 72 for path in paths), default=0.0)
 
 
 def tidy(axes: Axes) -> None:
@@ -152,12 +151,14 @@ def tidy(axes: Axes) -> None:
 
 
 def wrapped(text: str, width: int) -> str:
-    """The text in lines of at most `width` characters, broken at spaces and after + / x - _ where possible."""
-    spaced = text
-    for mark in "+/-_":
-        spaced = spaced.replace(mark, mark + "\u200b ")
-    lines = textwrap.wrap(spaced, width + 2, break_long_words=True, break_on_hyphens=False) or [text]
-    return "\n".join(line.replace("\u200b ", "").replace("\u200b", "") for line in lines)
+    """The text in lines of at most `width` characters, broken at spaces and after + / - _ where possible."""
+    lines = [""]
+    for piece in re.findall(r"[^\s+/_-]*[\s+/_-]|[^\s+/_-]+", text):
+        for part in (piece[i : i + width] for i in range(0, len(piece), width)):
+            if lines[-1].strip() and len((lines[-1] + part).rstrip()) > width:
+                lines.append("")
+            lines[-1] += part
+    return "\n".join(line.strip() for line in lines)
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:

@@ -1,5 +1,6 @@
 """Figures say what the rows say, look the same every time, and can be told apart in colour, in grey and by name."""
 
+import io
 import itertools
 import shutil
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from PIL import Image
 
 from benchmarks import plots
 from benchmarks.plots import Page, curves, strips, style, trajectories
@@ -38,11 +40,10 @@ def texts(figure: Figure) -> str:
 
 class TestWriteAll:
     def test_one_page_per_metric_and_per_kept_clip(self, written: list[Path]) -> None:
-        horizon = ["horizon-psnr", "horizon-psnr-covered", "horizon-translation-error"]
-        names = [*horizon, "strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
+        names = ["horizon-psnr", "horizon-translation-error", "strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
         both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
         assert not any("final-gap" in path.name for path in written)  # known at the last step alone: no curve
-        assert {path.name for path in written} == both | {"invented-01-a-b-0-9-x-y.png"}
+        assert {path.name for path in written} == both | {"invented-01-a-b-0-9-x-y.png", "horizon-psnr-covered.svg"}
         assert all(path.stat().st_size > 0 for path in written)
 
     def test_words_are_words_in_the_svg(self, folder: Path, written: list[Path]) -> None:
@@ -143,13 +144,36 @@ class TestCurves:
 class TestStrips:
     def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, Page]) -> None:
         """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
-        sheet = np.asarray(pages[f"strip-{CLIP}"].figure.axes[0].images[0].get_array())
+        (drawn,) = pages[f"strip-{CLIP}"].figure.findobj(strips.Sheet)
+        times = 16  # 16 pixels fill 1.14 inches at 220 dots per inch and more
+        sheet = drawn.pixels[::times, ::times]
+        np.testing.assert_array_equal(drawn.pixels, sheet.repeat(times, axis=0).repeat(times, axis=1))
         gap = 1
         assert sheet.shape == (5 * SIDE + 4 * gap, 3 * SIDE + 2 * gap, 3)
         corner = sheet[:: SIDE + gap, :: SIDE + gap, 0]
         np.testing.assert_array_equal(
             corner, [[202, 203, 207], [255, 1, 5], [255, 11, 15], [255, 21, 25], [255, 31, 35]]
         )
+
+    def test_the_file_shows_them_the_right_way_up(self) -> None:
+        """Red above green; the last observed frame is the first picture of the file."""
+        frame = np.zeros((300, 300, 3), np.uint8)
+        frame[:150, :, 0], frame[150:, :, 1] = 255, 255
+        truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
+        page = Page("x", "strip", "c", "", strips.draw(truth, [strips.Row("m", "", frame[None])], WORDS)[0])
+        picture = np.asarray(Image.open(io.BytesIO(plots.rendered(page, "png"))).convert("RGB"))
+        red, green = ((picture == colour).all(axis=2) for colour in ([255, 0, 0], [0, 255, 0]))
+        assert red.sum() == green.sum() == 3 * 150 * 300  # truth twice, the method once, pixel for pixel
+        assert np.argwhere(red)[0, 0] < np.argwhere(green)[0, 0]
+        svg = plots.rendered(page, "svg").decode()
+        assert "scale(1 -1)" in svg
+
+    def test_very_large_frames_are_shrunk_to_print(self) -> None:
+        frame = np.zeros((400, 1200, 3), np.uint8)
+        truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
+        figure = strips.draw(truth, [strips.Row("m", "", frame[None])], WORDS)[0]
+        assert figure.dpi == 300
+        assert figure.findobj(strips.Sheet)[0].pixels.shape[1] == round((2 * 1200 + 30) * 1.14 * 300 / 1200)
 
     def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
@@ -236,4 +260,9 @@ class TestStyle:
     def test_wrapping_loses_no_letter(self, text: str, width: int) -> None:
         lines = style.wrapped(text, width)
         assert lines.replace("\n", "").replace(" ", "") == text.replace(" ", "")
-        assert all(len(line) <= width + 2 for line in lines.split("\n")) or not text.strip()
+        assert all(len(line) <= width for line in lines.split("\n"))
+
+    def test_names_break_where_one_would_break_them(self) -> None:
+        assert style.wrapped("gt-3d + given-depth", 19) == "gt-3d + given-depth"
+        assert style.wrapped("ground-far-plane-filled", 20) == "ground-far-plane-\nfilled"
+        assert style.wrapped("abcdefgh", 5) == "abcde\nfgh"
