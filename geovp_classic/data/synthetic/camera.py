@@ -13,6 +13,8 @@ FOCAL_HEIGHTS = 489 / 256  # focal length in picture heights, as KITTI's cropped
 WIDE_ASPECT = 1242 / 375
 BASELINE_M = 0.54
 NUM_WAVES = 4
+SPRINGS_HZ = (0.8, 2.2)  # how cars shake
+EXPOSURE_HZ = (0.1, 0.5)  # how exposure wanders
 
 
 def square_camera(size_px: tuple[int, int]) -> Intrinsics:
@@ -45,7 +47,9 @@ def world_from_camera(
     speed = world.ego.speed
     pace = np.clip((speed.travelled_m(times_s + 0.1) - speed.travelled_m(times_s - 0.1)) / 0.2 / 8.0, 0.0, 1.2)
     rng = np.random.default_rng([seed, 7])
-    pitch_rad, roll_rad, heave_m = (size * bounce * pace * _waves(rng, times_s) for size in (0.0022, 0.0016, 0.008))
+    pitch_rad, roll_rad, heave_m = (
+        size * bounce * pace * _waves(rng, times_s, SPRINGS_HZ) for size in (0.0022, 0.0016, 0.008)
+    )
     pitch_rad = pitch_rad + bounce * 0.004 * speed.acceleration_m_s2(times_s)
     zero = np.zeros_like(pitch_rad)
     sprung = se3.exp(np.stack([zero, heave_m - CAMERA_HEIGHT_M, zero, pitch_rad, zero, roll_rad], axis=-1))
@@ -67,7 +71,7 @@ def exposed(
     """
     num_frames, height_px, width_px = light.shape[:3]
     left = (canvas_px - width_px) // 2
-    gain = np.exp(exposure_drift * _waves(rng, np.arange(num_frames) * 0.1))
+    gain = np.exp(exposure_drift * _waves(rng, np.arange(num_frames) * 0.1, EXPOSURE_HZ))
     frames = np.empty(light.shape, dtype=np.uint8)
     for step in range(num_frames):
         picture = np.sqrt(np.clip(light[step] * gain[step], 0.0, 1.0)) * 255
@@ -78,7 +82,7 @@ def exposed(
     return frames
 
 
-def _waves(rng: np.random.Generator, times_s: FloatArray) -> FloatArray:
+def _waves(rng: np.random.Generator, times_s: FloatArray, band_hz: tuple[float, float]) -> FloatArray:
     """A wandering signal [T] of about unit spread."""
-    frequencies_hz, phases_rad = rng.uniform(0.8, 2.2, NUM_WAVES), rng.uniform(0, 2 * np.pi, NUM_WAVES)
+    frequencies_hz, phases_rad = rng.uniform(*band_hz, NUM_WAVES), rng.uniform(0, 2 * np.pi, NUM_WAVES)
     return np.sin(2 * np.pi * np.multiply.outer(times_s, frequencies_hz) + phases_rad).sum(-1) * (2 / NUM_WAVES) ** 0.5

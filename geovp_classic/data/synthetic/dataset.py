@@ -19,7 +19,8 @@ import numpy.typing as npt
 
 from geovp_classic.data.synthetic import camera as cameras
 from geovp_classic.data.synthetic.drive import Manoeuvre
-from geovp_classic.data.synthetic.render import Footage, Optics, render_drive
+from geovp_classic.data.synthetic.render import Footage, render_drive
+from geovp_classic.data.synthetic.shading import Optics
 from geovp_classic.data.synthetic.world import World, build_world
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -57,6 +58,7 @@ class Synthetic:
     exposure_drift: float = 0.02
     haze_per_m: float = 0.0012
     gloss: float = 1.0
+    blur_px: float = 0.45
     finest_detail_m: float = 0.0
     cache: Path | None = None
 
@@ -67,6 +69,8 @@ class Synthetic:
                 f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and "
                 f"size_px {tuple(self.size_px)} must all be at least 1"
             )
+        if self.seed < 0:
+            raise BadData(f"synthetic: seed is {self.seed}, expected 0 or more")
 
     @property
     def name(self) -> str:
@@ -126,9 +130,8 @@ class Synthetic:
         return arrays
 
     def _film(self, world: World, world_from_cam: FloatArray, camera: Intrinsics, times_s: FloatArray) -> Footage:
-        return render_drive(
-            world, world_from_cam, camera, times_s, Optics(self.haze_per_m, self.gloss, self.finest_detail_m)
-        )
+        optics = Optics(self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m)
+        return render_drive(world, world_from_cam, camera, times_s, optics)
 
     def _expose(self, footage: Footage, index: int, eye: int) -> ByteArray:
         rng = np.random.default_rng([self.seed, index, eye, 99])

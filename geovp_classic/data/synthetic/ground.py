@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geovp_classic.data.synthetic.mesh import Material, Soup, joined, soup_of
 from geovp_classic.data.synthetic.paths import STEP_M, Path, Terrain
-from geovp_classic.data.synthetic.textures import TILE_M, Texture
+from geovp_classic.data.synthetic.textures import TILE_M, IntArray, Texture
 from geovp_classic.types import BoolArray, FloatArray
 
 KERB_HEIGHT_M = 0.12
 CORNER_RADIUS_M = 6.0
 PAVEMENT_M = 2.2  # from the kerb's edge to the grass
-BEFORE_CORNER_M = 4.6 + CORNER_RADIUS_M + 0.5  # from the middle of a junction to a zebra crossing
-ZEBRA_M = 3.0
+ZEBRA_M = 3.0  # half the tile of its picture; the other half is see-through
 CELL_M = 1.2
 FAR_CELL_M = 16.0
 PAINT_WIDTH_M = 9.4  # the paint's picture spans this much of the road
@@ -31,7 +29,7 @@ GRASS = Material(Texture.GRASS)
 class Roads:
     """Streets by their centre lines; the carriageway is `half_width_m` to either side."""
 
-    paths: Sequence[Path]
+    paths: list[Path]
     half_width_m: float = 4.6
 
     def distance_m(self, places: FloatArray) -> FloatArray:
@@ -43,14 +41,24 @@ class Roads:
         assert total is not None
         return total
 
-    def lane(self, places: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Metres along and right of the nearest street [N], and whether paint belongs there: not on junctions."""
+    def lane(self, places: FloatArray) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+        """Metres along and right of the nearest street [N], its number, and whether it is painted there."""
         found = [path.locate(places) for path in self.paths]
         along_m, right_m = (np.stack([place[k] for place in found]) for k in (0, 1))  # [streets, N]
         near = np.abs(right_m).argmin(axis=0)
         close = (np.abs(right_m) < self.half_width_m + CORNER_RADIUS_M).sum(axis=0)
         column = np.arange(len(places))
-        return along_m[near, column], right_m[near, column], close < 2
+        return along_m[near, column], right_m[near, column], near, close < 2
+
+    def zebras(self) -> list[tuple[int, float]]:
+        """The number of the street and the metres along it at which zebra crossings begin: on all arms of junctions."""
+        starts = []
+        before_m = self.half_width_m + CORNER_RADIUS_M + 0.5
+        for number, path in enumerate(self.paths):
+            for other in self.paths[:number] + self.paths[number + 1 :]:
+                middle_m = float(np.abs(other.locate(path.points)[1]).argmin() * STEP_M)
+                starts += [(number, middle_m + before_m), (number, middle_m - before_m - ZEBRA_M)]
+        return starts
 
 
 def ground(roads: Roads, terrain: Terrain, focus: FloatArray, reach_m: float) -> Soup:
@@ -70,34 +78,9 @@ def ground(roads: Roads, terrain: Terrain, focus: FloatArray, reach_m: float) ->
             _flat(slabs, KERB_HEIGHT_M, PAVEMENT, terrain),
             _flat(verge, KERB_HEIGHT_M, GRASS, terrain),
             _kerb_faces(kerb_line, terrain),
-            *_crossings(roads, terrain),
             _flat(far, -0.25, GRASS, terrain),
         ]
     )
-
-
-def _crossings(roads: Roads, terrain: Terrain) -> list[Soup]:
-    """A zebra crossing on every arm of every junction, just before the rounded corners."""
-    soups = []
-    across = np.linspace(-1.0, 1.0, 9)
-    for path in roads.paths:
-        for other in roads.paths:
-            if other is path:
-                continue
-            middle_m = float(np.abs(other.locate(path.points)[1]).argmin() * STEP_M)
-            for start_m in (middle_m + BEFORE_CORNER_M, middle_m - BEFORE_CORNER_M - ZEBRA_M):
-                along, share = np.meshgrid([start_m, start_m + ZEBRA_M], across, indexing="ij")
-                place, _ = path.at(along, share * roads.half_width_m)
-                points = np.stack([place[..., 0], np.full(along.shape, -0.012), place[..., 1]], axis=-1)
-                uv = np.stack([0.5 + 0.5 * share, np.tile([[0.0], [1.0]], (1, len(across)))], axis=-1)
-                soups.append(soup_of(_strip(terrain.lifted(points)), Material(Texture.ZEBRA), _strip(uv)))
-    return soups
-
-
-def _strip(rows: FloatArray) -> FloatArray:
-    """Triangles [2 (K - 1), 3, ...] between two rows [2, K, ...] of values."""
-    a, b, c, d = rows[0, :-1], rows[0, 1:], rows[1, 1:], rows[1, :-1]
-    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def _round_union(a: FloatArray, b: FloatArray, radius_m: float) -> FloatArray:
@@ -148,14 +131,19 @@ def _flat(triangles: FloatArray, height_m: float, material: Material, terrain: T
 
 
 def _painted(soup: Soup, triangles: FloatArray, roads: Roads) -> Soup:
-    """Lane markings, cracks and patches laid over the carriageway, except on junctions."""
-    along_m, right_m, allowed = roads.lane(triangles[..., :2].reshape(-1, 2))
-    paint_uv = np.stack([right_m / PAINT_WIDTH_M + 0.5, along_m / TILE_M[Texture.ROAD_PAINT]], axis=-1).reshape(
-        -1, 3, 2
+    """Lane markings, cracks, patches and zebra crossings laid over the carriageway; nothing on junctions."""
+    along_m, right_m, street, allowed = (
+        column.reshape(-1, 3) for column in roads.lane(triangles[..., :2].reshape(-1, 2))
     )
-    paint = np.where(allowed.reshape(-1, 3).all(axis=-1), int(Texture.ROAD_PAINT), soup.paint)
-    fields = soup.__dict__ | {"paint_uv": paint_uv, "paint": paint}
-    return Soup(**fields)
+    across = right_m / PAINT_WIDTH_M + 0.5
+    paint_uv = np.stack([across, along_m / TILE_M[Texture.ROAD_PAINT]], axis=-1)
+    paint = np.where(allowed.all(axis=-1), int(Texture.ROAD_PAINT), soup.paint)
+    for number, start_m in roads.zebras():
+        past_m = along_m - start_m
+        on = (street == number).all(axis=-1) & ((past_m > 0) & (past_m < ZEBRA_M)).any(axis=-1)
+        paint_uv[on, :, 1] = past_m[on] / TILE_M[Texture.ZEBRA]
+        paint[on] = int(Texture.ZEBRA)
+    return replace(soup, paint_uv=paint_uv, paint=paint)
 
 
 def _kerb_faces(cuts: FloatArray, terrain: Terrain) -> Soup:

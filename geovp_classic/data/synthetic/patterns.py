@@ -27,8 +27,8 @@ def picture_of(colour: FloatArray, alpha: FloatArray | float = 1.0) -> ByteArray
     if colour.ndim == 2:
         colour = np.repeat(colour[..., None], 3, axis=-1)
     opaque = np.broadcast_to(np.asarray(alpha), colour.shape[:2])[..., None]
-    clipped = np.clip(np.concatenate([colour * opaque, opaque], axis=-1), 0.0, 1.0)
-    return np.asarray(clipped * 255 + 0.5, dtype=np.uint8)
+    rgba = np.concatenate([np.clip(colour, 0.0, 1.0) * opaque, opaque], axis=-1)
+    return np.asarray(rgba * 255 + 0.5, dtype=np.uint8)
 
 
 def laid_over(paint: ByteArray, wear: FloatArray | float = 1.0) -> ByteArray:
@@ -61,8 +61,8 @@ def road_paint(rng: np.random.Generator) -> ByteArray:
             cv2.rectangle(paint, (x - 14, 0), (x + 14, height), (100, 100, 100, 45), -1)
     paint = np.asarray(cv2.GaussianBlur(paint, (9, 9), 0), dtype=np.uint8)
     for _ in range(6):
-        start = np.array([rng.uniform(40, 470), rng.uniform(0, 1400)])
-        crack = start + rng.normal([0, 24], [4, 8], (26, 2)).cumsum(axis=0)
+        crack = np.array([rng.uniform(40, 470), rng.uniform(0, 1400)])
+        crack = crack + rng.normal([0, 24], [4, 8], (26, 2)).cumsum(axis=0)
         cv2.polylines(paint, [crack.astype(np.int32)], False, (62, 62, 64, 150), 2, cv2.LINE_AA)
     for y in (520, 1180, 1890):
         cv2.line(paint, (0, y), (width, y + int(rng.integers(-20, 20))), (58, 58, 60, 140), 3, cv2.LINE_AA)
@@ -162,13 +162,14 @@ def leaves(rng: np.random.Generator) -> ByteArray:
 
 
 def zebra(rng: np.random.Generator) -> ByteArray:
-    """A zebra crossing, the stripes upright."""
-    stripes = np.zeros((128, 512))
+    """The white stripes of a zebra crossing, upright in the upper half, and nothing below."""
+    stripes = np.zeros((256, 512))
     for k in range(8):
-        stripes[:, k * 64 + 16 : k * 64 + 48] = 1
-    worn = np.clip(1 + 0.2 * noise(rng, stripes.shape, 0.8), 0.2, 1.1)
-    stripes = cv2.GaussianBlur(stripes * worn, (3, 3), 0)
-    return picture_of(0.44 + 0.42 * stripes + 0.03 * noise(rng, stripes.shape, 0.5))
+        stripes[:128, k * 64 + 16 : k * 64 + 48] = 1
+    worn = np.clip(0.85 + 0.2 * noise(rng, (256, 512), 0.8), 0.2, 1.0)
+    return picture_of(
+        0.87 + 0.02 * noise(rng, (256, 512), 0.5), np.asarray(cv2.GaussianBlur(stripes * worn, (3, 3), 0))
+    )
 
 
 def macro(rng: np.random.Generator) -> ByteArray:

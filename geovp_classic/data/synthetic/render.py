@@ -5,31 +5,23 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import open3d as o3d
 
 from geovp_classic.data.synthetic.mesh import Soup, joined
-from geovp_classic.data.synthetic.shading import Surfaces, Weather, dot, shade, sky_light, surfaces_of
+from geovp_classic.data.synthetic.shading import Optics, Rays, Surfaces, Weather, dot, shade, sky_light, surfaces_of
 from geovp_classic.data.synthetic.textures import IntArray, Texture, atlas
 from geovp_classic.data.synthetic.world import World
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
-SUBPIXELS = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)])  # a rotated grid
+SUBPIXELS = np.array([(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)])  # with the centre, a spread of four
 LEAF_GAP_M = 0.7  # leaves are not shaded by their nearest neighbours, which would be all flicker
 SHADOW_REACH_M = 7.0  # no car throws a longer shadow, measured from its middle
 MOST_THREADS = 4
-
-
-@dataclass(frozen=True)
-class Optics:
-    """What lies between the street and the sensor; `Optics(0, 0)` looks the same from everywhere."""
-
-    haze_per_m: float = 0.0012  # how quickly far things fade
-    gloss: float = 1.0  # scales what glass and paint mirror
-    finest_detail_m: float = 0.0  # smooths textures to this size, so that pictures survive resampling
+CLEAR_DAY = Optics()
 
 
 @dataclass(frozen=True)
@@ -51,16 +43,14 @@ def render_drive(
     world_from_cam: FloatArray,  # [T, 4, 4]
     camera: Intrinsics,
     times_s: FloatArray,  # [T]; where the traffic is
-    optics: Optics | None = None,
+    optics: Optics = CLEAR_DAY,
 ) -> Footage:
-    """The street from any camera at any times; pixels at edges are averages of five rays."""
-    optics = optics or Optics()
-    weather = replace(world.weather, haze_per_m=optics.haze_per_m, gloss=optics.gloss, finest_m=optics.finest_detail_m)
+    """The street from any camera at any times; pixels at edges are averages of four rays."""
     static = _Body(world.static)
 
     def shoot(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
         traffic = _Traffic(world.traffic_at(float(times_s[step])), world_from_cam[step], camera)
-        return _Shot(static, traffic, weather, world_from_cam[step], camera).picture()
+        return _Shot(static, traffic, world.weather, optics, world_from_cam[step], camera).picture()
 
     with ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1)) as pool:
         shots = list(pool.map(shoot, range(len(times_s))))
@@ -134,39 +124,49 @@ class _Shot:
     """One instant seen from one place."""
 
     def __init__(
-        self, static: _Body, traffic: _Traffic, weather: Weather, world_from_cam: FloatArray, camera: Intrinsics
+        self,
+        static: _Body,
+        traffic: _Traffic,
+        weather: Weather,
+        optics: Optics,
+        world_from_cam: FloatArray,
+        camera: Intrinsics,
     ) -> None:
-        self.static, self.traffic, self.weather, self.camera = static, traffic, weather, camera
+        self.static, self.traffic, self.camera = static, traffic, camera
+        self.weather, self.optics = weather, optics
         self.rotation, self.eye = world_from_cam[:3, :3], world_from_cam[:3, 3]
 
     def picture(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Light [H, W, 3], depth [H, W] and moving [H, W]; edges look one pixel beyond the border."""
-        size = (self.camera.height_px + 2, self.camera.width_px + 2)
-        margin = self.camera.cropped(-1, -1, size[1], size[0])
-        hits = self.trace(pinhole.pixel_grid(margin).reshape(-1, 2) - 1.0)
-        edge, inner = _edges(hits, size)[1:-1, 1:-1], (slice(1, -1), slice(1, -1))
-        light = hits.light.reshape(*size, 3)[inner].copy()
-        moving = hits.moving.reshape(size)[inner].copy()
-        rows, columns = np.nonzero(edge)
-        pixels = np.stack([columns, rows], axis=-1)[:, None] + SUBPIXELS
-        more = self.trace(pixels.reshape(-1, 2))
+        """Light [H, W, 3], depth [H, W] and moving [H, W]; edges and blur look beyond the border."""
+        kernel = _bell(self.optics.blur_px)
+        margin = len(kernel) // 2 + 1
+        size = (self.camera.height_px + 2 * margin, self.camera.width_px + 2 * margin)
+        grid = pinhole.pixel_grid(self.camera.cropped(-margin, -margin, size[1], size[0])) - margin
+        hits = self.trace(grid.reshape(-1, 2))
+        light, moving = hits.light.reshape(*size, 3).copy(), hits.moving.reshape(size).copy()
+        rows, columns = np.nonzero(_edges(hits, size))
+        more = self.trace((grid[rows, columns][:, None] + SUBPIXELS).reshape(-1, 2))
         total = light[rows, columns] + more.light.reshape(len(rows), len(SUBPIXELS), 3).sum(axis=1)
         light[rows, columns] = total / (len(SUBPIXELS) + 1)
         moving[rows, columns] |= more.moving.reshape(len(rows), len(SUBPIXELS)).any(axis=1)
-        return light, hits.depths.reshape(size)[inner].astype(np.float32), moving
+        inner = (slice(margin, -margin), slice(margin, -margin))
+        return _blurred(light[1:-1, 1:-1], kernel), hits.depths.reshape(size)[inner].astype(np.float32), moving[inner]
 
     def trace(self, pixels: FloatArray) -> _Hits:
         """What rays through pixels [N, 2] meet."""
         rays = pinhole.unproject(pixels, np.ones(len(pixels)), self.camera).astype(np.float32)
         directions = rays @ self.rotation.T.astype(np.float32)
         depths, moving, solid, surfaces = self._nearest(pixels, directions)
-        lit, light = np.ones(len(pixels), dtype=bool), np.empty((len(pixels), 3), dtype=np.float32)
-        look, normal = np.zeros(len(pixels), dtype=np.int64), np.zeros((len(pixels), 3), dtype=np.float32)
-        sunny, shaded_by_traffic = self._sunlight(surfaces, directions[solid], depths[solid])
+        solid_rays, solid_depths = directions[solid], depths[solid]
+        sunny, shaded_by_traffic = self._sunlight(surfaces, solid_rays, solid_depths)
         steps = np.stack([self.rotation[:, 0] / self.camera.fx_px, self.rotation[:, 1] / self.camera.fy_px])
-        light[solid] = shade(atlas(), surfaces, self.weather, self.eye, directions[solid], depths[solid], sunny, steps)
+        lit, light = np.ones(len(pixels), dtype=bool), np.empty((len(pixels), 3), dtype=np.float32)
+        look, normal = np.zeros(len(pixels), dtype=np.int32), np.zeros((len(pixels), 3), dtype=np.float32)
+        met = Rays(self.eye, solid_rays, solid_depths, steps)
+        light[solid] = shade(atlas(), surfaces, met, sunny, self.weather, self.optics)
         sky = np.isinf(depths)
-        light[sky] = sky_light(atlas(), self.weather, directions[sky] / np.sqrt(dot(directions[sky], directions[sky])))
+        up = directions[sky]
+        light[sky] = sky_light(atlas(), self.weather, up / np.sqrt(dot(up, up)))
         lit[solid], normal[solid] = sunny, surfaces.normal
         look[solid] = 1 + surfaces.texture + 64 * (surfaces.tint[:, 0] * 255).astype(np.int32)
         moving[solid] |= shaded_by_traffic
@@ -214,6 +214,22 @@ def _window(points_cam: FloatArray, camera: Intrinsics) -> tuple[FloatArray, Flo
         return np.full(2, -np.inf), np.full(2, np.inf)
     pixels, _ = pinhole.project(points_cam, camera)
     return pixels.min(axis=0) - 1.0, pixels.max(axis=0) + 1.0
+
+
+def _bell(spread_px: float) -> FloatArray:
+    """The weights of a Gaussian out to three spreads; (1,) for none."""
+    reach = int(np.ceil(3 * spread_px))
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(spread_px, 1e-9)) ** 2)
+    return (weights / weights.sum()).astype(np.float32)
+
+
+def _blurred(light: FloatArray, kernel: FloatArray) -> FloatArray:
+    """The light [H, W, 3] blurred by a kernel [K] both ways, K - 1 smaller; the same for any crop, to the last bit."""
+    for axis in (0, 1):
+        length = light.shape[axis] - len(kernel) + 1
+        parts = (weight * np.take(light, range(k, k + length), axis=axis) for k, weight in enumerate(kernel))
+        light = sum(parts, start=np.zeros((), dtype=np.float32))
+    return light
 
 
 def _edges(hits: _Hits, size: tuple[int, int]) -> BoolArray:

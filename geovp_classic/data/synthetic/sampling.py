@@ -53,7 +53,7 @@ def _sample(texels, starts, widths, heights, textures, uv, steps, finest, out): 
         low = int(level)
         red, green, blue, alpha = 0.0, 0.0, 0.0, 0.0
         for upper in range(2):  # two mip levels, mixed
-            this = low + upper
+            this = min(low + upper, widths.shape[1] - 1)  # the last level is one texel
             share = (level - low if upper else 1.0 - (level - low)) / (255.0 * taps)
             if share == 0.0:
                 continue

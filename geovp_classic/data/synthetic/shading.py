@@ -78,34 +78,51 @@ class Weather:
     zenith: FloatArray  # [3], colour overhead
     horizon: FloatArray  # [3], colour far away
     cloud_shift: FloatArray  # [2]
-    haze_per_m: float
-    gloss: float  # scales all mirroring
-    finest_m: float  # detail smaller than this is smoothed away
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What lies between the street and the sensor; with neither haze nor gloss it looks the same from everywhere."""
+
+    haze_per_m: float = 0.0012  # how quickly far things fade
+    gloss: float = 1.0  # scales what glass and paint mirror
+    blur_px: float = 0.45  # spread of the lens; more than 0.7 makes pictures that survive resampling
+    finest_detail_m: float = 0.0  # smooths textures to this size
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Straight lines from the eye to the surfaces that they meet."""
+
+    eye: FloatArray  # [3]
+    directions: FloatArray  # [N, 3] float32, world frame, of z-depth 1
+    depths: FloatArray  # [N] float32
+    pixel_steps: FloatArray  # [2, 3], how a direction changes to the next pixel right and down
 
 
 def shade(
     atlas: Atlas,
     surfaces: Surfaces,  # N rows, one per ray
-    weather: Weather,
-    eye: FloatArray,  # [3]
-    directions: FloatArray,  # [N, 3] float32, world frame, of z-depth 1
-    depths: FloatArray,  # [N] float32
+    rays: Rays,
     lit: BoolArray,  # [N], whether the sun gets there
-    pixel_steps: FloatArray,  # [2, 3], how a direction changes to the next pixel right and down
+    weather: Weather,
+    optics: Optics,
 ) -> FloatArray:
     """Light [N, 3] that comes along rays from the surfaces they meet."""
-    depth, length = depths[:, None], np.sqrt(dot(directions, directions))
-    against = dot(surfaces.normal, directions)
+    depth, length = rays.depths[:, None], np.sqrt(dot(rays.directions, rays.directions))
+    against = dot(surfaces.normal, rays.directions)
     normal = surfaces.normal * -np.sign(against)
-    facing = np.minimum(-np.abs(against), -1e-4 * length)
+    facing = np.asarray(np.minimum(-np.abs(against), -1e-4 * length))
     steps = [  # how the point moves to the next pixel: in the plane of the triangle
-        depth * (change - (normal @ change)[:, None] / facing * directions) for change in pixel_steps.astype(np.float32)
+        depth * (change - (normal @ change)[:, None] / facing * rays.directions)
+        for change in rays.pixel_steps.astype(np.float32)
     ]
-    points = eye.astype(np.float32) + depth * directions
-    albedo, around = _albedo(atlas, surfaces, points, steps, weather.finest_m)
-    colour = albedo * _incoming(weather, normal, lit, around, surfaces.texture == Texture.LEAVES)
-    colour = _mirrored(atlas, weather, colour, surfaces.gloss, directions / length, normal)
-    clear = np.exp(np.float32(-weather.haze_per_m) * depth * length)
+    points = rays.eye.astype(np.float32) + depth * rays.directions
+    albedo, around = _albedo(atlas, surfaces, points, steps, optics.finest_detail_m)
+    diffuse = albedo * _incoming(weather, normal, lit, around, surfaces.texture == Texture.LEAVES)
+    gloss = surfaces.gloss * np.float32(optics.gloss)
+    colour = _mirrored(atlas, weather, diffuse, gloss, rays.directions / length, normal)
+    clear = np.exp(np.float32(-optics.haze_per_m) * depth * length)
     return colour * clear + _light(weather.horizon) * (1 - clear)
 
 
@@ -178,9 +195,9 @@ def _mirrored(
     atlas: Atlas, weather: Weather, colour: FloatArray, gloss: FloatArray, ray: FloatArray, normal: FloatArray
 ) -> FloatArray:
     """Colours [N, 3] with the sky mixed in that glass and paint mirror, more so at grazing angles (Schlick 1994)."""
-    shiny = np.nonzero(gloss * weather.gloss > 0)[0]
+    shiny = np.nonzero(gloss > 0)[0]
     cosine = -dot(normal[shiny], ray[shiny])
-    share = gloss[shiny, None] * np.float32(weather.gloss) * (0.25 + 0.75 * (1 - np.clip(cosine, 0, 1)) ** 5)
+    share = gloss[shiny, None] * (0.25 + 0.75 * (1 - np.clip(cosine, 0, 1)) ** 5)
     seen = sky_light(atlas, weather, ray[shiny] + 2 * cosine * normal[shiny])
     colour = colour.copy()
     colour[shiny] += (seen - colour[shiny]) * share

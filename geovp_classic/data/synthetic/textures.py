@@ -65,6 +65,7 @@ TILE_M: dict[Texture, float] = {
     Texture.MACRO: 37.0,
     Texture.WOODS: 60.0,
     Texture.FENCE: 2.0,
+    Texture.ZEBRA: 6.0,
 } | dict.fromkeys(
     (
         Texture.WINDOW_PLAIN,
@@ -72,7 +73,6 @@ TILE_M: dict[Texture, float] = {
         Texture.WINDOW_CROSS,
         Texture.DOOR,
         Texture.GARAGE,
-        Texture.ZEBRA,
         Texture.WHEEL,
         Texture.CAR_GLASS,
         Texture.SIGN_RING,

@@ -172,7 +172,7 @@ def _wheels(stations: tuple[tuple[float, float, float], ...]) -> Soup:
     for z in (stations[0][0] + 0.78, stations[-1][0] - 0.82):
         for side in (-1.0, 1.0):
             outer, inner = side * (half_m + 0.01), side * (half_m - 0.2)
-            parts.append(disc((side * (half_m + 0.004), -0.36, z), 0.38, "x", UNDER, 14))
+            parts.append(disc((side * (half_m + 0.004), -0.40, z), 0.38, "x", UNDER, 14))
             parts.append(disc((outer, -0.31, z), 0.31, "x", Material(Texture.WHEEL), 14))
             parts.append(cylinder((inner, -0.31, z), (outer, -0.31, z), (0.31, 0.31), TYRE, 14))
     return joined(parts)

@@ -59,7 +59,4 @@ def _weather(rng: np.random.Generator) -> Weather:
         zenith=np.array([0.16, 0.33, 0.66]),
         horizon=np.array([0.62, 0.74, 0.86]),
         cloud_shift=rng.uniform(0, 1, 2),
-        haze_per_m=0.0,
-        gloss=1.0,
-        finest_m=0.0,
     )

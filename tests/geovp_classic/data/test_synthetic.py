@@ -1,0 +1,217 @@
+"""The synthetic data set: what its clips hold, that they are the same every time, and its cache."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geovp_classic import registry
+from geovp_classic.data.synthetic import Manoeuvre, Synthetic
+from geovp_classic.data.synthetic import dataset as synthetic
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.interfaces import Dataset
+from geovp_classic.types import Clip, Grant
+
+TINY = {"num_clips": 1, "num_frames": 4, "size_px": (48, 48)}
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def stereo(cache: Path) -> Clip:
+    """A tiny clip with everything."""
+    return Synthetic(**TINY, with_wide=True, with_right=True, cache=cache)[0]
+
+
+def test_clips_hold_everything_in_the_right_shape(stereo: Clip) -> None:
+    assert stereo.name == "seed0/straight-000"
+    assert stereo.frames.shape == (4, 48, 48, 3)
+    np.testing.assert_allclose(stereo.times_s, [0.0, 0.1, 0.2, 0.3])
+    assert stereo.depths is not None
+    assert stereo.depths.dtype == np.float32
+    assert (stereo.depths > 0).all()
+    assert stereo.moving is not None
+    assert stereo.trajectory is not None
+    assert stereo.trajectory.is_metric
+    assert stereo.camera_height_m == 1.65
+    assert stereo.wide is not None
+    assert stereo.right is not None
+    assert stereo.wide.frames.shape == stereo.right.frames.shape == (4, 48, 158, 3)
+    everything = Grant.PAST_POSES | Grant.PAST_DEPTHS | Grant.WIDE_FRAMES | Grant.RIGHT_FRAMES | Grant.CAMERA_HEIGHT
+    context, target = stereo.split(2, everything)
+    assert context.right is not None
+    assert target.moving is not None
+
+
+def test_frames_are_the_middle_of_the_wide_frames_with_or_without_them(stereo: Clip, cache: Path) -> None:
+    assert stereo.wide is not None
+    np.testing.assert_array_equal(stereo.wide.frames[:, :, 55:103], stereo.frames)
+    assert stereo.wide.intrinsics.cropped(55, 0, 48, 48) == stereo.intrinsics
+    alone = Synthetic(**TINY, cache=cache)[0]
+    np.testing.assert_array_equal(alone.frames, stereo.frames)
+    np.testing.assert_array_equal(alone.depths, stereo.depths)
+    assert alone.wide is None
+    assert alone.right is None
+
+
+def test_the_right_camera_sees_near_things_further_left(stereo: Clip) -> None:
+    """Its pictures are shifted by focal length times 0.54 m over depth."""
+    assert stereo.right is not None
+    assert stereo.depths is not None
+    np.testing.assert_allclose(stereo.right.view_from_cam[:3, 3], [-0.54, 0.0, 0.0])
+    points = pinhole.unproject(pinhole.pixel_grid(stereo.intrinsics), stereo.depths[0], stereo.intrinsics)
+    known = np.isfinite(stereo.depths[0]) & (stereo.depths[0] < 25)
+    in_right = se3.transform(stereo.right.view_from_cam, points[known])
+    pixels, _ = pinhole.project(in_right, stereo.right.intrinsics)
+    column, row = np.round(pixels).astype(int).T
+    ours = stereo.frames[0][known].astype(float)
+    matched = np.abs(stereo.right.frames[0][row, column] - ours).mean()
+    shifted = np.abs(stereo.right.frames[0][row, np.clip(column + 4, 0, 157)] - ours).mean()
+    assert matched < 0.7 * shifted
+
+
+def test_the_same_seed_gives_the_same_bytes_in_another_process(tmp_path: Path, cache: Path) -> None:
+    here = Synthetic(**TINY, cache=cache)[0]
+    code = (
+        "from geovp_classic.data.synthetic import Synthetic; import hashlib, sys\n"
+        f"clip = Synthetic(num_clips=1, num_frames=4, size_px=(48, 48), cache={str(tmp_path)!r})[0]\n"
+        "sys.stdout.write(hashlib.sha256(clip.frames.tobytes() + clip.depths.tobytes()).hexdigest())"
+    )
+    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert there == __import__("hashlib").sha256(here.frames.tobytes() + here.depths.tobytes()).hexdigest()
+
+
+def test_another_seed_gives_another_street(cache: Path) -> None:
+    first, second = (Synthetic(**TINY, seed=seed, cache=cache)[0] for seed in (0, 1))
+    assert second.name == "seed1/straight-000"
+    assert np.abs(first.frames.astype(int) - second.frames).mean() > 10
+
+
+def test_clips_go_round_the_manoeuvres_then_on_along_their_drives_then_to_new_streets() -> None:
+    data = Synthetic(num_clips=40, num_frames=30, stride=10)
+    assert [data.window(index)[1] for index in range(8)] == list(Manoeuvre)
+    assert data.clip_name(1) == "seed0/left-turn-000"
+    assert data.clip_name(9) == "seed0/left-turn-010"
+    assert data.clip_name(1 + 8 * 3) == "seed0/left-turn-030"  # frames 30..59: the end of the drive
+    assert data.clip_name(1 + 8 * 4) == "seed1000/left-turn-000"
+    assert len({data.clip_name(index) for index in range(40)}) == 40
+    assert len(data) == 40
+
+
+def test_windows_of_one_drive_share_its_poses(cache: Path) -> None:
+    data = Synthetic(num_clips=9, num_frames=4, size_px=(16, 16), stride=2, bounce=0.0, cache=cache)
+    early, late = data[0], data[8]
+    assert early.trajectory is not None
+    assert late.trajectory is not None
+    np.testing.assert_allclose(
+        early.trajectory.world_from_cam[2:], late.trajectory.world_from_cam[:2], rtol=0, atol=1e-9
+    )
+    np.testing.assert_allclose(late.times_s[0], 0.2)
+
+
+def test_clean_pictures_lack_noise_only(cache: Path) -> None:
+    noisy, clean = (Synthetic(**TINY, noise=noise, exposure_drift=0.0, cache=cache)[0] for noise in (2.0, 0.0))
+    difference = noisy.frames.astype(float) - clean.frames
+    assert difference.std() == pytest.approx(2.0, rel=0.1)
+    np.testing.assert_array_equal(noisy.depths, clean.depths)
+
+
+def test_a_pitched_mount_moves_the_horizon(cache: Path) -> None:
+    level, down = (Synthetic(**TINY, pitch_deg=pitch_deg, cache=cache)[0] for pitch_deg in (0.0, -5.0))
+    skies = [np.isinf(clip.depths[0]).sum() for clip in (level, down) if clip.depths is not None]
+    expected_rows = np.tan(np.deg2rad(5.0)) * level.intrinsics.fy_px  # 8 of 48
+    assert (skies[0] - skies[1]) / 48 == pytest.approx(expected_rows, rel=0.5)
+
+
+def test_copying_the_last_frame_is_no_good_prediction(cache: Path) -> None:
+    """Hard enough: after 5 frames at 12 m/s the last frame is far from what comes."""
+    clip = Synthetic(num_clips=1, num_frames=6, size_px=(96, 96), cache=cache)[0]
+    error = (clip.frames[5].astype(float) - clip.frames[0]) ** 2
+    assert 10 * np.log10(255**2 / error.mean()) < 20.0
+
+
+def test_a_second_reading_comes_from_the_cache(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = Synthetic(**TINY, cache=cache)
+    first = data[0]
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("rendered again")
+
+    monkeypatch.setattr(synthetic, "render_drive", refuse)
+    np.testing.assert_array_equal(data[0].frames, first.frames)
+    more = dataclasses.replace(data, num_clips=5)  # the same clips, and more of them
+    np.testing.assert_array_equal(more[0].frames, first.frames)
+    with pytest.raises(AssertionError, match="rendered again"):
+        dataclasses.replace(data, noise=9.0)[0]
+
+
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "empty", "not a zip"])
+def test_a_damaged_cache_file_is_rendered_again(tmp_path: Path, damage: str) -> None:
+    data = Synthetic(num_clips=1, num_frames=2, size_px=(16, 16), cache=tmp_path)
+    good = data[0].frames
+    (file,) = tmp_path.rglob("*.npz")
+    content = bytearray(file.read_bytes())
+    middle = len(content) // 2
+    content[middle] ^= 255
+    file.write_bytes(
+        {
+            "truncated": bytes(content[: middle - 100]),
+            "flipped": bytes(content),
+            "empty": b"",
+            "not a zip": b"pictures",
+        }[damage]
+    )
+    np.testing.assert_array_equal(data[0].frames, good)
+    with np.load(file) as stored:
+        np.testing.assert_array_equal(stored["frames"], good)
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_the_cache_lies_where_the_environment_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tiny = Synthetic(num_clips=1, num_frames=2, size_px=(8, 8))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
+    monkeypatch.delenv("GEOVP_CACHE", raising=False)
+    assert tiny[0].frames.shape == (2, 8, 8, 3)
+    assert len(list((tmp_path / "xdg" / "geovp" / "synthetic").rglob("0000.npz"))) == 1
+    monkeypatch.setenv("GEOVP_CACHE", str(tmp_path / "own"))
+    assert tiny[0].frames.shape == (2, 8, 8, 3)
+    assert len(list((tmp_path / "own" / "synthetic").rglob("0000.npz"))) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="folders below a file")
+def test_a_cache_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadData, match="set GEOVP_CACHE to another folder"):
+        Synthetic(num_clips=1, num_frames=2, size_px=(8, 8), cache=tmp_path / "file")[0]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"num_clips": 0}, {"num_frames": 0}, {"stride": 0}, {"size_px": (0, 8)}, {"seed": -1}]
+)
+def test_settings_that_make_no_clip_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(BadData, match="synthetic:"):
+        Synthetic(**wrong)  # type: ignore[arg-type]
+
+
+def test_clips_that_are_not_there_are_index_errors(cache: Path) -> None:
+    data = Synthetic(**TINY, cache=cache)
+    with pytest.raises(IndexError):
+        data[1]
+    np.testing.assert_array_equal(data[-1].frames, data[0].frames)
+
+
+def test_the_registry_builds_and_describes_it() -> None:
+    data = registry.build("datasets", {"name": "synthetic", "seed": 4, "size_px": [64, 64], "with_wide": True})
+    assert isinstance(data, Dataset)
+    assert data.name == "synthetic"
+    assert registry.build("datasets", registry.describe(data)) == data
