@@ -167,21 +167,24 @@ def triangulate(
 
     NaN for points that fewer than two views see or that the views cannot place.
     """
-    seen: BoolArray = np.asarray(np.isfinite(rays).all(axis=-1))  # [V, N]
-    rays = np.where(seen[..., None], rays, 0.0)
+    seen = np.isfinite(rays[..., 0])
+    sights = np.where(seen[..., None], rays, 0.0)
     rotation, translation = cam_from_world[:, None, :3, :3], cam_from_world[:, None, :3, 3]
-    rows = rotation[..., :2, :] - rays[..., None] * rotation[..., 2:, :]  # [V, N, 2, 3]
-    right = rays * translation[..., 2:] - translation[..., :2]  # [V, N, 2]
-    weight = seen.astype(np.float64)
-    points = np.zeros((rays.shape[1], 3))
+    rows = rotation[..., :2, :] - sights[..., None] * rotation[..., 2:, :]  # [V, N, 2, 3]
+    right = sights * translation[..., 2:] - translation[..., :2]  # [V, N, 2]
+    num_views, num_points = seen.shape
+    rows = np.ascontiguousarray(rows.transpose(1, 0, 2, 3)).reshape(num_points, 2 * num_views, 3)
+    right = np.ascontiguousarray(right.transpose(1, 0, 2)).reshape(num_points, 2 * num_views, 1)
+    weight = np.repeat(seen.T.astype(np.float64), 2, axis=1)[..., None]  # [N, 2 V, 1]
+    points = np.zeros((num_points, 3))
     for _ in range(num_rounds):
-        weighted = rows * (weight**2)[..., None, None]
-        normal = np.einsum("vnki,vnkj->nij", weighted, rows)
-        moment = np.einsum("vnki,vnk->ni", weighted, right)
-        size = np.einsum("nii->n", normal)[:, None, None]
-        points = np.linalg.solve(normal + (1e-12 * size + 1e-300) * np.eye(3), moment[..., None])[..., 0]
-        depth = (rotation[..., 2, :] * points).sum(axis=-1) + translation[..., 2]
-        weight = np.where(seen, 1 / np.maximum(np.abs(depth), 1e-6), 0.0)
+        weighted = np.swapaxes(rows * weight**2, 1, 2)
+        normal = weighted @ rows
+        size = normal[:, 0, 0] + normal[:, 1, 1] + normal[:, 2, 2]
+        damping = (1e-12 * size + 1e-300)[:, None, None] * np.eye(3)
+        points = np.linalg.solve(normal + damping, weighted @ right)[..., 0]
+        depth = points @ cam_from_world[:, 2, :3].T + cam_from_world[:, 2, 3]  # [N, V]
+        weight = np.repeat(np.where(seen.T, 1 / np.maximum(np.abs(depth), 1e-6), 0.0), 2, axis=1)[..., None]
     placed = (seen.sum(axis=0) >= 2) & np.isfinite(points).all(axis=-1)
     return np.where(placed[:, None], points, np.nan)
 

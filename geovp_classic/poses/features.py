@@ -58,7 +58,7 @@ class Corners:
     """Shi-Tomasi corners, tracked by pyramidal Lucas-Kanade with a forward-backward check."""
 
     num_features: int = 600
-    window_px: int = 15
+    window_px: int = 11
     num_levels: int = 4
     max_return_px: float = 0.5  # how far from its start a point may end after tracking there and back
     noise_px: float = 0.25
@@ -68,39 +68,35 @@ class Corners:
         return Look(grey, np.zeros((0, 2)))
 
     def follow(self, before: Look, now: Look, pixels: FloatArray, guess: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Lucas-Kanade from the guess; when most points get lost that way, once more from where they were."""
-        if len(pixels) == 0:
-            return np.zeros((0, 2)), np.zeros(0, dtype=bool)
+        """Lucas-Kanade near the guess; points lost that way are sought in the whole pyramid, from where they were."""
         grey = same_exposure(before.grey, now.grey)
-        pixels_now, found = self._track(grey, now.grey, pixels, guess)
-        if found.mean() < 0.5:
-            again, found_again = self._track(grey, now.grey, pixels, pixels)
-            if found_again.sum() > found.sum():
-                return again, found_again
-        return pixels_now, found
+        places, found = self._track(grey, now.grey, pixels, guess, num_levels=2)
+        if found.all():
+            return places, found
+        places[~found], found[~found] = self._track(grey, now.grey, pixels[~found], pixels[~found], self.num_levels)
+        return places, found
 
     def fresh(self, look: Look, taken: FloatArray) -> FloatArray:
         """The strongest corner of every cell that holds no point yet."""
         return strongest_corners(look.grey, taken, self.num_features)
 
     def _track(
-        self, grey: ByteArray, grey_now: ByteArray, pixels: FloatArray, guess: FloatArray
+        self, grey: ByteArray, grey_now: ByteArray, pixels: FloatArray, guess: FloatArray, num_levels: int
     ) -> tuple[FloatArray, BoolArray]:
+        if len(pixels) == 0:
+            return np.zeros((0, 2)), np.zeros(0, dtype=bool)
         settings: dict[str, Any] = {
             "winSize": (self.window_px, self.window_px),
             "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02),
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
-        start = np.ascontiguousarray(pixels, dtype=np.float32)
-        near = np.array(guess, dtype=np.float32)
-        ahead, forward, _ = cv2.calcOpticalFlowPyrLK(
-            grey, grey_now, start, near, maxLevel=self.num_levels - 1, **settings
-        )
-        back, backward, _ = cv2.calcOpticalFlowPyrLK(grey_now, grey, ahead, start.copy(), maxLevel=1, **settings)
-        pixels_now = np.nan_to_num(np.asarray(ahead, dtype=np.float64))
-        found = (forward.ravel() > 0) & (backward.ravel() > 0) & inside(pixels_now, grey_now)
+        start, near = np.asarray(pixels, dtype=np.float32), np.array(guess, dtype=np.float32)
+        ahead, forward, _ = cv2.calcOpticalFlowPyrLK(grey, grey_now, start, near, maxLevel=num_levels - 1, **settings)
+        back, backward, _ = cv2.calcOpticalFlowPyrLK(grey_now, grey, ahead, start.copy(), maxLevel=0, **settings)
+        places = np.nan_to_num(np.asarray(ahead, dtype=np.float64))
+        found = (forward.ravel() > 0) & (backward.ravel() > 0) & inside(places, grey_now)
         found &= np.linalg.norm(back - start, axis=1) < self.max_return_px
-        return pixels_now, found
+        return places, found
 
 
 @dataclass(frozen=True)

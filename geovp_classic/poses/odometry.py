@@ -66,17 +66,16 @@ class Monocular:
         view = _view(context, self.frames)
         gauge = self.scale.gauge(view.intrinsics, context.camera_height_m)
         times_s = context.times_s[: context.num_past]
-        pace = Pace(len(times_s), keyframe_parallax=0.001, max_bundle_points=self.max_bundle_points)
+        pace = Pace(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
         tracker = Tracker(front_end(self.features, self.num_features), view.intrinsics, pace, self.seed)
         greys = [as_grey(frame) for frame in view.frames]
         for grey, time_s in zip(greys, times_s, strict=True):
             tracker.push(grey, float(time_s))
         tracker.adjust_all()
         poses, tracked = tracker.take_settled(all_of_them=True)
-        steps = list(range(1, len(poses)))
-        for i in steps + steps[::-1]:
-            if tracked[i] and tracked[i - 1]:
-                gauge.update(greys[i - 1], greys[i], se3.inverse(poses[i - 1]) @ poses[i])
+        for i in range(min(2, len(poses) - 1), len(poses), 2):
+            if tracked[i] and tracked[i - 2]:
+                gauge.update(greys[i - 2], greys[i], se3.inverse(poses[i - 2]) @ poses[i])
         return _trajectory(poses, times_s, self.scale.is_metric, gauge.unit, gauge.confidence), tracked
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:

@@ -56,9 +56,10 @@ def polish(
         distance = np.where(front, np.linalg.norm(residual, axis=1), np.inf)
         kernel = max(noise, float(np.median(distance)))
         weight = np.where(front, 1 / (1 + (distance / kernel) ** 2), 0.0)
-        step = _step(seen, inverse_depth, residual, weight)
-        cam_from_world = se3.exp(step) @ cam_from_world
-        if np.abs(step).max() < 1e-7:
+        step, shift = _step(seen, inverse_depth, residual, weight)
+        turn = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
+        cam_from_world = se3.compose(turn, step[:3]) @ cam_from_world
+        if shift < noise / 50:
             break
     return cam_from_world, misses(points, rays, cam_from_world) < INLIER * noise
 
@@ -76,8 +77,10 @@ def misses(
     return np.where(~front & np.isfinite(distance), np.inf, distance)
 
 
-def _step(seen: FloatArray, inverse_depth: FloatArray, residual: FloatArray, weight: FloatArray) -> FloatArray:
-    """The twist [6] that lowers the weighted squared residuals most, to first order."""
+def _step(
+    seen: FloatArray, inverse_depth: FloatArray, residual: FloatArray, weight: FloatArray
+) -> tuple[FloatArray, float]:
+    """The translation and rotation [6] that lower the weighted squared residuals most, and the mean shift of rays."""
     x, y = seen.T
     zero = np.zeros_like(x)
     by_x = np.stack([inverse_depth, zero, -x * inverse_depth, -x * y, 1 + x * x, -y], axis=1)
@@ -86,8 +89,10 @@ def _step(seen: FloatArray, inverse_depth: FloatArray, residual: FloatArray, wei
     weighted = jacobian * np.concatenate([weight, weight])[:, None]
     normal, moment = weighted.T @ jacobian, weighted.T @ residual.T.ravel()
     damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
-    step: FloatArray = -np.linalg.solve(normal + damping, moment)
-    return step if np.isfinite(step).all() else np.zeros(6)
+    step = -np.linalg.solve(normal + damping, moment)
+    if not np.isfinite(step).all():
+        return np.zeros(6), 0.0
+    return step, float(np.abs(jacobian @ step).mean())
 
 
 def _from_samples(points: FloatArray, rays: FloatArray, threshold: float, seed: int) -> FloatArray | None:

@@ -14,11 +14,11 @@ import numpy as np
 
 from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.poses.lens import Lens
-from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 NEAREST, FARTHEST, HALF_WIDTH = 2.5, 10.0, 1.4  # the road that is looked at, in camera heights
-MAX_SAMPLES = 2500
-NUM_ROUNDS = 8
+MAX_SAMPLES = 1000
+NUM_ROUNDS = 6
 MIN_SHARE_SEEN = 0.5  # of the samples, in the other picture
 GREY_NOISE = 2.0
 
@@ -33,7 +33,7 @@ class RoadFit:
 
 
 def level_plane(height: float, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> FloatArray:
-    """The plane m [3] of a camera this high that looks `pitch_rad` above the plane and is rolled clockwise by `roll_rad`."""
+    """The plane m [3] under a camera that looks `pitch_rad` above it and is rolled clockwise by `roll_rad`."""
     cos_p, sin_p = np.cos(pitch_rad), np.sin(pitch_rad)
     normal = np.array([cos_p * np.sin(roll_rad), cos_p * np.cos(roll_rad), -sin_p])
     return normal / height
@@ -45,8 +45,7 @@ def road_samples(
 ) -> FloatArray:
     """Pixels [N, 2] that show the road right ahead, if it is free; evenly spread over the picture."""
     camera = lens.camera
-    top_px, stride = max(0, int(camera.cy_px)), 1
-    rows, columns = np.mgrid[top_px : camera.height_px - 2, 2 : camera.width_px - 2]
+    rows, columns = np.mgrid[max(0, int(camera.cy_px)) : camera.height_px - 2, 2 : camera.width_px - 2]
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
     ahead = pixels[_is_ahead(homogeneous(lens.rays(pixels)), normal)]
     stride = max(1, int(np.ceil(np.sqrt(len(ahead) / MAX_SAMPLES))))
@@ -83,26 +82,38 @@ def align(
     with Geman-McClure weights against what is not road, and one offset for a change of brightness.
     """
     rays, wanted = homogeneous(lens.rays(pixels)), _sample(now, pixels)
-    slope_u, slope_v = cv2.Scharr(before, cv2.CV_32F, 1, 0) / 32, cv2.Scharr(before, cv2.CV_32F, 0, 1) / 32
+    slopes = [cv2.Scharr(before, cv2.CV_32F, 1, 0, scale=1 / 32), cv2.Scharr(before, cv2.CV_32F, 0, 1, scale=1 / 32)]
+    fields = np.asarray(cv2.merge([before, *slopes]), dtype=np.float32)  # [H, W, 3]
     start, information = plane, np.zeros((3, 3))
     for _ in range(NUM_ROUNDS):
         there, seen = _elsewhere(rays, before_from_now, lens, plane)
         if seen.mean() < MIN_SHARE_SEEN:
             return None
-        slope = np.stack([_sample(slope_u, there[seen]), _sample(slope_v, there[seen])], axis=1)
-        by_plane = (slope * _speed(rays[seen], before_from_now, lens, plane)).sum(axis=1)[:, None] * rays[seen]
-        difference = _sample(before, there[seen]) - wanted[seen]
+        values = _sample(fields, there[seen])
+        by_plane = (values[:, 1:] * _speed(rays[seen], before_from_now, lens, plane)).sum(axis=1)[:, None] * rays[seen]
+        difference = values[:, 0] - wanted[seen]
         difference = difference - np.median(difference)
         spread = max(GREY_NOISE, 1.4826 * float(np.median(np.abs(difference))))
         weight = 1 / (1 + (difference / (2 * spread)) ** 2) ** 2
-        by_plane = by_plane - np.average(by_plane, axis=0, weights=weight)
+        by_plane = by_plane - weight @ by_plane / weight.sum()
         information = by_plane.T @ (weight[:, None] * by_plane) / spread**2
         moment = by_plane.T @ (weight * difference) / spread**2
         step = -np.linalg.solve(information + trust, moment + trust @ (plane - start))
         plane = plane + step
-        if np.abs(step).max() < 1e-4 * np.linalg.norm(plane):
+        if np.abs(step).max() < 1e-3 * np.linalg.norm(plane):
             break
     return RoadFit(plane, information, agreement(before, now, before_from_now, lens, pixels, plane))
+
+
+def road_window(
+    pixels: FloatArray,  # [N, 2]
+    camera: Intrinsics,
+    margin_px: int = 24,
+) -> tuple[slice, slice]:
+    """The rows and columns of the picture around the samples."""
+    (left, top), (right, bottom) = pixels.min(axis=0).astype(int), pixels.max(axis=0).astype(int)
+    rows = slice(max(0, top - margin_px), min(camera.height_px, bottom + margin_px))
+    return rows, slice(max(0, left - margin_px), min(camera.width_px, right + margin_px))
 
 
 def smoothed(grey: ByteArray, sigma_px: float) -> FloatArray:
@@ -139,9 +150,10 @@ def _speed(rays: FloatArray, before_from_now: FloatArray, lens: Lens, plane: Flo
 
 
 def _sample(picture: FloatArray, pixels: FloatArray) -> FloatArray:
-    """Values [N] between pixels, bilinear."""
+    """Values [N] or [N, C] of a picture [H, W] or [H, W, C] between pixels, bilinear."""
     at = pixels.astype(np.float32)
-    return np.asarray(cv2.remap(picture, at[:, :1], at[:, 1:], cv2.INTER_LINEAR), dtype=np.float64).ravel()
+    values = np.asarray(cv2.remap(picture, at[:, :1], at[:, 1:], cv2.INTER_LINEAR), dtype=np.float64)
+    return values.reshape(len(pixels), *picture.shape[2:])
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> float:

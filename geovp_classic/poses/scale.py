@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,13 +10,15 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Gauge
 from geovp_classic.poses.lens import Lens
-from geovp_classic.poses.road import RoadFit, agreement, align, level_plane, road_samples, smoothed
+from geovp_classic.poses.road import RoadFit, agreement, align, level_plane, road_samples, road_window, smoothed
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 
-BLURS_PX = (2.0, 0.8)  # coarse to fine
-SEARCHED_HEIGHTS = np.geomspace(0.4, 40.0, 60)  # in lengths of the motion
+COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the pictures while the height is searched, and once it is known
+SEARCHED_HEIGHTS = np.geomspace(0.4, 40.0, 50)  # in lengths of the motion
 SEARCHED_PITCHES_RAD = np.radians([0.0, -2.0, 2.0])
+MIN_SAMPLES = 50
 MIN_AGREEMENT = 0.5
+CLEAR_AGREEMENT = 0.85  # that ends the search
 MAX_RELATIVE_SIGMA = 0.05  # of the height by the pictures' noise alone; above it the road has no texture
 GATE = 3.0  # standard deviations beyond which a measurement is not believed
 MAX_REFUSED = 6  # measurements in a row, before the search starts anew
@@ -103,11 +105,20 @@ class RoadGauge:
     roll_rad: float = 0.0
     num_looks: int = 0
     num_refused: int = 0
-    pixels: FloatArray = field(init=False)
+    pixels: FloatArray = field(init=False)  # [N, 2] of the window
+    window: tuple[slice, slice] = field(init=False)  # rows, columns
 
     def __post_init__(self) -> None:
-        """Choose where to look for the road."""
-        self.pixels = road_samples(self.lens, level_plane(1.0))
+        """Choose where to look for the road, and look at nothing else."""
+        camera = self.lens.camera
+        pixels = road_samples(self.lens, level_plane(1.0))
+        if len(pixels) < MIN_SAMPLES:
+            self.pixels, self.window = pixels, (slice(0), slice(0))
+            return
+        rows, columns = self.window = road_window(pixels, camera)
+        self.pixels = pixels - (columns.start, rows.start)
+        shape = (columns.stop - columns.start, rows.stop - rows.start)
+        self.lens = replace(self.lens, camera=camera.cropped(columns.start, rows.start, *shape))
 
     @property
     def unit(self) -> float:
@@ -126,14 +137,15 @@ class RoadGauge:
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> None:
         """Look at the road in two pictures between which the camera moved, in units of the odometry."""
         length = float(np.linalg.norm(before_from_now[:3, 3]))
-        if length < 1e-6 or len(self.pixels) < 50:
+        if length < 1e-6 or len(self.pixels) < MIN_SAMPLES:
             return
+        before, now = before[self.window], now[self.window]
         turn_rad = float(se3.rotation_angle_rad(before_from_now))
         searching = not np.isfinite(self.variance)
         if searching and not self._search(before, now, before_from_now):
             return
         self.variance += (self.settings.drift + self.settings.drift_per_rad * turn_rad) ** 2
-        fit = self._look(before, now, before_from_now)
+        fit = self._look(before, now, before_from_now, (COARSE_PX, FINE_PX) if searching else (FINE_PX,))
         if fit is not None:
             self._learn(fit, turn_rad)
         elif searching:
@@ -150,17 +162,21 @@ class RoadGauge:
                 found = agreement(pictures[0], pictures[1], before_from_now, self.lens, pixels, plane)
                 if found > best_agreement:
                     best, best_agreement = (float(np.log(height)), float(pitch_rad)), found
+            if best_agreement > CLEAR_AGREEMENT:
+                break
         if best is None:
             return False
         (self.log_height, self.pitch_rad), self.variance = best, 0.1**2
         return True
 
-    def _look(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> RoadFit | None:
-        """The road's plane from coarse to fine; None when the road cannot be seen or has no texture."""
+    def _look(
+        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, blurs_px: tuple[float, ...]
+    ) -> RoadFit | None:
+        """The road's plane; None when the road cannot be seen or has no texture."""
         fit: RoadFit | None = None
         plane = level_plane(float(np.exp(self.log_height)), self.pitch_rad, self.roll_rad)
         trust = self._trust(plane)
-        for blur_px in BLURS_PX:
+        for blur_px in blurs_px:
             a, b = smoothed(before, blur_px), smoothed(now, blur_px)
             fit = align(a, b, before_from_now, self.lens, self.pixels, plane, trust)
             if fit is None:
@@ -191,6 +207,6 @@ class RoadGauge:
         self.variance *= 1 - gain
         self.num_refused, self.num_looks = 0, self.num_looks + 1
         normal = fit.plane / size
-        slow = max(0.05, 1 / (1 + self.num_looks))
+        slow = max(0.05, 1 / (1 + self.num_looks)) * self.settings.error**2 / noise
         self.pitch_rad += slow * (float(np.arcsin(-normal[2])) - self.pitch_rad)
         self.roll_rad += slow * (float(np.arctan2(normal[0], normal[1])) - self.roll_rad)

@@ -26,10 +26,11 @@ class Pace:
     """How often keyframes are made, and how many are kept and adjusted together."""
 
     window: int = 8
-    keyframe_parallax: float = 0.012  # median shift since the last keyframe that rotation leaves unexplained, on z = 1
+    keyframe_parallax: float = 0.025  # median shift since the last keyframe that rotation leaves unexplained, on z = 1
     start_parallax: float = 0.004  # the same between the two pictures that a map starts from
     keyframe_share: float = 0.6  # a keyframe is due when fewer of the last one's points are left
     max_bundle_points: int = 300
+    adjust_every: int = 1  # keyframes from one bundle adjustment to the next
 
 
 @dataclass
@@ -194,7 +195,8 @@ class Tracker:
             self._settle(self.map.first_serial + 1)
         self.map.insert(se3.inverse(self.world_from_cam))
         self.map.place()
-        self.map.adjust(2 if len(self.map) == self.map.size else 1, self.pace.max_bundle_points)
+        if self.map.newest_serial % self.pace.adjust_every == 0:
+            self.map.adjust(2 if len(self.map) == self.map.size else 1, self.pace.max_bundle_points)
         self._world_from_look = self.world_from_cam = se3.inverse(self.map.cam_from_world[-1])
         self.map.add(self.front.fresh(self._look, self.map.pixels[self.map.followed]))
         before_from_now = self.map.cam_from_world[-2] @ self.world_from_cam
