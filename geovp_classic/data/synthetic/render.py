@@ -11,7 +11,8 @@ import numpy as np
 import open3d as o3d
 
 from geovp_classic.data.synthetic.mesh import Soup, joined
-from geovp_classic.data.synthetic.shading import Optics, Rays, Surfaces, Weather, dot, shade, sky_light, surfaces_of
+from geovp_classic.data.synthetic.shading import Optics, Weather, dot, shade, sky_light
+from geovp_classic.data.synthetic.surfaces import Patches, Rays, patches, surfaces_of
 from geovp_classic.data.synthetic.textures import IntArray, Texture, atlas
 from geovp_classic.data.synthetic.world import World
 from geovp_classic.geometry import pinhole, se3
@@ -119,6 +120,14 @@ class _Hits:
     moving: BoolArray  # [N]
     light: FloatArray  # [N, 3]
 
+    @staticmethod
+    def of_sky(depths: FloatArray, moving: BoolArray) -> _Hits:
+        """Rays that met nothing yet, to be filled in."""
+        count = len(depths)
+        look, normal = np.zeros(count, dtype=np.int32), np.zeros((count, 3), dtype=np.float32)
+        normal[:, 1] = 1.0  # all of the sky faces the same way, so that it has no edges
+        return _Hits(depths, look, normal, np.ones(count, dtype=bool), moving, np.empty_like(normal))
+
 
 class _Shot:
     """One instant seen from one place."""
@@ -156,50 +165,44 @@ class _Shot:
         """What rays through pixels [N, 2] meet."""
         rays = pinhole.unproject(pixels, np.ones(len(pixels)), self.camera).astype(np.float32)
         directions = rays @ self.rotation.T.astype(np.float32)
-        depths, moving, solid, surfaces = self._nearest(pixels, directions)
-        solid_rays, solid_depths = directions[solid], depths[solid]
-        sunny, shaded_by_traffic = self._sunlight(surfaces, solid_rays, solid_depths)
         steps = np.stack([self.rotation[:, 0] / self.camera.fx_px, self.rotation[:, 1] / self.camera.fy_px])
-        lit, light = np.ones(len(pixels), dtype=bool), np.empty((len(pixels), 3), dtype=np.float32)
-        look, normal = np.zeros(len(pixels), dtype=np.int32), np.zeros((len(pixels), 3), dtype=np.float32)
-        met = Rays(self.eye, solid_rays, solid_depths, steps)
-        light[solid] = shade(atlas(), surfaces, met, sunny, self.weather, self.optics)
-        sky = np.isinf(depths)
-        up = directions[sky]
-        light[sky] = sky_light(atlas(), self.weather, up / np.sqrt(dot(up, up)))
-        lit[solid], normal[solid] = sunny, surfaces.normal
-        look[solid] = 1 + surfaces.texture + 64 * (surfaces.tint[:, 0] * 255).astype(np.int32)
-        moving[solid] |= shaded_by_traffic
-        return _Hits(depths, look, normal, lit, moving, light)
+        depths, triangles, moving = self._nearest(pixels, directions)
+        hits = _Hits.of_sky(depths, moving)
+        up = directions[np.isinf(depths)]
+        hits.light[np.isinf(depths)] = sky_light(atlas(), self.weather, up / np.sqrt(dot(up, up)))
+        for body, its in ((self.static, np.isfinite(depths) & ~moving), (self.traffic.body, moving.copy())):
+            where = np.nonzero(its)[0]
+            if body is None or not len(where):
+                continue
+            met = Rays(self.eye, directions.take(where, axis=0), depths[where], triangles[where], steps)
+            seen = patches(body.surfaces, met)
+            lit, shaded_by_traffic = self._sunlight(seen)
+            hits.light[where] = shade(atlas(), seen, self.eye, lit, self.weather, self.optics)
+            hits.lit[where], hits.normal[where] = lit, seen.normal
+            hits.look[where] = 1 + seen.texture + 64 * (seen.tint[:, 0] * 255).astype(np.int32)
+            hits.moving[where] |= shaded_by_traffic
+        return hits
 
-    def _nearest(self, pixels: FloatArray, directions: FloatArray) -> tuple[FloatArray, BoolArray, IntArray, Surfaces]:
-        """Depth [N], whether it is a moving car [N], which rays [K] meet anything, and the surfaces [K] they meet."""
+    def _nearest(self, pixels: FloatArray, directions: FloatArray) -> tuple[FloatArray, IntArray, BoolArray]:
+        """Depth [N], triangle [N], and whether that is one of the traffic's [N]."""
         depths, triangles = self.static.cast(self.eye, directions)
         depths, moving = depths.copy(), np.zeros(len(depths), dtype=bool)
         near = self.traffic.in_sight(pixels)
-        if self.traffic.body is None or not len(near):
-            solid = np.nonzero(np.isfinite(depths))[0]
-            return depths, moving, solid, self.static.surfaces.take(triangles[solid])
-        car_depths, car_triangles = self.traffic.body.cast(self.eye, directions[near])
-        nearer = car_depths < depths[near]
-        moving[near] = nearer
-        depths[near] = np.where(nearer, car_depths, depths[near])
-        triangles[near[nearer]] = 0
-        solid = np.nonzero(np.isfinite(depths))[0]
-        surfaces = self.static.surfaces.take(triangles[solid])
-        cars = self.traffic.body.surfaces.take(car_triangles[nearer])
-        return depths, moving, solid, surfaces.replaced(moving[solid], cars)
+        if self.traffic.body is not None and len(near):
+            car_depths, car_triangles = self.traffic.body.cast(self.eye, directions[near])
+            nearer = car_depths < depths[near]
+            moving[near] = nearer
+            depths[near[nearer]], triangles[near[nearer]] = car_depths[nearer], car_triangles[nearer]
+        return depths, triangles, moving
 
-    def _sunlight(self, surfaces: Surfaces, directions: FloatArray, depths: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Whether the sun reaches what the rays [K] meet, and whether only the traffic keeps it off [K]."""
+    def _sunlight(self, seen: Patches) -> tuple[BoolArray, BoolArray]:
+        """Whether the sun reaches the patches [K], and whether only the traffic keeps it off [K]."""
         to_sun = self.weather.to_sun.astype(np.float32)
-        lit, by_traffic = np.zeros(len(depths), dtype=bool), np.zeros(len(depths), dtype=bool)
-        outward = surfaces.normal * -np.sign(dot(surfaces.normal, directions))
-        leaf = surfaces.texture == Texture.LEAVES
-        facing = np.nonzero((outward @ to_sun > 0) | leaf)[0]
-        gap = np.where(leaf[facing], LEAF_GAP_M, 0.01).astype(np.float32)[:, None]
-        reached = self.eye.astype(np.float32) + depths[facing, None] * directions[facing]
-        points = reached + np.float32(0.01) * outward[facing] + gap * to_sun
+        lit, by_traffic = np.zeros(len(seen.points), dtype=bool), np.zeros(len(seen.points), dtype=bool)
+        leaf = seen.texture == Texture.LEAVES
+        facing = np.nonzero((seen.normal @ to_sun > 0) | leaf)[0]
+        gap = np.where(leaf[facing], np.float32(LEAF_GAP_M), np.float32(0.01))[:, None]
+        points = seen.points[facing] + np.float32(0.01) * seen.normal[facing] + gap * to_sun
         free = ~self.static.blocks(points, to_sun)
         near = self.traffic.in_reach(points)
         if self.traffic.body is not None and len(near):

@@ -17,8 +17,7 @@ def sample(
     atlas: Atlas,
     textures: IntArray,  # [N]
     uv: FloatArray,  # [N, 2], in tiles; the pictures repeat
-    step_x: FloatArray,  # [N, 2], change of uv to the next pixel right
-    step_y: FloatArray,  # [N, 2], and down
+    steps: FloatArray,  # [N, 2, 2], change of uv to the next pixel right and down
     finest: FloatArray | float = 0.0,  # [N], tiles; nothing smaller than this is resolved
 ) -> FloatArray:
     """RGBA [N, 4] float32 in 0..1, as bytes are: display brightness."""
@@ -31,7 +30,7 @@ def sample(
         atlas.heights,
         np.ascontiguousarray(textures, dtype=np.int64),
         np.ascontiguousarray(uv, dtype=np.float32),
-        np.stack([step_x, step_y], axis=1).astype(np.float32),
+        np.ascontiguousarray(steps, dtype=np.float32),
         np.ascontiguousarray(np.broadcast_to(finest, (count,)), dtype=np.float32),
         out,
     )

@@ -21,7 +21,7 @@ from geovp_classic.data.synthetic.mesh import (
     soup_of,
 )
 from geovp_classic.data.synthetic.paths import Terrain, straight
-from geovp_classic.data.synthetic.shading import surfaces_of
+from geovp_classic.data.synthetic.surfaces import Rays, patches, surfaces_of
 from geovp_classic.data.synthetic.textures import Texture
 from geovp_classic.geometry import se3
 
@@ -90,6 +90,33 @@ def test_surface_functions_meet_their_corners() -> None:
         values = table.at_corner + np.einsum("nkj,nj->nk", table.gradient, offset)
         np.testing.assert_allclose(values[:, :2], soup.uv[:, k], atol=1e-4)
         np.testing.assert_allclose(values[:, 4], soup.shade[:, k], atol=1e-4)
+
+
+def test_patches_equal_their_slow_twin() -> None:
+    """Place, uv and what changes to the next pixel, against rays through the next pixels cut with the same plane."""
+    rng = np.random.default_rng(4)
+    corners = np.array([0.0, 0.0, 9.0]) + rng.normal(size=(40, 3, 3))
+    soup = soup_of(corners, GREY, rng.normal(size=(40, 3, 2)), rng.uniform(size=(40, 3)))
+    table, eye = surfaces_of(soup), np.array([0.3, -0.2, 0.1])
+    towards = corners.mean(axis=1) - eye
+    directions = towards / towards[:, 2:]
+    pixel_steps = np.array([[1e-4, 0, 0], [0, 1e-4, 0]])
+    rays = Rays(eye, directions.astype(np.float32), towards[:, 2].astype(np.float32), np.arange(40), pixel_steps)
+    seen = patches(table, rays)
+    np.testing.assert_allclose(seen.points, corners.mean(axis=1), atol=1e-5)
+    np.testing.assert_allclose(seen.uv, soup.uv.mean(axis=1), atol=1e-4)
+    np.testing.assert_allclose(seen.around, soup.shade.mean(axis=1), atol=1e-4)
+    assert ((seen.normal * directions).sum(axis=-1) < 0).all()
+    gradient = table.gradient[:, :2].astype(np.float64)
+    facing = normals(corners)
+    for k, step in enumerate(pixel_steps):
+        beside = directions + step
+        depth = (facing * (corners[:, 0] - eye)).sum(axis=-1) / (facing * beside).sum(axis=-1)
+        moved = eye + depth[:, None] * beside - corners.mean(axis=1)
+        flat = np.abs((facing * directions).sum(axis=-1)) > 0.2  # a finite step is no derivative at grazing angles
+        np.testing.assert_allclose(seen.sizes_m[flat, k], np.linalg.norm(moved[flat], axis=-1), rtol=5e-3)
+        expected = np.einsum("nkj,nj->nk", gradient, moved)
+        np.testing.assert_allclose(seen.uv_steps[flat, k], expected[flat], rtol=1e-2, atol=1e-4)
 
 
 def test_a_triangle_without_area_has_constant_values() -> None:
