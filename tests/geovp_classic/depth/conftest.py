@@ -1,0 +1,70 @@
+"""A street that can be worked out on paper: flat ground, a wall ahead and a box in front of it, all textured."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
+
+CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
+HEIGHT = 1.6  # of the camera above the ground
+WALL = 24.0  # z of the wall, in world coordinates
+BOX = (1.0, 4.0, 14.0)  # left and right x of a box's front that stands on the ground, and its z
+
+
+def _texture(points: FloatArray, tint: float) -> FloatArray:
+    """Grey values [...] 0..255 of points [..., 3]: waves of several directions, none shorter than 0.4."""
+    rng = np.random.default_rng(7)
+    value = np.full(points.shape[:-1], 128.0)
+    for wavelength in (0.4, 0.55, 0.8, 1.3, 2.5, 5.0):
+        for _ in range(3):
+            direction = rng.normal(size=3)
+            phase = points @ (2 * np.pi / wavelength * direction / np.linalg.norm(direction))
+            value = value + 14 * np.sin(phase + tint + rng.uniform(0, 6))
+    return value
+
+
+def depth_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> tuple[FloatArray, FloatArray]:
+    """The z-depth [H, W] that a camera sees, and the points [H, W, 3] in the world."""
+    rays = pinhole.rays(camera) @ world_from_cam[:3, :3].T
+    origin = world_from_cam[:3, 3]
+    with np.errstate(divide="ignore"):
+        ground = np.where(rays[..., 1] > 1e-9, (HEIGHT - origin[1]) / rays[..., 1], np.inf)
+        wall = (WALL - origin[2]) / rays[..., 2]
+        box = (BOX[2] - origin[2]) / rays[..., 2]
+    on_box = origin + box[..., None] * rays
+    hit = (on_box[..., 0] > BOX[0]) & (on_box[..., 0] < BOX[1]) & (on_box[..., 1] > HEIGHT - 3.0) & (box > 0)
+    depth = np.minimum(np.minimum(ground, wall), np.where(hit & (on_box[..., 1] < HEIGHT), box, np.inf))
+    return depth, origin + depth[..., None] * rays
+
+
+def picture_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
+    """What the camera sees, uint8 [H, W, 3]; `camera` is oversampled four times, so that nothing flickers."""
+    fine = camera.resized(2 * camera.width_px, 2 * camera.height_px)
+    _, points = depth_of_street(world_from_cam, fine)
+    value = _texture(points, 0.0)
+    value = value.reshape(camera.height_px, 2, camera.width_px, 2).mean(axis=(1, 3))
+    return np.repeat(np.clip(np.round(value), 0, 255).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def drive(num: int = 6, step: float = 0.8, yaw_rad: float = 0.0) -> FloatArray:
+    """World_from_cam [num, 4, 4] of a camera that goes forward, or turns by `yaw_rad` a step."""
+    return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, yaw_rad, 0]))
+
+
+@pytest.fixture(scope="session")
+def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
+    """Context, past trajectory and true inverse depths [P, H, W] of a street seen from the given poses."""
+
+    def _observe(world_from_cam: FloatArray, unit_m: float = 1.0) -> tuple[Context, Trajectory, FloatArray]:
+        num = len(world_from_cam)
+        frames = np.stack([picture_of_street(one) for one in world_from_cam])
+        times_s = 0.1 * np.arange(num + 1)
+        in_unit = np.array(world_from_cam)
+        in_unit[:, :3, 3] /= unit_m
+        truth = np.stack([unit_m / depth_of_street(one)[0] for one in world_from_cam])
+        return Context(frames, times_s, CAMERA), Trajectory(in_unit, times_s[:num], unit_m == 1.0), truth
+
+    return _observe

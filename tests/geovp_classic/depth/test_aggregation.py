@@ -1,0 +1,70 @@
+"""Semi-global aggregation against a slow twin, and what it is for."""
+
+import numpy as np
+import pytest
+
+from geovp_classic.depth import aggregation
+from geovp_classic.types import FloatArray
+
+SMALL, LARGE, CONTRAST = 5.0, 60.0, 10.0
+DIRECTIONS = [(-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1)]  # (du, dv) to the pixel before
+
+
+def _path_costs(costs: FloatArray, picture: FloatArray, du: int, dv: int) -> FloatArray:
+    """Hirschmueller 2008, equation 13, as it is written there."""
+    height, width, num = costs.shape
+    path = np.zeros(costs.shape)
+    rows = range(height) if dv <= 0 else range(height - 1, -1, -1)
+    columns = range(width) if du <= 0 else range(width - 1, -1, -1)
+    for row in rows:
+        for column in columns:
+            y, x = row + dv, column + du
+            if not (0 <= y < height and 0 <= x < width):
+                path[row, column] = costs[row, column]
+                continue
+            large = max(SMALL, LARGE / (1 + abs(picture[row, column] - picture[y, x]) / CONTRAST))
+            before = path[y, x]
+            for n in range(num):
+                options = [before[n], before.min() + large]
+                options += [before[m] + SMALL for m in (n - 1, n + 1) if 0 <= m < num]
+                path[row, column, n] = costs[row, column, n] + min(options) - before.min()
+    return path
+
+
+@pytest.fixture
+def costs() -> FloatArray:
+    return np.random.default_rng(5).integers(0, 256, (7, 9, 6)).astype(np.uint8)
+
+
+def test_sums_equal_the_slow_twin(costs: FloatArray) -> None:
+    picture = np.random.default_rng(6).uniform(0, 60, (7, 9)).astype(np.float32)
+    expected = sum(_path_costs(costs, picture, du, dv) for du, dv in DIRECTIONS)
+    sums = aggregation.aggregate(costs, picture, SMALL, LARGE, CONTRAST)
+    assert np.abs(sums.astype(int).sum(axis=0) - expected).max() <= 1.01  # each pass is rounded once
+
+
+def test_one_bad_pixel_is_outvoted(costs: FloatArray) -> None:
+    plain = np.full((7, 9, 6), 100, np.uint8)
+    plain[..., 2] = 20  # all say hypothesis 2 ...
+    plain[3, 4, 2], plain[3, 4, 5] = 40, 20  # ... but one
+    picture = np.zeros((7, 9), np.float32)
+    planes = np.arange(6) / 10
+    best, _ = aggregation.winners(aggregation.aggregate(plain, picture, SMALL, LARGE, CONTRAST), plain, planes)
+    np.testing.assert_allclose(best, 0.2, atol=0.02)
+
+
+def test_the_winner_lies_between_hypotheses() -> None:
+    # costs 30, 10, 20 at 0.1, 0.2, 0.3: the parabola's lowest point is (30 - 20) / (2 (20 + 10)) = 1/6 above 0.2
+    sums = np.zeros((2, 1, 1, 3), np.uint16)
+    sums[0, 0, 0], sums[1, 0, 0] = (20, 5, 15), (10, 5, 5)
+    costs = np.array([[[7, 8, 9]]], np.uint8)
+    best, cost = aggregation.winners(sums, costs, np.array([0.1, 0.2, 0.3]))
+    assert best[0, 0] == pytest.approx(0.2 + 0.1 / 6)
+    assert cost[0, 0] == 8
+
+
+def test_the_outermost_hypotheses_win_as_they_are() -> None:
+    sums = np.zeros((2, 1, 2, 3), np.uint16)
+    sums[0, 0] = [(1, 5, 9), (9, 5, 1)]
+    best, _ = aggregation.winners(sums, np.zeros((1, 2, 3), np.uint8), np.array([0.0, 0.2, 0.3]))
+    np.testing.assert_allclose(best, [[0.0, 0.3]])
