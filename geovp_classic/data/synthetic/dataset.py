@@ -38,6 +38,7 @@ class Synthetic:
 
     The clips go round the manoeuvres of `drive.Manoeuvre`, each on a street of its own. After one round come later
     windows of the same drives, `stride` frames on, and when the drives (DRIVE_FRAMES long) are used up, new streets.
+    Streets are furnished for 230 m, so that clips of more than about 150 frames drive out of town.
     The same settings give the same bytes. Clips are kept under `cache` (default: GEOVP_CACHE, else the user's cache
     folder) and rendered again when a file there is damaged. `noise`, `exposure_drift`, `haze_per_m` and `gloss` set to
     0 make a world whose surfaces look the same from everywhere; `finest_detail_m` smooths textures to that
