@@ -41,8 +41,9 @@ class Synthetic:
     Streets are furnished for 230 m, so that clips of more than about 150 frames drive out of town.
     The same settings give the same bytes. Clips are kept under `cache` (default: GEOVP_CACHE, else the user's cache
     folder) and rendered again when a file there is damaged. `noise`, `exposure_drift`, `haze_per_m` and `gloss` set to
-    0 make a world whose surfaces look the same from everywhere; `finest_detail_m` smooths textures to that
-    size.
+    0 make a world whose surfaces look the same from everywhere. `blur_px` is the spread of the lens, `finest_detail_m`
+    the size to which textures are smoothed: more of both makes pictures that survive resampling. `pitch_deg` (up) and
+    `roll_deg` (clockwise) say how the camera is mounted, `bounce` scales how the car shakes it, `noise` is in bytes.
     """
 
     seed: int = 0
