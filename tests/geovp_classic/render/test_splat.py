@@ -47,7 +47,8 @@ def test_patches_are_drawn_as_by_meeting_rays_with_planes(seed: int) -> None:
     assert ((winner == splat.NOTHING) == (drawn < 0)).all()
     clear = np.abs(drawn - expected) <= 1e-6 * np.abs(expected)
     assert (~clear).mean() < 0.01  # the twin leaves out pixels that an outline passes through
-    assert clear[expected < 0].mean() > 0.9
+    empty = expected < 0  # there may be none at all
+    assert np.count_nonzero(clear & empty) >= 0.9 * np.count_nonzero(empty)
 
 
 def test_the_nearest_point_wins_whatever_the_order() -> None:
