@@ -15,7 +15,8 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 FeatureName = Literal["corners", "orb", "sift", "akaze", "brisk", "kaze"]
 
-MIN_CORNER = 2e-4  # smallest eigenvalue of a corner worth tracking, as OpenCV scales it; flat noise lies below
+MIN_CORNER = 0.003  # smallest eigenvalue of a corner worth tracking, for a picture of variance 1 (OpenCV's scale)
+MIN_SPREAD = 1.5  # grey values; a picture with a smaller standard deviation shows nothing
 EXPOSURE_CHANGE = 0.05  # beyond this relative change of brightness or contrast, it is undone before tracking
 HALF_FROM_WIDTH_PX = 640  # wider pictures are searched for corners at half their size
 
@@ -169,7 +170,10 @@ def strongest_corners(grey: ByteArray, taken: FloatArray, count: int) -> FloatAr
     """Corners [K, 2], at most one in each of about `count` square cells and none in cells with a point of `taken`."""
     shrink = 2 if grey.shape[1] >= HALF_FROM_WIDTH_PX else 1
     small = grey if shrink == 1 else cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    strength = cv2.cornerMinEigenVal(small, 3)
+    spread = _exposure(grey)[1]
+    if spread < MIN_SPREAD:
+        return np.zeros((0, 2))
+    strength = cv2.cornerMinEigenVal(small, 3) * (255 / spread) ** 2
     border = 8 // shrink
     strength[:border], strength[-border:], strength[:, :border], strength[:, -border:] = 0, 0, 0, 0
     peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > MIN_CORNER)

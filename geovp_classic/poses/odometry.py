@@ -73,9 +73,11 @@ class Monocular:
             tracker.push(grey, float(time_s))
         tracker.adjust_all()
         poses, tracked = tracker.take_settled(all_of_them=True)
-        for i in range(min(2, len(poses) - 1), len(poses), 2):
-            if tracked[i] and tracked[i - 2]:
-                gauge.update(greys[i - 2], greys[i], se3.inverse(poses[i - 2]) @ poses[i])
+        gap = min(2, len(poses) - 1)  # pictures further apart say more about the road
+        for now in range(gap, len(poses), gap) if gap else ():
+            before = now - gap
+            if tracked[now] and tracked[before]:
+                gauge.update(greys[before], greys[now], se3.inverse(poses[before]) @ poses[now])
         return _trajectory(poses, times_s, self.scale.is_metric, gauge.unit, gauge.confidence), tracked
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:

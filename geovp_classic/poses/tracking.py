@@ -15,10 +15,13 @@ from geovp_classic.poses.windowed_map import IndexArray, WindowedMap
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 MIN_INLIERS = 12
-MIN_INLIER_SHARE = 0.35
-MIN_START_POINTS = 20
+MIN_INLIER_SHARE = 0.4
+MIN_START_POINTS = 30
+MIN_START_SHARE = 0.5
+MIN_LEFT_SHARE = 0.5  # of the points that a map may start from; with fewer left, new ones are taken
 MIN_FOUND_SHARE = 0.5  # of the points, to believe that the map is wrong rather than the picture
 MAX_MISSED = 4  # pictures in a row that may be bridged before the map is given up
+COAST_S = 1.0  # for so long after a lost map, nobody believes that a moving camera suddenly stands
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,7 @@ class Tracker:
         self._twist_per_s: FloatArray = np.zeros(6)
         self._speed_per_s: float | None = None  # the last one that was not zero
         self._time_s, self._look_s, self._keyframe_s = 0.0, 0.0, 0.0
+        self._coast_until_s = -np.inf
         self._missed = 0
         self._records: list[Record] = []
         self._waiting: list[tuple[Record, Sight]] = []
@@ -142,13 +146,18 @@ class Tracker:
     def _by_keyframe(self, look: Look, sight: Sight) -> Sight | None:
         """Stand or turn since the newest keyframe, or start a new map from it and this picture."""
         map_was_good = self.map.known.any()
-        if map_was_good and self._missed == 0 and sight.good.mean() < MIN_FOUND_SHARE:
+        if map_was_good and sight.good.mean() < MIN_FOUND_SHARE:
             return None
         seen = self.map.seen[-1, self.map.index_of(sight.ids)]
         shared = sight.good & np.isfinite(seen[:, 0])
         rays, rays_now = self.map.lens.rays(seen[shared]), self.map.lens.rays(sight.pixels[shared])
         motion = two_view(rays, rays_now, self.map.noise, self.seed)
-        if shared.sum() < MIN_START_POINTS or motion.kind == "unknown":
+        if motion.inliers.sum() < MIN_START_POINTS or motion.inliers.mean() < MIN_START_SHARE:
+            return None
+        few_left = motion.inliers.sum() < MIN_LEFT_SHARE * np.isfinite(self.map.seen[-1, :, 0]).sum()
+        enough = 4 * self.map.noise if few_left else max(self.pace.start_parallax, 4 * self.map.noise)
+        starts = motion.kind == "general" and motion.parallax > enough
+        if not starts and not map_was_good and self._time_s < self._coast_until_s:
             return None
         good = sight.good & shared
         good[shared] = motion.inliers
@@ -157,7 +166,6 @@ class Tracker:
             self._settle(self.map.newest_serial)
             self.map.keep_newest_only()
         cam_from_keyframe = motion.b_from_a.copy()
-        starts = motion.parallax > self.pace.start_parallax
         cam_from_keyframe[:3, 3] *= self._baseline() if starts else 0.0
         self._move(look, sight, cam_from_keyframe @ self.map.cam_from_world[-1])
         if starts:
@@ -166,6 +174,8 @@ class Tracker:
             self._twist_per_s = se3.log(se3.inverse(cam_from_keyframe)) / elapsed_s
             self._keyframe()
             self._locate_waiting()
+        elif few_left:
+            self._begin(look)
         return sight
 
     def _baseline(self) -> float:
@@ -186,13 +196,15 @@ class Tracker:
         seen = np.isfinite(self.map.seen[-1, :, 0])
         share = (self.map.followed & seen).sum() / max(1, int(seen.sum()))
         parallax = self.map.parallax(se3.inverse(self.world_from_cam))
-        return bool(parallax > self.pace.keyframe_parallax or share < self.pace.keyframe_share)
+        enough = max(self.pace.keyframe_parallax, 3 * self.map.noise)
+        return bool(parallax > enough or share < self.pace.keyframe_share)
 
     def _keyframe(self) -> None:
         """Keep the last located picture, place what can be placed now, adjust, and look for new points."""
         assert self._look is not None
         if len(self.map) == self.map.size:
             self._settle(self.map.first_serial + 1)
+        moves = self.map.parallax(se3.inverse(self.world_from_cam)) > self.pace.start_parallax
         self.map.insert(se3.inverse(self.world_from_cam))
         self.map.place()
         if self.map.newest_serial % self.pace.adjust_every == 0:
@@ -200,9 +212,9 @@ class Tracker:
         self._world_from_look = self.world_from_cam = se3.inverse(self.map.cam_from_world[-1])
         self.map.add(self.front.fresh(self._look, self.map.pixels[self.map.followed]))
         before_from_now = self.map.cam_from_world[-2] @ self.world_from_cam
-        speed_per_s = float(np.linalg.norm(before_from_now[:3, 3])) / max(self._time_s - self._keyframe_s, 1e-6)
-        if self.map.known.any() and speed_per_s > 0:
-            self._speed_per_s = speed_per_s
+        if moves:
+            self._speed_per_s = float(np.linalg.norm(before_from_now[:3, 3])) / (self._time_s - self._keyframe_s)
+            self._coast_until_s = self._time_s + COAST_S
         assert self._keyframe_grey is not None
         self.new_pair = KeyframePair(self._keyframe_grey, self._look.grey, before_from_now)
         self._keyframe_grey, self._keyframe_s = self._look.grey, self._time_s

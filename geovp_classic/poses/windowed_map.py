@@ -132,15 +132,12 @@ class WindowedMap:
     def predicted(self, cam_from_world_before: FloatArray, cam_from_world: FloatArray) -> FloatArray:
         """Where the followed points [M, 2] will appear from a new pose; unknown ones are as far as their neighbours."""
         index, known = np.flatnonzero(self.followed), self.known[self.followed]
-        pixels = self.pixels[index]
-        if known.sum() < 3:
-            return pixels
-        depth = np.full(len(index), np.nan)
-        depth[known] = se3.transform(cam_from_world_before, self.points[index[known]])[:, 2]
-        if not known.all():
+        pixels, depth = self.pixels[index], np.full(len(index), 1e9)  # so far that only rotation shifts them
+        depth[known] = np.maximum(se3.transform(cam_from_world_before, self.points[index[known]])[:, 2], 1e-3)
+        if known.sum() >= 3 and not known.all():
             near = cKDTree(pixels[known]).query(pixels[~known], k=3)[1]
-            depth[~known] = 1 / (1 / np.maximum(depth[known], 1e-3))[near].mean(axis=1)
-        points = two_view.homogeneous(self.lens.rays(pixels)) * np.maximum(depth, 1e-3)[:, None]
+            depth[~known] = 1 / (1 / depth[known])[near].mean(axis=1)
+        points = two_view.homogeneous(self.lens.rays(pixels)) * depth[:, None]
         ahead = se3.transform(cam_from_world @ se3.inverse(cam_from_world_before), points)
         front = ahead[:, 2:] > 1e-6
         return np.where(front, self.lens.pixels(ahead[:, :2] / np.where(front, ahead[:, 2:], 1.0)), pixels)
