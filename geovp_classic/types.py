@@ -98,7 +98,7 @@ class Trajectory:
 
     def __getitem__(self, steps: slice) -> Trajectory:
         """The steps of a slice, in the same world frame."""
-        return Trajectory(self.world_from_cam[steps], self.times_s[steps], self.is_metric)
+        return Trajectory(self.world_from_cam[steps].copy(), self.times_s[steps].copy(), self.is_metric)
 
     def then(self, later: Trajectory) -> Trajectory:
         """These steps followed by later ones of the same world frame and unit."""
@@ -140,7 +140,7 @@ class ExtraView:
 
     def __getitem__(self, steps: slice) -> ExtraView:
         """The steps of a slice."""
-        return replace(self, frames=self.frames[steps])
+        return replace(self, frames=self.frames[steps].copy())
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class Clip:
             raise BadData(f"{self.name}: num_past is {num_past}, expected 1 to {len(self) - 1} for {len(self)} frames")
         past, future = slice(0, num_past), slice(num_past, None)
         everything = Context(
-            frames=self.frames[past],
+            frames=_cut(self.frames, past),
             times_s=self.times_s,
             intrinsics=self.intrinsics,
             past=_cut(self.trajectory, past),
@@ -195,7 +195,10 @@ class Clip:
             name=self.name,
         )
         target = Target(
-            self.frames[future], _cut(self.trajectory, future), _cut(self.depths, future), _cut(self.moving, future)
+            _cut(self.frames, future),
+            _cut(self.trajectory, future),
+            _cut(self.depths, future),
+            _cut(self.moving, future),
         )
         return everything.only(grant), target
 
@@ -297,8 +300,9 @@ def _store(owner: object, field: str, value: object) -> None:
 
 
 def _cut(value: Any, steps: slice) -> Any:
-    """value[steps], or None."""
-    return None if value is None else value[steps]
+    """value[steps], or None; arrays are copied, because the base of a slice would show the other steps."""
+    part = None if value is None else value[steps]
+    return part.copy() if isinstance(part, np.ndarray) else part
 
 
 def _array(what: str, value: Any, kind: Any, shape: tuple[int, ...]) -> npt.NDArray[Any]:

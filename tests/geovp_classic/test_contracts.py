@@ -1,0 +1,210 @@
+"""Every registered component keeps its promises, and the checks notice one that breaks them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from geovp_classic import registry
+from geovp_classic.contracts import check, street
+from geovp_classic.errors import Incompatible, MissingExtra, UnknownComponent
+from geovp_classic.metrics.image import Psnr
+from geovp_classic.poses.forecast import Hold
+from geovp_classic.poses.sources import GroundTruth, RecordedPast
+from geovp_classic.predictors import CopyLast
+from geovp_classic.render.fill import Blank
+from geovp_classic.render.single import GivenDepth
+from geovp_classic.types import Context, FloatArray, Grant, Motion, Prediction, Trajectory, Views
+
+REGISTERED = [(role, name) for role in registry.ROLES for name in registry.names(role)]
+
+
+@pytest.mark.parametrize(("role", "name"), REGISTERED, ids=lambda part: part)
+def test_registered_components_keep_their_promises(
+    role: str, name: str, build_component: Callable[[str, str], Any]
+) -> None:
+    findings = check(role, build_component(role, name))
+    missing = [finding.detail for finding in findings if finding.detail.startswith(MissingExtra.__name__)]
+    if missing:
+        pytest.skip(missing[0])
+    assert [f"{finding.name}: {finding.detail}" for finding in findings if not finding.passed] == []
+    assert len(findings) >= 3
+
+
+def broken(role: str, component: Any) -> dict[str, str]:
+    """What the checks find wrong, by promise; that a test's class is not registered is left out."""
+    findings = {finding.name: finding.detail for finding in check(role, component) if not finding.passed}
+    assert "not registered" in findings.pop("can be described and built again")
+    return findings
+
+
+@dataclass(frozen=True)
+class Thief(GroundTruth):
+    """Asks for the past only, and takes the future when it lies about."""
+
+    @property
+    def needs(self) -> Grant:
+        return Grant.PAST_POSES
+
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        if context.future is not None:
+            return super().estimate(context, num_samples)
+        assert context.past is not None
+        futures = np.tile(context.past.world_from_cam[-1], (1, context.num_future, 1, 1))
+        return Motion(context.past, futures, np.ones(context.num_past, bool))
+
+
+@dataclass(frozen=True)
+class Gambler(Hold):
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+        futures = super().forecast(past, times_s, num_samples).copy()
+        futures[..., 0, 3] += np.random.default_rng().normal()
+        return futures
+
+
+@dataclass(frozen=True)
+class Miser(Hold):
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+        return super().forecast(past, times_s)
+
+
+@dataclass(frozen=True)
+class Vandal(CopyLast):
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        prediction = super().predict(context)
+        frames = context.frames.base
+        assert isinstance(frames, np.ndarray)
+        frames.flags.writeable = True
+        frames[0] ^= 1
+        return prediction
+
+
+@dataclass(frozen=True)
+class Shrinker(CopyLast):
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        return Prediction(super().predict(context).frames[:, :, ::2])
+
+
+@dataclass(frozen=True)
+class Fragile(RecordedPast):
+    def track(self, context: Context) -> tuple[Trajectory, np.ndarray]:
+        if (context.frames[0] == context.frames[-1]).all() or context.num_past < 3:
+            raise ZeroDivisionError("no parallax")
+        return super().track(context)
+
+
+@dataclass(frozen=True)
+class Choosy(RecordedPast):
+    def track(self, context: Context) -> tuple[Trajectory, np.ndarray]:
+        if (context.frames[0] == context.frames[-1]).all() or context.num_past < 3:
+            raise Incompatible("nothing moves: choose a clip where the camera does")
+        return super().track(context)
+
+
+@dataclass(frozen=True)
+class Painter(Blank):
+    def fill(self, views: Views) -> np.ndarray:
+        return np.full_like(views.frames, 128)
+
+
+@dataclass(frozen=True)
+class UpsideDown(Psnr):
+    @property
+    def higher_is_better(self) -> bool:
+        return False
+
+
+@dataclass
+class Soft(CopyLast.__base__):  # type: ignore[misc, name-defined]
+    needs = Grant.NONE
+    predict = CopyLast.predict
+
+
+@dataclass(frozen=True)
+class Speechless:
+    """Has no method at all."""
+
+
+@dataclass(frozen=True)
+class Wearing(GivenDepth):
+    """Its scene is another one after each view."""
+
+    def reconstruct(self, context: Context, past: Trajectory) -> Any:
+        scene, seen = super().reconstruct(context, past), []
+
+        class Scene:
+            def view(self, world_from_cam: FloatArray, intrinsics: Any) -> Views:
+                seen.append(1)
+                views = scene.view(world_from_cam, intrinsics)
+                return replace(views, frames=views.frames + np.uint8(len(seen)))
+
+        return Scene()
+
+
+@pytest.mark.parametrize(
+    ("role", "component", "promise", "detail"),
+    [
+        ("pose_sources", Thief(), "uses nothing that it did not ask for", "when shown more than Grant.PAST_POSES"),
+        ("forecasters", Gambler(), "gives the same bytes again", "give randomness a seed field"),
+        (
+            "forecasters",
+            Miser(),
+            "gives as many samples as asked for",
+            r"shape \(1, 4, 4, 4\), expected \(3, 4, 4, 4\)",
+        ),
+        ("predictors", Shrinker(), "gives what its interface promises", r"shape \(1, 4, 64, 128, 3\), expected"),
+        ("odometries", Fragile(), "bears a camera that stands still", "ZeroDivisionError: no parallax"),
+        ("odometries", Fragile(), "bears a past of two frames", "ZeroDivisionError: no parallax"),
+        ("fills", Painter(), "gives what its interface promises", "covered pixels were changed"),
+        ("frame_metrics", UpsideDown(), "gives what its interface promises", "noise scores as well as the truth"),
+        ("renderers", Wearing(), "gives what its interface promises", "looks different when viewed a second time"),
+        ("renderers", Speechless(), "fulfils its interface", "Speechless lacks needs, reconstruct"),
+    ],
+    ids=lambda part: type(part).__name__ if not isinstance(part, str) else part.split(" ")[0],
+)
+def test_a_broken_promise_is_found(role: str, component: Any, promise: str, detail: str) -> None:
+    found = broken(role, component)
+    with pytest.raises(AssertionError, match=detail):
+        raise AssertionError(found[promise])
+
+
+def test_input_that_was_changed_is_noticed() -> None:
+    own = replace(street.clip(), frames=street.clip().frames.copy())
+    findings = {finding.name: finding for finding in check("predictors", Vandal(), own)}
+    assert not findings["leaves what it is given alone"].passed
+
+
+def test_a_component_that_can_be_changed_is_refused() -> None:
+    assert "not a frozen dataclass" in broken("predictors", Soft())["is a frozen dataclass"]
+
+
+def test_saying_that_a_clip_does_not_suit_is_keeping_the_promise() -> None:
+    findings = {finding.name: finding for finding in check("odometries", Choosy())}
+    assert findings["bears a camera that stands still"].passed
+    assert findings["bears a camera that stands still"].detail.startswith("refuses: nothing moves")
+
+
+def test_an_unknown_role_is_answered_with_the_nearest() -> None:
+    with pytest.raises(UnknownComponent, match="did you mean 'renderers'"):
+        check("renderer", GivenDepth())
+
+
+def test_the_street_is_what_it_says() -> None:
+    """A point of the first frame lies, by its depth and the poses, where the last frame shows the same colour."""
+    clip = street.clip()
+    assert clip.trajectory is not None
+    assert clip.depths is not None
+    context, target = clip.split(1, ~Grant.NONE)
+    views = (
+        GivenDepth().reconstruct(context, clip.trajectory[:1]).view(target.trajectory.world_from_cam, clip.intrinsics)
+    )
+    near = views.covered & (clip.depths[1:] < 15)
+    error = np.abs(views.frames.astype(float) - target.frames)[near]
+    assert near.mean() > 0.2
+    assert np.median(error) < 4
+    still = street.clip(step_m=0.0)
+    assert (still.frames == still.frames[0]).all()
