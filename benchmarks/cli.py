@@ -1,4 +1,4 @@
-"""The command line: `geovp run | table | plot | report | score | data doctor | list | check`.
+"""The command line: `geovp run | table | plot | report | score | poses | data doctor | list | check`.
 
 Nothing heavy is imported before a verb is chosen, so that `--help` answers at once. Exit code 0 when all was done,
 1 when some of it failed or was skipped, 2 for bad input, which is told in one sentence.
@@ -53,9 +53,17 @@ def parser() -> argparse.ArgumentParser:
     doctor.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
     doctor.add_argument("--deep", action="store_true", help="decode every picture as well")
     doctor.set_defaults(verb=_doctor)
+    _add_poses(verbs)
     everything = verbs.add_parser("list", help="what is installed, by role and name")
     everything.add_argument("role", nargs="?", metavar="ROLE", help="only this role, such as renderers")
     everything.set_defaults(verb=_list)
+    check = verbs.add_parser("check", help="put a component through the contract tests of its role")
+    check.add_argument("role", metavar="ROLE", help="such as renderers")
+    check.add_argument("name", metavar="NAME", help="as `geovp list` shows it")
+    check.add_argument(
+        "--set", action="append", default=[], metavar="FIELD=VALUE", help="a setting, written as in TOML"
+    )
+    check.set_defaults(verb=_check)
     return top
 
 
@@ -71,6 +79,17 @@ def _add_run(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     where.add_argument("--workers", type=_positive, metavar="N", help="processes on this machine (default: this one)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster that sees the same folders")
     run.set_defaults(verb=_run)
+
+
+def _add_poses(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    poses = verbs.add_parser("poses", help="track whole sequences: pose files, drift, and the path beside the real one")
+    poses.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
+    poses.add_argument("frames", nargs="+", metavar="FRAMES", help="sequences or stretches of them, as 03 or 03[0:360)")
+    poses.add_argument("--odometry", default="monocular", metavar="NAME", help="as `geovp list odometries` shows it")
+    poses.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="a setting of it, as in TOML")
+    poses.add_argument("--camera", type=int, metavar="K", help="the camera image_K (default: 2, else 0)")
+    poses.add_argument("--out", type=Path, default=Path("results/poses"), metavar="DIR", help="where files go")
+    poses.set_defaults(verb=_poses)
 
 
 def _add_views(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -138,6 +157,22 @@ def _draw(results: Results) -> None:
     with Bar("plots", "figures") as bar:
         plots.write_all(results.root, lambda done, total, what: bar.show(done, total))
     report.write(results.root)
+
+
+def _poses(chosen: argparse.Namespace) -> int:
+    from benchmarks import odometry_paths
+
+    spec = {"name": chosen.odometry, **_settings(chosen.set)}
+    with Bar("poses", "frames") as bar:
+        found = list(odometry_paths.track(chosen.root, chosen.frames, spec, chosen.camera, bar.show))
+    for tracked in found:
+        print(f"{tracked.frames}: {tracked.tracked.mean():.1%} of {len(tracked.tracked)} frames tracked")
+        rows = tracked.rows()
+        for line in _columns([odometry_paths.COLUMNS, *rows]) if rows else ["no real poses to compare with"]:
+            print("  " + line)
+        for path in odometry_paths.write(tracked, chosen.out):
+            print(f"  {path}")
+    return DONE
 
 
 def _table(chosen: argparse.Namespace) -> int:
@@ -225,6 +260,28 @@ def _list(chosen: argparse.Namespace) -> int:
             brought = f"[{entry.package}]" if entry.package != "geovp-classic" else ""
             print("  " + " ".join(filter(None, (entry.name, brought, entry.remark))))
     return DONE
+
+
+def _check(chosen: argparse.Namespace) -> int:
+    from geovp_classic import contracts, registry
+
+    component = registry.build(chosen.role, {"name": chosen.name, **_settings(chosen.set)})
+    findings = contracts.check(chosen.role, component)
+    for finding in findings:
+        detail = f": {finding.detail}" if finding.detail else ""
+        print(f"{'kept  ' if finding.passed else 'BROKEN'}  {finding.name}{detail}")
+    broken = sum(not finding.passed for finding in findings)
+    print(f"{chosen.name}: {broken} of {len(findings)} promises broken")
+    return INCOMPLETE if broken else DONE
+
+
+def _settings(texts: Sequence[str]) -> dict[str, object]:
+    import tomllib
+
+    try:
+        return tomllib.loads("\n".join(texts))
+    except tomllib.TOMLDecodeError as error:
+        raise BadData(f"--set {' '.join(texts)!r} is not FIELD=VALUE with a value as in TOML ({error})") from error
 
 
 def _columns(lines: Sequence[Sequence[str]]) -> list[str]:

@@ -184,6 +184,34 @@ class TestList:
         assert capsys.readouterr().err == "geovp: there is no role 'renderer': did you mean 'renderers'?\n"
 
 
+class TestCheck:
+    def test_a_sound_component_is_0(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert cli.main(["check", "predictors", "copy-last"]) == 0
+        printed = capsys.readouterr().out
+        assert "kept    fulfils its interface" in printed
+        assert "copy-last: 0 of " in printed
+
+    def test_a_broken_one_is_1_and_says_what_is_broken(self, toys: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert cli.main(["check", "predictors", "toy-broken"]) == 1
+        assert re.search(r"^BROKEN  .*: ZeroDivisionError: the road ended$", capsys.readouterr().out, re.MULTILINE)
+
+    def test_settings_are_written_as_in_toml(self, toys: Path) -> None:
+        assert cli.main(["check", "predictors", "toy-broken", "--set", "brightness=256"]) == 0
+
+    @pytest.mark.parametrize(
+        ("arguments", "says"),
+        [
+            (["predictor", "copy-last"], "did you mean 'predictors'?"),
+            (["predictors", "copy-lst"], "did you mean 'copy-last'?"),
+            (["predictors", "copy-last", "--set", "sed=1"], "no field 'sed'"),
+            (["predictors", "copy-last", "--set", "seed"], "is not FIELD=VALUE with a value as in TOML"),
+        ],
+    )
+    def test_a_mistake_is_2(self, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:
+        assert cli.main(["check", *arguments]) == 2
+        assert says in capsys.readouterr().err
+
+
 def test_help_names_every_verb_and_imports_nothing_heavy() -> None:
     heavy = ("numpy", "cv2", "pyarrow", "matplotlib", "torch", "open3d", "tqdm")
     code = f"""
@@ -197,7 +225,7 @@ assert not [name for name in {heavy!r} if name in sys.modules]
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode == 0, done.stderr
-    for verb in ("run", "table", "plot", "report", "score", "data", "list"):
+    for verb in ("run", "table", "plot", "report", "score", "data", "list", "check"):
         assert re.search(rf"^ +{verb} ", done.stdout, re.MULTILINE)
 
 

@@ -80,6 +80,17 @@ class TestRows:
         found = {row["metric"] for row in rows(tmp_path, "still")}
         assert {"toy-difference", "toy-difference@seen", "toy-difference@disoccluded"} == found
 
+    def test_equal_predictions_are_scored_once_and_all_masks_together(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        metrics = {"frame": ["toy-difference", {"name": "toy-together", "log": str(log)}], "trajectory": []}
+        go(tmp_path / "out", content({"clips": 1, "with_depths": True}, metrics, **crossed(tmp_path / "steps")))
+        # four cells that show the same pictures: all pixels, covered, seen, disoccluded
+        assert log.read_text().split() == ["over-4"]
+        for cell in ("a--r", "b--q"):
+            for suffix in ("", "@covered", "@seen", "@disoccluded"):
+                together = values(tmp_path / "out", cell, f"toy-together{suffix}")
+                assert together == values(tmp_path / "out", cell, f"toy-difference{suffix}")
+
     def test_samples_have_rows_of_their_own(self, tmp_path: Path) -> None:
         predictors = {"noise": {"name": "toy-noise", "num_samples": 3}}
         cells = go(tmp_path, content(predictors=predictors))
