@@ -1,0 +1,132 @@
+"""Whole sequences through an odometry: pose files, how far they drift, and the path beside the real one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.plots import style
+from benchmarks.store import write_bytes
+from geovp_classic import registry
+from geovp_classic.data import pose_files
+from geovp_classic.data.windows import FrameRange, Recording
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.metrics import odometry as drift
+from geovp_classic.types import BoolArray, ByteArray, Trajectory
+
+COLUMNS = ("alignment", "t_rel (%)", "r_rel (deg/100m)", "ATE (m)", "RPE (m)", "RPE (deg)")
+Watch = Callable[[int, int], None]  # (frames done, frames in all)
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """One stretch of a sequence, with the odometry's path of it."""
+
+    frames: FrameRange
+    estimate: Trajectory
+    tracked: BoolArray
+    truth: Trajectory | None
+
+    @property
+    def name(self) -> str:
+        """For files: the sequence, and its frames when they are not all of it."""
+        return f"{self.frames.sequence}-{self.frames.first:06d}-{self.frames.last:06d}"
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """One row of texts per alignment, as COLUMNS; none without real poses."""
+        return [] if self.truth is None else [_row(self.estimate, self.truth, how) for how in drift.ALIGNMENTS]
+
+
+def track(
+    root: Path, frames: Sequence[str], spec: dict[str, Any] | str, camera: int | None, watch: Watch
+) -> Iterator[Tracked]:
+    """Run the odometry over stretches such as "03" or "03[0:360)" of a folder laid out as KITTI odometry."""
+    odometry = registry.build("odometries", spec)
+    if not hasattr(odometry, "track_sequence"):
+        raise Incompatible(f"the odometry {registry.name_of(odometry)!r} works on clips only: choose a streaming one")
+    dataset = registry.build("datasets", _dataset(root, frames, camera))
+    for wanted in dataset.ranges:
+        recording = dataset.recordings[wanted.sequence]
+        yield _tracked(odometry, recording, wanted, watch)
+
+
+def write(tracked: Tracked, folder: Path) -> list[Path]:
+    """The path as KITTI and TUM files and, beside the real one, as a figure; the paths written."""
+    written = [folder / f"{tracked.name}{ending}" for ending in (".kitti.txt", ".tum.txt", ".png", ".svg")]
+    folder.mkdir(parents=True, exist_ok=True)
+    pose_files.write_kitti(written[0], tracked.estimate)
+    pose_files.write_tum(written[1], tracked.estimate)
+    for path in written[2:]:
+        write_bytes(path, _figure(tracked, path.suffix.removeprefix(".")))
+    return written
+
+
+def _dataset(root: Path, frames: Sequence[str], camera: int | None) -> dict[str, Any]:
+    spec: dict[str, Any] = {"name": "kitti", "root": root, "sequences": list(frames), "num_frames": 2}
+    return spec if camera is None else {**spec, "camera": camera}
+
+
+def _tracked(odometry: Any, recording: Recording, frames: FrameRange, watch: Watch) -> Tracked:
+    steps = slice(frames.first, frames.last)
+    times_s = recording.times_s[steps]
+    pictures = _watched(recording, frames, watch)
+    estimate, marks = odometry.track_sequence(pictures, times_s, recording.intrinsics, recording.camera_height_m)
+    truth = None if recording.trajectory is None else recording.trajectory[steps]
+    return Tracked(frames, estimate, marks, truth)
+
+
+def _watched(recording: Recording, frames: FrameRange, watch: Watch) -> Iterator[ByteArray]:
+    assert frames.last is not None
+    for number in range(frames.first, frames.last):
+        yield recording.frames.read(number)
+        watch(number + 1 - frames.first, frames.last - frames.first)
+
+
+def _row(estimate: Trajectory, truth: Trajectory, how: drift.Alignment) -> tuple[str, ...]:
+    if not estimate.is_metric and how in ("origin", "se3"):
+        return (how, *["no metric scale"] * (len(COLUMNS) - 1))
+    try:
+        laid = drift.aligned(estimate, truth, how)
+    except BadData as error:
+        return (how, *[str(error)] * (len(COLUMNS) - 1))
+    drifted = drift.kitti_drift(laid, truth)
+    step_m, step_deg = drift.relative_error(laid, truth)
+    return (
+        how,
+        _number(drifted.translation_percent, 2),
+        _number(drifted.rotation_deg_per_100m, 3),
+        _number(drift.root_mean_square(drift.absolute_error_m(laid, truth)), 2),
+        _number(drift.root_mean_square(step_m), 4),
+        _number(drift.root_mean_square(step_deg), 4),
+    )
+
+
+def _number(value: float, digits: int) -> str:
+    return "too short" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _figure(tracked: Tracked, kind: str) -> bytes:
+    """The path from above, in the first camera's x and z."""
+    from io import BytesIO
+
+    from matplotlib.figure import Figure
+
+    with style.settings():
+        figure = Figure(figsize=(6, 6), layout="constrained")
+        axes = figure.subplots()
+        paths = [("estimate", tracked.estimate, "tab:blue", "-")]
+        if tracked.truth is not None:
+            how: drift.Alignment = "origin" if tracked.estimate.is_metric else "scale"
+            paths = [("estimate", drift.aligned(tracked.estimate, tracked.truth, how), "tab:blue", "-")]
+            paths.insert(0, ("ground truth", tracked.truth, "black", "--"))
+        for label, path, colour, stroke in paths:
+            x, z = path.world_from_cam[:, 0, 3], path.world_from_cam[:, 2, 3]
+            axes.plot(x, z, stroke, color=colour, label=label)
+        axes.set(xlabel="x (m)", ylabel="z (m)", title=f"{tracked.frames}: path from above", aspect="equal")
+        axes.legend()
+        buffer = BytesIO()
+        figure.savefig(buffer, format=kind, dpi=150)
+    return buffer.getvalue()

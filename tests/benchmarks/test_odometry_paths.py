@@ -1,0 +1,82 @@
+"""`geovp poses`: files that can be read back, drift that is never invented, one sentence for mistakes."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from benchmarks import cli
+from geovp_classic.data import pose_files
+from geovp_classic.data.synthetic import Synthetic
+
+NUM_FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sequence 07: twelve frames of the synthetic street in KITTI's layout."""
+    root = tmp_path_factory.mktemp("kitti")
+    clip = Synthetic(num_clips=1, num_frames=NUM_FRAMES, size_px=(160, 160))[0]
+    folder = root / "sequences" / "07"
+    (folder / "image_0").mkdir(parents=True)
+    for index, frame in enumerate(clip.frames):
+        cv2.imwrite(str(folder / "image_0" / f"{index:06d}.png"), frame[..., ::-1])
+    matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
+    (folder / "calib.txt").write_text("P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n")
+    (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))
+    (root / "poses").mkdir()
+    assert clip.trajectory is not None
+    pose_files.write_kitti(root / "poses" / "07.txt", clip.trajectory)
+    return root
+
+
+def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return capsys.readouterr().out.splitlines()
+
+
+def test_files_figure_and_drift_of_a_short_stretch(
+    street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["poses", str(street), "07[2:12)", "--out", str(tmp_path)]) == 0
+    out = lines(capsys)
+    by_alignment = {words[0]: words[1:] for line in out if (words := line.split()) and words[0] != "alignment"}
+    assert {"origin", "scale", "se3", "sim3"} <= set(by_alignment)
+    assert by_alignment["sim3"][:4] == ["too", "short", "too", "short"]  # ten metres have no segment of 100 m
+    assert float(by_alignment["sim3"][4]) < 0.5  # ATE in metres over about ten metres
+    name = "07-000002-000012"
+    _, poses = pose_files.read_kitti(tmp_path / f"{name}.kitti.txt")
+    stamped = pose_files.read_tum(tmp_path / f"{name}.tum.txt")
+    assert len(poses) == len(stamped) == 10
+    np.testing.assert_allclose(stamped.world_from_cam, poses, atol=1e-6)
+    np.testing.assert_allclose(stamped.times_s[0], 0.2, atol=1e-6)
+    assert (tmp_path / f"{name}.png").stat().st_size > 1000
+    assert "path from above" in (tmp_path / f"{name}.svg").read_text()
+
+
+def test_without_a_scale_no_metres_are_told(street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scale = 'scale={name="unit-speed"}'
+    assert cli.main(["poses", str(street), "07", "--set", scale, "--out", str(tmp_path)]) == 0
+    rows = [line.split() for line in lines(capsys)]
+    assert ["origin", "no", "metric", "scale"] in [row[:4] for row in rows]
+    assert next(row for row in rows if row[:1] == ["sim3"])[5].replace(".", "").isdigit()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["99"], "99"),
+        (["07[5:50)"], "07 has 12 frames"),
+        (["07", "--odometry", "monoclar"], "did you mean 'monocular'"),
+        (["07", "--odometry", "ground-truth"], "works on clips only"),
+        (["07", "--set", "scale"], "not FIELD=VALUE"),
+    ],
+)
+def test_mistakes_get_one_sentence(
+    street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    assert cli.main(["poses", str(street), *arguments, "--out", str(tmp_path)]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert message in told[-1]
+    assert "Traceback" not in "".join(told)
+    assert not list(tmp_path.iterdir())
