@@ -90,7 +90,7 @@ def blur(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
 def exposure(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
     """From the middle on, pictures 2 ** strength times as bright."""
     later = range(len(clip) // 2, len(clip))
-    return _changed(clip, later, lambda frame: cv2.convertScaleAbs(frame, alpha=2.0**strength))
+    return _changed(clip, later, lambda frame: np.asarray(cv2.convertScaleAbs(frame, alpha=2.0**strength), np.uint8))
 
 
 def black(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
@@ -100,9 +100,11 @@ def black(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
 
 def flat(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
     """All pictures lose this share of their contrast, in fog."""
-    return _changed(
-        clip, range(len(clip)), lambda frame: cv2.addWeighted(frame, 1 - strength, frame, 0, 128 * strength)
-    )
+
+    def spoil(frame: ByteArray) -> ByteArray:
+        return np.asarray(cv2.addWeighted(frame, 1 - strength, frame, 0, 128 * strength), np.uint8)
+
+    return _changed(clip, range(len(clip)), spoil)
 
 
 def noise(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
@@ -133,8 +135,9 @@ def occluded(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
     """Another car, always at the same place, fills this share of the picture from the middle of the clip on."""
     height_px, width_px = clip.frames.shape[1:3]
     tall, broad = round(height_px * np.sqrt(strength)), round(width_px * np.sqrt(strength))
-    car = cv2.GaussianBlur(rng.integers(0, 256, (height_px, width_px), dtype=np.uint8), (0, 0), 2.0)
-    car = cv2.normalize(car, None, 20, 200, cv2.NORM_MINMAX)[:tall, :broad, None]
+    paint = cv2.GaussianBlur(rng.uniform(0, 255, (height_px, width_px)), (0, 0), 2.0)
+    lightness = (paint - paint.min()) / max(float(np.ptp(paint)), 1.0)
+    car = (20 + 180 * lightness).astype(np.uint8)[:tall, :broad, None]
     top, left = height_px - tall, (width_px - broad) // 2
 
     def spoil(frame: ByteArray) -> ByteArray:
@@ -200,7 +203,7 @@ def _with(clip: Clip, spoilt: Spoilt) -> Clip:
 
 
 def _blurred(frame: ByteArray, length: int) -> ByteArray:
-    return cv2.blur(frame, (length, 1))
+    return np.asarray(cv2.blur(frame, (length, 1)), np.uint8)
 
 
 def _truth(clip: Clip) -> FloatArray:

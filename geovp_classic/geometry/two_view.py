@@ -175,7 +175,7 @@ def triangulate(
     num_views, num_points = seen.shape
     rows = np.ascontiguousarray(rows.transpose(1, 0, 2, 3)).reshape(num_points, 2 * num_views, 3)
     right = np.ascontiguousarray(right.transpose(1, 0, 2)).reshape(num_points, 2 * num_views, 1)
-    weight = np.repeat(seen.T.astype(np.float64), 2, axis=1)[..., None]  # [N, 2 V, 1]
+    weight: FloatArray = np.repeat(seen.T.astype(np.float64), 2, axis=1)[..., None]  # [N, 2 V, 1]
     points = np.zeros((num_points, 3))
     for _ in range(num_rounds):
         weighted = np.swapaxes(rows * weight**2, 1, 2)
