@@ -19,6 +19,7 @@ from geovp_classic.errors import BadData, GeovpError, MissingExtra
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+PATIENCE_S = 10.0  # until somebody answers at an address
 AHEAD = 2  # tasks a worker, so that none waits for the next one
 
 
@@ -83,7 +84,7 @@ class Dask:
         except ModuleNotFoundError as error:
             raise MissingExtra("a Dask cluster needs dask: pip install 'geovp-classic[cluster]'") from error
         try:
-            client = distributed.Client(self.address, timeout=10)
+            client = distributed.Client(self.address, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
             raise BadData(f"no Dask scheduler answers at {self.address!r}: give one such as tcp://host:8786") from error
         with client:

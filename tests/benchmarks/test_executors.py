@@ -1,0 +1,109 @@
+"""Wherever the work is done, every task gives its result once, and no task is taken before there is room for it."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks import executors, matrix
+from benchmarks.planning import Options
+from benchmarks.run import run
+from benchmarks.store import Results
+from geovp_classic import registry
+from geovp_classic.errors import BadData, MissingExtra
+
+
+distributed = pytest.importorskip("distributed", reason="needs the extra: cluster")
+
+
+def doubled(number: int) -> int:
+    if number < 0:
+        raise BadData(f"{number} is below zero")
+    return 2 * number
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """The address of a cluster of one thread in this process."""
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.parametrize(
+    ("spec", "kind"),
+    [
+        ({"name": "serial"}, executors.Serial),
+        ({"name": "processes", "workers": 3}, executors.Processes),
+        ({"name": "dask", "address": "tcp://host:8786"}, executors.Dask),
+    ],
+)
+def test_executors_are_found_by_name(spec: dict[str, object], kind: type) -> None:
+    assert isinstance(registry.build("executors", spec), kind)
+
+
+def test_serial_takes_a_task_only_after_the_one_before() -> None:
+    seen: list[str] = []
+
+    def tasks() -> Iterator[int]:
+        for number in range(3):
+            seen.append(f"take {number}")
+            yield number
+
+    for result in executors.Serial().map(doubled, tasks()):
+        seen.append(f"got {result}")
+    assert seen == ["take 0", "got 0", "take 1", "got 2", "take 2", "got 4"]
+
+
+def test_dask_gives_every_result_once_and_holds_back(scheduler: str) -> None:
+    taken: list[int] = []
+
+    def tasks() -> Iterator[int]:
+        for number in range(20):
+            taken.append(number)
+            yield number
+
+    results = executors.Dask(scheduler).map(doubled, tasks())
+    first = next(results)
+    assert len(taken) <= executors.AHEAD + 1
+    assert sorted([first, *results]) == [2 * number for number in range(20)]
+
+
+def test_errors_of_a_task_come_back_as_they_were(scheduler: str) -> None:
+    for executor in (executors.Serial(), executors.Dask(scheduler)):
+        with pytest.raises(BadData, match="-1 is below zero"):
+            list(executor.map(doubled, [1, -1]))
+
+
+def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(scheduler: str, tmp_path: Path, toys: Path) -> None:
+    tables = {
+        "protocol": {"dataset": "toy-road", "num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1},
+        "predictors": {"noise": {"name": "toy-noise", "num_samples": 2}, "still": {"name": "toy-still"}},
+        "metrics": {"frame": ["toy-difference"], "trajectory": []},
+    }
+    found = []
+    for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):
+        results = Results(tmp_path / name)
+        run(matrix.parse("m", tables), results, Options(), executor, lambda done, total: None)
+        found.append(results.scores().to_pylist())
+    assert found[0] == found[1]
+    assert len(found[0]) == 5 * 2 * (2 + 1)
+
+
+def test_nobody_at_the_address_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors, "PATIENCE_S", 0.2)
+    with pytest.raises(BadData, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
+        list(executors.Dask("tcp://127.0.0.1:9").map(doubled, [1]))
+
+
+def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtra, match=r"pip install 'geovp-classic\[cluster\]'"):
+        list(executors.Dask("tcp://host:1").map(doubled, [1]))
+
+
+def test_no_worker_is_no_executor() -> None:
+    with pytest.raises(BadData, match="workers is 0"):
+        executors.Processes(0)
