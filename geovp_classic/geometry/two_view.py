@@ -176,7 +176,7 @@ def triangulate(
     rows = np.ascontiguousarray(rows.transpose(1, 0, 2, 3)).reshape(num_points, 2 * num_views, 3)
     right = np.ascontiguousarray(right.transpose(1, 0, 2)).reshape(num_points, 2 * num_views, 1)
     weight: FloatArray = np.repeat(seen.T.astype(np.float64), 2, axis=1)[..., None]  # [N, 2 V, 1]
-    points = np.zeros((num_points, 3))
+    points: FloatArray = np.zeros((num_points, 3))
     for _ in range(num_rounds):
         weighted = np.swapaxes(rows * weight**2, 1, 2)
         normal = weighted @ rows
