@@ -13,7 +13,6 @@ from benchmarks.store import Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
 
-
 distributed = pytest.importorskip("distributed", reason="needs the extra: cluster")
 
 
