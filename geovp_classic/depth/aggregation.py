@@ -18,8 +18,10 @@ SumArray = npt.NDArray[np.uint16]
 # One pass goes down the rows and one up. Each follows four directions: from the neighbour beside, as (du, dv) of the
 # downward pass, and from the three in the row before.
 FROM = ((-1, 0), (-1, -1), (0, -1), (1, -1))
+NEIGHBOURS = 2  # hypotheses on either side of the winner that are no rivals
 _FAR_OFF = np.float32(1e9)
 _HALF = np.float32(0.5)
+_PER_PATH = np.float32(1 / (2 * len(FROM)))
 
 
 def aggregate(
@@ -43,12 +45,27 @@ def aggregate(
 
 def winners(
     sums: SumArray,  # [2, H, W, N]
-    costs: CostArray,  # [H, W, N]
     inverse_depths: FloatArray,  # [N], increasing
-) -> tuple[FloatArray, CostArray]:
-    """The best inverse depth [H, W], between hypotheses by a parabola, and the matching cost [H, W] at the best one."""
-    best: tuple[FloatArray, CostArray] = _winners(sums, costs, inverse_depths.astype(np.float32))
+) -> tuple[FloatArray, FloatArray]:
+    """The best inverse depth [H, W], between hypotheses by a parabola, and its lead [H, W] over all rivals.
+
+    The lead is what the path costs (one direction's share, 255 for windows that don't correlate) of the best
+    hypothesis that is no neighbour of the winner are above the winner's; 0 when there is none.
+    """
+    best: tuple[FloatArray, FloatArray] = _winners(sums, inverse_depths.astype(np.float32))
     return best
+
+
+def excess(
+    sums: SumArray,  # [2, H, W, N]
+    inverse_depths: FloatArray,  # [N], increasing
+    map_to_judge: FloatArray,  # [H, W] inverse depth
+) -> FloatArray:
+    """How much more than the winner [H, W] the hypothesis next to a given inverse depth costs, per direction."""
+    index = np.interp(map_to_judge, inverse_depths, np.arange(len(inverse_depths)))
+    below = np.clip(index.astype(np.int64), 0, len(inverse_depths) - 2)
+    judged: FloatArray = _excess(sums, below)
+    return judged
 
 
 def _large_steps(picture: FloatArray, small_step: float, large_step: float, edge_contrast: float) -> FloatArray:
@@ -111,25 +128,47 @@ def _extend(
 
 
 @numba.njit(parallel=True, cache=True)
-def _winners(sums: SumArray, costs: CostArray, inverse_depths: FloatArray) -> tuple[FloatArray, CostArray]:
-    height, width, num = costs.shape
+def _winners(sums: SumArray, inverse_depths: FloatArray) -> tuple[FloatArray, FloatArray]:
+    _, height, width, num = sums.shape
     best = np.empty((height, width), np.float32)
-    cost_there = np.empty((height, width), np.uint8)
+    lead = np.zeros((height, width), np.float32)
     for row in numba.prange(height):
+        total = np.empty(num, np.int32)
         for column in range(width):
-            down, up = sums[0, row, column], sums[1, row, column]
-            n = 0
-            for k in range(1, num):
-                if np.int32(down[k]) + np.int32(up[k]) < np.int32(down[n]) + np.int32(up[n]):
-                    n = k
-            cost_there[row, column] = costs[row, column, n]
+            n = _total(sums[:, row, column], total)
+            rival = _FAR_OFF
+            for k in range(num):
+                if abs(k - n) > NEIGHBOURS:
+                    rival = min(rival, np.float32(total[k]))
+            if rival < _FAR_OFF:
+                lead[row, column] = (rival - np.float32(total[n])) * _PER_PATH
             best[row, column] = inverse_depths[n]
-            if 0 < n < num - 1:
-                least = np.float32(down[n]) + np.float32(up[n])
-                nearer_0 = np.float32(down[n - 1]) + np.float32(up[n - 1]) - least
-                nearer_1 = np.float32(down[n + 1]) + np.float32(up[n + 1]) - least
-                if nearer_0 + nearer_1 > 0:
-                    offset = _HALF * (nearer_0 - nearer_1) / (nearer_0 + nearer_1)
-                    other = n + 1 if offset > 0 else n - 1
-                    best[row, column] += abs(offset) * (inverse_depths[other] - inverse_depths[n])
-    return best, cost_there
+            if 0 < n < num - 1 and total[n - 1] + total[n + 1] > 2 * total[n]:
+                bend = np.float32(total[n - 1] + total[n + 1] - 2 * total[n])
+                offset = _HALF * np.float32(total[n - 1] - total[n + 1]) / bend
+                other = n + 1 if offset > 0 else n - 1
+                best[row, column] += abs(offset) * (inverse_depths[other] - inverse_depths[n])
+    return best, lead
+
+
+@numba.njit(cache=True)
+def _total(sums: SumArray, total: npt.NDArray[np.int32]) -> int:
+    """Both passes' sums [N], written, and the index of the smallest."""
+    n = 0
+    for k in range(len(total)):
+        total[k] = np.int32(sums[0, k]) + np.int32(sums[1, k])
+        if total[k] < total[n]:
+            n = k
+    return n
+
+
+@numba.njit(parallel=True, cache=True)
+def _excess(sums: SumArray, below: npt.NDArray[np.int64]) -> FloatArray:
+    height, width = below.shape
+    excess = np.empty((height, width), np.float32)
+    for row in numba.prange(height):
+        total = np.empty(sums.shape[3], np.int32)
+        for column in range(width):
+            n, k = _total(sums[:, row, column], total), below[row, column]
+            excess[row, column] = np.float32(min(total[k], total[k + 1]) - total[n]) * _PER_PATH
+    return excess

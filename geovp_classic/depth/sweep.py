@@ -1,4 +1,4 @@
-"""Inverse depth of one frame from the frames around it: plane sweep, semi-global aggregation, sub-plane refinement."""
+"""Inverse depth of one frame from the frames around it: plane sweep, semi-global aggregation, road, completion."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import aggregation, matching, viewpoints
+from geovp_classic.depth.ground import Ground, fit_ground, lift
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
-
-@dataclass(frozen=True)
-class Smoothness:
-    """What a step between neighbouring pixels costs, where 255 is the cost of windows that don't correlate."""
-
-    small_step: float = 5.0  # to the next hypothesis
-    large_step: float = 100.0  # to any other
-    edge_contrast: float = 10.0  # grey values 0..255 across which a large step costs half
+SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
+GROUND_EXCESS = 40.0  # what lying on the road may cost more than the best depth, where that is below the road
+SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
 
 
 @dataclass(frozen=True)
@@ -27,8 +23,9 @@ class Swept:
     """What a sweep found for one frame."""
 
     inverse_depth: FloatArray  # [H, W] float32
-    cost: FloatArray  # [H, W] float32; 0 = the windows are equal, 1 = they don't correlate
-    step: FloatArray  # [H, W] float32; the distance between hypotheses there
+    confidence: FloatArray  # [H, W] float32; 0 = as good as any other depth, 1 = no rival
+    seen: BoolArray  # [H, W]; whether any source sees the pixel's point
+    ground: Ground | None
 
 
 def sweep(
@@ -38,18 +35,45 @@ def sweep(
     reference: int,
     sources: Sequence[int],  # at least one, at a distance from the reference
     num_planes: int = 48,
-    smoothness: Smoothness | None = None,
-) -> Swept:
-    """The inverse depth of the reference picture, in the poses' unit."""
-    smoothness = smoothness or Smoothness()
+    with_ground: bool = True,
+) -> Swept | None:
+    """The inverse depth of the reference picture, in the poses' unit; None when the pictures show no parallax."""
     source_from_reference = se3.inverse(world_from_cam[list(sources)]) @ world_from_cam[reference]
-    planes = viewpoints.hypotheses(source_from_reference, camera, num_planes)
+    planes, step_px = viewpoints.hypotheses(source_from_reference, camera, num_planes)
     infinity_from_pixel = camera.matrix @ source_from_reference[:, :3, :3] @ np.linalg.inv(camera.matrix)
     epipoles = source_from_reference[:, :3, 3] @ camera.matrix.T
     picture = pictures[reference]
     costs = matching.sweep_costs(picture, pictures[list(sources)], infinity_from_pixel, epipoles, planes)
-    sums = aggregation.aggregate(costs, picture, smoothness.small_step, smoothness.large_step, smoothness.edge_contrast)
-    inverse_depth, cost = aggregation.winners(sums, costs, planes)
+    sums = aggregation.aggregate(costs, picture, SMALL_STEP, LARGE_STEP, EDGE_CONTRAST)
+    inverse_depth, lead = aggregation.winners(sums, planes)
     inverse_depth = np.asarray(cv2.medianBlur(inverse_depth, 5), np.float32)
-    step = np.interp(inverse_depth, planes, np.gradient(planes)).astype(np.float32)
-    return Swept(inverse_depth, cost.astype(np.float32) / matching.WORST, step)
+    if not viewpoints.shows_parallax(np.interp(inverse_depth, planes, np.arange(num_planes)) * step_px):
+        return None
+    ground = fit_ground(inverse_depth, camera) if with_ground else None
+    if ground is not None:
+        contradiction = aggregation.excess(sums, planes, ground.inverse_depth(camera))
+        inverse_depth = lift(inverse_depth, ground, camera, contradiction < GROUND_EXCESS)
+    seen = ~(costs == matching.UNSEEN).all(axis=-1)
+    confidence = np.where(seen, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
+    return Swept(inverse_depth.astype(np.float32), confidence, seen, ground)
+
+
+def agreement(
+    inverse_depth: FloatArray,  # [H, W], of the frame in question
+    camera: Intrinsics,
+    witness: FloatArray,  # [H', W'] float32, inverse depth of another frame
+    witness_camera: Intrinsics,
+    witness_from_cam: FloatArray,  # [4, 4]
+    tolerance: float,
+) -> FloatArray:
+    """How well [H, W] another frame's depth confirms this one's: 1 when equal, exp(-1/2) at `tolerance`, 0 unseen.
+
+    Differences are relative to the larger inverse depth.
+    """
+    there, inverse_there = viewpoints.seen_from(inverse_depth, camera, witness_camera, witness_from_cam)
+    u, v = np.moveaxis(there.astype(np.float32), -1, 0)
+    found = np.asarray(cv2.remap(witness, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0))
+    floor = np.float32(0.01 * np.quantile(witness, 0.99) + 1e-12)  # below it, far is far
+    difference = np.abs(found - inverse_there) / np.maximum(np.maximum(found, inverse_there), floor)
+    confirmed = np.where(found >= 0, np.exp(-0.5 * (difference / tolerance) ** 2), 0)
+    return confirmed.astype(np.float32)

@@ -11,6 +11,8 @@ MIN_OVERLAP = 0.4  # of the picture, at infinity
 GRID = 8  # pixels along each side at which parallax is worked out
 HALVINGS = 4  # baselines that are sought: the longest, a half, a quarter, an eighth of it
 NEAREST_SHIFT = 0.125  # of the picture's width, that the shortest baseline gives the nearest things
+MIN_PARALLAX_PX = 1.0  # less is noise, of the pictures or of the poses
+OUTSIDE_PX = -1e4  # stands for "not seen"
 TYPICAL = 0.75  # the quantile of the pixels' parallax that counts: forward motion has none at its centre
 
 
@@ -41,8 +43,8 @@ def hypotheses(
     source_from_reference: FloatArray,  # [S, 4, 4], S >= 1
     camera: Intrinsics,
     count: int,
-) -> FloatArray:
-    """Increasing inverse depths [count], 0 (infinitely far) first, that are evenly spaced in parallax.
+) -> tuple[FloatArray, float]:
+    """Increasing inverse depths [count], 0 (infinitely far) first, evenly spaced in parallax, and their spacing in px.
 
     Between two neighbours the source that sees most change sees the same number of pixels. The last one shifts the
     picture of the nearest source by NEAREST_SHIFT of its width.
@@ -55,7 +57,26 @@ def hypotheses(
     fine = np.concatenate([[0.0], fine[: reached[0] + 1] if len(reached) else fine])
     speed = np.diff(_parallax_px(source_from_reference, camera, fine), axis=1).max(axis=0)
     travelled = np.concatenate([[0.0], np.cumsum(np.maximum(speed, 1e-9))])
-    return np.interp(np.linspace(0, travelled[-1], count), travelled, fine)
+    return np.interp(np.linspace(0, travelled[-1], count), travelled, fine), float(travelled[-1] / (count - 1))
+
+
+def shows_parallax(
+    parallax_px: FloatArray,  # [H, W], as found for each pixel
+) -> bool:
+    """Whether the camera moved, as far as pictures tell: the quarter of the pixels that moved most did so visibly."""
+    return bool(np.quantile(parallax_px, TYPICAL) >= MIN_PARALLAX_PX)
+
+
+def seen_from(
+    inverse_depth: FloatArray,  # [H, W]
+    camera: Intrinsics,
+    other_camera: Intrinsics,
+    other_from_cam: FloatArray,  # [4, 4]
+) -> tuple[FloatArray, FloatArray]:
+    """Pixels [H, W, 2] and inverse depths [H, W] of the points in another camera; far outside when behind it."""
+    points = pinhole.rays(camera) @ other_from_cam[:3, :3].T + inverse_depth[..., None] * other_from_cam[:3, 3]
+    pixels, z = pinhole.project(points, other_camera)
+    return np.where(z[..., None] > 0, pixels, OUTSIDE_PX), inverse_depth / np.where(z > 0, z, 1)
 
 
 def _parallax_px(source_from_reference: FloatArray, camera: Intrinsics, inverse_depths: FloatArray) -> FloatArray:

@@ -43,13 +43,12 @@ def test_sums_equal_the_slow_twin(costs: FloatArray) -> None:
     assert np.abs(sums.astype(int).sum(axis=0) - expected).max() <= 1.01  # each pass is rounded once
 
 
-def test_one_bad_pixel_is_outvoted(costs: FloatArray) -> None:
+def test_one_bad_pixel_is_outvoted() -> None:
     plain = np.full((7, 9, 6), 100, np.uint8)
     plain[..., 2] = 20  # all say hypothesis 2 ...
     plain[3, 4, 2], plain[3, 4, 5] = 40, 20  # ... but one
     picture = np.zeros((7, 9), np.float32)
-    planes = np.arange(6) / 10
-    best, _ = aggregation.winners(aggregation.aggregate(plain, picture, SMALL, LARGE, CONTRAST), plain, planes)
+    best, _ = aggregation.winners(aggregation.aggregate(plain, picture, SMALL, LARGE, CONTRAST), np.arange(6) / 10)
     np.testing.assert_allclose(best, 0.2, atol=0.02)
 
 
@@ -57,14 +56,28 @@ def test_the_winner_lies_between_hypotheses() -> None:
     # costs 30, 10, 20 at 0.1, 0.2, 0.3: the parabola's lowest point is (30 - 20) / (2 (20 + 10)) = 1/6 above 0.2
     sums = np.zeros((2, 1, 1, 3), np.uint16)
     sums[0, 0, 0], sums[1, 0, 0] = (20, 5, 15), (10, 5, 5)
-    costs = np.array([[[7, 8, 9]]], np.uint8)
-    best, cost = aggregation.winners(sums, costs, np.array([0.1, 0.2, 0.3]))
+    best, lead = aggregation.winners(sums, np.array([0.1, 0.2, 0.3]))
     assert best[0, 0] == pytest.approx(0.2 + 0.1 / 6)
-    assert cost[0, 0] == 8
+    assert lead[0, 0] == 0  # neighbours are no rivals
 
 
 def test_the_outermost_hypotheses_win_as_they_are() -> None:
     sums = np.zeros((2, 1, 2, 3), np.uint16)
     sums[0, 0] = [(1, 5, 9), (9, 5, 1)]
-    best, _ = aggregation.winners(sums, np.zeros((1, 2, 3), np.uint8), np.array([0.0, 0.2, 0.3]))
+    best, _ = aggregation.winners(sums, np.array([0.0, 0.2, 0.3]))
     np.testing.assert_allclose(best, [[0.0, 0.3]])
+
+
+def test_the_lead_is_counted_from_the_best_rival() -> None:
+    sums = np.zeros((2, 1, 1, 6), np.uint16)
+    sums[0, 0, 0] = (80, 0, 8, 9, 48, 64)  # 1 wins, 2 and 3 are its neighbours, 4 is the rival
+    _, lead = aggregation.winners(sums, np.arange(6) / 10)
+    assert lead[0, 0] == 48 / 8  # of eight directions
+
+
+def test_excess_of_a_given_depth() -> None:
+    sums = np.zeros((2, 1, 3, 4), np.uint16)
+    sums[1] = (80, 0, 16, 40)
+    planes = np.array([0.0, 0.1, 0.2, 0.3])
+    judged = aggregation.excess(sums, planes, np.array([[0.05, 0.25, 0.9]], np.float32))
+    np.testing.assert_allclose(judged, [[0, 16 / 8, 16 / 8]])  # of the two next hypotheses the better one

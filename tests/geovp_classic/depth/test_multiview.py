@@ -1,5 +1,6 @@
 """Depth of a street that can be worked out on paper, from its pictures and poses."""
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 
 from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.types import BoolArray, FloatArray, Grant
 
 Observe = Callable[..., tuple]
 
@@ -61,3 +62,47 @@ def test_a_frame_that_was_not_observed(observe: Observe) -> None:
     context, past, _ = observe(_drive(num=3))
     with pytest.raises(BadData, match="of 3 observed"):
         Multiview(frames=(-4,)).inverse_depths(context, past)
+
+
+def test_wrong_depths_are_less_sure_than_right_ones(observe: Observe) -> None:
+    context, past, truth = observe(_drive())
+    inverse_depths, confidence = Multiview().inverse_depths(context, past)
+    wrong = np.abs(inverse_depths[-1] / truth[-1] - 1) > 0.25
+    assert confidence[-1][wrong].mean() < 0.6 * confidence[-1][~wrong].mean()
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.01])
+def test_without_parallax_nothing_is_known(observe: Observe, yaw_rad: float) -> None:
+    context, past, _ = observe(_drive(step=0.0, yaw_rad=yaw_rad))
+    inverse_depths, confidence = Multiview().inverse_depths(context, past)
+    assert not confidence.any()
+    assert not inverse_depths.any()
+
+
+def test_noisy_poses_of_a_camera_that_stands_still(observe: Observe) -> None:
+    context, past, _ = observe(_drive(step=0.0))
+    shaken = past.world_from_cam.copy()
+    shaken[:, :3, 3] += np.random.default_rng(0).normal(0, 1e-3, (len(past), 3))
+    _, confidence = Multiview().inverse_depths(context, dataclasses.replace(past, world_from_cam=shaken))
+    assert not confidence.any()
+
+
+def test_a_recorded_camera_height_stands_in_for_parallax(observe: Observe) -> None:
+    context, past, truth = observe(_drive(step=0.0))
+    source = Multiview(with_camera_height=True)
+    assert source.needs == Grant.CAMERA_HEIGHT
+    known = dataclasses.replace(context, camera_height_m=1.6)
+    inverse_depths, confidence = source.inverse_depths(known, past)
+    np.testing.assert_allclose(inverse_depths[-1][-20:, :60], truth[-1][-20:, :60], rtol=1e-4)
+    assert not confidence.any()
+    with pytest.raises(Incompatible, match="recorded height"):
+        source.inverse_depths(context, past)
+
+
+def test_exposure_changes_little(observe: Observe) -> None:
+    context, past, _ = observe(_drive())
+    gains = np.linspace(0.7, 1.0, len(past))[:, None, None, None]
+    darker = dataclasses.replace(context, frames=np.round(context.frames * gains).astype(np.uint8))
+    plain, _ = Multiview().inverse_depths(context, past)
+    changed, _ = Multiview().inverse_depths(darker, past)
+    assert np.median(np.abs(changed[-1] - plain[-1]) / plain[-1].clip(0.01)) < 0.01

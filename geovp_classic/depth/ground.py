@@ -1,0 +1,81 @@
+"""The road under the camera as a plane: found in inverse depth, where every plane is linear in the picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+
+NUM_TRIALS = 80
+NUM_ROUNDS = 4
+STRIDE_PX = 3  # every third pixel of the lower half votes
+CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
+MIN_SHARE = 0.2  # of the lower half that must lie on it
+MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
+HORIZON_HEIGHTS = 20.0  # ground farther away than so many camera heights is left as it was found
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The plane normal . point = height in the camera's frame, y down."""
+
+    normal: FloatArray  # [3], unit length, pointing down
+    height: float  # of the camera above it, in the poses' unit
+
+    def inverse_depth(self, camera: Intrinsics) -> FloatArray:
+        """Inverse depth [H, W] float32 of the plane; negative above its horizon."""
+        return (pinhole.rays(camera) @ self.normal / self.height).astype(np.float32)
+
+
+def fit_ground(
+    inverse_depth: FloatArray,  # [H, W]
+    camera: Intrinsics,
+    seed: int = 0,
+) -> Ground | None:
+    """The plane that most of the picture's lower half lies on (RANSAC, then least squares); None without such a one."""
+    half = camera.height_px // 2
+    rays = pinhole.rays(camera)[half::STRIDE_PX, ::STRIDE_PX].reshape(-1, 3)
+    found = inverse_depth[half::STRIDE_PX, ::STRIDE_PX].reshape(-1).astype(np.float64)
+    triples = np.random.default_rng(seed).integers(0, len(found), (NUM_TRIALS, 3))
+    corners = rays[triples]
+    solvable = np.abs(np.linalg.det(corners)) > 1e-6
+    planes = np.linalg.solve(corners[solvable], found[triples][solvable][..., None])[..., 0]  # normal / height
+    planes = planes[_upright(planes)]
+    if not len(planes):
+        return None
+    plane = planes[np.argmax(_on_plane(planes, rays, found).sum(axis=1))]
+    for _ in range(NUM_ROUNDS):
+        weight = _on_plane(plane[None], rays, found)[0] / np.maximum(rays @ plane, 1e-12)  # relative errors
+        plane = np.linalg.lstsq(rays * weight[:, None], found * weight, rcond=None)[0]
+    if not _upright(plane[None])[0] or _on_plane(plane[None], rays, found).mean() < MIN_SHARE:
+        return None
+    size = float(np.linalg.norm(plane))
+    return Ground(plane / size, 1 / size)
+
+
+def lift(
+    inverse_depth: FloatArray,  # [H, W]
+    ground: Ground,
+    camera: Intrinsics,
+    allowed: BoolArray,  # [H, W]; where the pictures don't contradict the ground
+) -> FloatArray:
+    """The inverse depth [H, W] with nothing below the ground where it is allowed to lie on it."""
+    plane = ground.inverse_depth(camera)
+    near = plane * ground.height > 1 / HORIZON_HEIGHTS
+    return np.where(near & allowed & (inverse_depth < plane), plane, inverse_depth)
+
+
+def _upright(planes: FloatArray) -> BoolArray:
+    """Which planes [N, 3] the camera stands upright above."""
+    upright: BoolArray = planes[:, 1] > np.maximum(MIN_UPRIGHT * np.linalg.norm(planes, axis=1), 1e-12)
+    return upright
+
+
+def _on_plane(planes: FloatArray, rays: FloatArray, found: FloatArray) -> BoolArray:
+    """Which points [M] lie on which planes [N]: [N, M]."""
+    expected = planes @ rays.T
+    on_plane: BoolArray = (expected > 0) & (np.abs(expected - found) < CLOSE * expected)
+    return on_plane
