@@ -1,5 +1,8 @@
 """What is shared between cells is computed once, charged to each, and never mixed up."""
 
+from dataclasses import dataclass, field
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -11,13 +14,12 @@ from geovp_classic.types import Context, Grant, Intrinsics, Trajectory
 CONTEXT = Context(np.zeros((2, 4, 4, 3), np.uint8), np.arange(3.0), Intrinsics(4.0, 4.0, 1.5, 1.5, 4, 4))
 
 
+@dataclass(frozen=True)
 class Counting:
     """A renderer that counts."""
 
-    needs = Grant.CAMERA_HEIGHT
-
-    def __init__(self) -> None:
-        self.pasts: list[Trajectory] = []
+    pasts: list[Trajectory] = field(default_factory=list)
+    needs: ClassVar[Grant] = Grant.CAMERA_HEIGHT
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         self.pasts.append(past)
