@@ -9,10 +9,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
 RADIUS_PX = 3
-LEAST_TRUST = 0.05  # the say of a pixel of confidence 0, beside 1 for a sure one
+LEAST_TRUST = 0.3  # the say of a pixel of confidence 0, beside 1 for a sure one
 SIMILAR = 20.0  # grey values 0..255 by which a neighbour's say falls to 1 / e
 
 
@@ -21,12 +21,35 @@ def complete(
     confidence: FloatArray,  # [H, W] float32 in [0, 1]
     picture: FloatArray,  # [H, W] float32 grey 0..255
 ) -> FloatArray:
-    """The inverse depth [H, W] by the weighted median of windows of 7 x 7 pixels."""
+    """The inverse depth [H, W] by the weighted median of every other pixel (a chequer) of windows of 7 x 7."""
     trust = (LEAST_TRUST + (1 - LEAST_TRUST) * confidence).astype(np.float32)
     likeness = np.exp(-np.arange(256) / SIMILAR).astype(np.float32)
     values = [np.ascontiguousarray(one, dtype=np.float32) for one in (inverse_depth, picture)]
     completed: FloatArray = _weighted_median(values[0], trust, values[1], likeness)
     return completed
+
+
+def fill_from_background(
+    inverse_depth: FloatArray,  # [H, W]
+    known: BoolArray,  # [H, W]
+) -> FloatArray:
+    """Unknown pixels get the farther of the next known depths left and right, else of those above and below.
+
+    What one eye alone sees lies behind the thing that hides it from the other. Where nothing is known all is at 0.
+    """
+    filled = np.where(known, inverse_depth, np.nan).astype(np.float32)
+    for axis in (1, 0):
+        before = _carried(filled, axis)
+        after = np.flip(_carried(np.flip(filled, axis), axis), axis)
+        filled = np.where(np.isnan(filled), np.fmin(before, after), filled)
+    return np.nan_to_num(filled, nan=0.0)
+
+
+def _carried(values: FloatArray, axis: int) -> FloatArray:
+    """Each NaN replaced by the last number before it along the axis."""
+    steps = np.arange(values.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
+    last = np.maximum.accumulate(np.where(np.isnan(values), 0, steps), axis=axis)
+    return np.take_along_axis(values, last, axis=axis)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
@@ -40,6 +63,8 @@ def _weighted_median(values: FloatArray, trust: FloatArray, picture: FloatArray,
             count, whole = 0, np.float32(0)
             for y in range(max(row - RADIUS_PX, 0), min(row + RADIUS_PX + 1, height)):
                 for x in range(max(column - RADIUS_PX, 0), min(column + RADIUS_PX + 1, width)):
+                    if (x - column + y - row) % 2 != 0:
+                        continue
                     contrast = int(abs(picture[y, x] - picture[row, column]))
                     near[count] = values[y, x]
                     say[count] = trust[y, x] * likeness[min(255, contrast)]

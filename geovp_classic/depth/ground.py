@@ -11,7 +11,7 @@ from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 NUM_TRIALS = 80
 NUM_ROUNDS = 4
-STRIDE_PX = 3  # every third pixel of the lower half votes
+STRIDE_PX = 4  # every fourth pixel of the lower half votes
 CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
 MIN_SHARE = 0.2  # of the lower half that must lie on it
 MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis

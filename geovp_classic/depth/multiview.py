@@ -6,6 +6,7 @@ neighbours help, and what nothing decides comes out far and unsure. Nothing lies
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -81,7 +82,8 @@ def depths_of_frames(
     pictures = np.stack([matching.grey(frame) for frame in frames])
     half = camera.resized(*(max(1, int(side * WITNESS_SCALE)) for side in (camera.width_px, camera.height_px)))
     small = np.stack([cv2.resize(p, (half.width_px, half.height_px), interpolation=cv2.INTER_AREA) for p in pictures])
-    find_witness = functools.cache(lambda step: _swept(settings, small, half, past, step))
+    plain = dataclasses.replace(settings, num_planes=max(4, 2 * settings.num_planes // 3), with_ground=False)
+    find_witness = functools.cache(lambda step: _swept(plain, small, half, past, step))
     inverse_depths, confidence = np.zeros((2, *pictures.shape), np.float32)
     for step in _wanted(settings.frames, len(frames)):
         swept = _swept(settings, pictures, camera, past, step)

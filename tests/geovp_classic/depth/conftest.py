@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry import pinhole
 from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
@@ -41,17 +41,12 @@ def depth_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> 
 
 
 def picture_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
-    """What the camera sees, uint8 [H, W, 3]; `camera` is oversampled four times, so that nothing flickers."""
+    """What the camera sees, uint8 [H, W, 3]; each pixel is sampled four times, so that nothing flickers."""
     fine = camera.resized(2 * camera.width_px, 2 * camera.height_px)
     _, points = depth_of_street(world_from_cam, fine)
     value = _texture(points, 0.0)
     value = value.reshape(camera.height_px, 2, camera.width_px, 2).mean(axis=(1, 3))
     return np.repeat(np.clip(np.round(value), 0, 255).astype(np.uint8)[..., None], 3, axis=-1)
-
-
-def drive(num: int = 6, step: float = 0.8, yaw_rad: float = 0.0) -> FloatArray:
-    """World_from_cam [num, 4, 4] of a camera that goes forward, or turns by `yaw_rad` a step."""
-    return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, yaw_rad, 0]))
 
 
 @pytest.fixture(scope="session")
@@ -68,3 +63,9 @@ def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
         return Context(frames, times_s, CAMERA), Trajectory(in_unit, times_s[:num], unit_m == 1.0), truth
 
     return _observe
+
+
+@pytest.fixture(scope="session")
+def picture() -> Callable[..., FloatArray]:
+    """What a camera at a pose sees of the street."""
+    return picture_of_street

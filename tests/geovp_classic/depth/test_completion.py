@@ -12,6 +12,8 @@ def _twin(values: FloatArray, confidence: FloatArray, picture: FloatArray, row: 
     pairs = []
     for y in range(max(row - 3, 0), min(row + 4, height)):
         for x in range(max(column - 3, 0), min(column + 4, width)):
+            if (x - column + y - row) % 2 != 0:
+                continue
             trust = completion.LEAST_TRUST + (1 - completion.LEAST_TRUST) * confidence[y, x]
             contrast = int(abs(picture[y, x] - picture[row, column]))
             pairs.append((values[y, x], trust * np.exp(-contrast / completion.SIMILAR)))
@@ -44,3 +46,10 @@ def test_unsure_pixels_follow_sure_ones() -> None:
     values[3:6, 3:6], confidence[3:6, 3:6] = 0.9, 0.0
     completed = completion.complete(values, confidence, np.zeros((9, 9), np.float32))
     np.testing.assert_allclose(completed, 0.2)
+
+
+def test_gaps_show_what_lies_behind() -> None:
+    values = np.array([[0.5, 0, 0.1, 0, 0], [0, 0, 0, 0, 0]], np.float32)
+    filled = completion.fill_from_background(values, values > 0)
+    np.testing.assert_allclose(filled, [[0.5, 0.1, 0.1, 0.1, 0.1], [0.5, 0.1, 0.1, 0.1, 0.1]])
+    assert not completion.fill_from_background(values, np.zeros(values.shape, dtype=bool)).any()

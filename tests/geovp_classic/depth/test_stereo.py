@@ -1,0 +1,76 @@
+"""Depth of the paper street from a second eye."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from geovp_classic import registry
+from geovp_classic.depth import stereo
+from geovp_classic.depth.stereo import Stereo
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.types import Context, ExtraView, FloatArray, Grant, Trajectory
+
+BASELINE_M = 0.5
+Pair = tuple[Context, Trajectory, FloatArray]
+
+
+@pytest.fixture(scope="module")
+def pair(observe: Callable[..., Pair], picture: Callable[..., FloatArray]) -> Pair:
+    """Two steps with right pictures of other size and scale than the frames, as native ones are."""
+    poses = se3.exp(np.arange(2)[:, None] * np.array([0, 0, 0.8, 0, 0, 0]))
+    context, past, truth = observe(poses)
+    right_from_cam = se3.compose(np.eye(3), np.array([-BASELINE_M, 0, 0]))
+    wide = context.intrinsics.cropped(-40, -4, 208, 120).resized(312, 180)
+    frames = np.stack([picture(one @ se3.inverse(right_from_cam), wide) for one in poses])
+    return dataclasses.replace(context, right=ExtraView(frames, wide, right_from_cam)), past, truth
+
+
+def test_depth_in_metres(pair: Pair) -> None:
+    context, past, truth = pair
+    inverse_depths, confidence = Stereo(nearest_m=2.0).inverse_depths(context, past)
+    disparity_error_px = np.abs(inverse_depths[-1] - truth[-1]) * BASELINE_M * context.intrinsics.fx_px
+    assert np.median(disparity_error_px) < 0.35
+    assert (disparity_error_px < 1).mean() > 0.9
+    assert set(np.unique(confidence[-1])) == {0.0, 1.0}
+    assert confidence[-1].mean() > 0.8
+    assert not confidence[0].any()  # only the last frame is wanted
+    assert (inverse_depths[-1] > 0).mean() > 0.99  # holes are filled
+
+
+def test_rows_match_and_columns_differ_by_the_disparity(pair: Pair) -> None:
+    context, _, truth = pair
+    assert context.right is not None
+    right = stereo.right_at_scale(context.right, 1, context.intrinsics, 16)
+    assert right.shape == (112, 144, 3)
+    # the wall, 24 - 0.8 m ahead, above the horizon: 0.5 * 120 / 23.2 = 2.6 px
+    assert BASELINE_M * 120 * truth[1, 10, 30] == pytest.approx(2.586, abs=1e-3)
+    row = right[10, 16:, 0].astype(float)
+    shifts = np.arange(0, 6, 0.1)
+    shifted = np.array([np.interp(np.arange(10, 60) - shift, np.arange(128), row) for shift in shifts])
+    error = np.abs(shifted - context.frames[1, 10, 10:60, 0]).mean(axis=1)
+    assert shifts[np.argmin(error)] == pytest.approx(2.586, abs=0.25)
+
+
+def test_what_it_needs(pair: Pair) -> None:
+    context, past, _ = pair
+    assert registry.build("depth_sources", "stereo").needs == Grant.RIGHT_FRAMES
+    with pytest.raises(Incompatible, match="right pictures"):
+        Stereo().inverse_depths(context.only(Grant.NONE), past)
+    with pytest.raises(Incompatible, match="scale"):
+        Stereo().inverse_depths(context, dataclasses.replace(past, is_metric=False))
+    with pytest.raises(BadData, match="of 2 observed"):
+        Stereo(frames=(2,)).inverse_depths(context, past)
+    with pytest.raises(BadData, match="expected a frame"):
+        Stereo(nearest_m=0.0)
+
+
+@pytest.mark.parametrize("twist", [(0.5, 0, 0, 0, 0, 0), (-0.5, 0.1, 0, 0, 0, 0), (-0.5, 0, 0, 0, 0.1, 0)])
+def test_only_rectified_pairs(pair: Pair, twist: tuple[float, ...]) -> None:
+    context, past, _ = pair
+    assert context.right is not None
+    turned = dataclasses.replace(context.right, view_from_cam=se3.exp(np.array(twist)))
+    with pytest.raises(Incompatible, match="rectified"):
+        Stereo().inverse_depths(dataclasses.replace(context, right=turned), past)
