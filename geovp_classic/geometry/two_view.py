@@ -181,7 +181,7 @@ def triangulate(
         weighted = np.swapaxes(rows * weight**2, 1, 2)
         normal = weighted @ rows
         size = normal[:, 0, 0] + normal[:, 1, 1] + normal[:, 2, 2]
-        damping = (1e-12 * size + 1e-300)[:, None, None] * np.eye(3)
+        damping = (1e-15 * size + 1e-300)[:, None, None] * np.eye(3)
         points = np.linalg.solve(normal + damping, weighted @ right)[..., 0]
         depth = points @ cam_from_world[:, 2, :3].T + cam_from_world[:, 2, 3]  # [N, V]
         weight = np.repeat(np.where(seen.T, 1 / np.maximum(np.abs(depth), 1e-6), 0.0), 2, axis=1)[..., None]

@@ -17,8 +17,12 @@ FeatureName = Literal["corners", "orb", "sift", "akaze", "brisk", "kaze"]
 
 MIN_CORNER = 0.003  # smallest eigenvalue of a corner worth tracking, for a picture of variance 1 (OpenCV's scale)
 MIN_SPREAD = 1.5  # grey values; a picture with a smaller standard deviation shows nothing
-EXPOSURE_CHANGE = 0.05  # beyond this relative change of brightness or contrast, it is undone before tracking
+EXPOSURE_CHANGE = 0.08  # beyond this relative change of brightness, it is undone before tracking
+UNLIKE, LIKE_GREY = 3.0, 4.0  # a patch may differ by so many times the usual difference, and this many grey values
+MIN_NEAR_GUESS = 0.3  # share of the points found near their guess, to trust it
 HALF_FROM_WIDTH_PX = 640  # wider pictures are searched for corners at half their size
+ORB_LEVELS = 4  # points of higher levels are placed too coarsely
+NOISE_PX = {"orb": 0.6, "sift": 0.25, "akaze": 0.3, "brisk": 0.5, "kaze": 0.25}
 
 
 @dataclass(frozen=True)
@@ -72,8 +76,10 @@ class Corners:
         """Lucas-Kanade near the guess; points lost that way are sought in the whole pyramid, from where they were."""
         grey = same_exposure(before.grey, now.grey)
         places, found = self._track(grey, now.grey, pixels, guess, num_levels=2)
-        if found.all():
+        if len(pixels) == 0 or found.all():
             return places, found
+        if found.mean() < MIN_NEAR_GUESS:  # the guess is wrong for all, and the few found are chance
+            return self._track(grey, now.grey, pixels, pixels, self.num_levels)
         places[~found], found[~found] = self._track(grey, now.grey, pixels[~found], pixels[~found], self.num_levels)
         return places, found
 
@@ -92,11 +98,15 @@ class Corners:
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
         start, near = np.asarray(pixels, dtype=np.float32), np.array(guess, dtype=np.float32)
-        ahead, forward, _ = cv2.calcOpticalFlowPyrLK(grey, grey_now, start, near, maxLevel=num_levels - 1, **settings)
+        ahead, forward, difference = cv2.calcOpticalFlowPyrLK(
+            grey, grey_now, start, near, maxLevel=num_levels - 1, **settings
+        )
         back, backward, _ = cv2.calcOpticalFlowPyrLK(grey_now, grey, ahead, start.copy(), maxLevel=0, **settings)
         places = np.nan_to_num(np.asarray(ahead, dtype=np.float64))
         found = (forward.ravel() > 0) & (backward.ravel() > 0) & inside(places, grey_now)
         found &= np.linalg.norm(back - start, axis=1) < self.max_return_px
+        if found.any():  # patches that look much less alike than the others do
+            found &= difference.ravel() < UNLIKE * np.median(difference.ravel()[found]) + LIKE_GREY
         return places, found
 
 
@@ -105,10 +115,10 @@ class Described:
     """Keypoints with descriptors, matched mutually with a ratio test; `make` builds the OpenCV detector."""
 
     make: Callable[[], Any]
-    max_ratio: float = 0.8
-    max_jump: float = 0.15  # from the guess, as a share of the picture's width
+    noise_px: float
     num_features: int = 600
-    noise_px: float = 0.6
+    max_ratio: float = 0.85
+    max_jump: float = 0.1  # from the guess, as a share of the picture's width
 
     def look(self, grey: ByteArray) -> Look:
         """Keypoints and descriptors of the picture."""
@@ -123,15 +133,16 @@ class Described:
         if len(pixels) == 0 or len(before.keypoints) == 0 or len(now.keypoints) < 2:
             return places, found
         own = cKDTree(before.keypoints).query(pixels)[1]  # tracks sit exactly on keypoints
+        offset = now.keypoints[None] - guess[:, None]
+        near = ((offset**2).sum(axis=-1) < (self.max_jump * now.grey.shape[1]) ** 2).astype(np.uint8)
         matcher = cv2.BFMatcher(self.make().defaultNorm())
-        there = matcher.knnMatch(before.descriptors[own], now.descriptors, k=2)
-        back = matcher.match(now.descriptors, before.descriptors[own])
-        origin = {match.queryIdx: match.trainIdx for match in back}
-        for best, second in there:
-            clear = best.distance < self.max_ratio * second.distance
-            if clear and own[origin[best.trainIdx]] == own[best.queryIdx]:
+        there = matcher.knnMatch(before.descriptors[own], now.descriptors, k=2, mask=near)
+        back = matcher.match(now.descriptors, before.descriptors[own], mask=np.ascontiguousarray(near.T))
+        origin = {match.queryIdx: own[match.trainIdx] for match in back}
+        for best, *others in (matches for matches in there if matches):
+            clear = not others or best.distance < self.max_ratio * others[0].distance
+            if clear and origin.get(best.trainIdx) == own[best.queryIdx]:
                 places[best.queryIdx], found[best.queryIdx] = now.keypoints[best.trainIdx], True
-        found &= np.linalg.norm(places - guess, axis=1) < self.max_jump * now.grey.shape[1]
         return places, found
 
     def fresh(self, look: Look, taken: FloatArray) -> FloatArray:
@@ -150,27 +161,34 @@ def front_end(name: FeatureName, num_features: int) -> FrontEnd:
     create = getattr(home, f"{name.upper()}_create", None)
     if create is None:
         raise MissingExtra(f"features {name!r} are not in this OpenCV: pip install opencv-contrib-python-headless")
-    if name in ("orb", "sift"):
-        return Described(lambda: create(num_features), num_features=num_features)
-    return Described(create, num_features=num_features)
+    makers: dict[str, Callable[[], Any]] = {
+        "orb": lambda: create(num_features, 1.2, ORB_LEVELS),
+        "sift": lambda: create(num_features),
+    }
+    make = makers.get(name, create)
+    return Described(make, NOISE_PX[name], num_features)
 
 
 def same_exposure(grey: ByteArray, like: ByteArray) -> ByteArray:
-    """The picture with the brightness and contrast of another, when they differ noticeably."""
-    (mean, spread), (mean_like, spread_like) = _exposure(grey), _exposure(like)
-    if spread < 1 or spread_like < 1:  # a black or blank picture has nothing to match
+    """The picture as bright as another, when their exposures differ noticeably.
+
+    The gain is the median over cells of the pictures, so that new things in a part of them don't pass for exposure.
+    """
+    thumbs = [cv2.resize(picture, (16, 8), interpolation=cv2.INTER_AREA).astype(np.float32) for picture in (grey, like)]
+    usable = (thumbs[0] > 4) & (thumbs[0] < 251) & (thumbs[1] > 4) & (thumbs[1] < 251)  # neither black nor burnt
+    if usable.mean() < 0.25:
         return grey
-    gain = spread_like / spread
-    if abs(gain - 1) < EXPOSURE_CHANGE and abs(mean_like / max(mean, 1.0) - 1) < EXPOSURE_CHANGE:
+    gain = float(np.median(thumbs[1][usable] / thumbs[0][usable]))
+    if abs(gain - 1) < EXPOSURE_CHANGE:
         return grey
-    return cv2.convertScaleAbs(np.maximum(gain * grey.astype(np.float32) + (mean_like - gain * mean), 0))
+    return np.asarray(cv2.convertScaleAbs(grey, alpha=gain), dtype=np.uint8)
 
 
 def strongest_corners(grey: ByteArray, taken: FloatArray, count: int) -> FloatArray:
     """Corners [K, 2], at most one in each of about `count` square cells and none in cells with a point of `taken`."""
     shrink = 2 if grey.shape[1] >= HALF_FROM_WIDTH_PX else 1
     small = grey if shrink == 1 else cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    spread = _exposure(grey)[1]
+    spread = _spread(grey)
     if spread < MIN_SPREAD:
         return np.zeros((0, 2))
     strength = cv2.cornerMinEigenVal(small, 3) * (255 / spread) ** 2
@@ -194,10 +212,9 @@ def inside(pixels: FloatArray, grey: ByteArray, margin_px: float = 2.0) -> BoolA
     return (u >= margin_px) & (u < width_px - margin_px) & (v >= margin_px) & (v < height_px - margin_px)
 
 
-def _exposure(grey: ByteArray) -> tuple[float, float]:
-    """Mean and standard deviation, of every fourth pixel each way."""
-    mean, spread = cv2.meanStdDev(np.ascontiguousarray(grey[::4, ::4]))
-    return float(np.ravel(mean)[0]), float(np.ravel(spread)[0])
+def _spread(grey: ByteArray) -> float:
+    """Standard deviation, of every fourth pixel each way."""
+    return float(np.std(grey[::4, ::4]))
 
 
 def _cell(pixels: FloatArray, side_px: float, per_row: int) -> FloatArray:

@@ -41,12 +41,13 @@ def polish(
     rays: FloatArray,  # [N, 2]
     cam_from_world: FloatArray,  # [4, 4]
     noise: float,
-    num_rounds: int = 10,
+    num_rounds: int = 15,
 ) -> tuple[FloatArray, BoolArray]:
     """The pose with the smallest robust reprojection errors near the given one, and its inliers.
 
-    Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise.
+    Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise, by half or more a round.
     """
+    kernel = np.inf
     for _ in range(num_rounds):
         cam = se3.transform(cam_from_world, points)
         front = cam[:, 2] > 1e-6
@@ -54,12 +55,12 @@ def polish(
         seen = cam[:, :2] * inverse_depth[:, None]
         residual = seen - rays
         distance = np.where(front, np.linalg.norm(residual, axis=1), np.inf)
-        kernel = max(noise, float(np.median(distance)))
+        kernel = max(noise, min(float(np.median(distance)), kernel / 2))
         weight = np.where(front, 1 / (1 + (distance / kernel) ** 2), 0.0)
         step, shift = _step(seen, inverse_depth, residual, weight)
         turn = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
         cam_from_world = se3.compose(turn, step[:3]) @ cam_from_world
-        if shift < noise / 50:
+        if shift < noise / 50 and kernel == noise:
             break
     return cam_from_world, misses(points, rays, cam_from_world) < INLIER * noise
 

@@ -17,6 +17,7 @@ COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the pictures while the height is search
 SEARCHED_HEIGHTS = np.geomspace(0.4, 40.0, 50)  # in lengths of the motion
 SEARCHED_PITCHES_RAD = np.radians([0.0, -2.0, 2.0])
 MIN_SAMPLES = 50
+UNKNOWN_TILT_RAD = np.radians(1.0)  # of pitch and roll before the first look
 MIN_AGREEMENT = 0.5
 CLEAR_AGREEMENT = 0.85  # that ends the search
 MAX_RELATIVE_SIGMA = 0.05  # of the height by the pictures' noise alone; above it the road has no texture
@@ -189,7 +190,8 @@ class RoadGauge:
     def _trust(self, plane: FloatArray) -> FloatArray:
         """Inverse covariance [3, 3] of the plane before a look: loose in height, tighter in pitch and roll."""
         size, normal = float(np.linalg.norm(plane)), plane / np.linalg.norm(plane)
-        loose, tight = (0.3 * size) ** 2, (self.settings.wobble_rad * size) ** 2
+        tilt_rad = self.settings.wobble_rad + UNKNOWN_TILT_RAD / (1 + self.num_looks)
+        loose, tight = (0.3 * size) ** 2, (tilt_rad * size) ** 2
         along = np.outer(normal, normal)
         return along / loose + (np.eye(3) - along) / tight
 

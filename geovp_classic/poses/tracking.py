@@ -18,9 +18,10 @@ MIN_INLIERS = 12
 MIN_INLIER_SHARE = 0.4
 MIN_START_POINTS = 30
 MIN_START_SHARE = 0.5
-MIN_LEFT_SHARE = 0.5  # of the points that a map may start from; with fewer left, new ones are taken
+MIN_LEFT_SHARE = 0.3  # of the points that a map may start from; with fewer left, new ones are taken
 MIN_FOUND_SHARE = 0.5  # of the points, to believe that the map is wrong rather than the picture
 MAX_MISSED = 4  # pictures in a row that may be bridged before the map is given up
+MAX_UNSETTLED = 60  # pictures whose poses may still change
 COAST_S = 1.0  # for so long after a lost map, nobody believes that a moving camera suddenly stands
 
 
@@ -175,7 +176,7 @@ class Tracker:
             self._keyframe()
             self._locate_waiting()
         elif few_left:
-            self._begin(look)
+            self._new_reference()
         return sight
 
     def _baseline(self) -> float:
@@ -233,6 +234,21 @@ class Tracker:
         self._world_from_look = self.world_from_cam
         return True
 
+    def _new_reference(self) -> None:
+        """Take the last located picture as the keyframe that a map may start from; waiting pictures go on waiting."""
+        assert self._look is not None
+        waiting = {id(record) for record, _ in self._waiting}
+        poses = [(record, self._pose(record)) for record in self._records if id(record) in waiting]
+        self._records = [record for record in self._records if id(record) not in waiting]
+        self._settle(self.map.newest_serial + 1)
+        self.map.insert(se3.inverse(self.world_from_cam))
+        self.map.keep_newest_only()
+        self.map.add(self.front.fresh(self._look, self.map.pixels[self.map.followed]))
+        self._keyframe_grey, self._keyframe_s = self._look.grey, self._time_s
+        for record, pose in poses:
+            record.serial, record.keyframe_from_cam = self.map.newest_serial, self.map.cam_from_world[-1] @ pose
+            self._records.append(record)
+
     def _locate_waiting(self) -> None:
         """Pictures between the two that a map started from get their place on it."""
         for record, sight in self._waiting:
@@ -255,11 +271,20 @@ class Tracker:
         self._records.append(record)
         if sight is not None and not self.map.known.any():
             self._waiting.append((record, sight))
+        while len(self._records) > MAX_UNSETTLED:  # the camera stands, and no keyframe comes
+            self._settle_first()
 
     def _settle(self, serial: int) -> None:
         """Pictures that hang on keyframes before this serial number are final."""
         while self._records and self._records[0].serial < serial:
-            record = self._records.pop(0)
-            keyframe = self.map.cam_from_world[max(0, record.serial - self.map.first_serial)]
-            self._settled.append((se3.inverse(keyframe) @ record.keyframe_from_cam, record.tracked))
-            self._waiting = [(other, sight) for other, sight in self._waiting if other is not record]
+            self._settle_first()
+
+    def _settle_first(self) -> None:
+        record = self._records.pop(0)
+        self._settled.append((self._pose(record), record.tracked))
+        self._waiting = [(other, sight) for other, sight in self._waiting if other is not record]
+
+    def _pose(self, record: Record) -> FloatArray:
+        """world_from_cam [4, 4] as known now."""
+        keyframe = self.map.cam_from_world[max(0, record.serial - self.map.first_serial)]
+        return se3.inverse(keyframe) @ record.keyframe_from_cam

@@ -1,0 +1,130 @@
+"""Two pictures of known points: the motion between them, what it cannot be told from, and where the points are."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.geometry import se3, two_view
+from geovp_classic.types import FloatArray
+
+NOISE = 0.25 / 700  # a quarter of a pixel at 700 px focal length
+
+
+def scene(seed: int, count: int = 300) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    return np.stack([rng.uniform(-12, 12, count), rng.uniform(-4, 1.6, count), rng.uniform(6, 60, count)], axis=1)
+
+
+def rays(points: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+    cam = se3.transform(cam_from_world, points)
+    return cam[:, :2] / cam[:, 2:]
+
+
+def sights(b_from_a: FloatArray, noise: float = 0.0, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+    points, rng = scene(seed), np.random.default_rng(seed + 1)
+    a, b = rays(points, np.eye(4)), rays(points, b_from_a)
+    return a + rng.normal(0, noise, a.shape), b + rng.normal(0, noise, b.shape)
+
+
+def angle_deg(a: FloatArray, b: FloatArray) -> float:
+    return float(np.degrees(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))))
+
+
+@pytest.mark.parametrize("translation", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (-1, 0, 0), (0.1, -0.05, -1)], ids=str)
+def test_rotation_and_direction_come_back_with_the_right_sign(translation: tuple[float, ...]) -> None:
+    b_from_a = se3.exp(np.array([*translation, 0.01, 0.03, -0.005]))
+    found = two_view.two_view(*sights(b_from_a, NOISE), NOISE)
+    assert found.kind == "general"
+    assert angle_deg(found.b_from_a[:3, 3], b_from_a[:3, 3]) < 0.6
+    assert np.degrees(se3.rotation_angle_rad(se3.inverse(found.b_from_a) @ b_from_a)) < 0.05
+    assert np.linalg.norm(found.b_from_a[:3, 3]) == pytest.approx(1)
+    assert found.inliers.mean() > 0.95
+
+
+def test_a_third_of_wrong_points_is_left_out() -> None:
+    b_from_a = se3.exp(np.array([0, 0, -1, 0, 0.02, 0]))
+    a, b = sights(b_from_a, NOISE)
+    b[:100] += np.random.default_rng(9).uniform(-0.2, 0.2, (100, 2))
+    found = two_view.two_view(a, b, NOISE)
+    assert angle_deg(found.b_from_a[:3, 3], b_from_a[:3, 3]) < 2
+    assert found.inliers[100:].mean() > 0.95
+    assert found.inliers[:100].mean() < 0.2
+
+
+def test_standing_still_is_no_motion_even_with_traffic() -> None:
+    a, b = sights(np.eye(4), NOISE)
+    b[:60] += 0.05  # a fifth of the points drives by
+    found = two_view.two_view(a, b, NOISE)
+    assert found.kind == "still"
+    np.testing.assert_array_equal(found.b_from_a, np.eye(4))
+    assert not found.inliers[:60].any()
+
+
+@given(st.floats(0.005, 0.2), st.sampled_from([0, 1, 2]))
+def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
+    b_from_a = se3.exp(np.concatenate([np.zeros(3), angle_rad * np.eye(3)[axis]]))
+    found = two_view.two_view(*sights(b_from_a, NOISE), NOISE)
+    assert found.kind == "rotation"
+    np.testing.assert_array_equal(found.b_from_a[:3, 3], 0)
+    assert np.degrees(se3.rotation_angle_rad(se3.inverse(found.b_from_a) @ b_from_a)) < 0.01
+    assert found.parallax < 3 * NOISE
+
+
+def test_too_few_or_random_points_are_no_motion() -> None:
+    a, b = sights(se3.exp(np.array([0, 0, -1.0, 0, 0, 0])))
+    assert two_view.two_view(a[:7], b[:7], NOISE).kind == "unknown"
+    rng = np.random.default_rng(0)
+    found = two_view.two_view(rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), NOISE)
+    assert found.kind == "unknown"
+    assert not found.inliers.any()
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    a, b = sights(se3.exp(np.array([0, 0, -1.0, 0, 0.02, 0])), 3 * NOISE)
+    first, again = (two_view.two_view(a, b, NOISE, seed=5) for _ in range(2))
+    np.testing.assert_array_equal(first.b_from_a, again.b_from_a)
+
+
+def test_all_four_decompositions_are_proper_rotations_of_one_essential_matrix() -> None:
+    b_from_a = se3.exp(np.array([0.6, 0, -0.8, 0.1, 0.2, 0.3]))
+    direction = b_from_a[:3, 3] / np.linalg.norm(b_from_a[:3, 3])
+    candidates = two_view.decompose(se3.cross_matrix(direction) @ b_from_a[:3, :3])
+    np.testing.assert_allclose(np.linalg.det(candidates[:, :3, :3]), 1)
+    a, b = sights(b_from_a)
+    for candidate in candidates:
+        np.testing.assert_allclose(two_view.sampson(a, b, candidate), 0, atol=1e-12)
+    assert min(np.abs(candidate[:3, :3] - b_from_a[:3, :3]).max() for candidate in candidates) < 1e-9
+
+
+def test_refinement_finds_the_motion_again_from_nearby() -> None:
+    truth = se3.exp(np.array([0, 0, -1.0, 0, 0.02, 0]))
+    truth[:3, 3] /= np.linalg.norm(truth[:3, 3])
+    near = se3.exp(np.array([0.05, -0.03, 0, 0.004, -0.003, 0.002])) @ truth
+    near[:3, 3] /= np.linalg.norm(near[:3, 3])
+    found = two_view.refine(*sights(truth), near, NOISE, num_rounds=20)
+    np.testing.assert_allclose(found, truth, atol=1e-6)
+
+
+def test_depths_of_one_point_by_hand() -> None:
+    # a point 10 ahead; b has moved 2 forward, so that it is 8 ahead there
+    b_from_a = se3.compose(np.eye(3), np.array([0.0, 0, -2]))
+    depth_a, depth_b = two_view.depths(np.array([[0.1, 0.0]]), np.array([[1 / 8, 0.0]]), b_from_a)
+    assert depth_a[0] == pytest.approx(10)
+    assert depth_b[0] == pytest.approx(8)
+
+
+def test_triangulation_is_exact_without_noise_and_says_what_it_cannot_place() -> None:
+    points = scene(3, 50)
+    poses = np.stack([se3.exp(np.array([0, 0, -0.7 * i, 0, 0.01 * i, 0])) for i in range(4)])
+    seen = np.stack([rays(points, pose) for pose in poses])
+    seen[1:, 0] = np.nan  # point 0 is seen once, point 1 twice
+    seen[2:, 1] = np.nan
+    found = two_view.triangulate(seen, poses)
+    assert np.isnan(found[0]).all()
+    np.testing.assert_allclose(found[1:], points[1:], rtol=1e-6, atol=1e-6)
+
+
+def test_rays_that_leave_the_front_are_nan() -> None:
+    turned = two_view.rotate_rays(se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))[:3, :3], np.array([[0.1, 0.2]]))
+    assert np.isnan(turned).all()
