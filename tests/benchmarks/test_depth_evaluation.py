@@ -1,0 +1,86 @@
+"""The evaluation of depth, on depths and motions whose errors can be worked out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from benchmarks import depth_evaluation
+from geovp_classic.depth.given import Given
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.types import Clip, Context, FloatArray, Grant, Intrinsics, Trajectory
+
+CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
+
+
+@dataclass(frozen=True)
+class Wall:
+    """All is equally far."""
+
+    depth_m: float
+
+    @property
+    def needs(self) -> Grant:
+        return Grant.NONE
+
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
+        size = context.frames.shape[:3]
+        return np.full(size, 1 / self.depth_m), np.full(size, 0.25)
+
+
+def _clip(step: tuple[float, float, float] = (0, 0, 1.0), **changes: object) -> Clip:
+    twists = np.zeros((4, 6))
+    twists[:, :3] = np.arange(4)[:, None] * np.array(step)
+    depths = np.full((4, 80, 100), 10.0, np.float32)
+    depths[:, :, 50:] = 20.0
+    depths[:, :10] = np.inf
+    depths[:, 10:20] = 0.0
+    moving = np.zeros(depths.shape, dtype=bool)
+    moving[:, 60:, 50:] = True
+    times_s = 0.1 * np.arange(4)
+    fields = {"depths": depths, "moving": moving, "trajectory": Trajectory(se3.exp(twists), times_s, True)}
+    return Clip("street", np.zeros((4, 80, 100, 3), np.uint8), times_s, CAMERA, **{**fields, **changes})  # type: ignore[arg-type]
+
+
+def test_errors_of_a_wall() -> None:
+    # 12 m for 10 m: 0.2, within 1.25; 12 m for 20 m: 0.4, not within
+    rows = {row.pixels: row for row in depth_evaluation.evaluate(Wall(12.0), [_clip()], num_past=3)}
+    assert set(rows) == {"static", "moving", "near-epipole", "away"}
+    assert rows["moving"].absolute_relative_error == pytest.approx(0.4)
+    assert rows["moving"].share_within_factor == 0
+    assert rows["moving"].num_pixels == 20 * 50
+    assert rows["static"].num_pixels == 60 * 50 + 40 * 50  # neither sky nor unknown
+    assert rows["static"].absolute_relative_error == pytest.approx((0.2 * 3000 + 0.4 * 2000) / 5000)
+    assert rows["static"].share_within_factor == pytest.approx(0.6)
+    assert rows["static"].confidence == 0.25
+    assert rows["near-epipole"].num_pixels + rows["away"].num_pixels == rows["static"].num_pixels
+
+
+def test_exact_depth_has_no_error() -> None:
+    rows = depth_evaluation.evaluate(Given(), [_clip()], num_past=3)
+    assert all(row.absolute_relative_error < 1e-6 and row.share_within_factor == 1 for row in rows)
+
+
+def test_infinitely_far_counts_as_80_m() -> None:
+    rows = depth_evaluation.evaluate(Wall(np.inf), [_clip()], num_past=3)
+    moving = next(row for row in rows if row.pixels == "moving")
+    assert moving.absolute_relative_error == pytest.approx(3.0)  # (80 - 20) / 20
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
+    past = _clip(step=(0.1 * sign, 0, sign)).trajectory
+    assert past is not None
+    np.testing.assert_allclose(depth_evaluation.epipole(past, CAMERA), [59.5, 39.5])
+
+
+@pytest.mark.parametrize("step", [(0, 0, 0), (1.0, 0, 0)])
+def test_no_epipole_in_the_picture_when_standing_or_going_aside(step: tuple[float, float, float]) -> None:
+    rows = depth_evaluation.evaluate(Wall(10.0), [_clip(step=step)], num_past=3)
+    assert "near-epipole" not in {row.pixels for row in rows}
+
+
+def test_a_clip_without_exact_depth() -> None:
+    with pytest.raises(Incompatible, match="street has no exact depth"):
+        depth_evaluation.evaluate(Wall(10.0), [_clip(depths=None)], num_past=3)
