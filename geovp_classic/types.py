@@ -235,6 +235,20 @@ class Context:
         """F, the number of frames to predict."""
         return len(self.times_s) - len(self.frames)
 
+    def recent(self, num_frames: int) -> Context:
+        """The same context with only the last `num_frames` observed frames; all of them when there are fewer."""
+        skipped = max(self.num_past - num_frames, 0)
+        kept = slice(skipped, self.num_past)
+        return replace(
+            self,
+            frames=self.frames[kept],
+            times_s=self.times_s[skipped:],
+            past=_cut(self.past, kept),
+            past_depths=_cut(self.past_depths, kept),
+            wide=_cut(self.wide, kept),
+            right=_cut(self.right, kept),
+        )
+
     def only(self, grant: Grant) -> Context:
         """The same context with everything removed that the grant does not name."""
         return replace(

@@ -9,13 +9,9 @@ import numpy as np
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, splat
+from geovp_classic.render import backward, splat, surface
 from geovp_classic.render.fill import Blank
 from geovp_classic.types import ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
-
-HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
-STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
-FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
 
 
 @dataclass(frozen=True)
@@ -78,28 +74,9 @@ class SurfaceScene:
 
 def _patches(inverse_depth: FloatArray, camera: Intrinsics) -> FloatArray:
     """The corners [N, 4, 4] of the patches of all pixels whose inverse depth [H, W] is known (not NaN)."""
-    slopes = np.stack([_slopes(inverse_depth), _slopes(inverse_depth.T).T], axis=-1)
     known = np.isfinite(inverse_depth)
-    offsets = HALF_PX * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    offsets = surface.HALF_PX * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     corners_px = pinhole.pixel_grid(camera)[known][:, None] + offsets
-    corners_q = np.maximum(inverse_depth[known][:, None] + slopes[known] @ offsets.T, 0.0)
+    corners_q = np.maximum(inverse_depth[known][:, None] + surface.slopes(inverse_depth)[known] @ offsets.T, 0.0)
     rays = pinhole.unproject(corners_px, np.ones(corners_q.shape), camera)
     return np.concatenate([rays, corners_q[..., None]], axis=-1)
-
-
-def _slopes(inverse_depth: FloatArray) -> FloatArray:
-    """The step of the surface per pixel along the rows [H, W]; 0 where neither side goes on straight.
-
-    A pixel on the edge of a thing belongs to one side; the side whose next step continues the slope is its own. Of two
-    such sides the flatter one is taken.
-    """
-    padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
-    step = np.diff(padded, axis=1)  # [H, W + 3]; pixel c lies between steps c + 1 and c + 2
-    sides = [(step[:, 2:-1], step[:, 3:]), (step[:, 1:-2], step[:, :-3])]
-    candidates = []
-    for near, beyond in sides:
-        straight = np.abs(beyond - near) <= STRAIGHT * np.abs(near)
-        flat = np.abs(near) <= FLAT * inverse_depth
-        candidates.append(np.where(straight | flat, near, np.inf))
-    flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
-    return np.where(np.isfinite(flatter), flatter, 0.0)

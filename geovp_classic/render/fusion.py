@@ -1,0 +1,183 @@
+"""Fuse the observed frames into one cloud of surface patches and show it from each future pose.
+
+The last frame shows what lies ahead at the best resolution, so all its pixels are kept; an earlier frame adds only what
+no later one could see: behind things, or beside the picture. Depths of one surface from two frames must agree, or
+neither is trusted. Colours are read backward from the frame that a patch came from, once, and stay sharp.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import DepthSource, Fill
+from geovp_classic.render import surface
+from geovp_classic.render.detail import Grain
+from geovp_classic.render.fill import NearestBackground
+from geovp_classic.render.surface import IndexArray
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+
+LARGEST_MAGNIFICATION = 6.0
+
+
+@dataclass(frozen=True)
+class DepthFusion:
+    """All observed frames as one cloud of patches; holes are filled, magnified surfaces get their grain back."""
+
+    depth: DepthSource
+    fill: Fill = field(default_factory=NearestBackground)
+    num_frames: int = 10  # how many of the last observed frames are used
+    crack_px: int = 2  # gaps up to about twice this width are closed between surfaces, not invented
+    agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
+    grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
+
+    def __post_init__(self) -> None:
+        """Raise BadData for settings that make no sense."""
+        if self.num_frames < 1:
+            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
+        if not (0 < self.agreement < 1 and self.crack_px >= 0 and self.grain >= 0):
+            raise BadData("agreement must lie between 0 and 1, crack_px and grain must not be negative")
+
+    @property
+    def needs(self) -> Grant:
+        """What the depth source needs."""
+        return self.depth.needs
+
+    def reconstruct(self, context: Context, past: Trajectory) -> CloudScene:
+        """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the past."""
+        recent, past = context.recent(self.num_frames), past[-self.num_frames :]
+        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        sources = [
+            surface.Source(frame, recent.intrinsics, pose)
+            for frame, pose in zip(recent.frames, past.world_from_cam, strict=True)
+        ]
+        cloud, used = fuse(sources, inverse_depths, confidence, self.agreement)
+        return CloudScene(cloud, used, self.fill, self.crack_px, self.grain)
+
+
+def fuse(
+    sources: list[surface.Source],
+    inverse_depths: FloatArray,  # [P, H, W]
+    confidence: FloatArray,  # [P, H, W]
+    agreement: float,
+) -> tuple[surface.Patches, list[surface.Source]]:
+    """The last frame's patches, and of every earlier frame what no later one sees; the used sources, last one first."""
+    used: list[surface.Source] = []
+    maps: list[FloatArray] = []
+    parts: list[surface.Patches] = []
+    for source, inverse_depth, trust in reversed(list(zip(sources, inverse_depths, confidence, strict=True))):
+        known = trust > 0 if used else np.ones(trust.shape, dtype=bool)
+        for later, later_depth in zip(used, maps, strict=True):
+            known &= _hidden_from(later, later_depth, source, inverse_depth, agreement)
+        if known.any():
+            parts.append(surface.patches(inverse_depth, known, len(used)))
+            used.append(source)
+            maps.append(inverse_depth)
+    return surface.joined(parts), used
+
+
+def _hidden_from(
+    later: surface.Source, later_depth: FloatArray, source: surface.Source, inverse_depth: FloatArray, agreement: float
+) -> BoolArray:
+    """Which of the source's pixels [H, W] the later frame does not show: beside its picture or behind its surfaces.
+
+    What would stand in front of the later frame's surfaces would have been seen there: it is wrong, so not hidden.
+    """
+    pixels, ratio = surface.source_pixels(later, inverse_depth, source.world_from_source, source.camera)
+    column, row = np.round(pixels[..., 0]).astype(int), np.round(pixels[..., 1]).astype(int)
+    inside = (ratio > 0) & (column >= 0) & (column < later_depth.shape[1]) & (row >= 0) & (row < later_depth.shape[0])
+    there = later_depth[np.where(inside, row, 0), np.where(inside, column, 0)]
+    own = inverse_depth / np.where(inside, ratio, 1)
+    return ~inside | (own < there * (1 - agreement))
+
+
+@dataclass(frozen=True)
+class CloudScene:
+    """A fused cloud with the pictures its colours are read from."""
+
+    cloud: surface.Patches
+    sources: list[surface.Source]  # the last observed frame first
+    fill: Fill
+    crack_px: int
+    grain: float
+
+    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
+        drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
+        number = np.where(winner == surface.NOTHING, surface.NOTHING, self.cloud.source[winner]).astype(np.int32)
+        closed = [_close_cracks(*maps, self.crack_px) for maps in zip(drawn, number, strict=True)]
+        seen = [self._colours(*maps, pose, intrinsics) for maps, pose in zip(closed, world_from_cam, strict=True)]
+        frames, covered, magnification = (np.stack(maps) for maps in zip(*seen, strict=True))
+        inverse_depth = np.stack([maps[0] for maps in closed])
+        with np.errstate(divide="ignore"):
+            depths = np.where(covered, 1 / np.where(covered, inverse_depth, 1), 0).astype(np.float32)
+        filled = self.fill.fill(Views(frames, covered, depths))
+        return Views(self._with_grain(filled, magnification), covered, depths)
+
+    def _colours(
+        self, inverse_depth: FloatArray, source_number: IndexArray, world_from_cam: FloatArray, camera: Intrinsics
+    ) -> tuple[ByteArray, BoolArray, FloatArray]:
+        """Frame, coverage and magnification of one view, each pixel read from the source of its patch."""
+        frame = np.zeros((*inverse_depth.shape, 3), dtype=np.uint8)
+        covered = np.zeros(inverse_depth.shape, dtype=bool)
+        magnification = np.full(inverse_depth.shape, LARGEST_MAGNIFICATION, dtype=np.float32)
+        for number in np.unique(source_number[source_number >= 0]):
+            source = self.sources[number]
+            pixels, ratio = surface.source_pixels(source, inverse_depth, world_from_cam, camera)
+            here = (source_number == number) & (ratio > 0) & _inside(pixels, source.camera)
+            colours = _read(source.frame, pixels)
+            frame[here], covered[here], magnification[here] = colours[here], True, ratio[here]
+        return frame, covered, magnification
+
+    def _with_grain(self, frames: ByteArray, magnification: FloatArray) -> ByteArray:
+        if self.grain == 0:
+            return frames
+        grain = Grain.of(self.sources[0].frame)
+        pairs = zip(frames, magnification, strict=True)
+        return np.stack([grain.added_to(frame, times, self.grain) for frame, times in pairs])
+
+
+def _close_cracks(
+    inverse_depth: FloatArray,  # [H, W]
+    source_number: IndexArray,  # [H, W], NOTHING in gaps
+    crack_px: int,
+) -> tuple[FloatArray, IndexArray]:
+    """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
+    seen = source_number != surface.NOTHING
+    kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
+    cracks = (cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0) & ~seen
+    depth = np.where(seen, inverse_depth, np.inf)
+    number = source_number.copy()
+    for _ in range(2 * crack_px):
+        todo = cracks & ~np.isfinite(depth)
+        if not todo.any():
+            break
+        depth, number = _grown(depth, number, todo)
+    return np.where(np.isfinite(depth), depth, -1.0).astype(np.float32), number
+
+
+def _grown(depth: FloatArray, number: IndexArray, todo: BoolArray) -> tuple[FloatArray, IndexArray]:
+    """The pixels to do take the farthest of their four neighbours, where one is known."""
+    padded, numbers = np.pad(depth, 1, constant_values=np.inf), np.pad(number, 1, constant_values=surface.NOTHING)
+    height, width = depth.shape
+    grown, chosen = depth.copy(), number.copy()
+    for top, left in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        neighbour = padded[top : top + height, left : left + width]
+        better = todo & (neighbour < grown)
+        grown[better] = neighbour[better]
+        chosen[better] = numbers[top : top + height, left : left + width][better]
+    return grown, chosen
+
+
+def _read(frame: ByteArray, pixels: FloatArray) -> ByteArray:
+    """Lanczos colours [H, W, 3] at the pixels [H, W, 2]; outside, the colour of the border."""
+    u, v = np.moveaxis(pixels.astype(np.float32), -1, 0)
+    return np.asarray(cv2.remap(frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _inside(pixels: FloatArray, camera: Intrinsics) -> BoolArray:
+    u, v = pixels[..., 0], pixels[..., 1]
+    return (u >= -0.5) & (u <= camera.width_px - 0.5) & (v >= -0.5) & (v <= camera.height_px - 0.5)

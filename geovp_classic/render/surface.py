@@ -1,0 +1,219 @@
+"""Observed pixels as small flat patches in space, drawn from any pose with a z-buffer, fast.
+
+A patch is what one pixel of a source picture shows: the square around it, at its inverse depth and with the slope of
+its surface, so that approached surfaces neither tear nor lose their planes. Inverse depth 0 is infinitely far and needs
+no special case: a pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) + q b, with A = K' R K^-1 and b = K' t
+(Hartley & Zisserman 2004, eq. 13.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+
+IndexArray = npt.NDArray[np.int32]
+
+NOTHING = -1
+HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
+STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
+FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
+NEAR_SHARE = 1e-3  # of a ray's length: a patch that comes nearer to the camera's plane is not drawn
+EDGE_PX2 = 1e-6  # tolerance of the inside test: patches that share an edge leave no crack
+
+
+@dataclass(frozen=True)
+class Source:
+    """A picture that surfaces are seen in."""
+
+    frame: ByteArray  # [H, W, 3]
+    camera: Intrinsics
+    world_from_source: FloatArray  # [4, 4]
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Pixels of several sources with their place in space."""
+
+    pixels: FloatArray  # [N, 2] float32, (u, v) in their source
+    inverse_depth: FloatArray  # [N] float32
+    slope: FloatArray  # [N, 2] float32, of the inverse depth per pixel along u and v
+    source: IndexArray  # [N], which source
+
+    def __len__(self) -> int:
+        """N."""
+        return len(self.pixels)
+
+
+def patches(
+    inverse_depth: FloatArray,  # [H, W], 0 = infinitely far
+    known: BoolArray,  # [H, W]
+    source: int,
+) -> Patches:
+    """The patches of all known pixels of one picture."""
+    q = np.where(known, inverse_depth, np.nan)
+    slope = slopes(q)[known]
+    v, u = np.nonzero(known)
+    number = np.full(len(u), source, dtype=np.int32)
+    return Patches(
+        np.stack([u, v], -1).astype(np.float32), q[known].astype(np.float32), slope.astype(np.float32), number
+    )
+
+
+def joined(parts: list[Patches]) -> Patches:
+    """All patches in one; earlier parts win where patches are equally near."""
+    columns = [np.concatenate([getattr(part, name) for part in parts]) for name in Patches.__dataclass_fields__]
+    return Patches(*columns)
+
+
+def draw(
+    cloud: Patches,
+    sources: list[Source],
+    world_from_cam: FloatArray,  # [F, 4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, IndexArray]:
+    """Inverse depth [F, H, W] of the nearest patch at every pixel's centre, and its number (NOTHING for none)."""
+    to_views = [plane_sweep_maps(source, world_from_cam, camera) for source in sources]
+    a, b = (np.stack(maps, axis=1) for maps in zip(*to_views, strict=True))  # [F, sources, 3, 3], [F, sources, 3]
+    size = (len(world_from_cam), camera.height_px, camera.width_px)
+    inverse_depth = np.full(size, -1.0, dtype=np.float32)
+    winner = np.full(size, NOTHING, dtype=np.int32)
+    _draw_views(cloud.pixels, cloud.inverse_depth, cloud.slope, cloud.source, a, b, inverse_depth, winner)
+    return inverse_depth, winner
+
+
+def plane_sweep_maps(
+    source: Source,
+    world_from_cam: FloatArray,  # [F, 4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, FloatArray]:
+    """A [F, 3, 3] and b [F, 3] that take (u, v, 1) and inverse depth of the source to the cameras' pixels."""
+    cam_from_source = se3.inverse(world_from_cam) @ source.world_from_source
+    a = camera.matrix @ cam_from_source[..., :3, :3] @ np.linalg.inv(source.camera.matrix)
+    return a, cam_from_source[..., :3, 3] @ camera.matrix.T
+
+
+def source_pixels(
+    source: Source,
+    inverse_depth: FloatArray,  # [H, W] in the view, 0 = infinitely far
+    world_from_cam: FloatArray,  # [4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, FloatArray]:
+    """Where the source shows what the view shows, [H, W, 2] float32, and the depth ratio source / view [H, W].
+
+    The ratio is the magnification of surfaces that face the camera; it is not positive for what lies behind the source.
+    """
+    view = Source(np.zeros((0, 0, 3), np.uint8), camera, world_from_cam)
+    a, b = plane_sweep_maps(view, source.world_from_source[None], source.camera)
+    grid = pinhole.pixel_grid(camera).astype(np.float32)
+    a32, b32 = a[0].astype(np.float32), b[0].astype(np.float32)
+    seen = grid @ a32[:, :2].T + a32[:, 2] + inverse_depth[..., None].astype(np.float32) * b32
+    ratio = seen[..., 2]
+    safe = np.where(ratio > NEAR_SHARE, ratio, np.float32(np.inf))
+    return seen[..., :2] / safe[..., None], ratio
+
+
+def slopes(inverse_depth: FloatArray) -> FloatArray:
+    """The step of the surface per pixel along u and v [H, W, 2]; inverse depth [H, W] is NaN where it is unknown."""
+    return np.stack([_slopes(inverse_depth), _slopes(inverse_depth.T).T], axis=-1)
+
+
+def _slopes(inverse_depth: FloatArray) -> FloatArray:
+    """The step of the surface per pixel along the rows [H, W]; 0 where neither side goes on straight.
+
+    A pixel on the edge of a thing belongs to one side; the side whose next step continues the slope is its own. Of two
+    such sides the flatter one is taken.
+    """
+    padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
+    step = np.diff(padded, axis=1)  # [H, W + 3]; pixel c lies between steps c + 1 and c + 2
+    sides = [(step[:, 2:-1], step[:, 3:]), (step[:, 1:-2], step[:, :-3])]
+    candidates = []
+    for near, beyond in sides:
+        straight = np.abs(beyond - near) <= STRAIGHT * np.abs(near)
+        flat = np.abs(near) <= FLAT * inverse_depth
+        candidates.append(np.where(straight | flat, near, np.inf))
+    flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
+    return np.where(np.isfinite(flatter), flatter, 0.0)
+
+
+@numba.njit(cache=True, parallel=True)
+def _draw_views(
+    pixels: FloatArray,
+    inverse_depth: FloatArray,
+    slope: FloatArray,
+    source: IndexArray,
+    a: FloatArray,
+    b: FloatArray,
+    drawn: FloatArray,
+    winner: IndexArray,
+) -> None:
+    for f in numba.prange(len(a)):
+        x, y, q = np.empty(4), np.empty(4), np.empty(4)
+        for n in range(len(pixels)):
+            if _corners(pixels[n], inverse_depth[n], slope[n], a[f, source[n]], b[f, source[n]], x, y, q):
+                _fill_quad(x, y, q, n, drawn[f], winner[f])
+
+
+@numba.njit(cache=True)
+def _corners(
+    pixel: FloatArray,
+    inverse_depth: float,
+    slope: FloatArray,
+    a: FloatArray,
+    b: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    q: FloatArray,
+) -> bool:
+    """The four corners of a patch in the view, in order around it; False when one is not in front of the camera."""
+    for i in range(4):
+        du = HALF_PX if i in (1, 2) else -HALF_PX
+        dv = HALF_PX if i >= 2 else -HALF_PX
+        here = max(inverse_depth + du * slope[0] + dv * slope[1], 0.0)
+        u, v = pixel[0] + du, pixel[1] + dv
+        z = a[2, 0] * u + a[2, 1] * v + a[2, 2] + here * b[2]
+        if z < NEAR_SHARE:
+            return False
+        x[i] = (a[0, 0] * u + a[0, 1] * v + a[0, 2] + here * b[0]) / z
+        y[i] = (a[1, 0] * u + a[1, 1] * v + a[1, 2] + here * b[1]) / z
+        q[i] = here / z
+    return True
+
+
+@numba.njit(cache=True)
+def _fill_quad(x: FloatArray, y: FloatArray, q: FloatArray, number: int, drawn: FloatArray, winner: IndexArray) -> None:
+    """Draw one patch where it is nearer than what is there; its inverse depth is linear in the picture."""
+    height, width = drawn.shape
+    left, right = max(np.ceil(x.min()), 0.0), min(np.floor(x.max()), width - 1.0)
+    top, bottom = max(np.ceil(y.min()), 0.0), min(np.floor(y.max()), height - 1.0)
+    if not (left <= right and top <= bottom):
+        return
+    ua, va, ub, vb = x[1] - x[0], y[1] - y[0], x[3] - x[0], y[3] - y[0]
+    area = ua * vb - ub * va
+    slope_x = slope_y = 0.0
+    if abs(area) > EDGE_PX2:
+        slope_x = ((q[1] - q[0]) * vb - (q[3] - q[0]) * va) / area
+        slope_y = ((q[3] - q[0]) * ua - (q[1] - q[0]) * ub) / area
+    nearest, farthest = q.max(), q.min()
+    for row in range(int(top), int(bottom) + 1):
+        for column in range(int(left), int(right) + 1):
+            here = min(max(q[0] + slope_x * (column - x[0]) + slope_y * (row - y[0]), farthest), nearest)
+            if here > drawn[row, column] and _inside(x, y, column, row):
+                drawn[row, column] = here
+                winner[row, column] = number
+
+
+@numba.njit(cache=True)
+def _inside(x: FloatArray, y: FloatArray, column: int, row: int) -> bool:
+    """Whether a pixel's centre lies in a convex quadrilateral, edges included, whichever way round it goes."""
+    positive = negative = True
+    for i in range(4):
+        j = (i + 1) % 4
+        cross = (x[j] - x[i]) * (row - y[i]) - (y[j] - y[i]) * (column - x[i])
+        positive, negative = positive and cross >= -EDGE_PX2, negative and cross <= EDGE_PX2
+    return positive or negative

@@ -1,0 +1,113 @@
+"""The fused cloud: the last frame stays, earlier ones add what it hides, grain returns where it was lost."""
+
+import numpy as np
+import pytest
+
+from geovp_classic.depth.given import Given
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.render import surface
+from geovp_classic.render.detail import Grain
+from geovp_classic.render.fill import Blank
+from geovp_classic.render.fusion import DepthFusion, fuse
+from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
+
+CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
+
+
+def wall(world_from_cam: FloatArray, distance: float = 8.0) -> tuple[FloatArray, FloatArray]:
+    """Picture [H, W, 3] and inverse depth [H, W] of a smoothly painted wall at z = distance."""
+    directions = pinhole.rays(CAMERA) @ world_from_cam[:3, :3].T
+    reach = (distance - world_from_cam[2, 3]) / directions[..., 2]
+    place = world_from_cam[:3, 3] + reach[..., None] * directions
+    paint = 128 + 60 * np.sin(1.3 * place[..., 0]) + 50 * np.cos(1.7 * place[..., 1])
+    return np.repeat(paint[..., None], 3, axis=2).astype(np.uint8), 1 / reach
+
+
+def drive(x: FloatArray, z: FloatArray) -> FloatArray:
+    return se3.compose(np.eye(3), np.stack([x, np.zeros_like(x), z], axis=-1))
+
+
+def context_of(poses: FloatArray, num_past: int) -> tuple[Context, Trajectory]:
+    pictures, inverse = zip(*(wall(pose) for pose in poses[:num_past]), strict=True)
+    times_s = np.arange(len(poses)) * 0.1
+    past = Trajectory(poses[:num_past], times_s[:num_past], True)
+    depths = (1 / np.stack(inverse)).astype(np.float32)
+    return Context(np.stack(pictures), times_s, CAMERA, past=past, past_depths=depths), past
+
+
+def test_a_wall_is_seen_as_it_is_from_nearer() -> None:
+    poses = drive(np.zeros(4), np.array([0.0, 0.5, 1.0, 2.0]))
+    context, past = context_of(poses, 3)
+    scene = DepthFusion(Given(), fill=Blank(), grain=0.0).reconstruct(context, past)
+    views = scene.view(poses[3:], CAMERA)
+    assert views.covered.all()
+    np.testing.assert_allclose(views.depths[0], 6.0, rtol=1e-4)
+    assert np.abs(views.frames[0].astype(int) - wall(poses[3])[0]).mean() < 1.5
+
+
+def test_an_earlier_frame_shows_what_left_the_last_one() -> None:
+    # Sliding 3 m to the right: looking back to the left shows what only the first frame saw.
+    poses = drive(np.array([0.0, 3.0, 0.0]), np.zeros(3))
+    context, past = context_of(poses, 2)
+    both = DepthFusion(Given(), fill=Blank(), grain=0.0).reconstruct(context, past).view(poses[2:], CAMERA)
+    last = DepthFusion(Given(), fill=Blank(), grain=0.0, num_frames=1).reconstruct(context, past)
+    assert both.covered.all()
+    # 3 m at 8 m are 22.5 of the 64 columns.
+    assert last.view(poses[2:], CAMERA).covered.mean() == pytest.approx(1 - 22.5 / 64, abs=0.02)
+    assert np.abs(both.frames[0].astype(int) - wall(poses[2])[0]).mean() < 1.5
+
+
+def test_what_stands_in_front_of_a_later_frame_is_not_believed() -> None:
+    poses = drive(np.zeros(2), np.zeros(2))
+    sources = [surface.Source(wall(pose)[0], CAMERA, pose) for pose in poses]
+    truth = wall(poses[1])[1]
+    for wrong, added in ((truth * 2, 0), (truth, 0), (truth / 2, truth.size)):  # in front, the same, behind
+        cloud, used = fuse(sources, np.stack([wrong, truth]), np.ones((2, *truth.shape)), agreement=0.1)
+        assert len(cloud) == truth.size + added
+        assert len(used) == 1 + (added > 0)
+
+
+def test_looking_back_or_from_nowhere_shows_nothing_and_breaks_nothing() -> None:
+    context, past = context_of(drive(np.zeros(3), np.arange(3.0)), 2)
+    scene = DepthFusion(Given(), fill=Blank()).reconstruct(context, past)
+    about = se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))
+    beyond = se3.compose(np.eye(3), np.array([0.0, 0, 20]))
+    views = scene.view(np.stack([about, beyond]), CAMERA)
+    assert not views.covered.any()
+    assert (views.depths == 0).all()
+
+
+def test_the_sky_turns_but_does_not_come_nearer() -> None:
+    sky = np.zeros((48, 64))
+    picture = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    source = surface.Source(picture, CAMERA, np.eye(4))
+    cloud = surface.patches(sky, np.ones(sky.shape, bool), 0)
+    ahead = se3.compose(np.eye(3), np.array([0.0, 0, 50]))
+    drawn, winner = surface.draw(cloud, [source], ahead[None], CAMERA)
+    np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
+    assert (drawn == 0).all()
+
+
+def test_grain_is_added_only_where_magnification_took_it() -> None:
+    rng = np.random.default_rng(1)
+    observed = rng.integers(60, 200, (48, 64, 3), dtype=np.uint8)
+    flat = np.full_like(observed, 128)
+    times = np.ones((48, 64), np.float32)
+    grain = Grain.of(observed)
+    np.testing.assert_array_equal(grain.added_to(observed, times), observed)
+    times[:, 32:] = 3.0
+    blurred = pinhole.resize(pinhole.resize(observed, (16, 12)), (64, 48))
+    roughness = np.abs(np.diff(grain.added_to(blurred, times).astype(int), axis=1)).mean(axis=(0, 2))
+    before = np.abs(np.diff(blurred.astype(int), axis=1)).mean(axis=(0, 2))
+    assert roughness[36:].mean() > 1.5 * before[36:].mean()
+    np.testing.assert_allclose(roughness[:28], before[:28])
+    # Where nothing is to be seen, little is invented: the contrast of what is there bounds the grain.
+    assert np.abs(grain.added_to(flat, times).astype(int) - 128).mean() < 5
+
+
+def test_settings_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(BadData, match="num_frames is 0"):
+        DepthFusion(Given(), num_frames=0)
+    with pytest.raises(BadData, match="agreement"):
+        DepthFusion(Given(), agreement=1.5)
