@@ -71,9 +71,11 @@ def agreement(
     Differences are relative to the larger inverse depth.
     """
     there, inverse_there = viewpoints.seen_from(inverse_depth, camera, witness_camera, witness_from_cam)
-    u, v = np.moveaxis(there.astype(np.float32), -1, 0)
-    found = np.asarray(cv2.remap(witness, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1.0))
+    last = np.array([witness_camera.width_px - 1, witness_camera.height_px - 1])
+    inside = ((there >= -0.5) & (there <= last + 0.5)).all(axis=-1)  # outermost pixels count as far as their borders
+    u, v = np.moveaxis(np.clip(there, 0, last).astype(np.float32), -1, 0)
+    found = np.asarray(cv2.remap(witness, u, v, cv2.INTER_LINEAR))
     floor = np.float32(0.01 * np.quantile(witness, 0.99) + 1e-12)  # below it, far is far
     difference = np.abs(found - inverse_there) / np.maximum(np.maximum(found, inverse_there), floor)
-    confirmed = np.where(found >= 0, np.exp(-0.5 * (difference / tolerance) ** 2), 0)
+    confirmed = np.where(inside, np.exp(-0.5 * (difference / tolerance) ** 2), 0)
     return confirmed.astype(np.float32)
