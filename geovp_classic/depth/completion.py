@@ -6,6 +6,7 @@ picture has one, and never makes up a depth between a thing and its background.
 
 from __future__ import annotations
 
+import cv2
 import numba
 import numpy as np
 
@@ -13,6 +14,7 @@ from geovp_classic.types import BoolArray, FloatArray
 
 RADIUS_PX = 3
 LEAST_TRUST = 0.3  # the say of a pixel of confidence 0, beside 1 for a sure one
+SPECKLE_STEP = 2.0
 SIMILAR = 20.0  # grey values 0..255 by which a neighbour's say falls to 1 / e
 
 
@@ -27,6 +29,17 @@ def complete(
     values = [np.ascontiguousarray(one, dtype=np.float32) for one in (inverse_depth, picture)]
     completed: FloatArray = _weighted_median(values[0], trust, values[1], likeness)
     return completed
+
+
+def speckles(
+    levels: FloatArray,  # [H, W], depth counted in hypotheses
+    largest_share: float,
+) -> BoolArray:
+    """Islands [H, W] of at most that share of the picture, cut off by steps of more than SPECKLE_STEP hypotheses."""
+    sixteenths = np.round(16 * levels).astype(np.int16)
+    marked = cv2.filterSpeckles(sixteenths, -1, int(largest_share * levels.size), int(16 * SPECKLE_STEP))[0]
+    islands: BoolArray = np.asarray(marked) == -1
+    return islands
 
 
 def fill_from_background(

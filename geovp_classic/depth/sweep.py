@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.depth import aggregation, matching, viewpoints
+from geovp_classic.depth import aggregation, completion, matching, viewpoints
 from geovp_classic.depth.ground import Ground, fit_ground, lift
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+from geovp_classic.types import FloatArray, Intrinsics
 
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
 GROUND_EXCESS = 40.0  # what lying on the road may cost more than the best depth, where that is below the road
+SPECKLE_SHARE = 0.0045  # of the picture; smaller islands of depth are wrong matches more often than things
 SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
 
 
@@ -24,7 +25,6 @@ class Swept:
 
     inverse_depth: FloatArray  # [H, W] float32
     confidence: FloatArray  # [H, W] float32; 0 = as good as any other depth, 1 = no rival
-    seen: BoolArray  # [H, W]; whether any source sees the pixel's point
     ground: Ground | None
 
 
@@ -53,9 +53,11 @@ def sweep(
     if ground is not None:
         contradiction = aggregation.excess(sums, planes, ground.inverse_depth(camera))
         inverse_depth = lift(inverse_depth, ground, camera, contradiction < GROUND_EXCESS)
+    islands = completion.speckles(np.interp(inverse_depth, planes, np.arange(num_planes)), SPECKLE_SHARE)
+    inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
     seen = ~(costs == matching.UNSEEN).all(axis=-1)
-    confidence = np.where(seen, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
-    return Swept(inverse_depth.astype(np.float32), confidence, seen, ground)
+    confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
+    return Swept(inverse_depth.astype(np.float32), confidence, ground)
 
 
 def agreement(

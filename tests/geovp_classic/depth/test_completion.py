@@ -53,3 +53,13 @@ def test_gaps_show_what_lies_behind() -> None:
     filled = completion.fill_from_background(values, values > 0)
     np.testing.assert_allclose(filled, [[0.5, 0.1, 0.1, 0.1, 0.1], [0.5, 0.1, 0.1, 0.1, 0.1]])
     assert not completion.fill_from_background(values, np.zeros(values.shape, dtype=bool)).any()
+
+
+def test_islands_are_found_by_their_size() -> None:
+    levels = np.full((20, 20), 5.0, np.float32)
+    levels[2:4, 2:4] = 15.0  # 4 px
+    levels[10:15, 10:15] = 15.0  # 25 px
+    levels[0, 10:] = 6.5  # a step of 1.5 is a slope
+    islands = completion.speckles(levels, 10 / 400)
+    assert islands[2:4, 2:4].all()
+    assert islands.sum() == 4
