@@ -47,8 +47,11 @@ class Gauge(Protocol):
         """How well the unit is known, from 0 (not at all) to 1."""
         ...
 
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> None:
-        """Take two grey pictures [H, W] and the motion between them [4, 4], in units of the odometry."""
+    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
+        """Take two grey pictures [H, W] and the motion between them [4, 4], in units of the odometry.
+
+        `radial` is what the odometry found of distortion: ideal ray = seen ray * (1 + radial * |seen ray|^2).
+        """
         ...
 
     def restart(self) -> None:

@@ -13,6 +13,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scale
 from geovp_classic.poses.features import FeatureName, front_end
+from geovp_classic.poses.lens import Lens
 from geovp_classic.poses.scale import GroundPlane
 from geovp_classic.poses.tracking import Pace, Tracker
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
@@ -40,6 +41,7 @@ class Monocular:
     features: FeatureName = "corners"
     scale: Scale = field(default_factory=GroundPlane)
     frames: Literal["crop", "wide"] = "crop"
+    radial: float = 0.0  # distortion known to be left in the pictures (`Lens.radial`); learnt further in turns
     num_features: int = 600
     window: int = 8  # keyframes, of a stream
     max_bundle_points: int = 300
@@ -67,7 +69,8 @@ class Monocular:
         gauge = self.scale.gauge(view.intrinsics, context.camera_height_m)
         times_s = context.times_s[: context.num_past]
         pace = Pace(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
-        tracker = Tracker(front_end(self.features, self.num_features), view.intrinsics, pace, self.seed)
+        lens = Lens(view.intrinsics, self.radial)
+        tracker = Tracker(front_end(self.features, self.num_features), lens, pace, self.seed)
         greys = [as_grey(frame) for frame in view.frames]
         for grey, time_s in zip(greys, times_s, strict=True):
             tracker.push(grey, float(time_s))
@@ -77,7 +80,8 @@ class Monocular:
         for now in range(gap, len(poses), gap) if gap else ():
             before = now - gap
             if tracked[now] and tracked[before]:
-                gauge.update(greys[before], greys[now], se3.inverse(poses[before]) @ poses[now])
+                before_from_now = se3.inverse(poses[before]) @ poses[now]
+                gauge.update(greys[before], greys[now], before_from_now, tracker.radial.mean)
         return _trajectory(poses, times_s, self.scale.is_metric, gauge.unit, gauge.confidence), tracked
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
@@ -115,8 +119,9 @@ class Stream:
 
     def __init__(self, odometry: Monocular, intrinsics: Intrinsics, camera_height_m: float | None) -> None:
         """A stream that has seen nothing yet."""
+        lens = Lens(intrinsics, odometry.radial)
         pace = Pace(odometry.window, max_bundle_points=odometry.max_bundle_points)
-        self._tracker = Tracker(front_end(odometry.features, odometry.num_features), intrinsics, pace, odometry.seed)
+        self._tracker = Tracker(front_end(odometry.features, odometry.num_features), lens, pace, odometry.seed)
         self._gauge = odometry.scale.gauge(intrinsics, camera_height_m)
         self._num_starts = 0
         self._now, self._settled = _Path(), _Path()
@@ -138,7 +143,7 @@ class Stream:
             self._num_starts = self._tracker.num_starts
         pair = self._tracker.new_pair
         if pair is not None:
-            self._gauge.update(pair.before, pair.now, pair.before_from_now)
+            self._gauge.update(pair.before, pair.now, pair.before_from_now, pair.radial)
         world_from_cam = self._now.extended(self._tracker.world_from_cam, self._gauge.unit)
         return Step(world_from_cam, tracked, self.confidence)
 

@@ -53,11 +53,11 @@ class GroundPlane:
     at the road errs by `error`, more while turning, because then the road ahead is not the one driven on.
     """
 
-    drift: float = 0.003
-    drift_per_rad: float = 0.15
+    drift: float = 0.002
+    drift_per_rad: float = 0.08
     error: float = 0.06
-    error_per_rad: float = 6.0
-    wobble_rad: float = 0.01  # of pitch and roll from picture to picture
+    error_per_rad: float = 12.0
+    wobble_rad: float = 0.02  # of pitch and roll from picture to picture
 
     @property
     def needs(self) -> Grant:
@@ -86,7 +86,7 @@ class UnitGauge:
     unit: float = 1.0
     confidence: float = 0.0
 
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> None:
+    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Nothing to learn."""
 
     def restart(self) -> None:
@@ -135,12 +135,13 @@ class RoadGauge:
         """The odometry's unit has changed: forget the height, keep pitch and roll."""
         self.variance, self.num_refused = np.inf, 0
 
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> None:
+    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Look at the road in two pictures between which the camera moved, in units of the odometry."""
         length = float(np.linalg.norm(before_from_now[:3, 3]))
         if length < 1e-6 or len(self.pixels) < MIN_SAMPLES:
             return
         before, now = before[self.window], now[self.window]
+        self.lens = replace(self.lens, radial=radial)
         turn_rad = float(se3.rotation_angle_rad(before_from_now))
         searching = not np.isfinite(self.variance)
         if searching and not self._search(before, now, before_from_now):

@@ -11,8 +11,9 @@ from geovp_classic.geometry.two_view import two_view
 from geovp_classic.poses.features import FrontEnd, Look
 from geovp_classic.poses.lens import Lens
 from geovp_classic.poses.resection import resect
+from geovp_classic.poses.self_calibration import RadialEstimate
 from geovp_classic.poses.windowed_map import IndexArray, WindowedMap
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 MIN_INLIERS = 12
 MIN_INLIER_SHARE = 0.4
@@ -53,6 +54,7 @@ class KeyframePair:
     before: ByteArray  # [H, W]
     now: ByteArray  # [H, W]
     before_from_now: FloatArray  # [4, 4]
+    radial: float  # of the lens, as believed now
 
 
 @dataclass(frozen=True)
@@ -67,10 +69,11 @@ class Sight:
 class Tracker:
     """Poses of one camera in a world of its own unit; on hard pictures it bridges and says so, and never raises."""
 
-    def __init__(self, front: FrontEnd, camera: Intrinsics, pace: Pace, seed: int) -> None:
+    def __init__(self, front: FrontEnd, lens: Lens, pace: Pace, seed: int) -> None:
         """A tracker that has seen nothing yet."""
         self.front, self.pace, self.seed = front, pace, seed
-        self.map = WindowedMap(Lens(camera), front.noise_px, pace.window)
+        self.map = WindowedMap(lens, front.noise_px, pace.window)
+        self.radial = RadialEstimate(lens.radial)
         self.world_from_cam: FloatArray = np.eye(4)  # of the last picture, located or bridged
         self.num_starts = 0  # how often a map was started; each has a unit of length of its own
         self.new_pair: KeyframePair | None = None  # when the last picture became a keyframe of a map
@@ -207,6 +210,7 @@ class Tracker:
             self._settle(self.map.first_serial + 1)
         moves = self.map.parallax(se3.inverse(self.world_from_cam)) > self.pace.start_parallax
         self.map.insert(se3.inverse(self.world_from_cam))
+        self._calibrate()
         self.map.place()
         if self.map.newest_serial % self.pace.adjust_every == 0:
             self.map.adjust(2 if len(self.map) == self.map.size else 1, self.pace.max_bundle_points)
@@ -217,8 +221,16 @@ class Tracker:
             self._speed_per_s = float(np.linalg.norm(before_from_now[:3, 3])) / (self._time_s - self._keyframe_s)
             self._coast_until_s = self._time_s + COAST_S
         assert self._keyframe_grey is not None
-        self.new_pair = KeyframePair(self._keyframe_grey, self._look.grey, before_from_now)
+        self.new_pair = KeyframePair(self._keyframe_grey, self._look.grey, before_from_now, self.radial.mean)
         self._keyframe_grey, self._keyframe_s = self._look.grey, self._time_s
+
+    def _calibrate(self) -> None:
+        """Let the last two keyframes say what they can about the lens."""
+        shared = np.isfinite(self.map.seen[-2:, :, 0]).all(axis=0)
+        seen_a, seen_b = self.map.lens.seen_rays(self.map.seen[-2:, shared])
+        now_from_before = self.map.cam_from_world[-1] @ se3.inverse(self.map.cam_from_world[-2])
+        self.radial = self.radial.updated(seen_a, seen_b, now_from_before, self.map.noise)
+        self.map.lens = replace(self.map.lens, radial=self.radial.mean)
 
     def _begin(self, look: Look) -> bool:
         """Start anew from this picture, when it shows anything."""

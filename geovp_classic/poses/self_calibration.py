@@ -1,0 +1,86 @@
+"""Learn, while the camera turns, what radial distortion the rectification of its pictures has left.
+
+A third of a percent of it bends the paths of points that cross the picture enough to change the unit of length by a
+tenth in one street corner. Rectified KITTI pictures have some (Cvisic et al. 2021, "Recalibrating the KITTI dataset
+camera setup for improved odometry accuracy").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.two_view import homogeneous
+from geovp_classic.types import FloatArray
+
+MIN_TURN_RAD = np.radians(1.5)  # between two keyframes; straight drives cannot tell distortion from a bias of tracking
+MIN_POINTS = 50
+KERNEL = 3.0  # distances beyond so many standard deviations count less
+INFLATION = 2.0  # of the standard deviation, for what the noise of single points does not explain
+
+
+@dataclass(frozen=True)
+class RadialEstimate:
+    """What is believed of `Lens.radial`: a normal distribution, at first centred on a perfect lens."""
+
+    mean: float = 0.0
+    variance: float = 0.015**2
+
+    def updated(
+        self,
+        seen_a: FloatArray,  # [N, 2] rays as seen, not corrected
+        seen_b: FloatArray,  # [N, 2]
+        b_from_a: FloatArray,  # [4, 4], roughly
+        noise: float,
+    ) -> RadialEstimate:
+        """The belief after two more pictures; the same one unless the camera turned and moved between them."""
+        length = float(np.linalg.norm(b_from_a[:3, 3]))
+        if len(seen_a) < MIN_POINTS or length < 1e-6 or se3.rotation_angle_rad(b_from_a) < MIN_TURN_RAD:
+            return self
+        b_from_a = se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / length)
+        for _ in range(3):
+            residual, by_motion, by_radial, across = _linearised(seen_a, seen_b, b_from_a, self.mean)
+            weighted = by_motion / (1 + (residual / (KERNEL * noise)) ** 2)[:, None]
+            normal = weighted.T @ by_motion + 1e-9 * np.eye(5)
+            step = -np.linalg.solve(normal, weighted.T @ residual)
+            turn = se3.exp(np.concatenate([np.zeros(3), step[:3]]))[:3, :3]
+            direction = b_from_a[:3, 3] + step[3:] @ across
+            b_from_a = se3.compose(turn @ b_from_a[:3, :3], direction / np.linalg.norm(direction))
+        residual, by_motion, by_radial, _ = _linearised(seen_a, seen_b, b_from_a, self.mean)
+        weight = 1 / (1 + (residual / (KERNEL * noise)) ** 2)
+        # what the motion can explain as well says nothing about the lens: Schur complement
+        mixed = by_motion.T @ (weight * by_radial)
+        explained = np.linalg.solve((by_motion * weight[:, None]).T @ by_motion + 1e-9 * np.eye(5), mixed)
+        alone = by_radial - by_motion @ explained
+        scale = (INFLATION * noise) ** 2
+        information = float(alone @ (weight * alone)) / scale
+        variance = 1 / (1 / self.variance + information)
+        return RadialEstimate(self.mean - variance * float(alone @ (weight * residual)) / scale, variance)
+
+
+def _linearised(
+    seen_a: FloatArray, seen_b: FloatArray, b_from_a: FloatArray, radial: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Sampson distances [N], their derivatives by rotation and direction [N, 5] and by `radial` [N], and the plane
+    [2, 3] in which the direction moves.
+    """
+    square_a, square_b = (seen_a**2).sum(axis=1), (seen_b**2).sum(axis=1)
+    a = homogeneous(seen_a * (1 + radial * square_a)[:, None])
+    b = homogeneous(seen_b * (1 + radial * square_b)[:, None])
+    rotation, direction = b_from_a[:3, :3], b_from_a[:3, 3]
+    across = np.linalg.svd(direction[None])[2][1:]
+    turned, essential = a @ rotation.T, se3.cross_matrix(direction) @ rotation
+    line_b, line_a = (a @ essential.T)[:, :2], (b @ essential)[:, :2]
+    steep_a, steep_b = (line_a**2).sum(axis=1), (line_b**2).sum(axis=1)
+    gradient = np.sqrt(steep_a + steep_b) + 1e-12
+    residual = (b @ essential * a).sum(axis=1) / gradient
+    by_rotation = np.cross(turned, np.cross(b, direction))
+    by_direction = np.cross(turned, b) @ across.T
+    by_motion = np.concatenate([by_rotation, by_direction], axis=1) / gradient[:, None]
+    along_a, along_b = (seen_a * line_a).sum(axis=1), (seen_b * line_b).sum(axis=1)
+    # the second term keeps a smaller picture from passing for a better fit: distances are those of the pixels seen
+    stretched = square_a * steep_a + 2 * along_a**2 + square_b * steep_b + 2 * along_b**2
+    by_radial = (square_a * along_a + square_b * along_b) / gradient - residual * stretched / gradient**2
+    return residual, by_motion, by_radial, across

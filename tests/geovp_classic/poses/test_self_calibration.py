@@ -1,0 +1,69 @@
+"""A camera that turns learns its lens; one that drives straight on keeps what it believed."""
+
+import numpy as np
+import pytest
+
+from geovp_classic.geometry import se3
+from geovp_classic.poses.lens import Lens
+from geovp_classic.poses.self_calibration import RadialEstimate, _linearised
+from geovp_classic.types import FloatArray, Intrinsics
+
+CAMERA = Intrinsics(700.0, 700.0, 620.0, 180.0, 1240, 370)
+NOISE = 0.1 / 700
+
+
+def sights(radial: float, now_from_before: FloatArray, seed: int, count: int = 300) -> tuple[FloatArray, FloatArray]:
+    """Rays [N, 2] of random points in two pictures through a lens with this distortion, with noise."""
+    rng, lens = np.random.default_rng(seed), Lens(CAMERA, radial)
+    rays = np.stack([rng.uniform(-0.8, 0.8, count), rng.uniform(-0.25, 0.25, count)], axis=1)
+    points = np.concatenate([rays, np.ones((count, 1))], axis=1) * rng.uniform(6, 50, count)[:, None]
+    views = []
+    for cam_from_world in (np.eye(4), now_from_before):
+        cam = se3.transform(cam_from_world, points)
+        views.append(lens.seen_rays(lens.pixels(cam[:, :2] / cam[:, 2:])) + rng.normal(0, NOISE, (count, 2)))
+    return views[0], views[1]
+
+
+def learnt(radial: float, turn_deg: float, count: int = 12) -> RadialEstimate:
+    now_from_before = se3.inverse(se3.exp(np.array([0, 0, 0.8, 0, np.radians(turn_deg), 0])))
+    belief = RadialEstimate()
+    for seed in range(count):
+        belief = belief.updated(*sights(radial, now_from_before, seed), now_from_before, NOISE)
+    return belief
+
+
+@pytest.mark.parametrize("radial", [-0.015, 0.0, 0.01])
+def test_a_street_corner_teaches_the_distortion(radial: float) -> None:
+    belief = learnt(radial, turn_deg=4.0)
+    assert belief.mean == pytest.approx(radial, abs=0.002)
+    assert abs(belief.mean - radial) < 3 * np.sqrt(belief.variance) + 5e-4
+    assert belief.variance < 0.003**2
+
+
+def test_driving_straight_on_teaches_nothing() -> None:
+    assert learnt(-0.015, turn_deg=1.0) == RadialEstimate()
+
+
+def test_few_points_or_no_motion_teach_nothing() -> None:
+    now_from_before = se3.inverse(se3.exp(np.array([0, 0, 0.8, 0, 0.07, 0])))
+    a, b = sights(-0.015, now_from_before, 0)
+    assert RadialEstimate().updated(a[:40], b[:40], now_from_before, NOISE) == RadialEstimate()
+    still = se3.compose(now_from_before[:3, :3], np.zeros(3))
+    assert RadialEstimate().updated(a, b, still, NOISE) == RadialEstimate()
+
+
+def test_derivatives_are_those_of_differences() -> None:
+    now_from_before = se3.inverse(se3.exp(np.array([0, 0, 1.0, 0, 0.07, 0])))
+    a, b = sights(0.01, now_from_before, 0, count=5)
+    off = se3.exp(np.array([0.02, 0.01, 0, 0.003, 0, 0])) @ now_from_before
+    off[:3, 3] /= np.linalg.norm(off[:3, 3])
+    residual, by_motion, _, across = _linearised(a, b, off, 0.0)
+    step = 1e-6
+    for i in range(3):
+        turned = se3.compose(se3.exp(step * np.eye(6)[3 + i])[:3, :3] @ off[:3, :3], off[:3, 3])
+        change = (_linearised(a, b, turned, 0.0)[0] - residual) / step
+        np.testing.assert_allclose(change, by_motion[:, i], rtol=0.05, atol=0.02)
+    for i in range(2):
+        moved = se3.compose(off[:3, :3], off[:3, 3] + step * across[i])
+        change = (_linearised(a, b, moved, 0.0)[0] - residual) / step
+        np.testing.assert_allclose(change, by_motion[:, 3 + i], rtol=0.05, atol=0.02)
