@@ -48,7 +48,7 @@ class DepthFusion:
 
     def reconstruct(self, context: Context, past: Trajectory) -> CloudScene:
         """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the past."""
-        recent, past = context.recent(self.num_frames), past[-self.num_frames :]
+        recent, past = context.only(self.depth.needs).recent(self.num_frames), past[-self.num_frames :]
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
         sources = [
             surface.Source(frame, recent.intrinsics, pose)
