@@ -105,9 +105,9 @@ def _protocol(plan: Plan) -> dict[str, Any]:
 
 
 def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
-    """So many of the clips, evenly spread over all of them."""
-    count = min(count, len(clips))
-    return frozenset(clips[int((i + 0.5) * len(clips) / count)] for i in range(count))
+    """So many of the clips, evenly spread from the first to the last; the middle one when it is one."""
+    count, last = min(count, len(clips)), len(clips) - 1
+    return frozenset(clips[round(i * last / (count - 1)) if count > 1 else last // 2] for i in range(count))
 
 
 def _shared(shop: Workshop) -> str:
