@@ -1,5 +1,6 @@
 """Monocular odometry on a corridor whose poses are known: clips, streams, and what it asks for."""
 
+import os
 from collections.abc import Callable
 
 import numpy as np
@@ -187,3 +188,20 @@ def test_standing_for_long_keeps_nothing(straight: tuple[ByteArray, FloatArray],
         assert len(stream._tracker._waiting) <= 60
     settled += len(stream.take_settled(all_of_them=True)[0])
     assert settled == 150
+
+
+def test_a_real_street_in_metres() -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None:
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti/sequences/03")
+    spec = {"name": "kitti", "root": f"{root}/kitti", "sequences": ["03[0:60)"], "num_frames": 11, "stride": 24}
+    rotations_deg, lengths = [], []
+    for clip in registry.build("datasets", spec):
+        given, _ = clip.split(10, Grant.CAMERA_HEIGHT)
+        trajectory, tracked = Monocular().track(given)
+        assert tracked.all()
+        rotations_deg.append(step_errors(trajectory, clip.trajectory.world_from_cam[:10])[0])
+        found = np.linalg.norm(steps(trajectory.world_from_cam)[:, :3, 3], axis=1).sum()
+        lengths.append(found / np.linalg.norm(steps(clip.trajectory.world_from_cam[:10])[:, :3, 3], axis=1).sum())
+    assert np.median(rotations_deg) < 0.05
+    np.testing.assert_allclose(lengths, 1, atol=0.1)
