@@ -1,0 +1,58 @@
+"""Where the vehicle will be and how sure that is: a Gaussian mixture over (x, z, yaw) at every future time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import planar
+from geovp_classic.types import FloatArray
+
+
+@dataclass(frozen=True)
+class PlanarForecast:
+    """K modes of (x, z, yaw_rad) on the plane of the last observed camera; one mode for a Kalman filter."""
+
+    weights: FloatArray  # [K], sum 1
+    means: FloatArray  # [K, F, 3]
+    covariances: FloatArray  # [K, F, 3, 3]
+    world_from_reference: FloatArray  # [4, 4], the last observed camera
+    vehicle_from_cam: FloatArray  # [4, 4]
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless the shapes agree, weights sum to one and covariances are positive definite."""
+        modes, steps = self.means.shape[:2]
+        shapes = (self.weights.shape, self.means.shape, self.covariances.shape)
+        if shapes != ((modes,), (modes, steps, 3), (modes, steps, 3, 3)):
+            raise BadData(f"planar forecast of shapes {shapes}, expected [K], [K, F, 3], [K, F, 3, 3]")
+        if not np.isclose(self.weights.sum(), 1.0) or (self.weights < 0).any():
+            raise BadData(f"the modes' weights sum to {self.weights.sum():.4g}, expected positive ones that sum to 1")
+        if not (np.linalg.eigvalsh(self.covariances)[..., 0] > 0).all():
+            raise BadData("a covariance of a planar forecast is not positive definite")
+
+    def states_of(self, world_from_cam: FloatArray) -> FloatArray:
+        """(x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4] on this forecast's plane."""
+        return planar.reduce(world_from_cam, self.world_from_reference, self.vehicle_from_cam)
+
+    def log_density(self, states: FloatArray) -> FloatArray:
+        """Log density [N, F] (per square metre and radian) at states [N, F, 3]; yaw differences are wrapped."""
+        off = states[None] - self.means[:, None]  # [K, N, F, 3]
+        off[..., 2] = (off[..., 2] + np.pi) % (2 * np.pi) - np.pi
+        lower = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
+        white = np.linalg.solve(np.broadcast_to(lower, (*off.shape, 3)), off[..., None])[..., 0]
+        log_volume = np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(-1) + 1.5 * np.log(2 * np.pi)
+        with np.errstate(divide="ignore"):
+            log_weights = np.log(self.weights)[:, None, None]
+        density: FloatArray = logsumexp(log_weights - 0.5 * (white**2).sum(-1) - log_volume, axis=0)
+        return density
+
+    def draws(self, num_samples: int, seed: int) -> FloatArray:
+        """States [N, F, 3], right for every step on its own (a forecaster's futures are right as paths)."""
+        rng = np.random.default_rng(seed)
+        modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
+        lower = np.linalg.cholesky(self.covariances)[modes]
+        white = rng.standard_normal((*lower.shape[:2], 3))
+        return self.means[modes] + (lower @ white[..., None])[..., 0]
