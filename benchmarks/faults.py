@@ -75,7 +75,9 @@ def table(rows: Sequence[FaultRow], faults: Sequence[Fault]) -> str:
         for strength in fault.strengths:
             own = [row for row in rows if (row.fault, row.strength) == (fault.name, strength)]
             numbers = np.array([[row.bridged, row.rotation_deg, row.path_percent] for row in own])
-            bridged, rotation_deg, path_percent = np.median(numbers, axis=0)
+            bridged, rotation_deg = np.median(numbers[:, :2], axis=0)
+            moving = numbers[np.isfinite(numbers[:, 2]), 2]  # where the truth stands there is no path
+            path_percent = np.median(moving) if len(moving) else np.nan
             shown = f"{strength:g} {fault.unit}"
             lines.append(f"{fault.name:<12}{shown:>12}{100 * bridged:>11.0f}{rotation_deg:>19.3f}{path_percent:>14.2f}")
     return "\n".join(lines)

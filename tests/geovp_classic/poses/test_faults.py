@@ -79,3 +79,9 @@ def test_the_table_has_a_line_for_every_fault_and_strength(clip: Clip) -> None:
     lines = faults.table(faults.measure(Monocular(), [clip], chosen), chosen).splitlines()
     assert len(lines) == 3
     assert lines[2].split()[:4] == ["black", "1", "frames", "10"]
+
+
+def test_clips_that_stand_do_not_hide_the_path_error_of_the_others() -> None:
+    chosen = [faults.Fault("black", "frames", (0,), BY_NAME["black"].spoil)]
+    rows = [faults.FaultRow("black", 0, name, 0, 0.1, error) for name, error in (("a", 2.0), ("b", float("nan")))]
+    assert faults.table(rows, chosen).splitlines()[1].split()[-1] == "2.00"
