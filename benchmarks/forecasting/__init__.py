@@ -1,0 +1,1 @@
+"""Measure forecasters on pose files alone, and fit the ones that have constants."""

@@ -1,0 +1,84 @@
+"""What the motion prior learns from: twist histories with the path that followed, and faults added to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.geometry import planar, se3
+from geovp_classic.poses import past_motion
+from geovp_classic.poses.motion_network import MIRRORED_RATES, MIRRORED_STATES
+from geovp_classic.poses.motion_prior import NUM_PAST_STEPS
+from geovp_classic.types import FloatArray, Trajectory
+
+STEP_S = 0.1037  # KITTI's frame interval
+NUM_FUTURE_STEPS = 21  # a little more than 20 frames of jittering times
+POSITION_NOISE_M, ROTATION_NOISE_RAD = 0.02, np.radians(0.05)  # per step: noise level 1
+
+
+@dataclass(frozen=True)
+class Examples:
+    """N histories with their futures."""
+
+    rates: FloatArray  # [N, P, 6]
+    states: FloatArray  # [N, F, 3]
+
+    def __len__(self) -> int:
+        """N."""
+        return len(self.rates)
+
+    def mirrored(self) -> Examples:
+        """These and, behind them, the same with left and right swapped."""
+        rates = np.concatenate([self.rates, self.rates * MIRRORED_RATES])
+        return Examples(rates, np.concatenate([self.states, self.states * MIRRORED_STATES]))
+
+
+def joined(parts: Iterable[Examples]) -> Examples:
+    """All of them, one behind the other."""
+    parts = list(parts)
+    return Examples(np.concatenate([p.rates for p in parts]), np.concatenate([p.states for p in parts]))
+
+
+def examples(trajectory: Trajectory, stride: int) -> Examples:
+    """One example every `stride` frames of a sequence."""
+    rates, states = [], []
+    ahead_s = STEP_S * np.arange(1, NUM_FUTURE_STEPS + 1)
+    for last in range(NUM_PAST_STEPS, len(trajectory), stride):
+        times_s = trajectory.times_s[last] + ahead_s
+        if times_s[-1] > trajectory.times_s[-1]:
+            break
+        past = trajectory[last - NUM_PAST_STEPS : last + 1]
+        rates.append(past_motion.body_rates(past, STEP_S, NUM_PAST_STEPS))
+        poses = _poses_at(trajectory, times_s)
+        states.append(planar.reduce(poses, past.world_from_cam[-1], past_motion.vehicle_from_cam(past)))
+    return Examples(np.stack(rates), np.stack(states))
+
+
+def faulty(rates: FloatArray, rng: np.random.Generator, max_noise: float = 2.0, cut_share: float = 0.25) -> FloatArray:
+    """Histories [N, P, 6] as odometry gives them: half with noise of some level, a share of them short."""
+    count = len(rates)
+    levels = np.where(rng.random(count) < 0.5, 0.0, np.exp(rng.uniform(np.log(0.05), np.log(max_noise), count)))
+    known = np.where(rng.random(count) < cut_share, rng.integers(1, NUM_PAST_STEPS + 1, count), NUM_PAST_STEPS)
+    return shortened(noisy(rates, levels, rng), known)
+
+
+def noisy(rates: FloatArray, levels: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Every step of a history measured with independent errors, of 2 cm and 0.05 degrees at level 1."""
+    deviation = np.repeat([POSITION_NOISE_M, ROTATION_NOISE_RAD], 3) / STEP_S
+    return rates + levels[:, None, None] * deviation * rng.standard_normal(rates.shape)
+
+
+def shortened(rates: FloatArray, known: FloatArray) -> FloatArray:
+    """Only the last `known` [N] steps are known; the earliest of them stands for those before, as in a forecast."""
+    first = (rates.shape[1] - np.asarray(known, dtype=int))[:, None]
+    steps = np.maximum(np.arange(rates.shape[1]), first)
+    return np.take_along_axis(rates, steps[..., None], axis=1)
+
+
+def _poses_at(trajectory: Trajectory, times_s: FloatArray) -> FloatArray:
+    after = np.clip(np.searchsorted(trajectory.times_s, times_s, side="right"), 1, len(trajectory) - 1)
+    before_s, after_s = trajectory.times_s[after - 1], trajectory.times_s[after]
+    share = (times_s - before_s) / (after_s - before_s)
+    return se3.interpolate(trajectory.world_from_cam[after - 1], trajectory.world_from_cam[after], share)
