@@ -1,0 +1,166 @@
+"""The fits: gradients against differences, networks that learn, likelihoods that agree with the single filter."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from benchmarks.forecasting import histories, kalman_fit, network_training, prior_fit
+from benchmarks.forecasting.network_training import Schedule
+from benchmarks.forecasting.prior_fit import Plan
+from benchmarks.forecasting.windows import Cut, windows
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.poses import motion_network, motion_prior, turn_rate
+from geovp_classic.types import FloatArray, Trajectory
+
+
+def winding_road(num_steps: int, seed: int) -> Trajectory:
+    """A drive whose speed and turn rate wander."""
+    rng = np.random.default_rng(seed)
+    turns = 0.3 * np.sin(np.arange(num_steps) / 25 + seed) + 0.02 * rng.standard_normal(num_steps)
+    poses = [np.eye(4)]
+    for step, turn in enumerate(turns[1:]):
+        speed = 8 + 2 * np.sin(step / 40 + seed)
+        poses.append(poses[-1] @ se3.exp(np.array([0, 0, speed, 0, turn, 0]) * 0.1037))
+    return Trajectory(np.stack(poses), np.arange(num_steps) * 0.1037, is_metric=True)
+
+
+def slope_by_differences(loss: object, outputs: FloatArray) -> FloatArray:
+    step, slopes = 1e-3, np.zeros_like(outputs)
+    for index in np.ndindex(*outputs.shape):
+        nudge = np.zeros_like(outputs)
+        nudge[index] = step
+        slopes[index] = (loss(outputs + nudge) - loss(outputs - nudge)) / (2 * step)  # type: ignore[operator]
+    return slopes
+
+
+def test_back_propagation_is_the_slope_by_differences() -> None:
+    rng = np.random.default_rng(0)
+    network = network_training.fresh((3, 4, 2), 2, rng)
+    network = motion_network.Network(
+        tuple(w.astype(np.float64) for w in network.weights), tuple(b + 0.1 for b in network.biases)
+    )
+    features = rng.standard_normal((2, 5, 3))
+    outputs, trace = network_training.traced(network, features, 0.0, rng)
+    np.testing.assert_allclose(outputs[0], network(features[0])[0], atol=1e-6)
+    slopes = network_training.propagated(network, trace, 2 * outputs)
+
+    def loss(first: FloatArray) -> float:
+        return float(
+            (
+                network_training.traced(replace(network, weights=(first, network.weights[1])), features, 0.0, rng)[0]
+                ** 2
+            ).sum()
+        )
+
+    np.testing.assert_allclose(slopes[0], slope_by_differences(loss, network.weights[0]), rtol=1e-3, atol=1e-4)
+
+
+def test_the_mixtures_gradient_is_the_slope_of_its_likelihood() -> None:
+    rng = np.random.default_rng(1)
+    outputs, wanted = rng.standard_normal((1, 3, 2 * 5)), rng.standard_normal((1, 3, 2))
+
+    def loss(values: FloatArray) -> float:
+        log_weights, means, log_deviations = motion_network.split_modes(values, 2)
+        white = (wanted[..., None, :] - means) * np.exp(-log_deviations)
+        return -float(logsumexp(log_weights + (-0.5 * white**2 - log_deviations).sum(-1), axis=-1).mean())
+
+    slopes = prior_fit.mixture_gradient(outputs, wanted, 2)
+    np.testing.assert_allclose(slopes, slope_by_differences(loss, outputs), atol=1e-4)
+
+
+def test_the_centres_gradient_is_the_slope_of_distance_and_yaw() -> None:
+    rng = np.random.default_rng(2)
+    outputs, wanted = rng.standard_normal((1, 2, 6)), rng.standard_normal((1, 2, 6))
+    scale = np.array([[1.0, 2.0, 0.1], [1.5, 3.0, 0.2]])
+
+    def loss(values: FloatArray) -> float:
+        off = (values - wanted).reshape(1, 2, 2, 3) * scale
+        distance = np.sqrt((off[..., :2] ** 2).sum(-1) + 1e-4)
+        return float((distance + 8 * np.sqrt(off[..., 2] ** 2 + 1e-6)).mean())
+
+    slopes = prior_fit.centre_gradient(outputs, wanted, scale, 8.0)
+    np.testing.assert_allclose(slopes, slope_by_differences(loss, outputs), rtol=2e-2, atol=2e-3)
+
+
+def test_a_network_learns_a_line() -> None:
+    rng = np.random.default_rng(3)
+
+    def batch() -> tuple[FloatArray, FloatArray]:
+        features = rng.standard_normal((2, 64, 1)).astype(np.float32)
+        return features, 3 * features - 1
+
+    def gradient(outputs: FloatArray, wanted: FloatArray) -> FloatArray:
+        return (2 * (outputs - wanted) / 64).astype(np.float32)
+
+    start = network_training.fresh((1, 16, 16, 1), 2, rng)
+    schedule = Schedule(600, 64, learning_rate=1e-2, weight_decay=0.0, dropout=0.0)
+    trained = network_training.train(start, batch, gradient, schedule, rng)
+    np.testing.assert_allclose(trained(np.array([[0.5]]))[:, 0, 0], 0.5, atol=0.1)
+
+
+def test_components_give_errors_back() -> None:
+    rng = np.random.default_rng(4)
+    smooth = rng.standard_normal((500, 2)) @ rng.standard_normal((2, 5 * 3))
+    errors = smooth.reshape(500, 5, 3)
+    basis, floor, amounts = prior_fit.components(errors, 2)
+    np.testing.assert_allclose(np.einsum("fid,nd->nfi", basis, amounts), errors, atol=1e-6)
+    np.testing.assert_allclose(amounts.std(0), 1.0, rtol=0.1)
+    assert floor.max() < 1e-6
+
+
+def test_shortened_histories_repeat_what_is_known() -> None:
+    rates = np.arange(9.0)[None, :, None] * np.ones(6)
+    np.testing.assert_array_equal(histories.shortened(rates, np.array([3]))[0, :, 0], [6, 6, 6, 6, 6, 6, 6, 7, 8])
+
+
+def test_examples_of_a_circle_are_its_states() -> None:
+    times_s = np.arange(60) * 0.1037
+    circle = Trajectory(se3.exp(times_s[:, None] * np.array([0, 0, 10.0, 0, 0.1, 0])), times_s, True)
+    data = histories.examples(circle, stride=7)
+    np.testing.assert_allclose(data.rates, np.tile([0, 0, 10, 0, 0.1, 0], (len(data), 9, 1)), atol=1e-6)
+    angle = 0.1 * histories.STEP_S * histories.NUM_FUTURE_STEPS
+    wanted = [100 * (1 - np.cos(angle)), 100 * np.sin(angle), angle]
+    np.testing.assert_allclose(data.states[:, -1], np.tile(wanted, (len(data), 1)), atol=1e-6)
+
+
+def test_a_small_prior_is_fitted_and_forecasts() -> None:
+    roads = {f"{seed}": winding_road(120, seed) for seed in range(3)}
+    plan = Plan(num_members=1, centre_width=8, centre_epochs=2, num_modes=2, depth=3, spread_width=8, spread_epochs=2)
+    fitted = prior_fit.fit(roads, plan)
+    again = motion_prior.unpacked(motion_prior.packed(fitted))
+    assert again.num_steps == histories.NUM_FUTURE_STEPS
+    assert again.basis.shape == (21, 3, 3)
+    paths = motion_network.centres(again, histories.examples(roads["0"], 9).rates)
+    assert np.isfinite(paths).all()
+
+
+def test_one_sequence_cannot_be_left_out() -> None:
+    with pytest.raises(BadData, match="two or more"):
+        prior_fit.fit({"only": winding_road(120, 0)}, Plan())
+
+
+def test_the_batched_likelihood_is_the_single_filters() -> None:
+    cuts = list(windows(winding_road(60, 1), Cut(10, 5, 20)))
+    batched = kalman_fit.log_densities(kalman_fit.stacked(cuts), turn_rate.fitted("turn-rate"), 5)
+    for window, row in zip(cuts, batched, strict=True):
+        forecast = turn_rate.TurnRateKalman().distribution(window.past, window.future.times_s)
+        states = forecast.states_of(window.future.world_from_cam)[None]
+        np.testing.assert_allclose(row, forecast.log_density(states)[0], atol=1e-6)
+
+
+def test_fitting_makes_the_train_windows_likelier_and_writes_toml() -> None:
+    cuts = list(windows(winding_road(300, 2), Cut(10, 20, 30)))
+    start = kalman_fit.starts()["turn-rate"]
+    fitted = kalman_fit.fit(cuts, start, max_evaluations=60)
+    stack = kalman_fit.stacked(cuts)
+    before, after = (kalman_fit.log_densities(stack, c, 5).mean() for c in (start.constants, fitted))
+    assert after > before
+    table = tomllib.loads(kalman_fit.as_toml({"turn-rate": fitted}))["turn-rate"]
+    assert table["position_noise_m"] >= 1e-3
+    assert table["turn_damping_hz"] == 0

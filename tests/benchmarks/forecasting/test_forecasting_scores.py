@@ -1,0 +1,116 @@
+"""Scores and tables of forecasters, with numbers worked out by hand."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.forecasting import command, evaluation, windows
+from benchmarks.forecasting.evaluation import OdometryNoise
+from benchmarks.forecasting.scores import energy_score, highest_density_rank, measure
+from benchmarks.forecasting.windows import Cut
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.geometry import se3
+from geovp_classic.poses.forecast import ConstantTurn, Hold
+from geovp_classic.poses.planar_forecast import PlanarForecast
+from geovp_classic.poses.turn_rate import TurnRateKalman
+from geovp_classic.types import Trajectory
+
+
+def circle(num_steps: int, speed_m_s: float = 10.0, turn_rad_s: float = 0.1) -> Trajectory:
+    times_s = np.arange(num_steps) * 0.1
+    return Trajectory(se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, turn_rad_s, 0])), times_s, True)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("03", "05"):
+        trajectory = circle(60)
+        pose_files.write_kitti(tmp_path / f"{name}.txt", trajectory)
+        (tmp_path / f"{name}_times.txt").write_text("\n".join(f"{time:.6f}" for time in trajectory.times_s))
+    return tmp_path
+
+
+def test_windows_are_cut_every_stride_frames_to_the_end() -> None:
+    cuts = list(windows.windows(circle(41), Cut(10, 20, 5)))
+    assert [round(window.past.times_s[0], 6) for window in cuts] == [0.0, 0.5, 1.0]  # 11 starts, every fifth
+    assert (len(cuts[0].past), len(cuts[0].future)) == (10, 20)
+    assert list(windows.windows(circle(29), Cut(10, 20, 5))) == []
+
+
+def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
+    window = next(windows.windows(circle(30, 10.0, 0.1), Cut(10, 20, 5)))
+    scores = measure(Hold(), [window])
+    assert scores.position_m[0, 9] == pytest.approx(2 * 100 * np.sin(0.05))  # the chord of 0.1 rad at 100 m radius
+    assert scores.yaw_deg[0, -1] == pytest.approx(np.degrees(0.2))
+    assert np.isnan(scores.rank).all()
+    assert scores.energy_m[0] == pytest.approx(scores.position_m[0].mean())
+
+
+def test_a_circle_is_no_riddle_for_a_constant_turn() -> None:
+    scores = measure(ConstantTurn(), windows.windows(circle(60), Cut()))
+    assert scores.position_m.max() < 1e-6
+    assert scores.yaw_deg.max() < 1e-6
+
+
+def test_the_energy_score_of_two_samples() -> None:
+    samples = np.array([[[0.0, 0.0]], [[2.0, 0.0]]])
+    # distances to the truth 1 and 1; the samples are 2 apart, half of which is taken off
+    assert energy_score(samples, np.array([[1.0, 0.0]])) == pytest.approx(0.0)
+    assert energy_score(samples[:1], np.array([[1.0, 0.0]])) == pytest.approx(1.0)
+
+
+def test_ranks_are_the_ellipsoids_probability() -> None:
+    forecast = PlanarForecast(np.ones(1), np.zeros((1, 1, 3)), np.eye(3)[None, None], np.eye(4), np.eye(4))
+    # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %.
+    for square, share in ((2.366, 0.5), (6.251, 0.9)):
+        truth = np.array([[np.sqrt(square), 0.0, 0.0]])
+        assert highest_density_rank(forecast, truth, num_draws=20000)[0] == pytest.approx(share, abs=0.015)
+
+
+def test_odometry_noise_keeps_the_last_pose_and_repeats() -> None:
+    past = circle(10)
+    spoiled = OdometryNoise()(past)
+    np.testing.assert_allclose(spoiled.world_from_cam[-1], past.world_from_cam[-1])
+    np.testing.assert_array_equal(spoiled.world_from_cam, OdometryNoise()(past).world_from_cam)
+    off = spoiled.world_from_cam[0, :3, 3] - past.world_from_cam[0, :3, 3]
+    assert 0.005 < np.linalg.norm(off) < 0.4  # nine steps of 2 cm and 0.05 degrees
+
+
+def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path) -> None:
+    said = list(command.lines(["evaluate", str(folder), "--sequences", "03", "05", "--only", "hold", "CTRV, extended"]))
+    assert said[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
+    assert [line.split("|")[1].strip() for line in said[3:]] == ["hold", "CTRV, extended"]
+    assert "-" in said[3]
+    assert "in 90%" in said[1]
+
+
+def test_a_mistyped_row_is_refused(folder: Path) -> None:
+    with pytest.raises(UnknownComponent, match="no row is called 'hol'"):
+        list(command.lines(["evaluate", str(folder), "--sequences", "03", "--only", "hol"]))
+
+
+def test_sequences_too_short_for_a_window_are_refused(folder: Path) -> None:
+    with pytest.raises(BadData, match="as long as one window"):
+        evaluation.evaluate(folder, ["03"], {"hold": Hold()}, Cut(40, 40, 5))
+
+
+def test_the_kalman_rows_are_sure_of_what_they_get_right() -> None:
+    scores = measure(TurnRateKalman(), windows.windows(circle(60), Cut()))
+    assert (scores.rank <= 0.9).all()
+
+
+def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None or not (Path(root) / "kitti_full_poses").is_dir():
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
+    rows = evaluation.contestants()
+    chosen = {name: rows[name] for name in ("hold", "constant twist", "CTRA, damped", "motion prior")}
+    scores = evaluation.evaluate(Path(root) / "kitti_full_poses", ["04"], chosen, Cut(stride=60))
+    errors = {name: float(row.position_m.mean()) for name, row in scores.items()}
+    assert min(errors, key=errors.__getitem__) != "hold"
+    assert errors["motion prior"] < 1.0
