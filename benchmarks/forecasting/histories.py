@@ -56,6 +56,11 @@ def examples(trajectory: Trajectory, stride: int) -> Examples:
     return Examples(np.stack(rates), np.stack(states))
 
 
+def standing(count: int) -> Examples:
+    """Cars that stand and go on standing: recorded sequences are cut where the car waits, the world is not."""
+    return Examples(np.zeros((count, NUM_PAST_STEPS, 6)), np.zeros((count, NUM_FUTURE_STEPS, 3)))
+
+
 def faulty(rates: FloatArray, rng: np.random.Generator, max_noise: float = 2.0, cut_share: float = 0.25) -> FloatArray:
     """Histories [N, P, 6] as odometry gives them: half with noise of some level, a share of them short."""
     count = len(rates)

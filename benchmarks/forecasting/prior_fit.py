@@ -22,6 +22,7 @@ class Plan:
     """How the prior is fitted; chosen by leaving out one train sequence after the other."""
 
     stride: int = 2
+    standing_share: float = 0.03  # examples of standing cars, added to every sequence
     num_members: int = 2
     centre_width: int = 96
     centre_epochs: float = 40.0
@@ -46,7 +47,7 @@ def fit(sequences: Mapping[str, Trajectory], plan: Plan) -> Coefficients:
     """Coefficients from at least two sequences (each is left out once)."""
     if len(sequences) < 2:
         raise BadData(f"{len(sequences)} sequence to fit to, expected two or more: each is left out once")
-    data = {name: histories.examples(trajectory, plan.stride) for name, trajectory in sequences.items()}
+    data = {name: _examples(trajectory, plan) for name, trajectory in sequences.items()}
     rng = np.random.default_rng(plan.seed)
     rates, paths, errors = [], [], []
     for left_out, unseen in data.items():
@@ -58,6 +59,11 @@ def fit(sequences: Mapping[str, Trajectory], plan: Plan) -> Coefficients:
             errors.append(along_path(unseen.states - path, path))
     centre = fit_centre(histories.joined(data.values()), plan)
     return fit_spread(centre, np.concatenate(rates), np.concatenate(paths), np.concatenate(errors), plan)
+
+
+def _examples(trajectory: Trajectory, plan: Plan) -> Examples:
+    driven = histories.examples(trajectory, plan.stride)
+    return histories.joined([driven, histories.standing(int(np.ceil(plan.standing_share * len(driven))))])
 
 
 def fit_centre(data: Examples, plan: Plan) -> Centre:
