@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
+from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.render.detail import Grain
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import DepthFusion, fuse
+from geovp_classic.render.fusion import fuse
 from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
