@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import planar
 from geovp_classic.interfaces import Forecaster, Odometry, PoseSource
 from geovp_classic.poses import forecast
+from geovp_classic.poses.motion_prior import MotionPrior
+from geovp_classic.poses.odometry import Monocular
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion, Trajectory
 
 
@@ -45,10 +47,10 @@ class GroundTruth:
 
 @dataclass(frozen=True)
 class Chained:
-    """Odometry for the past, a forecaster for the future."""
+    """Odometry for the past, a forecaster for the future; the defaults use no recorded pose and won on `val`."""
 
-    odometry: Odometry
-    forecaster: Forecaster
+    odometry: Odometry = field(default_factory=Monocular)
+    forecaster: Forecaster = field(default_factory=MotionPrior)
 
     @property
     def needs(self) -> Grant:

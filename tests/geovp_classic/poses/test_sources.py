@@ -10,6 +10,8 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Odometry, PoseSource
 from geovp_classic.poses import forecast
+from geovp_classic.poses.motion_prior import MotionPrior
+from geovp_classic.poses.odometry import Monocular
 from geovp_classic.poses.sources import (
     Chained,
     ConstantTurn,
@@ -158,6 +160,13 @@ def test_chained_is_built_from_nested_tables() -> None:
     np.testing.assert_array_equal(
         source.estimate(context(drive())).futures, ConstantTurn().estimate(context(drive())).futures
     )
+
+
+def test_chained_alone_tracks_and_forecasts_without_recorded_poses() -> None:
+    source = registry.build("pose_sources", "chained")
+    assert source == Chained(Monocular(), MotionPrior())
+    assert source.needs == Grant.CAMERA_HEIGHT
+    assert registry.build("pose_sources", registry.describe(source)) == source
 
 
 def test_a_bad_setting_is_refused_at_once() -> None:
