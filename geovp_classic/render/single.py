@@ -11,7 +11,8 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Fill
 from geovp_classic.render import backward, splat, surface
 from geovp_classic.render.fill import Blank
-from geovp_classic.types import ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from geovp_classic.render.outlines import Outlines, outlines
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class GivenDepth:
             camera=context.intrinsics,
             world_from_last=past.world_from_cam[-1],
             patches_last=_patches(inverse_depth, context.intrinsics),
+            pixels=np.flatnonzero(np.isfinite(inverse_depth)),
+            outlines=outlines(inverse_depth, context.intrinsics),
             fill=self.fill,
         )
 
@@ -52,24 +55,35 @@ class SurfaceScene:
     camera: Intrinsics
     world_from_last: FloatArray  # [4, 4]
     patches_last: FloatArray  # [N, 4, 4], homogeneous corners in the last camera's frame
+    pixels: splat.IndexArray  # [N], the frame's pixel that each patch is, row by row
+    outlines: Outlines
     fill: Fill
 
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The surface from the poses [F, 4, 4]; uncovered where the last frame does not show what would be seen."""
-        last_from_cam = se3.inverse(self.world_from_last) @ world_from_cam
-        frames, inverse_depths = zip(*(self._view_one(one, intrinsics) for one in last_from_cam), strict=True)
-        covered = np.isfinite(inverse_depths)
-        views = Views(np.stack(frames), covered, splat.depths(np.stack(inverse_depths), covered))
-        return Views(self.fill.fill(views), covered, views.depths)
+        """The surface from the poses [F, 4, 4].
 
-    def _view_one(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, FloatArray]:
-        """Frame [H, W, 3] and inverse depth [H, W], NaN where nothing is seen."""
-        inverse_depth, winner = splat.draw(self.patches_last @ se3.inverse(last_from_cam).T, intrinsics)
-        inverse_depth = np.where(winner == splat.NOTHING, np.nan, inverse_depth)
+        Uncovered where the last frame does not show what would be seen, which is filled, and where it shows a mixture
+        of two surfaces that have parted since: that is drawn, a better guess than any fill's, but not vouched for.
+        """
+        last_from_cam = se3.inverse(self.world_from_last) @ world_from_cam
+        drawn = (self._view_one(one, intrinsics) for one in last_from_cam)
+        frames, inverse_depths, mixed = (np.stack(maps) for maps in zip(*drawn, strict=True))
+        shown = np.isfinite(inverse_depths)
+        views = Views(frames, shown, splat.depths(inverse_depths, shown))
+        return Views(self.fill.fill(views), shown & ~mixed, views.depths)
+
+    def _view_one(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, FloatArray, BoolArray]:
+        """Frame [H, W, 3], inverse depth [H, W], NaN where nothing is seen, and where parted surfaces mix [H, W]."""
+        cam_from_last = se3.inverse(last_from_cam)
+        inverse_depth, winner = splat.draw(self.patches_last @ cam_from_last.T, intrinsics)
+        seen = winner != splat.NOTHING
+        inverse_depth = np.where(seen, inverse_depth, np.nan)
         source = backward.source_pixels(last_from_cam, inverse_depth, intrinsics, self.camera)
-        covered = backward.inside(source, self.camera)
-        frame = np.where(covered[..., None], backward.sample(self.frame, source), np.uint8(0))
-        return frame, np.where(covered, inverse_depth, np.nan)
+        shown = backward.inside(source, self.camera)
+        frame = np.where(shown[..., None], backward.sample(self.frame, source), np.uint8(0))
+        mixed = np.zeros(seen.shape, dtype=bool)
+        mixed[seen] = self.outlines.parted(cam_from_last, intrinsics).ravel()[self.pixels[winner[seen]]]
+        return frame, np.where(shown, inverse_depth, np.nan), mixed
 
 
 def _patches(inverse_depth: FloatArray, camera: Intrinsics) -> FloatArray:

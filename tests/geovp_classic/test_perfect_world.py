@@ -1,8 +1,8 @@
 """With exact depth and exact poses, geometry must predict the future of the synthetic street.
 
 What the last frame does not determine is left out, by exact masks, and how much is left in is asserted as well: pixels
-that the renderer does not cover; moving things, where they are and where the last frame shows them; surfaces that the
-last frame did not see; and pixels on an outline, which hold a mixture of two surfaces in either picture.
+that the renderer does not cover; moving things, where they are and where the last frame shows them; and surfaces that
+the last frame did not see.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from geovp_classic.metrics.strata import strata
 from geovp_classic.poses.sources import GroundTruth
 from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.render.single import GivenDepth
-from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Target
+from geovp_classic.types import BoolArray, ByteArray, Clip, Context, Grant, Target
 
 NUM_FUTURE = 5
 PREDICTOR = GeometricPredictor(GroundTruth(), GivenDepth())
@@ -56,16 +56,6 @@ def determined(context: Context, target: Target, moving: BoolArray) -> BoolArray
     return strata(context, target)["seen"] & ~drawn_over
 
 
-def outlines(depths: FloatArray) -> BoolArray:
-    """Pixels [F, H, W] next to a bend or a jump of the inverse depth, which is straight on planes."""
-    inverse = 1 / depths
-    bend = np.zeros(depths.shape, dtype=bool)
-    for axis in (1, 2):
-        second = np.abs(ndimage.convolve1d(inverse, [1, -2, 1], axis=axis, mode="nearest"))
-        bend |= second > 0.02 * inverse
-    return ndimage.binary_dilation(bend, np.ones((1, 3, 3)))
-
-
 def psnr_db(frames: ByteArray, target: ByteArray, mask: BoolArray) -> float:
     return float(10 * np.log10(255**2 / np.mean((frames[mask].astype(float) - target[mask]) ** 2)))
 
@@ -81,15 +71,14 @@ def psnr_db(frames: ByteArray, target: ByteArray, mask: BoolArray) -> float:
 def test_the_future_is_reproduced(index: int, pitch_deg: float, roll_deg: float, cache: Path) -> None:
     clip = quiet_street(index, cache, pitch_deg, roll_deg)
     assert clip.moving is not None
-    assert clip.depths is not None
     context, target = clip.split(1, ~Grant.NONE)
     prediction = PREDICTOR.predict(context)
     assert prediction.covered is not None
-    static = prediction.covered[0] & determined(context, target, clip.moving[0])
-    pure = static & ~outlines(clip.depths[1:])
-    assert static.mean() > 0.7
-    assert pure.mean() > 0.55
-    assert psnr_db(prediction.frames[0], target.frames, pure) >= 35
-    assert psnr_db(prediction.frames[0], target.frames, static) >= 30  # outlines included
+    known = determined(context, target, clip.moving[0])
+    static = prediction.covered[0] & known
+    assert static.mean() > 0.75
+    assert static.sum() > 0.93 * known.sum()  # the renderer vouches for nearly all that can be known
+    assert psnr_db(prediction.frames[0], target.frames, static) >= 35
+    assert psnr_db(prediction.frames[0], target.frames, known) >= 32  # outlines that parted, too
     copied = np.broadcast_to(context.frames[-1], target.frames.shape)
-    assert psnr_db(copied, target.frames, pure) < 28  # the camera really moved
+    assert psnr_db(copied, target.frames, static) < 28  # the camera really moved

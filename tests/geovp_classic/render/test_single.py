@@ -52,11 +52,22 @@ def test_the_wall_hides_the_plain_and_what_it_hid_is_uncovered(walled_plain: Any
     clip = walled_plain.clip(poses, camera)
     views = predict(clip)
     edge_px = camera.cx_px + camera.fx_px * (1.5 - 1.0) / 12  # the wall's right edge, seen 1 m further right
-    sky_rows = views.covered[0, 56:60]  # of the wall's rows those above the horizon
-    for row in sky_rows:
+    seen = views.depths[0, 56:60] > 0  # of the wall's rows those above the horizon
+    for row in seen:
         np.testing.assert_allclose(np.flatnonzero(~row)[[0, -1]], [edge_px, edge_px + 10], atol=1.5)
         assert (~row).sum() in (9, 10, 11)
-    assert (views.depths[~views.covered] == 0).all()
+    assert not views.covered[0, 56:60][~seen].any()
+
+
+def test_outlines_that_parted_are_drawn_but_not_vouched_for(walled_plain: Any, camera: Intrinsics) -> None:
+    """To the side by d metres, the wall at 12 m moves 10 d pixels and the sky none: a pixel is mixed from 0.1 m on."""
+    for step_m, parts in ((0.09, False), (0.11, True)):
+        poses = se3.compose(np.eye(3), np.array([[step_m * (k >= NUM_PAST), 0, 0] for k in range(8)]))
+        views = predict(walled_plain.clip(poses, camera))
+        seen, covered = views.depths[0, 57:60] > 0, views.covered[0, 57:60]
+        assert ((seen & ~covered).any(axis=1) == parts).all()
+        assert (seen & ~covered).sum(axis=1).max() <= 4  # two pixels on either edge
+        assert (views.frames[0, 57:60][seen & ~covered] > 0).all()
 
 
 def test_a_camera_that_stays_sees_the_last_frame(walled_plain: Any, camera: Intrinsics) -> None:
