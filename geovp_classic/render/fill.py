@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.errors import BadData
+from geovp_classic.interfaces import Fill
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 IndexArray = npt.NDArray[np.intp]
 FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage and depth [H, W]
+FREQUENCY_SELECTIVE = {"fast": cv2.xphoto.INPAINT_FSR_FAST, "best": cv2.xphoto.INPAINT_FSR_BEST}
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,60 @@ class NavierStokes:
     def fill(self, views: Views) -> ByteArray:
         """Frames [F, H, W, 3]; a frame without any covered pixel repeats the one before, the first is black."""
         return _fill_each(views, _inpainting(self.radius_px, cv2.INPAINT_NS))
+
+
+@dataclass(frozen=True)
+class FrequencySelective:
+    """Frequency selective reconstruction: what is around a hole goes on as a sum of few waves (Genser 2018).
+
+    Slow: on one core "fast" takes 1.3 s for a frame of 128x128 that is half uncovered and 6 s for one of 256x256 that is
+    nine tenths uncovered; "best" takes 25 times as long.
+    """
+
+    quality: Literal["fast", "best"] = "fast"
+
+    def fill(self, views: Views) -> ByteArray:
+        """Frames [F, H, W, 3]; a frame without any covered pixel repeats the one before, the first is black."""
+        return _fill_each(views, self._fill_one)
+
+    def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
+        filled = np.zeros_like(frame)
+        cv2.xphoto.inpaint(frame, 255 * covered.astype(np.uint8), filled, FREQUENCY_SELECTIVE[self.quality])
+        return filled
+
+
+@dataclass(frozen=True)
+class BorrowedDetail:
+    """Another fill's colours with the detail that the best covered of the views has at the same place of the picture.
+
+    A camera that turns keeps seeing road below, walls and trees beside and the sky above: what is where in the picture
+    changes less than what it is. So the broad colours go on from the border of what is known (`colours`), and what is
+    finer than `coarse_share` of the picture's width is borrowed, at `strength` of its contrast.
+    """
+
+    colours: Fill = field(default_factory=NearestBackground)
+    coarse_share: float = 1 / 32
+    strength: float = 0.7
+
+    def __post_init__(self) -> None:
+        """Raise BadData for settings that make no sense."""
+        if not (0 < self.coarse_share < 1 and self.strength >= 0):
+            given = f"coarse_share {self.coarse_share} and strength {self.strength}"
+            raise BadData(f"borrowed-detail: {given}, expected a share between 0 and 1 and no negative strength")
+
+    def fill(self, views: Views) -> ByteArray:
+        """Frames [F, H, W, 3]."""
+        filled = self.colours.fill(views).copy()
+        richest = filled[np.argmax(views.covered.mean(axis=(1, 2)))].astype(np.float32)
+        detail = richest - self._broad(richest)
+        for step in np.flatnonzero(~views.covered.all(axis=(1, 2))):
+            invented = self._broad(filled[step].astype(np.float32)) + self.strength * detail
+            rounded = np.clip(invented + 0.5, 0, 255).astype(np.uint8)
+            filled[step] = np.where(views.covered[step, ..., None], filled[step], rounded)
+        return filled
+
+    def _broad(self, picture: FloatArray) -> FloatArray:
+        return np.asarray(cv2.GaussianBlur(picture, (0, 0), self.coarse_share * picture.shape[1]))
 
 
 def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:

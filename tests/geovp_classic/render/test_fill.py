@@ -6,10 +6,24 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Fill
-from geovp_classic.render.fill import Blank, NavierStokes, NearestBackground, Telea
+from geovp_classic.render.fill import (
+    Blank,
+    BorrowedDetail,
+    FrequencySelective,
+    NavierStokes,
+    NearestBackground,
+    Telea,
+)
 from geovp_classic.types import Views
 
-FILLS = [Blank(), NearestBackground(), Telea(), NavierStokes(radius_px=2.0)]
+FILLS = [
+    Blank(),
+    NearestBackground(),
+    Telea(),
+    NavierStokes(radius_px=2.0),
+    FrequencySelective(),
+    BorrowedDetail(strength=0.5),
+]
 
 
 def views(covered: np.ndarray, depths: np.ndarray, frames: np.ndarray) -> Views:
@@ -46,6 +60,35 @@ def test_inpainting_goes_on_with_what_surrounds_the_hole(fill: Fill) -> None:
     covered[0, 8:12, 8:12] = 0
     filled = fill.fill(views(covered, np.ones((1, 20, 20)), np.where(covered, frames, 0)))[..., 0]
     assert np.abs(filled.astype(float) - frames).max() < 30
+
+
+def test_waves_go_on_across_a_hole() -> None:
+    wave = 128 + 100 * np.sin(2 * np.pi * np.arange(32) / 8)
+    frames = np.tile(wave, (1, 32, 1))
+    covered = np.ones((1, 32, 32))
+    covered[0, 14:18, 14:18] = 0
+    given = views(covered, np.ones((1, 32, 32)), np.where(covered, frames, 0))
+    filled = FrequencySelective().fill(given)[..., 0]
+    assert np.abs(filled - frames).max() < 8
+    assert np.abs(NearestBackground().fill(given)[..., 0] - frames).max() > 60
+
+
+def test_broad_colours_come_from_the_border_and_detail_from_the_best_covered_view() -> None:
+    stripes = 100.0 + 40.0 * (np.arange(64) % 2)  # one frame is striped and wholly seen
+    dark = np.full(64, 50.0)  # the other is dark, seen on the left only
+    frames = np.stack([np.tile(stripes, (64, 1)), np.tile(dark, (64, 1))])
+    covered = np.ones((2, 64, 64))
+    covered[1, :, 32:] = 0
+    filled = BorrowedDetail(strength=0.5).fill(views(covered, np.ones((2, 64, 64)), frames))[1, :, :, 0].astype(float)
+    invented = filled[:, 34:]
+    assert invented.mean() == pytest.approx(50, abs=1)
+    assert np.abs(np.diff(invented, axis=1)).mean() == pytest.approx(0.5 * 40, abs=1)
+
+
+@pytest.mark.parametrize("settings", [{"coarse_share": 0.0}, {"coarse_share": 1.0}, {"strength": -0.1}])
+def test_settings_that_borrow_nothing_sensible_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(BadData, match="expected a share between 0 and 1"):
+        BorrowedDetail(**settings)
 
 
 @pytest.mark.parametrize("fill", FILLS, ids=lambda fill: type(fill).__name__)
