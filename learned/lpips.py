@@ -16,7 +16,7 @@ import os
 import tempfile
 import urllib.request
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -29,9 +29,9 @@ from torch.nn import functional
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.metrics.image import check_frames
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from learned.lpips_networks import Weights, alex_features, squeeze_features
 
 Net = Literal["alex", "squeeze"]
-Weights = Mapping[str, Tensor]
 
 WEIGHTS_VARIABLE = "GEOVP_LPIPS_WEIGHTS"
 TORCHVISION = "https://download.pytorch.org/models/"
@@ -64,8 +64,6 @@ SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of RGB in [-1,
 SMALLEST_PX = 32  # below it the deepest layers have no pixel left
 FRAMES_AT_ONCE = 10
 TIMEOUT_S = 20.0
-ALEX_LAYERS = ((0, 4, 2, False), (3, 1, 2, True), (6, 1, 1, True), (8, 1, 1, False), (10, 1, 1, False))
-SQUEEZE_FIRES = (((3, 4), True), ((6, 7), True), ((9,), True), ((10,), False), ((11,), False), ((12,), False))
 
 logger = logging.getLogger(__name__)
 
@@ -95,17 +93,21 @@ class Lpips:
         BadData when the arrays do not fit together or are below 32 pixels; MissingExtra when there are no weights. The
         first call finds and reads them; one that failed to download does not try again in the same process.
         """
-        check_frames(predicted, target, mask)
+        return self.over(predicted, target, [mask])[0]
+
+    def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
+        """The same for each of several masks; features are computed once for all."""
+        for mask in masks:
+            check_frames(predicted, target, mask)
         if min(target.shape[1:3]) < SMALLEST_PX:
             raise BadData(f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: use larger")
         weights = load_weights(self.net, find_weights(self.net, self.weights))
-        scores = np.empty(len(target))
+        scores = np.empty((len(masks), len(target)))
         for start in range(0, len(target), FRAMES_AT_ONCE):
             part = slice(start, start + FRAMES_AT_ONCE)
-            scores[part] = distances(
-                self.net, weights, predicted[part], target[part], None if mask is None else mask[part]
-            )
-        return scores
+            parts = [None if mask is None else mask[part] for mask in masks]
+            scores[:, part] = distances(self.net, weights, predicted[part], target[part], parts)
+        return list(scores)
 
 
 @torch.inference_mode()
@@ -114,45 +116,27 @@ def distances(
     weights: Weights,
     predicted: ByteArray,  # [N, H, W, 3]
     target: ByteArray,  # [N, H, W, 3]
-    mask: BoolArray | None,  # [N, H, W]
+    masks: Sequence[BoolArray | None],  # of [N, H, W]
 ) -> FloatArray:
-    """The distance of every pair [N] (Zhang et al. 2018, eq. 1); NaN where the mask is empty."""
+    """The distance of every pair under every mask [M, N] (Zhang et al. 2018, eq. 1); NaN where that is empty."""
     features = {"alex": alex_features, "squeeze": squeeze_features}[net]
-    share = None if mask is None else torch.tensor(mask, dtype=torch.float32)[:, None]
-    total = torch.zeros(len(target), dtype=torch.float64)
+    shares = [None if mask is None else torch.tensor(mask, dtype=torch.float32)[:, None] for mask in masks]
+    total = torch.zeros(len(masks), len(target), dtype=torch.float64)
     layers = zip(features(weights, normalised(predicted)), features(weights, normalised(target)), strict=True)
     for index, (ours, real) in enumerate(layers):
         squares = (_unit_length(ours) - _unit_length(real)) ** 2
         difference = functional.conv2d(squares, weights[f"lin{index}.weight"][None, :, None, None])  # [N, 1, h, w]
-        cells = (difference.shape[2], difference.shape[3])
-        cell_share = torch.ones(1) if share is None else functional.adaptive_avg_pool2d(share, cells)
-        counted = cell_share.double().expand_as(difference)
-        total += (difference * counted).sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3))
+        for number, share in enumerate(shares):
+            total[number] += _masked_mean(difference, share)
     return np.asarray(total.numpy())
 
 
-def alex_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
-    """The five rectified convolutions of AlexNet as torchvision numbers them."""
-    for layer, stride, padding, is_pooled in ALEX_LAYERS:
-        if is_pooled:
-            pixels = functional.max_pool2d(pixels, 3, 2)
-        pixels = _convolved(weights, f"features.{layer}", pixels, stride, padding)
-        yield pixels
-
-
-def squeeze_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
-    """The first convolution of SqueezeNet 1.1, then six of its stages, as torchvision numbers them."""
-    pixels = _convolved(weights, "features.0", pixels, stride=2)
-    yield pixels
-    for fires, is_pooled in SQUEEZE_FIRES:
-        if is_pooled:
-            pixels = functional.max_pool2d(pixels, 3, 2, ceil_mode=True)
-        for fire in fires:
-            squeezed = _convolved(weights, f"features.{fire}.squeeze", pixels)
-            narrow = _convolved(weights, f"features.{fire}.expand1x1", squeezed)
-            wide = _convolved(weights, f"features.{fire}.expand3x3", squeezed, padding=1)
-            pixels = torch.cat([narrow, wide], dim=1)
-        yield pixels
+def _masked_mean(values: Tensor, share: Tensor | None) -> Tensor:
+    """Mean [N] of maps [N, 1, h, w], weighted by how much of the mask [N, 1, H, W] lies under each cell."""
+    cells = (values.shape[2], values.shape[3])
+    cell_share = torch.ones(1) if share is None else functional.adaptive_avg_pool2d(share, cells)
+    counted = cell_share.double().expand_as(values)
+    return (values * counted).sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3))
 
 
 def normalised(frames: ByteArray) -> Tensor:
@@ -187,7 +171,7 @@ def load_weights(net: Net, file: Path) -> Weights:
     try:
         with np.load(file) as arrays:
             weights = {name: torch.from_numpy(arrays[name].astype(np.float32)) for name in arrays.files}
-        score = float(distances(net, weights, *check_pictures(), None)[0])
+        score = float(distances(net, weights, *check_pictures(), [None])[0, 0])
     except (OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
         raise MissingExtra(f"LPIPS weights {file} are not a readable npz file ({error}): get them anew") from error
     except (KeyError, ValueError, RuntimeError) as error:
@@ -205,10 +189,6 @@ def check_pictures() -> tuple[ByteArray, ByteArray]:
     v, u, channel = np.mgrid[:64, :64, :3]
     waves = (u * (3 + channel) + v * v // 5) % 256
     return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)
-
-
-def _convolved(weights: Weights, name: str, pixels: Tensor, stride: int = 1, padding: int = 0) -> Tensor:
-    return functional.conv2d(pixels, weights[f"{name}.weight"], weights[f"{name}.bias"], stride, padding).relu_()
 
 
 def _unit_length(features: Tensor) -> Tensor:

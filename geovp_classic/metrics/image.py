@@ -7,6 +7,7 @@ The same pictures score several dB and .15 SSIM apart under the definitions in u
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -37,14 +38,19 @@ class Psnr:
 
     def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
         """Decibels per frame [F]; BadData when the arrays do not fit together."""
-        check_frames(predicted, target, mask)
-        scores = np.empty(len(target))
+        return self.over(predicted, target, [mask])[0]
+
+    def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
+        """The same for each of several masks; differences are computed once for all."""
+        for mask in masks:
+            check_frames(predicted, target, mask)
+        errors = np.empty((len(masks), len(target)))
         for step in range(len(target)):
             difference = predicted[step].astype(np.int32) - target[step]
-            squares = (difference**2).sum(axis=-1)  # [H, W]
-            scores[step] = _masked_mean(squares / 3.0, None if mask is None else mask[step])
+            squares = np.einsum("hwc,hwc->hw", difference, difference) / 3.0
+            errors[:, step] = [_masked_mean(squares, None if mask is None else mask[step]) for mask in masks]
         with np.errstate(divide="ignore"):
-            return np.minimum(10.0 * np.log10(PEAK**2 / scores), self.ceiling_db)
+            return list(np.minimum(10.0 * np.log10(PEAK**2 / errors), self.ceiling_db))
 
 
 @dataclass(frozen=True)
@@ -62,17 +68,23 @@ class Ssim:
 
     def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
         """Similarity per frame [F], at most 1; BadData when the arrays do not fit together or are below 11x11."""
-        check_frames(predicted, target, mask)
+        return self.over(predicted, target, [mask])[0]
+
+    def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
+        """The same for each of several masks; windows are compared once for all."""
+        for mask in masks:
+            check_frames(predicted, target, mask)
         if min(target.shape[1:3]) < 2 * SSIM_RADIUS_PX + 1:
             raise BadData(
                 f"SSIM of frames of shape {target.shape[1:]}, expected at least 11x11 pixels: use larger ones"
             )
         inside = slice(SSIM_RADIUS_PX, -SSIM_RADIUS_PX)
-        scores = np.empty(len(target))
+        scores = np.empty((len(masks), len(target)))
         for step in range(len(target)):
             similarity = ssim_map(predicted[step], target[step])[inside, inside].mean(axis=-1)
-            scores[step] = _masked_mean(similarity, None if mask is None else mask[step, inside, inside])
-        return scores
+            inner = (None if mask is None else mask[step, inside, inside] for mask in masks)
+            scores[:, step] = [_masked_mean(similarity, mask) for mask in inner]
+        return list(scores)
 
 
 def ssim_map(

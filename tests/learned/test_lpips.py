@@ -16,6 +16,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: LPIPS needs the extra 'learned'")
 from torch import Tensor, nn  # noqa: E402
 
+from benchmarks.scoring import ManyMasks  # noqa: E402
 from geovp_classic import registry  # noqa: E402
 from geovp_classic.errors import BadData, MissingExtra  # noqa: E402
 from geovp_classic.interfaces import FrameMetric  # noqa: E402
@@ -79,7 +80,7 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     for net in NETS:
         weights = random_weights(net)
         np.savez(tmp_path / f"lpips_{net}_v0.1.npz", **{name: tensor.numpy() for name, tensor in weights.items()})
-        scores[net] = float(lpips.distances(net, weights, *lpips.check_pictures(), None)[0])
+        scores[net] = float(lpips.distances(net, weights, *lpips.check_pictures(), [None])[0, 0])
     monkeypatch.setattr(lpips, "CHECK_SCORES", scores)
     return tmp_path
 
@@ -114,10 +115,12 @@ def test_squeeze_scores_as_torchmetrics_documents_it(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(lpips, "normalised", lambda pixels: (pixels - shift) / scale)
     generator = torch.Generator().manual_seed(42)
     first, second = (torch.rand(2, 3, 100, 100, generator=generator) * 2 - 1 for _ in range(2))
-    np.testing.assert_allclose(lpips.distances("squeeze", weights, first, second, None), [0.1024, 0.0938], atol=5e-5)
+    np.testing.assert_allclose(
+        lpips.distances("squeeze", weights, first, second, [None])[0], [0.1024, 0.0938], atol=5e-5
+    )
     generator = torch.Generator().manual_seed(42)
     first, second = (torch.rand(10, 3, 100, 100, generator=generator) * 2 - 1 for _ in range(2))
-    assert lpips.distances("squeeze", weights, first, second, None).mean() == pytest.approx(0.1005, abs=5e-5)
+    assert lpips.distances("squeeze", weights, first, second, [None]).mean() == pytest.approx(0.1005, abs=5e-5)
 
 
 @pytest.mark.parametrize("net", NETS)
@@ -215,6 +218,27 @@ def test_masks_weigh_the_maps_of_differences(net: Net, folder: Path) -> None:
     assert (metric(predicted, target, right) > 2 * everywhere).all()
     right[1] = False
     assert np.isnan(metric(predicted, target, right)).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("net", NETS)
+def test_many_masks_at_once_score_as_one_by_one(net: Net, folder: Path) -> None:
+    metric, predicted, target = Lpips(net, folder), noise(1, (11, 40, 48, 3)), noise(2, (11, 40, 48, 3))
+    masks = [None, *(np.random.default_rng(0).random((3, 11, 40, 48)) < 0.3)]
+    masks[2][5] = False
+    assert isinstance(metric, ManyMasks)
+    one_by_one = [metric(predicted, target, mask) for mask in masks]
+    np.testing.assert_allclose(metric.over(predicted, target, masks), one_by_one, atol=1e-6)
+    assert np.isnan(one_by_one[2][5])
+    assert np.ptp([scores[0] for scores in one_by_one]) > 1e-3  # the masks do matter
+
+
+def test_features_are_computed_once_for_all_masks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    features, calls = lpips.alex_features, []
+    metric, pictures = Lpips("alex", folder), noise(1)
+    metric(pictures, pictures, None)  # reads and checks the weights
+    monkeypatch.setattr(lpips, "alex_features", lambda *given: calls.append(1) or features(*given))
+    metric.over(pictures, pictures, [None, np.ones(pictures.shape[:3], dtype=bool)] * 3)
+    assert len(calls) == 2  # predicted and target
 
 
 def test_frames_that_do_not_fit_are_refused(folder: Path) -> None:

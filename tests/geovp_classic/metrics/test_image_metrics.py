@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
+from benchmarks.scoring import ManyMasks
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric
@@ -96,6 +97,24 @@ def test_a_full_mask_changes_nothing(metric: FrameMetric) -> None:
     predicted, target = noise(4), noise(5)
     everything = np.ones(target.shape[:3], dtype=bool)
     np.testing.assert_allclose(metric(predicted, target, everything), metric(predicted, target, None))
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_many_masks_at_once_score_as_one_by_one(metric: FrameMetric) -> None:
+    predicted, target = noise(1), noise(2)
+    masks = [None, *(np.random.default_rng(0).random((3, *target.shape[:3])) < 0.3)]
+    masks[2][1] = False
+    assert isinstance(metric, ManyMasks)
+    one_by_one = [metric(predicted, target, mask) for mask in masks]
+    np.testing.assert_allclose(metric.over(predicted, target, masks), one_by_one, atol=1e-6)
+    assert np.isnan(one_by_one[2][1])
+    assert np.ptp([scores[0] for scores in one_by_one]) > 1e-4  # the masks do matter
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_one_mask_of_many_that_does_not_fit_is_refused(metric: FrameMetric) -> None:
+    with pytest.raises(BadData, match="mask is bool of shape"):
+        metric.over(noise(1), noise(2), [None, np.ones((3, 5, 5), dtype=bool)])  # type: ignore[attr-defined]
 
 
 def test_psnr_under_a_mask_is_that_of_the_masked_pixels() -> None:
