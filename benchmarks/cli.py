@@ -89,6 +89,11 @@ def _add_poses(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     poses.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="a setting of it, as in TOML")
     poses.add_argument("--camera", type=int, metavar="K", help="the camera image_K (default: 2, else 0)")
     poses.add_argument("--out", type=Path, default=Path("results/poses"), metavar="DIR", help="where files go")
+    poses.add_argument("--clips", type=_positive, metavar="N", help="instead: errors a step on clips of N frames each")
+    poses.add_argument(
+        "--stride", type=_positive, default=5, metavar="N", help="frames between the starts of two clips"
+    )
+    poses.add_argument("--size", type=_positive, default=256, metavar="PX", help="of the clips' square crops (256)")
     poses.set_defaults(verb=_poses)
 
 
@@ -163,6 +168,8 @@ def _poses(chosen: argparse.Namespace) -> int:
     from benchmarks import odometry_paths
 
     spec = {"name": chosen.odometry, **_settings(chosen.set)}
+    if chosen.clips is not None:
+        return _clips(chosen, spec)
     with Bar("poses", "frames") as bar:
         found = list(odometry_paths.track(chosen.root, chosen.frames, spec, chosen.camera, bar.show))
     for tracked in found:
@@ -172,6 +179,19 @@ def _poses(chosen: argparse.Namespace) -> int:
             print("  " + line)
         for path in odometry_paths.write(tracked, chosen.out):
             print(f"  {path}")
+    return DONE
+
+
+def _clips(chosen: argparse.Namespace, spec: dict[str, object]) -> int:
+    from benchmarks import odometry_clips
+
+    if chosen.clips < 2:
+        raise BadData(f"--clips is {chosen.clips}, expected 2 frames or more: one has no motion")
+    cut = odometry_clips.Cut(chosen.clips, chosen.stride, (chosen.size, chosen.size), chosen.camera)
+    with Bar("clips", "clips") as bar:
+        found = list(odometry_clips.measure(chosen.root, chosen.frames, spec, cut, bar.show))
+    rows = [steps.row(frames) for frames, steps in found]
+    print(*_columns([odometry_clips.COLUMNS, *rows]), sep="\n")
     return DONE
 
 

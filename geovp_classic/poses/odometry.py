@@ -43,7 +43,7 @@ class Monocular:
     frames: Literal["crop", "wide"] = "crop"
     radial: float = 0.0  # distortion known to be left in the pictures (`Lens.radial`); learnt further in turns
     num_features: int = 600
-    window: int = 8  # keyframes, of a stream
+    window: int = 16  # keyframes, of a stream
     max_bundle_points: int = 300
     seed: int = 0
 

@@ -1,12 +1,16 @@
-"""The toy components, registered for the time of a test like any installed package's."""
+"""The toy components, registered for the time of a test, and a street in KITTI's layout."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from benchmarks import workshop
 from geovp_classic import registry
+from geovp_classic.data import pose_files
+from geovp_classic.data.synthetic import Synthetic
 
 TOYS = Path(__file__).parent / "toys"
 
@@ -20,3 +24,21 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield TOYS
     registry._entry_points.cache_clear()
     workshop.workshop.cache_clear()
+
+
+@pytest.fixture(scope="session")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Sequence 07: twelve frames of the synthetic street in KITTI's layout."""
+    root = tmp_path_factory.mktemp("kitti")
+    clip = Synthetic(num_clips=1, num_frames=12, size_px=(160, 160))[0]
+    folder = root / "sequences" / "07"
+    (folder / "image_0").mkdir(parents=True)
+    for index, frame in enumerate(clip.frames):
+        cv2.imwrite(str(folder / "image_0" / f"{index:06d}.png"), frame[..., ::-1])
+    matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
+    (folder / "calib.txt").write_text("P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n")
+    (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))
+    (root / "poses").mkdir()
+    assert clip.trajectory is not None
+    pose_files.write_kitti(root / "poses" / "07.txt", clip.trajectory)
+    return root

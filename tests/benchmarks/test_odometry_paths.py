@@ -2,33 +2,11 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from benchmarks import cli
 from geovp_classic.data import pose_files
-from geovp_classic.data.synthetic import Synthetic
-
-NUM_FRAMES = 12
-
-
-@pytest.fixture(scope="module")
-def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Sequence 07: twelve frames of the synthetic street in KITTI's layout."""
-    root = tmp_path_factory.mktemp("kitti")
-    clip = Synthetic(num_clips=1, num_frames=NUM_FRAMES, size_px=(160, 160))[0]
-    folder = root / "sequences" / "07"
-    (folder / "image_0").mkdir(parents=True)
-    for index, frame in enumerate(clip.frames):
-        cv2.imwrite(str(folder / "image_0" / f"{index:06d}.png"), frame[..., ::-1])
-    matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
-    (folder / "calib.txt").write_text("P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n")
-    (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))
-    (root / "poses").mkdir()
-    assert clip.trajectory is not None
-    pose_files.write_kitti(root / "poses" / "07.txt", clip.trajectory)
-    return root
 
 
 def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
