@@ -83,8 +83,8 @@ class NavierStokes:
 class FrequencySelective:
     """Frequency selective reconstruction: what is around a hole goes on as a sum of few waves (Genser 2018).
 
-    Slow: on one core "fast" takes 1.3 s for a frame of 128x128 that is half uncovered and 6 s for one of 256x256 that is
-    nine tenths uncovered; "best" takes 25 times as long.
+    Slow: on one core "fast" takes 1.3 s for a frame of 128x128 that is half uncovered and 6 s for one of 256x256 that
+    is nine tenths uncovered; "best" takes 25 times as long.
     """
 
     quality: Literal["fast", "best"] = "fast"
