@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from geovp_classic.depth import matching, registration
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import DepthSource, Fill
+from geovp_classic.geometry import se3
+from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.render import fusion, surface
 from geovp_classic.render.fill import NearestBackground
-from geovp_classic.types import Context, Grant, Trajectory
+from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,7 @@ class DepthFusion:
     depth: DepthSource = field(default_factory=Multiview)
     fill: Fill = field(default_factory=NearestBackground)
     num_frames: int = 10  # how many of the last observed frames are used
+    with_registration: bool = True  # poses are first adjusted to what the pictures show
     crack_px: int = 2  # gaps up to about twice this width are closed between surfaces, not invented
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
@@ -35,9 +40,17 @@ class DepthFusion:
         """What the depth source needs."""
         return self.depth.needs
 
-    def reconstruct(self, context: Context, past: Trajectory) -> fusion.CloudScene:
+    def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the past."""
-        recent, past = context.only(self.depth.needs).recent(self.num_frames), past[-self.num_frames :]
+        recent, past = context.only(self.needs).recent(self.num_frames), past[-self.num_frames :]
+        if not self.with_registration:
+            return self._fused(recent, past)
+        pictures = np.stack([matching.grey(frame) for frame in recent.frames])
+        found = registration.registered(pictures, recent.intrinsics, past.world_from_cam, len(past) - 1)
+        better = Trajectory(found.world_from_cam, past.times_s, past.is_metric)
+        return Steered(self._fused(recent, better), past.world_from_cam[-1], found.steering)
+
+    def _fused(self, recent: Context, past: Trajectory) -> fusion.CloudScene:
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
         sources = [
             surface.Source(frame, recent.intrinsics, pose)
@@ -45,3 +58,20 @@ class DepthFusion:
         ]
         cloud, used = fusion.fuse(sources, inverse_depths, confidence, self.agreement)
         return fusion.CloudScene(cloud, used, self.fill, self.crack_px, self.grain)
+
+
+@dataclass(frozen=True)
+class Steered:
+    """A scene for poses whose directions of motion are turned against what the pictures showed."""
+
+    scene: Scene
+    world_from_reference: FloatArray  # [4, 4]
+    steering: FloatArray  # [3, 3], in the reference's frame
+
+    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The scene from the poses [F, 4, 4], their translations from the reference turned."""
+        reference_from_cam = se3.inverse(self.world_from_reference) @ world_from_cam
+        turned = reference_from_cam[:, :3, 3] @ self.steering.T
+        return self.scene.view(
+            self.world_from_reference @ se3.compose(reference_from_cam[:, :3, :3], turned), intrinsics
+        )
