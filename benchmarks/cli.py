@@ -157,11 +157,10 @@ def _conclude(results: Results, cells: Sequence[Cell], draw: bool) -> int:
 
 
 def _draw(results: Results) -> None:
-    from benchmarks import plots, report
+    from benchmarks import report
 
     with Bar("plots", "figures") as bar:
-        plots.write_all(results.root, lambda done, total, what: bar.show(done, total))
-    report.write(results.root)
+        report.write_with_plots(results.root, lambda done, total, what: bar.show(done, total))
 
 
 def _poses(chosen: argparse.Namespace) -> int:
@@ -220,7 +219,9 @@ def _plot(chosen: argparse.Namespace) -> int:
 def _report(chosen: argparse.Namespace) -> int:
     from benchmarks import report
 
-    print(report.write(chosen.folder))
+    with Bar("report", "figures") as bar:
+        path = report.write(chosen.folder, lambda done, total, what: bar.show(done, total))
+    print(path)
     return DONE
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ from benchmarks.plots import horizon, kept_clips, style
 from benchmarks.plots.material import Job, Material, Page, data_name, title
 from benchmarks.store import Results, write_bytes
 
-__all__ = ["Page", "Progress", "data_name", "jobs", "rendered", "write_all"]
+__all__ = ["Look", "Page", "Progress", "data_name", "jobs", "rendered", "write_all"]
 
 Progress = Callable[[int, int, str], None]  # (jobs done, jobs in all, what was drawn)
+Look = Callable[[Page, Mapping[str, bytes]], None]  # (a figure, its files by kind)
 SAVING: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 2}},
     "jpg": {"pil_kwargs": {"quality": 85}},
@@ -36,10 +37,11 @@ def jobs(results: Results) -> list[Job]:
     return over_horizon + by_clip
 
 
-def write_all(results_dir: Path, progress: Progress | None = None) -> list[Path]:
+def write_all(results_dir: Path, progress: Progress | None = None, look: Look | None = None) -> list[Path]:
     """Draw every figure into the results folder's plots and remove figures that are out of date.
 
     All come as png and svg but two: curves over sets of pixels as svg alone, strips of invented pixels as png alone.
+    `look` is shown every figure once it is written, so that nobody has to draw it again.
 
     BadData when the folder holds no results.
     """
@@ -48,10 +50,13 @@ def write_all(results_dir: Path, progress: Progress | None = None) -> list[Path]
     written: list[Path] = []
     for number, job in enumerate(todo, 1):
         for page in job.draw():
-            for kind in page.formats:
+            files = {kind: rendered(page, kind) for kind in page.formats}
+            for kind, content in files.items():
                 path = results.plots / f"{page.name}.{kind}"
-                write_bytes(path, rendered(page, kind))
+                write_bytes(path, content)
                 written.append(path)
+            if look is not None:
+                look(page, files)
         if progress is not None:
             progress(number, len(todo), job.name)
     for kind in KINDS:

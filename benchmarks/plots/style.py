@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
 from collections.abc import Iterable, Sequence
@@ -133,9 +134,13 @@ def sheet(size_in: tuple[float, float], margins: Margins, words: Words, dpi: flo
 
 def width_in(texts: Iterable[str], size_pt: float) -> float:
     """The width of the longest text."""
-    font = FontProperties(family="DejaVu Sans", size=size_pt)
-    paths = (TextPath((0, 0), text, prop=font) for text in texts if text.strip())
-    return max((float(path.vertices[:, 0].max()) / 72 for path in paths), default=0.0)
+    return max((_width_in(text, size_pt) for text in texts if text.strip()), default=0.0)
+
+
+@functools.lru_cache(maxsize=1000)  # the same names stand on every figure
+def _width_in(text: str, size_pt: float) -> float:
+    outline = TextPath((0, 0), text, prop=FontProperties(family="DejaVu Sans", size=size_pt))
+    return float(outline.vertices[:, 0].max()) / 72
 
 
 def tidy(axes: Axes) -> None:

@@ -12,13 +12,24 @@ from benchmarks.store import Results, write_bytes
 def write(results_dir: Path, progress: plots.Progress | None = None) -> Path:
     """Write report.html, figures drawn anew from the stored rows; BadData when the folder holds no results."""
     results = Results(results_dir)
-    facts = sections.Facts.read(results)
     jobs = plots.jobs(results)
     figures: list[sections.Drawn] = []
     for number, job in enumerate(jobs, 1):
-        figures += [sections.Drawn.of(page) for page in job.draw()]
+        figures += [sections.Drawn.of(page, {}) for page in job.draw()]
         if progress is not None:
             progress(number, len(jobs), job.name)
+    return _write(results, figures)
+
+
+def write_with_plots(results_dir: Path, progress: plots.Progress | None = None) -> Path:
+    """Write the results folder's plots and report.html, every figure drawn once; BadData as `write`."""
+    figures: list[sections.Drawn] = []
+    plots.write_all(results_dir, progress, lambda page, files: figures.append(sections.Drawn.of(page, files)))
+    return _write(Results(results_dir), figures)
+
+
+def _write(results: Results, figures: list[sections.Drawn]) -> Path:
+    facts = sections.Facts.read(results)
     chapters = [
         ("Scores", sections.scores(facts)),
         ("Over the horizon", sections.horizon(figures)),

@@ -46,10 +46,11 @@ class Drawn:
     element: Html
 
     @classmethod
-    def of(cls, page: plots.Page) -> Drawn:
-        """Lines as svg, photographs as jpg."""
+    def of(cls, page: plots.Page, files: Mapping[str, bytes]) -> Drawn:
+        """Lines as svg, photographs as jpg; taken from the files that were made of the figure, where they are there."""
         ending = "svg" if page.kind in ("horizon", "paths") else "jpg"
-        return cls(page.kind, page.subject, image(plots.rendered(page, ending), ending, page.caption))
+        content = files[ending] if ending in files else plots.rendered(page, ending)
+        return cls(page.kind, page.subject, image(content, ending, page.caption))
 
 
 def chapter(title: str, inside: Html) -> Html:

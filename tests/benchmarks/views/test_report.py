@@ -2,12 +2,13 @@
 
 import html
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
-from benchmarks import report, tables
+from benchmarks import plots, report, tables
 from benchmarks.report import markup
 from benchmarks.store import Results
 from geovp_classic.errors import BadData
@@ -125,6 +126,25 @@ def test_progress_is_told(folder: Path) -> None:
     report.write(folder, lambda done, total, name: told.append((done, total, name)))
     assert [done for done, _, _ in told] == [1, 2, 3, 4]
     assert {total for _, total, _ in told} == {4}
+
+
+def test_with_plots_it_is_the_same_page_and_every_figure_is_made_once(
+    folder: Path, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots", "report.html"} & {*names})
+    made: list[tuple[str, str]] = []
+    rendered = plots.rendered
+    monkeypatch.setattr(
+        plots, "rendered", lambda figure, kind: made.append((figure.name, kind)) or rendered(figure, kind)
+    )
+    told: list[int] = []
+    path = report.write_with_plots(tmp_path / "r", lambda done, total, name: told.append(done))
+    assert path.read_text(encoding="utf-8") == page
+    assert len(made) == len(set(made))
+    assert {kind for _, kind in made} == {"png", "svg", "jpg"}
+    files = {tuple(path.name.rsplit(".", 1)) for path in (tmp_path / "r" / "plots").iterdir()}
+    assert files == {(name, kind) for name, kind in made if kind != "jpg"}
+    assert told == [1, 2, 3, 4]
 
 
 def test_a_folder_without_results_is_bad_data(tmp_path: Path) -> None:
