@@ -102,6 +102,11 @@ class Synthetic:
         lap, kind = divmod(index, len(kinds))
         return self.seed + 1000 * (lap // windows), kinds[kind], (lap % windows) * self.stride
 
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """The names in order; nothing is rendered for them."""
+        return tuple(self.clip_name(index) for index in range(self.num_clips))
+
     def clip_name(self, index: int) -> str:
         """As "seed0/left-turn-000": the street, the manoeuvre and the first frame."""
         seed, manoeuvre, first = self.window(index)

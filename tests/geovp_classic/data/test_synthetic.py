@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.workshop import ListsClips
 from geovp_classic import registry
 from geovp_classic.data.synthetic import Manoeuvre, Synthetic
 from geovp_classic.data.synthetic import dataset as synthetic
@@ -106,6 +107,14 @@ def test_clips_go_round_the_manoeuvres_then_on_along_their_drives_then_to_new_st
     assert data.clip_name(1 + 8 * 4) == "seed1000/left-turn-000"
     assert len({data.clip_name(index) for index in range(40)}) == 40
     assert len(data) == 40
+
+
+def test_the_names_are_known_before_anything_is_rendered(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clips = Synthetic(**{**TINY, "num_clips": 2}, cache=cache)
+    names = tuple(clips[index].name for index in range(2))
+    monkeypatch.setattr(synthetic, "render_drive", lambda *_: pytest.fail("rendered"))
+    assert isinstance(clips, ListsClips)
+    assert dataclasses.replace(clips, seed=0, num_frames=5).clip_names == names == clips.clip_names
 
 
 def test_windows_of_one_drive_share_its_poses(cache: Path) -> None:
