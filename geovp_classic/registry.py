@@ -85,19 +85,27 @@ def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:
     table: Mapping[str, Any] = {"name": spec} if isinstance(spec, str) else spec
     if not isinstance(table, Mapping) or not isinstance(table.get("name"), str):
         raise BadData(f'{where}: {spec!r} is not a component, expected a table like {{ name = "..." }}')
-    component = load(role, table["name"])
     given = {key: value for key, value in table.items() if key != "name"}
-    hints = _field_types(component)
+    return construct(load(role, table["name"]), given, where, table["name"])
+
+
+def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") -> Any:
+    """The dataclass of a table of its fields, checked against their types; `name` is what messages call it.
+
+    `where` names the place in the user's file. Raises UnknownComponent for a field that it lacks, BadData for a value
+    of another type and for a required field that is not given.
+    """
+    name, hints = name or kind.__name__, _field_types(kind)
     for key in given:
         if key not in hints:
-            raise UnknownComponent(f"{where}: {table['name']!r} has no field {key!r}{nearest(key, hints)}")
-    for field in dataclasses.fields(component):
+            raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}")
+    for field in dataclasses.fields(kind):
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
         if field.init and required and field.name not in given:
-            raise BadData(f"{where}: {table['name']!r} needs the field {field.name!r}: add it to the table")
+            raise BadData(f"{where}: {name!r} needs the field {field.name!r}: add it to the table")
     fields = {key: _value(value, hints[key], f"{where}.{key}") for key, value in given.items()}
     try:
-        return component(**fields)
+        return kind(**fields)
     except GeovpError as error:
         raise type(error)(f"{where}: {error}") from error
 
@@ -178,6 +186,8 @@ def _value(value: Any, wanted: Any, where: str) -> Any:
         return value
     if origin is tuple and isinstance(value, (list, tuple)):
         return _tuple(value, typing.get_args(wanted), where)
+    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type) and isinstance(value, Mapping):
+        return construct(wanted, value, where)
     if wanted is pathlib.Path and isinstance(value, (str, pathlib.Path)):
         return pathlib.Path(value).expanduser()
     if wanted is float and isinstance(value, int) and not isinstance(value, bool):

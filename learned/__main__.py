@@ -1,0 +1,51 @@
+"""The command line of the learned parts: `python -m learned train METHOD CONFIG.toml`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from geovp_classic.errors import GeovpError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """0 when the training is finished, 1 when it was stopped before its end, 2 for bad input."""
+    options = _parser().parse_args(arguments)
+    try:
+        return _train(options)
+    except GeovpError as error:
+        print(f"python -m learned: {error}", file=sys.stderr)
+        return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m learned", description="Train the learned parts.")
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    train = verbs.add_parser("train", help="train a method; started again, a stopped run goes on")
+    train.add_argument("method", help="deepvo, synsin")
+    train.add_argument("config", type=Path, metavar="CONFIG.toml", help="a recipe file, or the name of a shipped one")
+    train.add_argument("--out", type=Path, metavar="DIR", help="where the run is kept (default: runs/CONFIG)")
+    train.add_argument("--root", type=Path, metavar="FOLDER", help="where the data sets are, instead of what it says")
+    train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")
+    return parser
+
+
+def _train(options: argparse.Namespace) -> int:
+    from learned import recipes
+    from learned.training import WEIGHTS, train
+
+    recipe = recipes.load(options.method, options.config, options.root)
+    folder = options.out or Path("runs") / options.config.stem
+    outcome = train(recipe, folder, options.limit_seconds)
+    state = "finished" if outcome.finished else "stopped, goes on when started again,"
+    print(
+        f"{state} after {outcome.step} steps and {outcome.seconds:.0f} s; best score {outcome.best_score:.5g} at step "
+        f"{outcome.best_step}: {folder / WEIGHTS}"
+    )
+    return 0 if outcome.finished else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,228 @@
+"""The training loop on a method small enough to follow: a line through brightness against time, and a critic."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
+from torch import nn  # noqa: E402
+from torch.optim import Optimizer  # noqa: E402
+
+from geovp_classic.errors import BadData  # noqa: E402
+from geovp_classic.types import Clip, Intrinsics  # noqa: E402
+from learned import checkpoints, training, training_state  # noqa: E402
+from learned.methods import Batch, Losses, Networks  # noqa: E402
+from learned.recipes import Recipe, Training  # noqa: E402
+from learned.schedules import Order, rate_share  # noqa: E402
+
+
+@dataclass(frozen=True)
+class LineTraining:
+    """Learns how bright a frame is from its time, under dropout and noise, so that random numbers matter."""
+
+    rate: float = 0.05
+    noise: float = 0.1
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        return ("line",)
+
+    def build(self) -> dict[str, nn.Module]:
+        return {"line": nn.Sequential(nn.Linear(1, 8), nn.Dropout(0.1), nn.Linear(8, 1)), "critic": nn.Linear(1, 1)}
+
+    def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
+        line, critic = networks["line"].parameters(), networks["critic"].parameters()
+        return {"line": torch.optim.Adam(line, self.rate), "critic": torch.optim.SGD(critic, 0.01, momentum=0.9)}
+
+    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[tuple[float, float]]:
+        return [
+            (float(t), float(frame.mean() / 255))
+            for clip in clips
+            for t, frame in zip(clip.times_s, clip.frames, strict=True)
+        ]
+
+    def batch(self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator) -> Batch:
+        rows = torch.tensor([examples[index] for index in indices], dtype=torch.float32)
+        noise = torch.from_numpy(rng.normal(0, self.noise, (len(rows), 1)).astype(np.float32))
+        return {"time": rows[:, :1] + noise, "brightness": rows[:, 1:]}
+
+    def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
+        guess = networks["line"](batch["time"])
+        yield "line", {"total": ((guess - batch["brightness"]) ** 2).mean()}
+        seen = networks["critic"](guess.detach())
+        yield "critic", {"total": ((seen - 1) ** 2).mean(), "seen": seen.mean()}
+
+    def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
+        rows = torch.tensor(examples, dtype=torch.float32)
+        return {"score": float(((networks["line"](rows[:, :1]) - rows[:, 1:]) ** 2).mean())}
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Clips that grow brighter at a constant rate."""
+
+    num_clips: int = 2
+    num_frames: int = 8
+
+    @property
+    def name(self) -> str:
+        return "fading"
+
+    def __len__(self) -> int:
+        return self.num_clips
+
+    def __getitem__(self, index: int) -> Clip:
+        times_s = np.arange(self.num_frames) / 10 + index
+        levels = np.clip(100 + 50 * times_s, 0, 255).astype(np.uint8)
+        frames = np.broadcast_to(levels[:, None, None, None], (self.num_frames, 8, 8, 3)).copy()
+        return Clip(f"fading/{index}", frames, times_s, Intrinsics(8, 8, 3.5, 3.5, 8, 8))
+
+
+SETTINGS = Training(
+    num_steps=60, batch_size=4, seed=3, warmup_steps=5, clip_norm=1.0, validate_every=20, save_every_s=0.0
+)
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The data set has no entry point; describe it all the same."""
+    monkeypatch.setattr("learned.recipes.describe", lambda datasets: [{"name": each.name} for each in datasets])
+
+
+def recipe(settings: Training = SETTINGS, method: LineTraining | None = None) -> Recipe:
+    return Recipe("line", method or LineTraining(), settings, (Fading(),), (Fading(num_clips=1),))
+
+
+def logged(folder: Path, name: str, split: str = "train") -> list[tuple[int, float]]:
+    with (folder / "log.csv").open() as rows:
+        return [
+            (int(row["step"]), float(row["value"]))
+            for row in csv.DictReader(rows)
+            if row["name"] == name and row["split"] == split
+        ]
+
+
+def weights(folder: Path) -> dict[str, Any]:
+    return checkpoints.read_tensors(folder / training.STATE)[1]
+
+
+def test_it_learns_and_keeps_the_best_weights(tmp_path: Path) -> None:
+    outcome = training.train(recipe(replace(SETTINGS, num_steps=300)), tmp_path)
+    scores = logged(tmp_path, "score", "validation")
+    assert [step for step, _ in scores] == list(range(20, 301, 20))
+    assert outcome.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
+    assert outcome.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
+    stored = checkpoints.read(tmp_path / training.WEIGHTS, "line", LineTraining)
+    assert stored.settings == LineTraining()
+    assert stored.history["step"] == outcome.best_step
+    assert {name.partition(".")[0] for name in stored.tensors} == {"line"}  # the critic only served training
+
+
+def test_both_networks_take_their_turn(tmp_path: Path) -> None:
+    training.train(recipe(), tmp_path)
+    assert [step for step, _ in logged(tmp_path, "line.total")] == [20, 40, 60]
+    seen = logged(tmp_path, "critic.seen")
+    assert abs(seen[-1][1] - 1) < abs(seen[0][1] - 1)
+
+
+def test_a_resumed_run_ends_with_the_same_bytes(tmp_path: Path) -> None:
+    training.train(recipe(), tmp_path / "whole")
+    for _ in range(200):
+        if training.train(recipe(), tmp_path / "pieces", limit_seconds=0.01).finished:
+            break
+    whole, pieces = weights(tmp_path / "whole"), weights(tmp_path / "pieces")
+    assert whole.keys() == pieces.keys()
+    assert any(name.endswith("exp_avg_sq") for name in whole)
+    assert all(torch.equal(whole[name], pieces[name]) for name in whole)
+    assert logged(tmp_path / "whole", "line.total") == logged(tmp_path / "pieces", "line.total")
+    best = [checkpoints.read_tensors(tmp_path / each / training.WEIGHTS)[1] for each in ("whole", "pieces")]
+    assert all(torch.equal(best[0][name], best[1][name]) for name in best[0])
+
+
+def test_a_killed_run_goes_on(tmp_path: Path) -> None:
+    """SIGKILL at some step; what was logged behind the last state is taken back."""
+    training.train(recipe(), tmp_path / "whole")
+    code = f"""
+import importlib.util, os, pathlib, signal, sys
+spec = importlib.util.spec_from_file_location("line", {__file__!r})
+line = importlib.util.module_from_spec(spec); sys.modules["line"] = line; spec.loader.exec_module(line)
+line.training.recipes.describe = lambda datasets: [{{"name": each.name}} for each in datasets]
+step = line.LineTraining.training_step
+def deadly(self, networks, batch, number):
+    if number == 45:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return step(self, networks, batch, number)
+line.LineTraining.training_step = deadly
+often = line.recipe(line.replace(line.SETTINGS, save_every_s=0.05))
+line.training.train(often, pathlib.Path({str(tmp_path)!r}) / "killed")
+"""
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
+    training.train(recipe(), tmp_path / "killed")
+    whole, killed = weights(tmp_path / "whole"), weights(tmp_path / "killed")
+    assert all(torch.equal(whole[name], killed[name]) for name in whole)
+    assert logged(tmp_path / "killed", "line.total") == logged(tmp_path / "whole", "line.total")
+
+
+def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path) -> None:
+    still = LineTraining(rate=0.0)
+    outcome = training.train(recipe(replace(SETTINGS, patience=2), still), tmp_path)
+    assert (outcome.step, outcome.best_step, outcome.finished) == (60, 20, True)  # 20 is the best, 40 and 60 are not
+    assert training.train(recipe(replace(SETTINGS, patience=2), still), tmp_path).step == 60
+
+
+def test_another_runs_folder_is_refused(tmp_path: Path) -> None:
+    training.train(recipe(), tmp_path)
+    with pytest.raises(BadData, match="belongs to a run with another settings: give another --out"):
+        training.train(recipe(method=LineTraining(rate=0.2)), tmp_path)
+    with pytest.raises(BadData, match="with another training"):
+        training.train(recipe(replace(SETTINGS, seed=4)), tmp_path)
+
+
+def test_a_truncated_state_is_refused(tmp_path: Path) -> None:
+    training.train(recipe(), tmp_path)
+    file = tmp_path / training.STATE
+    file.write_bytes(file.read_bytes()[:-50])
+    with pytest.raises(BadData, match="is not a whole safetensors file"):
+        training.train(recipe(), tmp_path)
+
+
+def test_an_optimiser_comes_back_as_it_was() -> None:
+    def fresh() -> tuple[nn.Module, Optimizer]:
+        torch.manual_seed(0)
+        network = nn.Linear(2, 1)
+        return network, torch.optim.AdamW(network.parameters(), 0.1, betas=(0.5, 0.9))
+
+    (network, optimiser), (other, restored) = fresh(), fresh()
+    network(torch.ones(1, 2)).sum().backward()
+    optimiser.step()
+    tensors, table = training_state.flattened(optimiser)
+    training_state.restore(restored, tensors, table)
+    assert restored.state_dict()["param_groups"] == optimiser.state_dict()["param_groups"]
+    parameter, same = next(iter(network.parameters())), next(iter(other.parameters()))
+    assert torch.equal(restored.state[same]["exp_avg"], optimiser.state[parameter]["exp_avg"])
+
+
+def test_the_rate_rises_and_falls() -> None:
+    settings = replace(SETTINGS, num_steps=105, warmup_steps=5, final_rate=0.2)
+    assert [rate_share(step, settings) for step in (0, 4)] == [0.2, 1.0]
+    assert rate_share(5, settings) == 1.0
+    assert rate_share(55, settings) == pytest.approx(0.6)  # half way down from 1 to 0.2
+    assert rate_share(105, settings) == pytest.approx(0.2)
+
+
+def test_every_example_comes_once_an_epoch() -> None:
+    order = Order(num_examples=10, batch_size=2, num_devices=2, seed=0)
+    dealt = [index for step in range(5) for device in order.at(step) for index in device]
+    assert sorted(dealt[:8]) != sorted(dealt[8:16])
+    assert sorted(dealt) == sorted(2 * list(range(10)))  # 5 steps of 4 are two epochs
+    assert order.at(3) == order.at(3)
