@@ -124,7 +124,7 @@ def distances(
     total = torch.zeros(len(masks), len(target), dtype=torch.float64)
     layers = zip(features(weights, normalised(predicted)), features(weights, normalised(target)), strict=True)
     for index, (ours, real) in enumerate(layers):
-        squares = (_unit_length(ours) - _unit_length(real)) ** 2
+        squares = (unit_length(ours) - unit_length(real)) ** 2
         difference = functional.conv2d(squares, weights[f"lin{index}.weight"][None, :, None, None])  # [N, 1, h, w]
         for number, share in enumerate(shares):
             total[number] += _masked_mean(difference, share)
@@ -191,7 +191,7 @@ def check_pictures() -> tuple[ByteArray, ByteArray]:
     return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)
 
 
-def _unit_length(features: Tensor) -> Tensor:
+def unit_length(features: Tensor) -> Tensor:
     """Every pixel's features divided by their length over the channels."""
     return features / (features.norm(dim=1, keepdim=True) + 1e-10)
 
