@@ -1,4 +1,4 @@
-"""The command line: `geovp run | table | plot | report | score | poses | data doctor | list | check`.
+"""The command line: `geovp run | table | plot | report | score | poses | forecast | data doctor | list | check`.
 
 Nothing heavy is imported before a verb is chosen, so that `--help` answers at once. Exit code 0 when all was done,
 1 when some of it failed or was skipped, 2 for bad input, which is told in one sentence.
@@ -54,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
     doctor.add_argument("--deep", action="store_true", help="decode every picture as well")
     doctor.set_defaults(verb=_doctor)
     _add_poses(verbs)
+    _add_forecast(verbs)
     everything = verbs.add_parser("list", help="what is installed, by role and name")
     everything.add_argument("role", nargs="?", metavar="ROLE", help="only this role, such as renderers")
     everything.set_defaults(verb=_list)
@@ -95,6 +96,14 @@ def _add_poses(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     )
     poses.add_argument("--size", type=_positive, default=256, metavar="PX", help="of the clips' square crops (256)")
     poses.set_defaults(verb=_poses)
+
+
+def _add_forecast(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from benchmarks.forecasting import command
+
+    forecast = verbs.add_parser("forecast", help="measure forecasters on pose files alone, and fit their constants")
+    command.add_verbs(forecast.add_subparsers(metavar="VERB", required=True))
+    forecast.set_defaults(verb=_forecast)
 
 
 def _add_views(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -191,6 +200,13 @@ def _clips(chosen: argparse.Namespace, spec: dict[str, object]) -> int:
         found = list(odometry_clips.measure(chosen.root, chosen.frames, spec, cut, bar.show))
     rows = [steps.row(frames) for frames, steps in found]
     print(*_columns([odometry_clips.COLUMNS, *rows]), sep="\n")
+    return DONE
+
+
+def _forecast(chosen: argparse.Namespace) -> int:
+    with Bar("forecast", "steps") as bar:
+        for line in chosen.lines(chosen, bar.show):
+            print(line, flush=True)
     return DONE
 
 

@@ -1,14 +1,8 @@
-"""`python -m benchmarks.forecasting VERB`: what `command` says, printed."""
+"""`python -m benchmarks.forecasting VERB` is `geovp forecast VERB`."""
 
 import sys
 
-from benchmarks.forecasting import command
-from geovp_classic.errors import GeovpError
+from benchmarks import cli
 
 if __name__ == "__main__":
-    try:
-        for line in command.lines():
-            sys.stdout.write(line + "\n")
-            sys.stdout.flush()
-    except GeovpError as error:
-        sys.exit(f"geovp: {error}")
+    sys.exit(cli.main(["forecast", *sys.argv[1:]]))

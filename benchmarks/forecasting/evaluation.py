@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from benchmarks.forecasting import windows
 from benchmarks.forecasting.scores import Scores, Spoil, measure
-from benchmarks.forecasting.windows import Cut
+from benchmarks.forecasting.watching import Watch, unwatched
+from benchmarks.forecasting.windows import Cut, Window
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
@@ -20,6 +21,7 @@ from geovp_classic.poses.turn_rate import AccelerationKalman, TurnRateKalman, Tu
 from geovp_classic.types import FloatArray, Trajectory
 
 REGIONS = (0.5, 0.9)
+TURNING_DEG = 15.0  # a window that truly turns more than this is one of the turning ones
 
 
 def contestants(coefficients: Path | None = None) -> dict[str, Forecaster]:
@@ -36,20 +38,34 @@ def contestants(coefficients: Path | None = None) -> dict[str, Forecaster]:
     }
 
 
-def evaluate(
-    folder: Path,
-    names: Sequence[str],
-    forecasters: Mapping[str, Forecaster],
-    cut: Cut,
-    spoil: Spoil | None = None,
-) -> dict[str, Scores]:
-    """Scores of every forecaster on all windows of the named sequences."""
+def read_windows(folder: Path, names: Sequence[str], cut: Cut) -> list[Window]:
+    """All windows of the named sequences; BadData when there is none."""
     cuts = [
         window for trajectory in windows.read(folder, names).values() for window in windows.windows(trajectory, cut)
     ]
     if not cuts:
         raise BadData(f"{folder}: no sequence is as long as one window of {cut.num_past + cut.num_future} poses")
-    return {name: measure(forecaster, cuts, spoil=spoil) for name, forecaster in forecasters.items()}
+    return cuts
+
+
+def evaluate(
+    cuts: Sequence[Window],
+    forecasters: Mapping[str, Forecaster],
+    spoil: Spoil | None = None,
+    watch: Watch = unwatched,
+) -> dict[str, Scores]:
+    """Scores of every forecaster on the same windows; `watch` is told how many of all are done."""
+    total = len(forecasters) * len(cuts)
+
+    def watched(first: int) -> Iterator[Window]:
+        for done, window in enumerate(cuts, first + 1):
+            yield window
+            watch(done, total)
+
+    return {
+        name: measure(forecaster, watched(number * len(cuts)), spoil=spoil)
+        for number, (name, forecaster) in enumerate(forecasters.items())
+    }
 
 
 def columns(scores: Scores) -> dict[str, float]:
@@ -66,13 +82,18 @@ def columns(scores: Scores) -> dict[str, float]:
     for region in REGIONS:
         row[f"in {region:.0%}"] = _share(scores.rank, region)
         row[f"in {region:.0%} @{num_future}"] = _share(scores.rank[:, -1], region)
+    turning = np.abs(scores.turned_deg) > TURNING_DEG
+    row["ADE m, turning"] = float(scores.position_m[turning].mean()) if turning.any() else float("nan")
+    row[f"yaw @{num_future} deg, turning"] = float(scores.yaw_deg[turning, -1].mean()) if turning.any() else np.nan
     return row
 
 
 def as_lines(table: Mapping[str, Scores]) -> Iterable[str]:
-    """The table in Markdown."""
+    """How many windows turn, and the table in Markdown."""
     rows = {name: columns(scores) for name, scores in table.items()}
+    turned_deg = next(iter(table.values())).turned_deg
     heads = list(next(iter(rows.values())))
+    yield f"turning: {(np.abs(turned_deg) > TURNING_DEG).sum()} windows, by more than {TURNING_DEG:g} degrees"
     yield "| forecaster | " + " | ".join(heads) + " |"
     yield "| --- |" + " ---: |" * len(heads)
     for name, row in rows.items():
@@ -81,11 +102,15 @@ def as_lines(table: Mapping[str, Scores]) -> Iterable[str]:
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Every step of the past measured with independent errors; the last pose is the one that stays."""
+    """Every step of the past measured with independent errors; the last pose is the one that stays.
+
+    Lengths are off by a common factor, whose logarithm is normal; the true last position is the reference all the same.
+    """
 
     position_m: float = 0.02
     rotation_deg: float = 0.05
     seed: int = 0
+    scale: float = 0.0  # standard deviation of the factor's logarithm
 
     def __call__(self, past: Trajectory) -> Trajectory:
         """The past as an odometry of this noise gives it; the same windows get the same noise."""
@@ -94,10 +119,18 @@ class OdometryNoise:
         deviation = np.repeat([self.position_m, np.radians(self.rotation_deg)], 3)
         steps = se3.inverse(past.world_from_cam[:-1]) @ past.world_from_cam[1:]
         steps = steps @ se3.exp(deviation * rng.standard_normal((len(steps), 6)))
+        steps[:, :3, 3] *= np.exp(self.scale * rng.standard_normal())
         poses = [past.world_from_cam[-1]]
         for step in steps[::-1]:
             poses.append(poses[-1] @ se3.inverse(step))
         return Trajectory(np.stack(poses[::-1]), past.times_s, past.is_metric)
+
+
+def odometry_noise(times: float, scale_error: float) -> OdometryNoise | None:
+    """The usual noise so many times, with a scale error; None for neither."""
+    usual = OdometryNoise()
+    noise = OdometryNoise(usual.position_m * times, usual.rotation_deg * times, scale=scale_error)
+    return noise if times > 0 or scale_error > 0 else None
 
 
 def _share(rank: FloatArray, region: float) -> float:

@@ -11,10 +11,11 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.poses import past_motion
 from geovp_classic.poses.motion_network import MIRRORED_RATES, MIRRORED_STATES
 from geovp_classic.poses.motion_prior import NUM_PAST_STEPS
-from geovp_classic.types import FloatArray, Trajectory
+from geovp_classic.types import FloatArray, IntArray, Trajectory
 
 STEP_S = 0.1037  # KITTI's frame interval
 NUM_FUTURE_STEPS = 21  # a little more than 20 frames of jittering times
+RESIZED = (-0.2, 0.8)  # logarithm of the factor: from 0.8 to 2.2, so that town drives become motorway ones
 POSITION_NOISE_M, ROTATION_NOISE_RAD = 0.02, np.radians(0.05)  # per step: noise level 1
 
 
@@ -29,10 +30,25 @@ class Examples:
         """N."""
         return len(self.rates)
 
+    def chosen(self, which: IntArray) -> Examples:
+        """Some of them, by number."""
+        return Examples(self.rates[which], self.states[which])
+
     def mirrored(self) -> Examples:
         """These and, behind them, the same with left and right swapped."""
         rates = np.concatenate([self.rates, self.rates * MIRRORED_RATES])
         return Examples(rates, np.concatenate([self.states, self.states * MIRRORED_STATES]))
+
+
+def resized(data: Examples, rng: np.random.Generator, share: float = 0.4) -> Examples:
+    """A share of the examples driven faster or slower along a longer or shorter path of the same turns.
+
+    Recorded speeds end at 15 m/s; without this a motorway is an extrapolation, and so is a monocular scale error.
+    """
+    factors = np.where(rng.random(len(data)) < share, np.exp(rng.uniform(*RESIZED, len(data))), 1.0)
+    lengths = factors[:, None, None]
+    rates = np.concatenate([data.rates[..., :3] * lengths, data.rates[..., 3:]], axis=-1)
+    return Examples(rates, np.concatenate([data.states[..., :2] * lengths, data.states[..., 2:]], axis=-1))
 
 
 def joined(parts: Iterable[Examples]) -> Examples:

@@ -22,7 +22,7 @@ from geovp_classic.types import FloatArray
 
 HORIZONS = (1, 3, 5, 10, 15, 20)
 LEAST = {"position_noise_m": 1e-3, "yaw_noise_rad": 1e-4}  # recorded poses look perfect; nobody's odometry is
-NOTE = """# Constants of the Kalman forecasters, written by `python -m benchmarks.forecasting fit-kalman`.
+NOTE = """# Constants of the Kalman forecasters, written by `geovp forecast fit-kalman`.
 # Fitted to ground-truth poses of KITTI odometry (Geiger et al. 2012), CC BY-NC-SA 3.0; the poses are not included.
 """
 

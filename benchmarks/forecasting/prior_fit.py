@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
-from benchmarks.forecasting import histories, network_training
+from benchmarks.forecasting import calibration, histories, network_training
 from benchmarks.forecasting.histories import NUM_FUTURE_STEPS, STEP_S, Examples
 from benchmarks.forecasting.network_training import Schedule
+from benchmarks.forecasting.watching import Watch, unwatched
 from geovp_classic.errors import BadData
 from geovp_classic.poses import motion_network
-from geovp_classic.poses.motion_network import MIRRORED_STATES, Coefficients, Network, Standard
+from geovp_classic.poses.motion_network import MIRRORED_RATES, MIRRORED_STATES, Coefficients, Network, Standard
 from geovp_classic.types import FloatArray, Trajectory
 
 
@@ -27,7 +28,7 @@ class Plan:
     centre_width: int = 96
     centre_epochs: float = 40.0
     yaw_weight_m: float = 8.0  # metres that a radian of yaw error is worth
-    num_modes: int = 4
+    num_modes: int = 6
     depth: int = 12  # smooth deviations that the modes are made of
     spread_width: int = 48
     spread_epochs: float = 24.0
@@ -43,22 +44,70 @@ class Centre:
     network: Network
 
 
-def fit(sequences: Mapping[str, Trajectory], plan: Plan) -> Coefficients:
-    """Coefficients from at least two sequences (each is left out once)."""
+@dataclass(frozen=True)
+class Errors:
+    """What centres did on histories that they were not fitted to."""
+
+    rates: FloatArray  # [N, P, 6]
+    paths: FloatArray  # [N, F, 3], the centres
+    off: FloatArray  # [N, F, 3], of the true states along these paths
+
+    @staticmethod
+    def joined(parts: Iterable[Errors]) -> Errors:
+        """All of them, one behind the other."""
+        columns = zip(*((part.rates, part.paths, part.off) for part in parts), strict=True)
+        return Errors(*(np.concatenate(column) for column in columns))
+
+
+def fit(
+    sequences: Mapping[str, Trajectory],
+    plan: Plan,
+    others: Mapping[str, Trajectory] | None = None,
+    watch: Watch = unwatched,
+) -> Coefficients:
+    """Coefficients from at least two sequences: each is left out once, to see the errors and what a region holds.
+
+    The regions' size is set on these and on `others`, which nothing else is fitted to.
+    """
     if len(sequences) < 2:
         raise BadData(f"{len(sequences)} sequence to fit to, expected two or more: each is left out once")
     data = {name: _examples(trajectory, plan) for name, trajectory in sequences.items()}
-    rng = np.random.default_rng(plan.seed)
-    rates, paths, errors = [], [], []
+    rng, jobs = np.random.default_rng(plan.seed), _Jobs(2 * len(data) + 2, watch)
+    centres, errors = {}, {}
     for left_out, unseen in data.items():
-        centre = fit_centre(histories.joined(part for name, part in data.items() if name != left_out), plan)
-        for seen_rates in (unseen.rates, histories.faulty(unseen.rates, rng)):
-            path = motion_network.centres(_coefficients(centre), seen_rates)
-            rates.append(seen_rates)
-            paths.append(path)
-            errors.append(along_path(unseen.states - path, path))
+        centres[left_out] = fit_centre(histories.joined(data[name] for name in data if name != left_out), plan)
+        errors[left_out] = left_out_errors(centres[left_out], unseen, rng)
+        jobs.finish_one()
+    trials = []
+    for left_out, centre in centres.items():
+        seen = Errors.joined(errors[name] for name in data if name != left_out)
+        trials.append((fit_spread(centre, seen, plan), histories.examples(sequences[left_out], plan.stride)))
+        jobs.finish_one()
     centre = fit_centre(histories.joined(data.values()), plan)
-    return fit_spread(centre, np.concatenate(rates), np.concatenate(paths), np.concatenate(errors), plan)
+    jobs.finish_one()
+    fitted = fit_spread(centre, Errors.joined(errors.values()), plan)
+    trials += [(fitted, histories.examples(trajectory, plan.stride)) for trajectory in (others or {}).values()]
+    jobs.finish_one()
+    return calibration.resized(fitted, calibration.scales(trials))
+
+
+class _Jobs:
+    """How many of the networks are trained."""
+
+    def __init__(self, total: int, watch: Watch) -> None:
+        self._done, self._total, self._watch = 0, total, watch
+        watch(0, total)
+
+    def finish_one(self) -> None:
+        self._done += 1
+        self._watch(self._done, self._total)
+
+
+def left_out_errors(centre: Centre, unseen: Examples, rng: np.random.Generator) -> Errors:
+    """The centre's errors on clean and on faulty histories."""
+    rates = np.concatenate([unseen.rates, histories.faulty(unseen.rates, rng)])
+    paths = motion_network.centres(_coefficients(centre), rates)
+    return Errors(rates, paths, along_path(np.concatenate([unseen.states] * 2) - paths, paths))
 
 
 def _examples(trajectory: Trajectory, plan: Plan) -> Examples:
@@ -78,8 +127,9 @@ def fit_centre(data: Examples, plan: Plan) -> Centre:
 
     def batch() -> tuple[FloatArray, FloatArray]:
         chosen = rng.integers(0, len(data), plan.num_members * schedule.batch_size)
-        rates = histories.faulty(data.rates[chosen], rng)
-        wanted = (data.states[chosen] - motion_network.first_guess(rates, STEP_S, NUM_FUTURE_STEPS)) / scale
+        driven = histories.resized(data.chosen(chosen), rng)
+        rates = histories.faulty(driven.rates, rng)
+        wanted = (driven.states - motion_network.first_guess(rates, STEP_S, NUM_FUTURE_STEPS)) / scale
         shape = (plan.num_members, schedule.batch_size, -1)
         features = standard(motion_network.history_features(rates))
         return features.reshape(shape), wanted.reshape(shape).astype(np.float32)
@@ -101,15 +151,14 @@ def centre_gradient(outputs: FloatArray, wanted: FloatArray, scale: FloatArray, 
     return (slope * scale / (outputs.shape[1] * len(scale))).reshape(outputs.shape).astype(np.float32)
 
 
-def fit_spread(centre: Centre, rates: FloatArray, paths: FloatArray, errors: FloatArray, plan: Plan) -> Coefficients:
+def fit_spread(centre: Centre, seen: Errors, plan: Plan) -> Coefficients:
     """A mixture of Gaussians over the errors' principal components [D], given the history (Bishop 1994)."""
     rng = np.random.default_rng(plan.seed)
+    rates = np.concatenate([seen.rates, seen.rates * MIRRORED_RATES])
+    paths = np.concatenate([seen.paths, seen.paths * MIRRORED_STATES])
     features = motion_network.spread_features(rates, paths)
-    mirrored_rates, mirrored_paths = rates * motion_network.MIRRORED_RATES, paths * MIRRORED_STATES
-    features = np.concatenate([features, motion_network.spread_features(mirrored_rates, mirrored_paths)])
-    errors = np.concatenate([errors, errors * MIRRORED_STATES])
-    basis, floor, amounts = components(errors, plan.depth)
-    standard = Standard(features.mean(0), features.std(0) + 1e-6)
+    basis, floor, amounts = components(np.concatenate([seen.off, seen.off * MIRRORED_STATES]), plan.depth)
+    standard = Standard(features.mean(0), features.std(0) + 1e-6, motion_network.SPREAD_LIMIT)
     inputs, wanted = standard(features), amounts.astype(np.float32)
     schedule = Schedule(
         num_steps=max(1, int(plan.spread_epochs * len(inputs) / 256)),

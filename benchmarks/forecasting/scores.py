@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from benchmarks.forecasting.windows import Window
 from geovp_classic.geometry import planar
@@ -38,6 +39,7 @@ class Scores:
     negative_log_density: FloatArray  # [N, F], nats per square metre and radian
     rank: FloatArray  # [N, F]: the truth is in the region of a probability when its rank is at most that
     energy_m: FloatArray  # [N], energy score of whole paths in the plane, averaged over steps
+    turned_deg: FloatArray  # [N], how far the vehicle truly turns until the last step
 
 
 def measure(
@@ -61,8 +63,7 @@ def energy_score(
     distance = float(np.linalg.norm(samples - truth, axis=-1).mean())
     if len(samples) == 1:
         return distance
-    between = np.linalg.norm(samples[:, None] - samples[None], axis=-1).mean(-1)
-    return distance - 0.5 * float(between.sum()) / (len(samples) * (len(samples) - 1))
+    return distance - 0.5 * float(np.mean([pdist(samples[:, step]).mean() for step in range(samples.shape[1])]))
 
 
 def highest_density_rank(
@@ -82,16 +83,16 @@ def _row(forecaster: Forecaster, window: Window, num_samples: int, spoil: Spoil 
     truth = _flat(window.future.world_from_cam, reference)
     off = _flat(forecaster.forecast(past, times_s)[0], reference) - truth
     yaw_deg = np.degrees(np.abs((off[:, 2] + np.pi) % (2 * np.pi) - np.pi))
-    position_m = np.linalg.norm(off[:, :2], axis=-1)
+    position_m, turned_deg = np.linalg.norm(off[:, :2], axis=-1), np.degrees(np.unwrap(truth[:, 2])[-1:])[0]
     if not isinstance(forecaster, Probabilistic):
         nothing = np.full(len(times_s), np.nan)
-        return position_m, yaw_deg, nothing, nothing, np.array(position_m.mean())
+        return position_m, yaw_deg, nothing, nothing, np.array(position_m.mean()), turned_deg
     spread = forecaster.distribution(past, times_s)
     states = spread.states_of(window.future.world_from_cam)
     samples = _flat(forecaster.forecast(past, times_s, num_samples), reference)[..., :2]
     density = -spread.log_density(states[None])[0]
     rank = highest_density_rank(spread, states)
-    return position_m, yaw_deg, density, rank, np.array(energy_score(samples, truth[:, :2]))
+    return position_m, yaw_deg, density, rank, np.array(energy_score(samples, truth[:, :2])), turned_deg
 
 
 def _flat(world_from_cam: FloatArray, world_from_reference: FloatArray) -> FloatArray:

@@ -10,10 +10,6 @@ from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.types import Trajectory
 
-TRAIN = ("00", "02", "08", "09")
-VAL = ("01", "04")
-TEST = ("03", "05", "06", "07", "10")  # the split of DeepVO's paper
-
 
 @dataclass(frozen=True)
 class Cut:

@@ -87,6 +87,10 @@ class UnscentedFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         self.predict(dt=dt_s)
         self.P = symmetric(self.P)
 
+    def compute_process_sigmas(self, dt: float, fx: object = None, **fx_args: object) -> None:
+        """As filterpy does it point by point, for all sigma points at once."""
+        self.sigmas_f = self.constants.model.moved(self.points_fn.sigma_points(self.x, self.P), dt)
+
     def correct(self, measured: FloatArray) -> None:
         """Update with a measured (x, z, yaw)."""
         innovation = self.P[:3, :3] + self.R

@@ -19,6 +19,10 @@ MIRRORED_STATES = np.array([-1.0, 1.0, -1.0])
 TURN_KEPT = 0.95  # of the turn rate, per step of the first guess
 RECENT = 3  # steps that the first guess's turn rate and acceleration come from
 SPREAD_STEPS = (4, 9, 19)  # where the first network says the path goes, for the second one
+SPREAD_LIMIT = (
+    3.0  # deviations: on a motorway the spread of the fastest known drives is better than an extrapolated one
+)
+LEAST_CHANGE = np.repeat([1e-2, 1e-3], 3)  # m/s and rad/s: smaller is as good as nothing, for logarithms
 
 
 @dataclass(frozen=True)
@@ -77,9 +81,20 @@ def history_features(rates: FloatArray) -> FloatArray:
 
 
 def spread_features(rates: FloatArray, centre: FloatArray) -> FloatArray:
-    """History, mean speed, and where the centre path [N, F, 3] goes."""
+    """History, mean speed, where the centre path [N, F, 3] goes, and logarithms of how calm the past was."""
     ahead = centre[:, SPREAD_STEPS].reshape(len(rates), -1)
-    return np.concatenate([history_features(rates), rates[:, :, FORWARD].mean(1, keepdims=True), ahead], axis=1)
+    history = [history_features(rates), rates[:, :, FORWARD].mean(1, keepdims=True), ahead]
+    return np.concatenate([*history, _calmness(rates), np.log(np.abs(centre[:, -1, 2:]) + 1e-2)], axis=1)
+
+
+def _calmness(rates: FloatArray) -> FloatArray:
+    """Logarithms [N, 17] of the past's changes, jitter, speed and turning: a spread is a matter of factors."""
+    speed, turn = np.abs(rates[..., FORWARD]), np.abs(rates[..., YAW_RATE])
+    change = np.abs(rates[:, -1] - rates[:, -1 - RECENT])
+    jitter, changes = (np.sqrt((np.diff(rates, order, axis=1) ** 2).mean(1)) + LEAST_CHANGE for order in (2, 1))
+    turning = np.stack([turn.mean(1), turn[:, -RECENT:].mean(1), change[:, YAW_RATE]], axis=1) + 1e-3
+    driving = np.stack([speed.mean(1) + 0.1, change[:, FORWARD] + 0.03], axis=1)
+    return np.log(np.concatenate([jitter, changes, turning, driving], axis=1))
 
 
 def first_guess(rates: FloatArray, step_s: float, num_steps: int) -> FloatArray:

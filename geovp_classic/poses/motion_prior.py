@@ -3,16 +3,17 @@
 Two small networks look at the camera's twists over the last 0.93 s. One says the centre path as a correction of a
 damped turn, fitted to the distance in metres and the absolute yaw error, so it is a median and not a mean. The other
 says a mixture of Gaussians over smooth deviations from it (turn or not, brake or not), fitted to the errors that the
-first one makes on sequences it was not fitted to.
+first one makes on sequences it was not fitted to. The size of the regions is set last, step by step, so that they hold
+what they say on sequences unknown to both.
 
-The coefficients are fitted by `python -m benchmarks.forecasting fit-prior` to ground-truth poses of KITTI odometry
-00, 02, 08 and 09 (Geiger et al. 2012), which are CC BY-NC-SA 3.0 and not included.
+The coefficients are fitted by `geovp forecast fit-prior` to ground-truth poses of KITTI odometry 00, 02, 08 and 09,
+the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-SA 3.0 and not included.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from geovp_classic.types import FloatArray, Trajectory
 NUM_PAST_STEPS = 9
 FASTEST_TURN_RAD_S = 1.5  # nothing on the train poses turns faster; beyond it the history is taken as turning so fast
 SCALE_FREE_SPEED_M_S = 9.0  # about the median of the train poses
-LICENCE = "Fitted to ground-truth poses of KITTI odometry 00, 02, 08, 09 (Geiger et al. 2012), CC BY-NC-SA 3.0."
+LICENCE = "Fitted to ground-truth poses of KITTI odometry 00, 01, 02, 04, 08, 09 (Geiger et al. 2012), CC BY-NC-SA 3.0."
 
 
 @dataclass(frozen=True)
@@ -76,20 +77,7 @@ class MotionPrior:
         factor = past_motion.metres_per_unit(past, SCALE_FREE_SPEED_M_S)
         rates = past_motion.body_rates(past_motion.scaled(past, factor), fitted.step_s, NUM_PAST_STEPS)[None]
         rates[..., 3:] = np.clip(rates[..., 3:], -FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
-        centre = motion_network.centres(fitted, rates)
-        weights, means, deviations = motion_network.modes(fitted, rates, centre)
-        half = len(weights) // 2
-        bases = np.stack([fitted.basis] * half + [fitted.basis * MIRRORED_STATES[:, None]] * half)
-        between = _between(ahead_s, fitted.step_s, fitted.num_steps)
-        return Outlook(
-            centre=_path_at(centre[0], ahead_s, fitted.step_s),
-            weights=weights / weights.sum(),
-            means=means,
-            deviations=deviations,
-            bases=np.einsum("tf,kfid->ktid", between, bases),
-            floor=between**2 @ fitted.floor,
-            unit=np.array([factor, factor, 1.0]),
-        )
+        return outlook(fitted, rates, ahead_s, factor)
 
 
 @dataclass(frozen=True)
@@ -102,7 +90,7 @@ class Outlook:
     deviations: FloatArray  # [K, D]
     bases: FloatArray  # [K, T, 3, D], off the path: (right, ahead, yaw)
     floor: FloatArray  # [T, 3]
-    unit: FloatArray = field(repr=False)  # [3], metres per unit of the past
+    unit: FloatArray  # [3], metres per unit of the past
 
     def drawn(self, num_samples: int, rng: np.random.Generator) -> FloatArray:
         """Smooth paths [S, T, 3]; the floor's variance, which is not smooth, is left out."""
@@ -125,6 +113,29 @@ class Outlook:
         yaw = self.centre[:, 2]
         zero, one, cos, sin = np.zeros_like(yaw), np.ones_like(yaw), np.cos(yaw), np.sin(yaw)
         return np.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+
+
+def outlook(
+    fitted: Coefficients,
+    rates: FloatArray,  # [1, P, 6]
+    ahead_s: FloatArray,  # [T]
+    metres_per_unit: float = 1.0,
+) -> Outlook:
+    """What the coefficients say about one history."""
+    centre = motion_network.centres(fitted, rates)
+    weights, means, deviations = motion_network.modes(fitted, rates, centre)
+    half = len(weights) // 2
+    bases = np.stack([fitted.basis] * half + [fitted.basis * MIRRORED_STATES[:, None]] * half)
+    between = _between(ahead_s, fitted.step_s, fitted.num_steps)
+    return Outlook(
+        centre=_path_at(centre[0], ahead_s, fitted.step_s),
+        weights=weights / weights.sum(),
+        means=means,
+        deviations=deviations,
+        bases=np.einsum("tf,kfid->ktid", between, bases),
+        floor=between**2 @ fitted.floor,
+        unit=np.array([metres_per_unit, metres_per_unit, 1.0]),
+    )
 
 
 @functools.cache
@@ -166,7 +177,7 @@ def unpacked(table: dict[str, FloatArray]) -> Coefficients:
         centre_standard=Standard(table["centre_mean"], table["centre_deviation"]),
         centre_scale=table["centre_scale"],
         centre=_network(table, "centre"),
-        spread_standard=Standard(table["spread_mean"], table["spread_deviation"]),
+        spread_standard=Standard(table["spread_mean"], table["spread_deviation"], motion_network.SPREAD_LIMIT),
         spread=_network(table, "spread"),
         basis=table["basis"],
         floor=table["floor"],

@@ -42,7 +42,7 @@ class PlanarForecast:
         off = states[None] - self.means[:, None]  # [K, N, F, 3]
         off[..., 2] = (off[..., 2] + np.pi) % (2 * np.pi) - np.pi
         lower = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
-        white = np.linalg.solve(np.broadcast_to(lower, (*off.shape, 3)), off[..., None])[..., 0]
+        white = (np.linalg.inv(lower) @ off[..., None])[..., 0]  # one inverse serves all N
         log_volume = np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(-1) + 1.5 * np.log(2 * np.pi)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)[:, None, None]

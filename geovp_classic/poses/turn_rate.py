@@ -6,7 +6,7 @@ the plane that the past motion suggests. With one sample the futures are the fil
 drawn from it. A single past pose is held in the mean, with a wide covariance. A past without metres is taken as driven
 at SCALE_FREE_SPEED_M_S, for which the noises were fitted.
 
-The constants in `turn_rate.toml` are fitted by maximum likelihood: `python -m benchmarks.forecasting fit-kalman`.
+The constants in `turn_rate.toml` are fitted by maximum likelihood: `geovp forecast fit-kalman`.
 """
 
 from __future__ import annotations

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from benchmarks.forecasting import histories, kalman_fit, network_training, prior_fit
+from benchmarks.forecasting import calibration, histories, kalman_fit, network_training, prior_fit
 from benchmarks.forecasting.network_training import Schedule
 from benchmarks.forecasting.prior_fit import Plan
 from benchmarks.forecasting.windows import Cut, windows
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.poses import motion_network, motion_prior, turn_rate
+from geovp_classic.poses.motion_network import Coefficients
 from geovp_classic.types import FloatArray, Trajectory
 
 
@@ -132,12 +133,50 @@ def test_examples_of_a_circle_are_its_states() -> None:
 def test_a_small_prior_is_fitted_and_forecasts() -> None:
     roads = {f"{seed}": winding_road(120, seed) for seed in range(3)}
     plan = Plan(num_members=1, centre_width=8, centre_epochs=2, num_modes=2, depth=3, spread_width=8, spread_epochs=2)
-    fitted = prior_fit.fit(roads, plan)
+    told: list[tuple[int, int]] = []
+    fitted = prior_fit.fit(roads, plan, {"other": winding_road(90, 3)}, lambda *done: told.append(done))
+    assert told == [(done, 8) for done in range(9)]  # a centre and a spread without each of 3, and with all
     again = motion_prior.unpacked(motion_prior.packed(fitted))
     assert again.num_steps == histories.NUM_FUTURE_STEPS
     assert again.basis.shape == (21, 3, 3)
     paths = motion_network.centres(again, histories.examples(roads["0"], 9).rates)
     assert np.isfinite(paths).all()
+
+
+@pytest.fixture(scope="module")
+def small_prior() -> Coefficients:
+    roads = {f"{seed}": winding_road(120, seed) for seed in range(2)}
+    plan = Plan(num_members=1, centre_width=8, centre_epochs=2, num_modes=2, depth=3, spread_width=8, spread_epochs=2)
+    return prior_fit.fit(roads, plan)
+
+
+def test_a_region_resized_by_two_holds_what_the_old_one_holds_of_halved_errors(small_prior: Coefficients) -> None:
+    data = histories.examples(winding_road(200, 5), 1)
+    held = calibration.held_shares(small_prior, data)
+    assert held.shape == (len(calibration.FACTORS), len(calibration.HORIZONS))
+    assert held[0].mean() < held[-1].mean()
+    twice = calibration.resized(small_prior, np.full(small_prior.num_steps, 2.0))
+    as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
+    by_two = int(np.argmin(np.abs(calibration.FACTORS - 2)))
+    np.testing.assert_allclose(calibration.held_shares(twice, data)[as_is], held[by_two], atol=0.1)
+    np.testing.assert_array_equal(twice.centre_scale, small_prior.centre_scale)
+
+
+def test_after_calibration_the_region_holds_nine_of_ten(small_prior: Coefficients) -> None:
+    data = histories.examples(winding_road(400, 6), 1)
+    calibrated = calibration.resized(small_prior, calibration.scales([(small_prior, data)]))
+    as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
+    np.testing.assert_allclose(calibration.held_shares(calibrated, data)[as_is], 0.9, atol=0.06)
+
+
+def test_resized_examples_turn_the_same_on_longer_paths() -> None:
+    data = histories.examples(winding_road(200, 7), 1)
+    longer = histories.resized(data, np.random.default_rng(0), share=1.0)
+    factor = longer.rates[:, -1, 2] / data.rates[:, -1, 2]
+    assert 0.8 < factor.min() < factor.max() < 2.3
+    np.testing.assert_allclose(longer.states[..., 1], data.states[..., 1] * factor[:, None])
+    np.testing.assert_array_equal(longer.states[..., 2], data.states[..., 2])
+    np.testing.assert_array_equal(longer.rates[..., 3:], data.rates[..., 3:])
 
 
 def test_one_sequence_cannot_be_left_out() -> None:

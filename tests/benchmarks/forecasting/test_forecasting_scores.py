@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.forecasting import command, evaluation, windows
+from benchmarks import cli
+from benchmarks.forecasting import evaluation, windows
 from benchmarks.forecasting.evaluation import OdometryNoise
 from benchmarks.forecasting.scores import energy_score, highest_density_rank, measure
 from benchmarks.forecasting.windows import Cut
 from geovp_classic.data import pose_files
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.poses.forecast import ConstantTurn, Hold
 from geovp_classic.poses.planar_forecast import PlanarForecast
@@ -81,22 +82,53 @@ def test_odometry_noise_keeps_the_last_pose_and_repeats() -> None:
     assert 0.005 < np.linalg.norm(off) < 0.4  # nine steps of 2 cm and 0.05 degrees
 
 
-def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path) -> None:
-    said = list(command.lines(["evaluate", str(folder), "--sequences", "03", "05", "--only", "hold", "CTRV, extended"]))
+def test_a_scale_error_stretches_the_past_alone() -> None:
+    past = circle(10, 10.0, 0.0)
+    spoiled = OdometryNoise(0.0, 0.0, scale=0.05)(past)
+    lengths = np.linalg.norm(np.diff(spoiled.world_from_cam[:, :3, 3], axis=0), axis=-1)
+    np.testing.assert_allclose(lengths, lengths[0])  # one factor for all steps of 1 m
+    assert 0.0 < abs(np.log(lengths[0])) < 0.2
+    assert evaluation.odometry_noise(0.0, 0.0) is None
+
+
+def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = ["--only", "hold", "CTRV, extended"]
+    assert cli.main(["forecast", "evaluate", str(folder), "--sequences", "03", "05", *rows]) == 0
+    said = capsys.readouterr().out.splitlines()
     assert said[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
-    assert [line.split("|")[1].strip() for line in said[3:]] == ["hold", "CTRV, extended"]
-    assert "-" in said[3]
-    assert "in 90%" in said[1]
+    assert said[1] == "turning: 0 windows, by more than 15 degrees"  # 2 s of 0.1 rad/s are 11.5
+    assert [line.split("|")[1].strip() for line in said[4:]] == ["hold", "CTRV, extended"]
+    assert "-" in said[4]
+    assert "in 90%" in said[2]
 
 
-def test_a_mistyped_row_is_refused(folder: Path) -> None:
-    with pytest.raises(UnknownComponent, match="no row is called 'hol'"):
-        list(command.lines(["evaluate", str(folder), "--sequences", "03", "--only", "hol"]))
+def test_a_mistyped_row_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["forecast", "evaluate", str(folder), "--sequences", "03", "--only", "hol"]) == 2
+    assert "no row is called 'hol'" in capsys.readouterr().err
+
+
+def test_turning_windows_have_columns_of_their_own() -> None:
+    tight = next(windows.windows(circle(30, 5.0, 0.2), Cut(10, 20, 5)))  # turns 0.4 rad = 22.9 degrees
+    wide = next(windows.windows(circle(30, 10.0, 0.1), Cut(10, 20, 5)))  # turns 11.5 degrees
+    scores = measure(Hold(), [tight, wide])
+    np.testing.assert_allclose(scores.turned_deg, np.degrees([0.4, 0.2]))
+    row = evaluation.columns(scores)
+    assert row["ADE m, turning"] == pytest.approx(scores.position_m[0].mean())
+    assert row["yaw @20 deg, turning"] == pytest.approx(np.degrees(0.4))
+    assert np.isnan(evaluation.columns(measure(Hold(), [wide]))["ADE m, turning"])
+
+
+def test_whoever_waits_is_told_of_every_window() -> None:
+    told: list[tuple[int, int]] = []
+    cuts = list(windows.windows(circle(40), Cut(10, 20, 5)))
+    rows = {"hold": Hold(), "turn": ConstantTurn()}
+    evaluation.evaluate(cuts, rows, watch=lambda done, total: told.append((done, total)))
+    assert told == [(done, 6) for done in range(1, 7)]  # 3 windows, 2 rows
 
 
 def test_sequences_too_short_for_a_window_are_refused(folder: Path) -> None:
     with pytest.raises(BadData, match="as long as one window"):
-        evaluation.evaluate(folder, ["03"], {"hold": Hold()}, Cut(40, 40, 5))
+        evaluation.read_windows(folder, ["03"], Cut(40, 40, 5))
 
 
 def test_the_kalman_rows_are_sure_of_what_they_get_right() -> None:
@@ -110,7 +142,8 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
         pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
     rows = evaluation.contestants()
     chosen = {name: rows[name] for name in ("hold", "constant twist", "CTRA, damped", "motion prior")}
-    scores = evaluation.evaluate(Path(root) / "kitti_full_poses", ["04"], chosen, Cut(stride=60))
+    cuts = evaluation.read_windows(Path(root) / "kitti_full_poses", ["04"], Cut(stride=60))
+    scores = evaluation.evaluate(cuts, chosen)
     errors = {name: float(row.position_m.mean()) for name, row in scores.items()}
     assert min(errors, key=errors.__getitem__) != "hold"
     assert errors["motion prior"] < 1.0

@@ -158,3 +158,20 @@ def test_the_first_guess_brakes_to_rest_and_keeps_less_and_less_of_the_turn() ->
     path = motion_network.first_guess(rates, 0.1, 10)[0]
     np.testing.assert_allclose(path[6:, :2], path[6, :2][None].repeat(4, 0))
     np.testing.assert_allclose(np.diff(path[:, 2])[1:] / np.diff(path[:, 2])[:-1], 0.95)
+
+
+def test_a_mirrored_past_is_as_calm() -> None:
+    rates = np.random.default_rng(0).standard_normal((5, 9, 6))
+    centre = np.zeros((5, 21, 3))
+    calm = motion_network.spread_features(rates, centre)[:, -18:]  # 17 of the past, one of the centre's turn
+    mirrored = motion_network.spread_features(rates * motion_network.MIRRORED_RATES, centre)[:, -18:]
+    np.testing.assert_allclose(calm, mirrored)
+
+
+def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:
+    def width(speed_m_s: float) -> float:
+        rates = np.tile([0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0], (1, 9, 1))
+        _, covariances = motion_prior.outlook(motion_prior.load(None), rates, np.array([2.0])).moments()
+        return float(np.sqrt(covariances[:, 0, 1, 1]).max())
+
+    assert width(60.0) < 2 * width(25.0)

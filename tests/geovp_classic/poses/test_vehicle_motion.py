@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
-from geovp_classic.poses import past_motion
+from geovp_classic.poses import past_motion, turn_rate
 from geovp_classic.poses.kalman_filters import ExtendedFilter, KalmanConstants, UnscentedFilter, run
 from geovp_classic.poses.motion_models import VehicleModel
 from geovp_classic.poses.planar_forecast import PlanarForecast
@@ -138,3 +138,13 @@ def test_draws_come_from_both_modes_in_their_shares() -> None:
 def test_weights_that_do_not_sum_to_one_are_refused() -> None:
     with pytest.raises(BadData, match=r"sum to 0\.9"):
         mixture([0.4, 0.5], [[0, 0, 0], [1, 0, 0]])
+
+
+def test_all_sigma_points_at_once_are_those_of_filterpys_loop() -> None:
+    kalman = UnscentedFilter(turn_rate.fitted("turn-rate"), 5)
+    kalman.x, kalman.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
+    kalman.compute_process_sigmas(0.1)
+    one_by_one = [
+        kalman.constants.model.moved(point, 0.1) for point in kalman.points_fn.sigma_points(kalman.x, kalman.P)
+    ]
+    np.testing.assert_array_equal(kalman.sigmas_f, one_by_one)

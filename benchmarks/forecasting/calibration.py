@@ -1,0 +1,58 @@
+"""Make the prior's regions hold what they say on sequences that it was not fitted to.
+
+How sure the spread network is follows from likelihood; this sets the size of all regions at one horizon by a common
+factor, as split conformal prediction does (Vovk et al. 2005; Romano et al. 2019). Windows of one sequence are far from
+independent, so every sequence has the same say, whatever its length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.forecasting.histories import Examples
+from geovp_classic.poses import motion_prior
+from geovp_classic.poses.motion_network import Coefficients
+from geovp_classic.poses.planar_forecast import PlanarForecast
+from geovp_classic.types import FloatArray
+
+HELD = 0.9  # what the region is to hold
+HORIZONS = (1, 3, 5, 10, 15, 20)  # steps of the grid at which the factor is measured
+FACTORS = np.geomspace(0.4, 2.5, 41)
+NUM_DRAWS = 400
+STRIDE = 5  # of the examples: neighbours say the same
+
+
+def scales(unseen: Iterable[tuple[Coefficients, Examples]]) -> FloatArray:
+    """Factor [F] by which each horizon's region is to be resized, from pairs of a fit and a sequence unknown to it."""
+    unseen = list(unseen)
+    held = np.mean([held_shares(fitted, data) for fitted, data in unseen], axis=0)  # [factors, horizons]
+    at_horizons = [np.interp(HELD, np.maximum.accumulate(share), np.log(FACTORS)) for share in held.T]
+    steps = np.arange(1, unseen[0][0].num_steps + 1)
+    return np.asarray(np.exp(np.interp(steps, HORIZONS, at_horizons)))
+
+
+def held_shares(fitted: Coefficients, data: Examples) -> FloatArray:
+    """Share [factors, horizons] of true states inside the HELD region, for every factor that it is resized by."""
+    chosen = data.chosen(np.arange(0, len(data), STRIDE))
+    return np.asarray(np.mean([_held(fitted, chosen, number) for number in range(len(chosen))], axis=0))
+
+
+def resized(fitted: Coefficients, factors: FloatArray) -> Coefficients:
+    """The same centre path, and deviations from it multiplied by a factor [F] of their step."""
+    return replace(
+        fitted, basis=fitted.basis * factors[:, None, None], floor=fitted.floor * np.square(factors)[:, None]
+    )
+
+
+def _held(fitted: Coefficients, data: Examples, number: int) -> FloatArray:
+    steps = np.array(HORIZONS)
+    outlook = motion_prior.outlook(fitted, data.rates[number : number + 1], fitted.step_s * steps)
+    forecast = PlanarForecast(outlook.weights, *outlook.moments(), np.eye(4), np.eye(4))
+    # A region that grows by a factor holds a state if the one of old size holds its deviation, shrunk by the factor.
+    off = data.states[number, steps - 1] - outlook.centre
+    shrunk = outlook.centre + off / FACTORS[:, None, None]
+    drawn = np.sort(forecast.log_density(forecast.draws(NUM_DRAWS, seed=number)), axis=0)
+    return forecast.log_density(shrunk) >= drawn[round((1 - HELD) * NUM_DRAWS)]
