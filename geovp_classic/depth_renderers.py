@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from geovp_classic.geometry import se3
 from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.render import fusion, surface, volume
 from geovp_classic.render.fill import NearestBackground
+from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
 
@@ -22,6 +24,7 @@ class DepthFusion:
 
     depth: DepthSource = field(default_factory=Multiview)
     fill: Fill = field(default_factory=NearestBackground)
+    frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
     num_frames: int = 10  # how many of the last observed frames are used
     with_registration: bool = True  # poses are first adjusted to what the pictures show
     crack_px: int = 2  # gaps up to about twice this width are closed between surfaces, not invented
@@ -30,6 +33,8 @@ class DepthFusion:
 
     def __post_init__(self) -> None:
         """Raise BadData for settings that make no sense."""
+        if self.frames not in ("crop", "wide"):
+            raise BadData(f"frames is {self.frames!r}, expected 'crop' or 'wide'")
         if self.num_frames < 1:
             raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
         if not (0 < self.agreement < 1 and self.crack_px >= 0 and self.grain >= 0):
@@ -37,12 +42,13 @@ class DepthFusion:
 
     @property
     def needs(self) -> Grant:
-        """What the depth source needs."""
-        return self.depth.needs
+        """What the depth source needs, and the uncropped frames when they are asked for."""
+        return self.depth.needs | (Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE)
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the past."""
         recent, past = context.only(self.needs).recent(self.num_frames), past[-self.num_frames :]
+        recent = uncropped(recent) if self.frames == "wide" else recent
         if not self.with_registration:
             return self._fused(recent, past)
         pictures = np.stack([matching.grey(frame) for frame in recent.frames])
@@ -52,9 +58,10 @@ class DepthFusion:
 
     def _fused(self, recent: Context, past: Trajectory) -> fusion.CloudScene:
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        details = [None] * len(past) if recent.wide is None else recent.wide.frames
         sources = [
-            surface.Source(frame, recent.intrinsics, pose)
-            for frame, pose in zip(recent.frames, past.world_from_cam, strict=True)
+            surface.Source(frame, recent.intrinsics, pose, detail)
+            for frame, pose, detail in zip(recent.frames, past.world_from_cam, details, strict=True)
         ]
         cloud, used = fusion.fuse(sources, inverse_depths, confidence, self.agreement)
         return fusion.CloudScene(cloud, used, self.fill, self.crack_px, self.grain)

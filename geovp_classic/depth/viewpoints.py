@@ -10,7 +10,7 @@ from geovp_classic.types import FloatArray, Intrinsics
 MIN_OVERLAP = 0.4  # of the picture, at infinity
 GRID = 8  # pixels along each side at which parallax is worked out
 HALVINGS = 4  # baselines that are sought: the longest, a half, a quarter, an eighth of it
-NEAREST_SHIFT = 0.125  # of the picture's width, that the shortest baseline gives the nearest things
+NEAREST_SHIFT = 0.125  # of the picture's shorter side, that the shortest baseline gives the nearest things
 MIN_PARALLAX_PX = 1.0  # less is noise, of the pictures or of the poses
 OUTSIDE_PX = -1e4  # stands for "not seen"
 TYPICAL = 0.75  # the quantile of the pixels' parallax that counts: forward motion has none at its centre
@@ -47,12 +47,12 @@ def hypotheses(
     """Increasing inverse depths [count], 0 (infinitely far) first, evenly spaced in parallax, and their spacing in px.
 
     Between two neighbours the source that sees most change sees the same number of pixels. The last one shifts the
-    picture of the nearest source by NEAREST_SHIFT of its width.
+    picture of the nearest source by NEAREST_SHIFT of its shorter side.
     """
     baseline = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
     closest = source_from_reference[[int(np.argmin(baseline))]]
     fine = np.geomspace(1e-3, 1e3, 120) / baseline.max()
-    wanted_px = NEAREST_SHIFT * camera.width_px
+    wanted_px = NEAREST_SHIFT * min(camera.width_px, camera.height_px)
     reached = np.flatnonzero(_parallax_px(closest, camera, fine)[0] >= wanted_px)
     fine = np.concatenate([[0.0], fine[: reached[0] + 1] if len(reached) else fine])
     speed = np.diff(_parallax_px(source_from_reference, camera, fine), axis=1).max(axis=0)

@@ -78,7 +78,7 @@ class CloudScene:
         with np.errstate(divide="ignore"):
             depths = np.where(covered, 1 / np.where(covered, inverse_depth, 1), 0).astype(np.float32)
         filled = self.fill.fill(Views(frames, covered, depths))
-        return Views(self._with_grain(filled, magnification), covered, depths)
+        return Views(self._with_grain(filled, magnification, intrinsics), covered, depths)
 
     def _colours(
         self, inverse_depth: FloatArray, source_number: IndexArray, world_from_cam: FloatArray, camera: Intrinsics
@@ -91,14 +91,17 @@ class CloudScene:
             source = self.sources[number]
             pixels, ratio = surface.source_pixels(source, inverse_depth, world_from_cam, camera)
             here = (source_number == number) & (ratio > 0) & _inside(pixels, source.camera)
-            colours = _read(source.frame, pixels)
-            frame[here], covered[here], magnification[here] = colours[here], True, ratio[here]
+            colours = _read(source, pixels, ratio)
+            frame[here], covered[here], magnification[here] = colours[here], True, ratio[here] / source.finest
         return frame, covered, magnification
 
-    def _with_grain(self, frames: ByteArray, magnification: FloatArray) -> ByteArray:
+    def _with_grain(self, frames: ByteArray, magnification: FloatArray, camera: Intrinsics) -> ByteArray:
         if self.grain == 0:
             return frames
-        grain = Grain.of(self.sources[0].frame)
+        last = self.sources[0]
+        infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
+        pixels, _ = surface.source_pixels(last, infinity, last.world_from_source, camera)
+        grain = Grain.of(_lanczos(last.frame, pixels))  # what the camera would have seen from there
         pairs = zip(frames, magnification, strict=True)
         return np.stack([grain.added_to(frame, times, self.grain) for frame, times in pairs])
 
@@ -135,8 +138,24 @@ def _grown(depth: FloatArray, number: IndexArray, todo: BoolArray) -> tuple[Floa
     return grown, chosen
 
 
-def _read(frame: ByteArray, pixels: FloatArray) -> ByteArray:
-    """Lanczos colours [H, W, 3] at the pixels [H, W, 2]; outside, the colour of the border."""
+def _read(
+    source: surface.Source,
+    pixels: FloatArray,  # [H, W, 2]
+    magnification: FloatArray,  # [H, W]
+) -> ByteArray:
+    """Colours [H, W, 3] at the pixels; magnified ones with the detail that the source has."""
+    coarse = _lanczos(source.frame, pixels)
+    if source.detail is None:
+        return coarse
+    size = np.array([source.camera.width_px, source.camera.height_px])
+    scale = np.array(source.detail.shape[1::-1]) / size
+    fine = _lanczos(source.detail, (pixels + 0.5) * scale - 0.5)
+    share = np.clip((magnification - 1) / max(source.finest - 1, 1e-6), 0, 1).astype(np.float32)[..., None]
+    return np.asarray((coarse + share * (fine.astype(np.float32) - coarse) + 0.5).astype(np.uint8))
+
+
+def _lanczos(frame: ByteArray, pixels: FloatArray) -> ByteArray:
+    """Colours [H, W, 3] at the pixels [H, W, 2]; outside, the colour of the border."""
     u, v = np.moveaxis(pixels.astype(np.float32), -1, 0)
     return np.asarray(cv2.remap(frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
 

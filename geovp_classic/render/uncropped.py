@@ -1,0 +1,27 @@
+"""The uncropped frames in place of the square ones: what stands beside the square, and twice the detail."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Context
+
+
+def uncropped(context: Context) -> Context:
+    """The context with the uncropped pictures as its frames, at the square's pixel size; `wide` stays as it is.
+
+    Incompatible when there are none, or when recorded depth of the square should be used with them.
+    """
+    if context.wide is None:
+        raise Incompatible("uncropped frames are asked for, the clip has none: use a data set that gives wide frames")
+    if context.past_depths is not None:
+        raise Incompatible("recorded depth covers the square only: with uncropped frames choose an estimating source")
+    native, square = context.wide.intrinsics, context.intrinsics
+    width_px = max(1, round(native.width_px * square.fx_px / native.fx_px))
+    height_px = max(1, round(native.height_px * square.fy_px / native.fy_px))
+    frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in context.wide.frames])
+    return dataclasses.replace(context, frames=frames, intrinsics=native.resized(width_px, height_px))
