@@ -12,7 +12,7 @@ FLOORS = [
     {"types"},
     {"geometry", "interfaces"},
     {"poses", "depth", "render", "data", "metrics", "registry"},
-    {"predictors", "contracts", "commanded", "depth_renderers"},
+    {"predictors", "contracts", "commanded", "depth_renderers", "exports"},
 ]
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SOURCES = sorted(

@@ -1,0 +1,121 @@
+"""Scenes as files that other programs open: a coloured cloud (PLY), a COLMAP model, depth maps (16-bit PNG).
+
+A scene need not say how it is made inside: its cloud is what it shows from a few poses, put back into space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
+
+FARTHEST_MEDIANS = 10.0  # depths beyond so many medians are sky, and no points
+POINTS_PER_MEDIAN = 400  # points nearer to each other than this share of the median depth become one
+METRIC_SCALE = 256.0  # as KITTI's depth maps: 1/256 m
+FARTHEST_VALUE = 65535  # infinitely far, or farther than 16 bits can say
+USED_VALUES = 16384.0  # where the unit is unknown the median depth lies at a quarter of what 16 bits hold
+
+
+def cloud(
+    views: Views,  # [F]
+    world_from_cam: FloatArray,  # [F, 4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, ByteArray]:
+    """Points [N, 3] in the world and colours [N, 3] of all that the views cover, thinned out; no sky."""
+    import open3d as o3d
+
+    known = views.covered & np.isfinite(views.depths) & (views.depths > 0)
+    if not known.any():
+        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+    median = float(np.median(views.depths[known]))
+    known &= views.depths <= FARTHEST_MEDIANS * median
+    grid, parts = pinhole.pixel_grid(camera), []
+    for good, depth, pose in zip(known, views.depths, world_from_cam, strict=True):
+        points_cam = pinhole.unproject(grid[good], depth[good].astype(np.float64), camera)
+        parts.append(se3.transform(pose, points_cam))
+    dense = _point_cloud(np.concatenate(parts), np.concatenate([views.frames[i][known[i]] for i in range(len(known))]))
+    thinned: o3d.geometry.PointCloud = dense.voxel_down_sample(median / POINTS_PER_MEDIAN)
+    colours = np.clip(255 * np.asarray(thinned.colors) + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(thinned.points).copy(), colours
+
+
+def write_ply(path: Path, points: FloatArray, colours: ByteArray) -> None:
+    """A binary PLY file of coloured points [N, 3]."""
+    import open3d as o3d
+
+    if not o3d.io.write_point_cloud(path, _point_cloud(points, colours)):
+        raise BadData(f"{path} cannot be written: give a folder that exists and has room")
+
+
+def write_colmap(
+    folder: Path,
+    camera: Intrinsics,
+    names: Sequence[str],  # T, of the pictures
+    world_from_cam: FloatArray,  # [T, 4, 4]
+    points: FloatArray,  # [N, 3]
+    colours: ByteArray,  # [N, 3]
+) -> None:
+    """A COLMAP model, binary and, beside it, as text: one pinhole camera, a pose for every picture, the points.
+
+    COLMAP's principal point counts from the picture's corner, half a pixel beside ours. Points have no tracks: they
+    come from dense depth, not from matched features.
+    """
+    import pycolmap
+
+    model = pycolmap.Reconstruction()
+    params = [camera.fx_px, camera.fy_px, camera.cx_px + 0.5, camera.cy_px + 0.5]
+    size = {"width": camera.width_px, "height": camera.height_px}
+    model.add_camera_with_trivial_rig(pycolmap.Camera(model="PINHOLE", params=params, camera_id=1, **size))
+    for number, (name, cam_from_world) in enumerate(zip(names, se3.inverse(world_from_cam), strict=True), 1):
+        image = pycolmap.Image(name=name, camera_id=1, image_id=number)
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(cam_from_world[:3, :3]), cam_from_world[:3, 3])
+        model.add_image_with_trivial_frame(image, pose)
+    for point, colour in zip(points, colours, strict=True):
+        model.add_point3D(point, pycolmap.Track(), colour)
+    folder.mkdir(parents=True, exist_ok=True)
+    model.write_binary(str(folder))
+    model.write_text(str(folder))
+
+
+def depth_scale(
+    depths: FloatArray,  # [...], 0 = unknown
+    is_metric: bool,
+) -> float:
+    """Values of a 16-bit depth map per unit of length: 256 where that is the metre, else by the median depth."""
+    known = np.isfinite(depths) & (depths > 0)
+    if is_metric or not known.any():
+        return METRIC_SCALE
+    return float(USED_VALUES / np.median(depths[known]))
+
+
+def write_depth(path: Path, depth: FloatArray, scale: float) -> None:
+    """A 16-bit PNG of the depth map [H, W]: depth * scale, 0 where unknown, 65535 infinitely far or beyond.
+
+    Depths that are known but nearer than one value are written as 1.
+    """
+    values = np.clip(np.rint(np.where(depth > 0, depth, 0) * scale), 1, FARTHEST_VALUE)
+    values = np.where(depth > 0, values, 0).astype(np.uint16)
+    path.write_bytes(cv2.imencode(".png", values)[1].tobytes())
+
+
+def read_depth(path: Path, scale: float) -> FloatArray:
+    """The depth map [H, W] float32 that `write_depth` wrote; inf where it was infinitely far or beyond."""
+    values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if values is None or values.dtype != np.uint16 or values.ndim != 2:
+        raise BadData(f"{path} is not a depth map: expected a grey PNG of 16 bits")
+    return np.where(values == FARTHEST_VALUE, np.inf, values / scale).astype(np.float32)
+
+
+def _point_cloud(points: FloatArray, colours: ByteArray) -> Any:  # open3d.geometry.PointCloud
+    import open3d as o3d
+
+    made = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points, dtype=np.float64)))
+    made.colors = o3d.utility.Vector3dVector(np.ascontiguousarray(colours / 255.0))
+    return made
