@@ -1,0 +1,79 @@
+"""A discriminator of patches at several scales (Wang et al. 2018, section 3.2), and its losses."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils.parametrizations import spectral_norm
+
+from geovp_classic.errors import BadData
+
+Judgement = list[Tensor]  # of one scale: feature maps from fine to coarse, the scores last
+
+
+class MultiScaleDiscriminator(nn.Module):
+    """The same kind of patch network at the full size, at half of it, and so on; convolutions spectral-normed."""
+
+    def __init__(self, width: int = 64, num_levels: int = 3, num_scales: int = 2) -> None:
+        """Patch networks of `num_levels` strided convolutions, the first with `width` channels."""
+        super().__init__()
+        if min(width, num_levels, num_scales) < 1:
+            raise BadData(
+                f"discriminator of width {width}, {num_levels} levels, {num_scales} scales: expected 1 or more"
+            )
+        self.scales = nn.ModuleList(_PatchNetwork(width, num_levels) for _ in range(num_scales))
+
+    def forward(self, frames: Tensor) -> list[Judgement]:
+        """Of frames [B, 3, H, W] in [0, 1], one judgement for each scale."""
+        judgements = []
+        for scale in self.scales:
+            judgements.append(scale(frames))
+            frames = functional.avg_pool2d(frames, 3, stride=2, padding=1, count_include_pad=False)
+        return judgements
+
+
+class _PatchNetwork(nn.Module):
+    def __init__(self, width: int, num_levels: int) -> None:
+        super().__init__()
+        channels = [3, *(width * min(2**level, 8) for level in range(num_levels + 1))]
+        self.layers = nn.ModuleList(
+            spectral_norm(nn.Conv2d(a, b, 4, stride=2 if level < num_levels else 1, padding=1))
+            for level, (a, b) in enumerate(itertools.pairwise(channels))
+        )
+        self.head = spectral_norm(nn.Conv2d(channels[-1], 1, 4, padding=1))
+
+    def forward(self, frames: Tensor) -> Judgement:
+        maps = []
+        now = 2 * frames - 1
+        for layer in self.layers:
+            now = functional.leaky_relu(layer(now), 0.2)
+            maps.append(now)
+        return [*maps, self.head(now)]
+
+
+def hinge_of_discriminator(real: Sequence[Judgement], made: Sequence[Judgement]) -> Tensor:
+    """Mean over scales of max(0, 1 - D(real)) + max(0, 1 + D(made)) (Lim and Ye 2017)."""
+    losses = [
+        functional.relu(1 - ours[-1]).mean() + functional.relu(1 + theirs[-1]).mean()
+        for ours, theirs in zip(real, made, strict=True)
+    ]
+    return torch.stack(losses).mean()
+
+
+def hinge_of_generator(made: Sequence[Judgement]) -> Tensor:
+    """Mean over scales of -D(made)."""
+    return torch.stack([-judgement[-1].mean() for judgement in made]).mean()
+
+
+def feature_distance(real: Sequence[Judgement], made: Sequence[Judgement]) -> Tensor:
+    """Mean absolute difference of the discriminator's features (Wang et al. 2018, eq. 4)."""
+    distances = [
+        (a.detach() - b).abs().mean()
+        for ours, theirs in zip(real, made, strict=True)
+        for a, b in zip(ours[:-1], theirs[:-1], strict=True)
+    ]
+    return torch.stack(distances).mean()

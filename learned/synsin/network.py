@@ -1,0 +1,235 @@
+"""SynSin's generator: features and inverse depths of one frame, splatted into other cameras and refined to pictures.
+
+Three departures from Wiles et al. 2020. The first three features of a point are its colours and the refinement
+network mends the splatted colours instead of painting anew: on a small budget of training that is the difference
+between sharp and blurred. The depth network is told every pixel's ray and always sees frames of `depth_px` rows, so
+that it is not misled by another focal length or size of frame. With `patch_px` = 2 the residual blocks work on squares
+of 2x2 pixels, four times cheaper; 1 is the paper's way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from geovp_classic.errors import BadData
+from learned.blocks import NoisyNorm, ResidualBlock, UNet
+from learned.synsin import splatting
+from learned.synsin.splatting import Splatter
+
+COLOURS = 3
+NEAREST_M = 2.0  # the depth network's range is from here to infinity
+TYPICAL_M = 20.0  # what it says before it has learnt anything
+LEAST_OPACITY = 0.05  # colours of thinner pixels are not scaled up further
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Sizes of the three networks and the splatter between them."""
+
+    features: int = 64  # of a point, its three colours included
+    width: int = 64  # channels of a residual block at the finest level
+    feature_blocks: int = 8
+    inner_blocks: int = 4  # of the refinement network at its coarsest level, beside four more
+    noise_size: int = 16
+    patch_px: int = 1
+    depth_px: int = 256
+    depth_channels: tuple[int, ...] = (32, 64, 128, 256, 256, 256)
+    splatter: Splatter = field(default_factory=Splatter)
+
+    def __post_init__(self) -> None:
+        """Raise BadData for sizes that make no network."""
+        if self.features <= COLOURS:
+            raise BadData(f"features is {self.features}, expected more than the {COLOURS} colours")
+        if not self.depth_channels or self.depth_px % 2 ** len(self.depth_channels):
+            raise BadData(
+                f"depth_px is {self.depth_px} with {len(self.depth_channels)} levels, expected a multiple of "
+                f"{2 ** len(self.depth_channels)}"
+            )
+        for name in ("width", "feature_blocks", "inner_blocks", "patch_px", "noise_size"):
+            if getattr(self, name) < 1:
+                raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
+
+
+class Cloud(NamedTuple):
+    """One frame as feature points, one a pixel, in its own camera's frame."""
+
+    rays: Tensor  # [B, N, 3], z = 1
+    inverse_depths: Tensor  # [B, N] 1/m
+    features: Tensor  # [B, N, C], the colours in [0, 1] first
+
+    def repeated(self, times: int) -> Cloud:
+        """Each cloud `times` times in a row."""
+        return Cloud(*(part.repeat_interleave(times, dim=0) for part in self))
+
+
+class Pictures(NamedTuple):
+    """A cloud seen from new cameras."""
+
+    frames: Tensor  # [B, 3, H, W] in [0, 1]; not clamped
+    opacities: Tensor  # [B, 1, H, W]; 0 where no point fell
+    inverse_depths: Tensor  # [B, 1, H, W] 1/m; 0 also where no point fell
+
+
+class Generator(nn.Module):
+    """All of SynSin but its discriminator."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        """Fresh networks: at first a cloud at TYPICAL_M in its own colours."""
+        super().__init__()
+        self.architecture = architecture
+        self.feature_network = FeatureNetwork(architecture)
+        self.depth_network = DepthNetwork(architecture)
+        self.refinement_network = RefinementNetwork(architecture)
+
+    def forward(
+        self,
+        frames: Tensor,  # [B, 3, H, W] in [0, 1]
+        intrinsics: Tensor,  # [B, 4]: fx, fy, cx, cy in pixels
+        cam_from_last: Tensor | None = None,  # [B, V, 4, 4], metres
+        depth_share: float = 1.0,
+    ) -> tuple[Pictures | None, Tensor]:
+        """The pictures of V views each [B * V, ...], under random noise, and the frames' inverse depths [B, H, W].
+
+        Without motion only the depths are computed.
+        `depth_share` is how much of the pictures' gradient goes on to the depth network.
+        """
+        size_px = (frames.shape[2], frames.shape[3])
+        if cam_from_last is None:
+            return None, self.depth_network(frames, splatting.rays(intrinsics, size_px))
+        cloud = self.encode(frames, intrinsics)
+        inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
+        cloud = cloud._replace(inverse_depths=_throttled(inverse_depths, depth_share))
+        noise = torch.randn(len(frames) * views, self.architecture.noise_size, device=frames.device)
+        cameras = intrinsics.repeat_interleave(views, dim=0)
+        pictures = self.render(cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise)
+        return pictures, inverse_depths.unflatten(1, size_px)
+
+    def encode(self, frames: Tensor, intrinsics: Tensor) -> Cloud:
+        """Frames [B, 3, H, W] of cameras [B, 4] as clouds."""
+        rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
+        features = torch.cat([frames, self.feature_network(frames).float()], dim=1).flatten(2).transpose(1, 2)
+        return Cloud(rays, self.depth_network(frames, rays).flatten(1), features)
+
+    def render(
+        self, cloud: Cloud, cam_from_last: Tensor, intrinsics: Tensor, size_px: tuple[int, int], noise: Tensor
+    ) -> Pictures:
+        """Clouds seen by the cameras [B, 4] at [B, 4, 4], in pictures of (height, width)."""
+        with torch.autocast(cloud.rays.device.type, enabled=False):
+            positions, inverse_depths, visible = splatting.project(
+                cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics
+            )
+            points = torch.cat([cloud.features, inverse_depths[..., None]], dim=2)
+            blended, opacities = self.architecture.splatter(positions, inverse_depths, visible, points, size_px)
+            solid = blended / opacities.clamp(min=LEAST_OPACITY)
+        maps = torch.cat([solid[:, :-1], opacities], dim=1)
+        return Pictures(self.refinement_network(maps, noise).float(), opacities, solid[:, -1:])
+
+
+class DepthNetwork(nn.Module):
+    """A U-Net from colours and rays to inverse depths in (0, 1 / NEAREST_M]; computed in full precision."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        """Says TYPICAL_M everywhere at first, or nearly."""
+        super().__init__()
+        self.rows = architecture.depth_px
+        self.multiple = 2 ** len(architecture.depth_channels)
+        self.unet = UNet(COLOURS + 2, architecture.depth_channels, 1)
+        share = NEAREST_M / TYPICAL_M
+        nn.init.normal_(self.unet.head.weight, std=1e-3)
+        self.unet.head.bias = nn.Parameter(torch.logit(torch.tensor([share])))
+
+    def forward(self, frames: Tensor, rays: Tensor) -> Tensor:
+        """Inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
+        height, width = frames.shape[2:]
+        with torch.autocast(frames.device.type, enabled=False):
+            directions = rays[..., :2].transpose(1, 2).unflatten(2, (height, width))
+            columns = max(round(width / height * self.rows / self.multiple), 1) * self.multiple
+            seen = functional.interpolate(
+                torch.cat([frames - 0.5, directions], dim=1), (self.rows, columns), mode="bilinear", antialias=True
+            )
+            raw = functional.interpolate(self.unet(seen), (height, width), mode="bilinear")
+        return torch.sigmoid(raw[:, 0]) / NEAREST_M
+
+
+class FeatureNetwork(nn.Module):
+    """Residual blocks from colours to what else a point should carry."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        """As many blocks as `feature_blocks`, all at one size."""
+        super().__init__()
+        self.patches = Patches(architecture.patch_px, 1)
+        area, width = architecture.patch_px**2, architecture.width
+        self.stem = nn.Conv2d(COLOURS * area, width, 3, padding=1)
+        self.blocks = nn.ModuleList(ResidualBlock(width, width) for _ in range(architecture.feature_blocks))
+        self.norm = NoisyNorm(width)
+        self.head = nn.Conv2d(width, (architecture.features - COLOURS) * area, 1)
+
+    def forward(self, frames: Tensor) -> Tensor:
+        """Features [B, C - 3, H, W] of frames [B, 3, H, W]."""
+        nothing = frames.new_zeros(len(frames), 0)
+        maps = self.stem(self.patches.gather(frames - 0.5))
+        for block in self.blocks:
+            maps = block(maps, nothing)
+        return self.patches.spread(self.head(functional.relu(self.norm(maps, nothing))), frames.shape[2:])
+
+
+class RefinementNetwork(nn.Module):
+    """Residual blocks under noise, down two levels and up again, that mend splatted colours and paint holes."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        """At first it leaves the colours as they are."""
+        super().__init__()
+        self.patches = Patches(architecture.patch_px, 4)
+        area, width, noise = architecture.patch_px**2, architecture.width, architecture.noise_size
+        self.stem = nn.Conv2d((architecture.features + 1) * area, width, 3, padding=1)
+        inner = (ResidualBlock(2 * width, 2 * width, noise) for _ in range(architecture.inner_blocks))
+        self.blocks = nn.ModuleList(
+            [
+                ResidualBlock(width, width, noise, "down"),
+                ResidualBlock(width, 2 * width, noise, "down"),
+                *inner,
+                ResidualBlock(2 * width, width, noise, "up"),
+                ResidualBlock(width, width, noise, "up"),
+            ]
+        )
+        self.norm = NoisyNorm(width, noise)
+        self.head = nn.Conv2d(width, COLOURS * area, 3, padding=1)
+        for parameter in self.head.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
+        """Frames [B, 3, H, W] of splatted features and their opacity [B, C + 1, H, W]."""
+        finest = inner = self.stem(self.patches.gather(maps))
+        for block in self.blocks:
+            inner = block(inner, noise)
+        change = self.head(functional.relu(self.norm(inner + finest, noise)))
+        return maps[:, :COLOURS] + self.patches.spread(change, maps.shape[2:])
+
+
+class Patches(nn.Module):
+    """Squares of pixels as channels, and back; frames are padded to whole squares of `edge_px * levels`."""
+
+    def __init__(self, edge_px: int, levels: int) -> None:
+        """`levels` is what the sides must also be divisible by, counted in squares."""
+        super().__init__()
+        self.edge_px, self.multiple = edge_px, edge_px * levels
+
+    def gather(self, maps: Tensor) -> Tensor:
+        """[B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge], padded by repetition at the right and below."""
+        height, width = maps.shape[2:]
+        padding = (0, -width % self.multiple, 0, -height % self.multiple)
+        return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), self.edge_px)
+
+    def spread(self, patches: Tensor, size_px: torch.Size) -> Tensor:
+        """The way back, cut to (height, width)."""
+        return functional.pixel_shuffle(patches, self.edge_px)[:, :, : size_px[0], : size_px[1]]
+
+
+def _throttled(values: Tensor, share: float) -> Tensor:
+    """The same values, with only a share of their gradient."""
+    return share * values + (1 - share) * values.detach()

@@ -1,0 +1,110 @@
+"""SynSin as a renderer: the last frame becomes a cloud of features once, and is seen from anywhere by splatting."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from learned import checkpoints
+from learned.synsin import pairs
+from learned.synsin.network import Cloud, Generator
+from learned.synsin.train import SynSinTraining
+
+VIEWS_AT_ONCE = 4
+SHIPPED = "synsin-small"
+OPAQUE = 0.1  # a pixel that points cover less than this was invented
+
+
+@dataclass(frozen=True)
+class SynSin:
+    """One frame to new views by learned depth, splatted features and a refinement network (Wiles et al. 2020).
+
+    `checkpoint` is a safetensors file of `python -m learned train synsin`, or the name of one that comes with the
+    package. Frames may have any size. `seed` draws the refinement network's noise, the same for all views.
+    """
+
+    checkpoint: Path = Path(SHIPPED)
+    device: str = "cpu"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless the checkpoint is there and the device exists."""
+        _generator(weights_file(self.checkpoint), self.device)
+
+    @property
+    def needs(self) -> Grant:
+        """Nothing but the last frame."""
+        return Grant.NONE
+
+    def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
+        """The last frame as a cloud; Incompatible when the poses are not metric, as those that it learned from were."""
+        if not past.is_metric:
+            raise Incompatible("synsin's depth is in metres, the poses are not: give the odometry a scale")
+        generator = _generator(weights_file(self.checkpoint), self.device)
+        with torch.inference_mode():
+            frame = pairs.frames_tensor(context.frames[-1:]).to(self.device)
+            cloud = generator.encode(frame, pairs.intrinsics_tensor(context.intrinsics).to(self.device))
+        return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
+
+
+@dataclass(frozen=True)
+class FeatureScene:
+    """A cloud of features in the last camera's frame."""
+
+    generator: Generator
+    cloud: Cloud  # of one frame
+    world_from_last: FloatArray  # [4, 4]
+    seed: int
+
+    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The cloud from the poses [F, 4, 4]; covered where points fell, elsewhere the network's invention."""
+        cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
+        parts = [self._view(some, intrinsics) for some in cam_from_last.split(VIEWS_AT_ONCE)]
+        return Views(*(np.concatenate(maps) for maps in zip(*parts, strict=True)))
+
+    @torch.inference_mode()
+    def _view(self, cam_from_last: torch.Tensor, intrinsics: Intrinsics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Frames [F, H, W, 3], coverage [F, H, W] and depths [F, H, W] of a few views."""
+        device, views = self.cloud.rays.device, len(cam_from_last)
+        noise = torch.randn(
+            1, self.generator.architecture.noise_size, generator=torch.Generator().manual_seed(self.seed)
+        )
+        cameras = pairs.intrinsics_tensor(intrinsics).to(device).expand(views, -1)
+        size_px = (intrinsics.height_px, intrinsics.width_px)
+        pictures = self.generator.render(
+            self.cloud.repeated(views), cam_from_last.to(device), cameras, size_px, noise.to(device).expand(views, -1)
+        )
+        frames = (pictures.frames.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1)
+        covered = pictures.opacities[:, 0] > OPAQUE
+        depths = torch.where(covered, 1 / pictures.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
+        return frames.cpu().numpy(), covered.cpu().numpy(), depths.cpu().numpy()
+
+
+def weights_file(checkpoint: Path) -> Path:
+    """The file of a path, or of a name among the weights that come with the package."""
+    shipped = resources.files("learned").joinpath("weights", f"{checkpoint.name}.safetensors")
+    is_name = len(checkpoint.parts) == 1 and not checkpoint.suffix
+    return Path(str(shipped)) if is_name and not checkpoint.exists() else checkpoint
+
+
+@functools.lru_cache(maxsize=2)
+def _generator(file: Path, device: str) -> Generator:
+    """The generator of a weights file, ready to use; BadData when the file or the device is not what it should be."""
+    checkpoint = checkpoints.read(file, "synsin", SynSinTraining)
+    generator = Generator(checkpoint.settings.architecture)
+    checkpoints.restore(file, generator, checkpoint, "generator")
+    try:
+        return generator.eval().to(device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise BadData(
+            f"device {device!r} cannot be used ({reason}): give 'cpu', or 'cuda' where there is a GPU"
+        ) from error

@@ -1,0 +1,161 @@
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from learned.synsin import splatting
+from learned.synsin.splatting import Blending, Splatter
+
+SIZE_PX = (9, 11)
+CAMERA = torch.tensor([[12.0, 10.0, 5.0, 4.0]], dtype=torch.float64)  # fx, fy, cx, cy
+
+
+def random_points(seed: int, count: int = 60) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Positions, inverse depths, visibility and three features of points around a small picture, one batch of two."""
+    rng = np.random.default_rng(seed)
+    positions = torch.from_numpy(rng.uniform([-2, -2], [12, 10], (2, count, 2)))
+    depths = torch.from_numpy(rng.uniform(0.01, 1, (2, count)))
+    visible = torch.from_numpy(rng.random((2, count)) < 0.8)
+    return positions, depths, visible, torch.from_numpy(rng.uniform(0, 1, (2, count, 3)))
+
+
+def splatted_naively(
+    splatter: Splatter, positions: Tensor, depths: Tensor, visible: Tensor, features: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The splatter's definition, pixel by pixel and point by point."""
+    picture = torch.zeros(len(positions), features.shape[2], *SIZE_PX, dtype=features.dtype)
+    opacity = torch.zeros(len(positions), 1, *SIZE_PX, dtype=features.dtype)
+    for b in range(len(positions)):
+        for v in range(SIZE_PX[0]):
+            for u in range(SIZE_PX[1]):
+                found = []
+                for n in range(positions.shape[1]):
+                    distance = float(torch.hypot(positions[b, n, 0] - u, positions[b, n, 1] - v))
+                    if visible[b, n] and distance < splatter.radius_px:
+                        found.append((float(-depths[b, n]), n, distance / splatter.radius_px))
+                light, weights = 1.0, []
+                for _, n, share in sorted(found)[: splatter.points_per_pixel]:
+                    alpha = max(1 - (share**2 + splatting.ROUNDING) ** 0.5, 0) ** splatter.sharpness
+                    weights.append((n, alpha * light if splatter.blending == "alpha" else alpha))
+                    light *= 1 - alpha
+                total = sum(weight for _, weight in weights)
+                divisor = max(total, splatting.LEAST_OPACITY) if splatter.blending == "mean" else 1.0
+                for n, weight in weights:
+                    picture[b, :, v, u] += weight / divisor * features[b, n]
+                    opacity[b, 0, v, u] += weight / divisor
+    return picture, opacity
+
+
+@pytest.mark.parametrize("blending", ["alpha", "sum", "mean"])
+@pytest.mark.parametrize(("radius_px", "points_per_pixel", "sharpness"), [(1.5, 3, 1.0), (0.7, 8, 2.0), (2.6, 64, 0.5)])
+def test_splatter_is_equal_to_loops_over_pixels_and_points(
+    blending: Blending, radius_px: float, points_per_pixel: int, sharpness: float
+) -> None:
+    splatter = Splatter(radius_px, points_per_pixel, sharpness, blending)
+    points = random_points(seed=1)
+    picture, opacity = splatter(*points, SIZE_PX)
+    wanted, wanted_opacity = splatted_naively(splatter, *points)
+    assert (wanted_opacity > 0).sum() > 50  # there is something to compare
+    torch.testing.assert_close(picture, wanted, rtol=0, atol=1e-10)
+    torch.testing.assert_close(opacity, wanted_opacity, rtol=0, atol=1e-10)
+
+
+def test_in_single_precision_it_still_agrees_to_1e_5() -> None:
+    splatter = Splatter(radius_px=1.5, points_per_pixel=4)
+    positions, depths, visible, features = random_points(seed=2)
+    single = (positions.float(), depths.float(), visible, features.float())
+    picture, _ = splatter(*single, SIZE_PX)
+    wanted, _ = splatted_naively(splatter, *(part.double() if part.dtype != torch.bool else part for part in single))
+    torch.testing.assert_close(picture.double(), wanted, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("blending", ["alpha", "sum", "mean"])
+def test_gradients_are_those_of_finite_differences(blending: Blending) -> None:
+    splatter = Splatter(radius_px=1.8, points_per_pixel=4, blending=blending)
+    positions, depths, visible, features = random_points(seed=3, count=12)
+
+    def pictures(moved: Tensor, coloured: Tensor) -> tuple[Tensor, Tensor]:
+        return splatter(moved, depths, visible, coloured, SIZE_PX)
+
+    inputs = (positions.requires_grad_(), features.requires_grad_())
+    assert torch.autograd.gradcheck(pictures, inputs, eps=1e-7, atol=1e-3, rtol=1e-3)
+
+
+def test_gradients_go_through_the_camera_to_inverse_depth() -> None:
+    rays = splatting.rays(CAMERA, SIZE_PX)
+    motion = torch.eye(4, dtype=torch.float64)[None].clone()
+    motion[0, :3, 3] = torch.tensor([0.3, -0.1, -1.0])
+    features = torch.rand(1, rays.shape[1], 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    depths = torch.linspace(0.02, 0.2, rays.shape[1], dtype=torch.float64)[None].requires_grad_()
+
+    def picture(inverse_depths: Tensor) -> Tensor:
+        positions, _, in_front = splatting.project(rays, inverse_depths, motion, CAMERA)
+        # depth order is held fixed: where two points swap, the picture jumps and has no slope
+        return Splatter(1.5, 4)(positions, depths.detach(), in_front, features, SIZE_PX)[0]
+
+    assert torch.autograd.gradcheck(picture, (depths,), eps=1e-7, atol=1e-3, rtol=1e-3)
+
+
+def test_two_points_on_one_pixel_are_composited_front_to_back() -> None:
+    # both half a pixel off the centre of pixel (5, 4), radius 1: opacity 1/2 each; weights 1/2 and 1/2 * 1/2
+    positions = torch.tensor([[[5.5, 4.0], [4.5, 4.0]]])
+    features = torch.tensor([[[8.0], [16.0]]])
+    picture, opacity = Splatter(1.0, 2)(
+        positions, torch.tensor([[0.1, 0.2]]), torch.ones(1, 2, dtype=torch.bool), features, SIZE_PX
+    )
+    assert picture[0, 0, 4, 5] == pytest.approx(16 * 0.5 + 8 * 0.25, abs=1e-4)  # the second is nearer
+    assert opacity[0, 0, 4, 5] == pytest.approx(0.75, abs=1e-4)
+
+
+def test_a_camera_that_does_not_move_sees_every_point_in_its_own_pixel() -> None:
+    rays = splatting.rays(CAMERA, SIZE_PX)
+    depths = torch.rand(1, rays.shape[1], dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    positions, again, in_front = splatting.project(rays, depths, torch.eye(4, dtype=torch.float64)[None], CAMERA)
+    v, u = np.mgrid[: SIZE_PX[0], : SIZE_PX[1]]
+    np.testing.assert_allclose(positions[0].numpy(), np.stack([u, v], axis=-1).reshape(-1, 2), atol=1e-12)
+    torch.testing.assert_close(again, depths)
+    assert in_front.all()
+    features = torch.rand(1, rays.shape[1], 3, dtype=torch.float64)
+    picture, _ = Splatter(0.9, 4)(positions, depths, in_front, features, SIZE_PX)  # neighbours are 1 pixel away
+    torch.testing.assert_close(picture[0].flatten(1).T, features[0], rtol=0, atol=2e-3)
+
+
+def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_inverse_depth() -> None:
+    motion = torch.eye(4, dtype=torch.float64)[None].clone()
+    motion[0, 2, 3] = -2.0
+    ray = torch.tensor([[[0.25, -0.1, 1.0], [0.25, -0.1, 1.0]]], dtype=torch.float64)
+    depths = torch.tensor([[0.25, 0.0]], dtype=torch.float64)  # a wall, and the sky behind it
+    positions, there, _ = splatting.project(ray, depths, motion, CAMERA)
+    np.testing.assert_allclose(positions[0].numpy(), [[5 + 12 * 0.5, 4 - 10 * 0.2], [5 + 12 * 0.25, 4 - 10 * 0.1]])
+    np.testing.assert_allclose(there[0].numpy(), [0.5, 0.0])
+
+
+def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
+    motion = torch.eye(4, dtype=torch.float64)[None].clone()
+    motion[0, 2, 3] = -4.0
+    ray = torch.tensor([[[0.0, 0.0, 1.0]] * 4], dtype=torch.float64)
+    depths = 1 / torch.tensor(
+        [[3.0, 4.0, 4.0 + 0.9 * splatting.NEAR_M, 4.0 + 1.1 * splatting.NEAR_M]], dtype=torch.float64
+    )
+    positions, there, in_front = splatting.project(ray, depths, motion, CAMERA)
+    assert in_front[0].tolist() == [False, False, False, True]
+    assert torch.isfinite(positions).all()
+    assert torch.isfinite(there).all()
+
+
+def test_nothing_in_sight_gives_an_empty_picture_with_zero_gradients() -> None:
+    positions, depths, visible, features = random_points(seed=4)
+    picture, opacity = Splatter()(positions.requires_grad_(), depths, torch.zeros_like(visible), features, SIZE_PX)
+    assert picture.shape == (2, 3, *SIZE_PX)
+    assert not picture.any()
+    assert not opacity.any()
+    picture.sum().backward()
+    assert not positions.grad.any()
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+def test_on_a_gpu_it_draws_the_same() -> None:
+    points = random_points(seed=5)
+    on_cpu = Splatter()(*points, SIZE_PX)[0]
+    on_gpu = Splatter()(*(part.cuda() for part in points), SIZE_PX)[0]
+    torch.testing.assert_close(on_gpu.cpu(), on_cpu, rtol=0, atol=1e-5)
