@@ -1,0 +1,194 @@
+"""The networks: a FlowNetS-like encoder of picture pairs, an LSTM over pairs, and what rolls the motion out.
+
+Wang et al. 2017 (DeepVO) with the decoder that follows it in geometry-based video prediction, eq. 3.2 and 3.3: the
+decoder's LSTM starts from the encoder's last hidden state and is fed zeros. A step is one row of numbers: (x, z, yaw)
+or (x, y, z, yaw, pitch, roll), the next camera seen from this one, metres and radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.types import Intrinsics
+
+FLOWNET = (
+    (64, 7, 2),
+    (128, 5, 2),
+    (256, 5, 2),
+    (256, 3, 1),
+    (512, 3, 2),
+    (512, 3, 1),
+    (512, 3, 2),
+    (512, 3, 1),
+    (1024, 3, 2),
+)
+STEP_SCALES = {
+    "2d": (0.1, 1.0, 0.02),
+    "3d": (0.1, 0.1, 1.0, 0.02, 0.02, 0.02),
+}  # metres, then radians, of a car at 10 Hz
+PAIRS_AT_ONCE = 256  # through the encoder, so that long videos fit into memory
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """What the networks are built from; stored with the weights.
+
+    Frames are first brought to the network's own camera, so that other cameras' pictures mean the same to it.
+    """
+
+    size_px: tuple[int, int] = (256, 256)
+    focal_widths: float = 1.93  # of the network's camera; KITTI's central square has 1.91 to 1.93
+    centre: tuple[float, float] = (0.468, 0.475)  # its principal point, in widths and heights
+    encoder_width: float = 1.0  # channels, as a share of FlowNetS's
+    dropout: float = 0.2
+    lstm_size: int = 50
+    lstm_layers: int = 1
+    head: Literal["2d", "3d"] = "2d"
+    future: Literal["recurrent", "fixed-window"] = "recurrent"
+    decoder_start: Literal["hidden-state", "poses"] = "hidden-state"
+    window_pairs: int = 4  # of the fixed window
+    window_future: int = 20  # steps that the fixed window predicts
+
+    def __post_init__(self) -> None:
+        """Raise BadData for sizes that make no network."""
+        if min(self.size_px) < 64:
+            raise BadData(f"architecture.size_px is {list(self.size_px)}, expected 64 or more: six layers halve it")
+        if min(self.lstm_size, self.lstm_layers, self.window_pairs, self.window_future) < 1:
+            raise BadData("architecture: lstm_size, lstm_layers, window_pairs and window_future must be 1 or more")
+        if not (self.encoder_width > 0 and self.focal_widths > 0 and 0 <= self.dropout < 1):
+            raise BadData("architecture: encoder_width and focal_widths must be above 0, dropout in [0, 1)")
+
+    @property
+    def camera(self) -> Intrinsics:
+        """The camera that the network's pictures are taken with."""
+        width_px, height_px = self.size_px
+        focal_px = self.focal_widths * width_px
+        cx_px, cy_px = self.centre[0] * width_px - 0.5, self.centre[1] * height_px - 0.5
+        return Intrinsics(focal_px, focal_px, cx_px, cy_px, width_px, height_px)
+
+
+class PoseNetwork(nn.Module):
+    """Pictures in, the steps between them and after them out."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        """Draw fresh weights."""
+        super().__init__()
+        self.architecture = architecture
+        size, layers, drop = architecture.lstm_size, architecture.lstm_layers, architecture.dropout
+        self.encoder = encoder(architecture.encoder_width, drop)
+        with torch.no_grad():
+            width_px, height_px = architecture.size_px
+            features = self.encoder.eval()(torch.zeros(1, 6, height_px, width_px)).numel()
+        self.past = nn.LSTM(features, size, layers, batch_first=True, dropout=drop if layers > 1 else 0.0)
+        self.past_head = StepHead(size, architecture.head)
+        self.future: Decoder | FixedWindow
+        if architecture.future == "recurrent":
+            self.future = Decoder(architecture, self.past_head.num_outputs)
+        else:
+            self.future = FixedWindow(architecture, features)
+        self.train()
+
+    def forward(self, pictures: Tensor, num_future: int) -> tuple[Tensor, Tensor]:
+        """Steps [B, P - 1, D] within pictures [B, P, 3, H, W] in [0, 1] and [B, F, D] after them; P >= 2."""
+        features = self.encode(pictures)  # [B, P - 1, N]
+        hidden, state = self.past(features)
+        past = self.past_head(hidden)
+        if isinstance(self.future, FixedWindow):
+            return past, self.future(features, num_future)
+        return past, self.future(state, past, num_future)
+
+    def encode(self, pictures: Tensor) -> Tensor:
+        """Features [B, P - 1, N] of consecutive pairs, stacked in their channels."""
+        pairs = torch.cat([pictures[:, :-1], pictures[:, 1:]], dim=2) - 0.5
+        batch, count = pairs.shape[:2]
+        flat = pairs.reshape(batch * count, *pairs.shape[2:])
+        if self.training or len(flat) <= PAIRS_AT_ONCE:
+            return self.encoder(flat).reshape(batch, count, -1)
+        return torch.cat([self.encoder(part) for part in flat.split(PAIRS_AT_ONCE)]).reshape(batch, count, -1)
+
+
+class Decoder(nn.Module):
+    """An LSTM that is fed nothing: all that it says comes from the state in which it starts (eq. 3.3)."""
+
+    def __init__(self, architecture: Architecture, num_outputs: int) -> None:
+        """Draw fresh weights."""
+        super().__init__()
+        size, layers = architecture.lstm_size, architecture.lstm_layers
+        self.from_poses = (
+            nn.LSTM(num_outputs, size, layers, batch_first=True) if architecture.decoder_start == "poses" else None
+        )
+        self.lstm = nn.LSTM(1, size, layers, batch_first=True)
+        self.head = StepHead(size, architecture.head)
+
+    def forward(self, state: tuple[Tensor, Tensor], past: Tensor, num_future: int) -> Tensor:
+        """Steps [B, F, D], from the encoder's state, or from nothing but the past steps [B, P - 1, D]."""
+        if self.from_poses is not None:
+            _, state = self.from_poses(past / self.head.scale)
+        nothing = past.new_zeros(len(past), num_future, 1)
+        hidden, _ = self.lstm(nothing, state)
+        steps: Tensor = self.head(hidden)
+        return steps
+
+
+class FixedWindow(nn.Module):
+    """All future steps at once from the features of the last few pairs: no recurrence, a fixed number of both."""
+
+    def __init__(self, architecture: Architecture, features: int) -> None:
+        """Draw fresh weights."""
+        super().__init__()
+        self.num_pairs, self.num_future = architecture.window_pairs, architecture.window_future
+        self.each = nn.Linear(features, architecture.lstm_size)
+        self.together = nn.Sequential(
+            nn.Linear(self.num_pairs * architecture.lstm_size, 4 * architecture.lstm_size), nn.LeakyReLU(0.1)
+        )
+        self.out = nn.Linear(4 * architecture.lstm_size, self.num_future * architecture.lstm_size)
+        self.head = StepHead(architecture.lstm_size, architecture.head)
+
+    def forward(self, features: Tensor, num_future: int) -> Tensor:
+        """Steps [B, F, D]; Incompatible for a past that is too short or a future that is too long."""
+        if features.shape[1] < self.num_pairs or num_future > self.num_future:
+            raise Incompatible(
+                f"a fixed-window pose predictor takes {self.num_pairs + 1} frames or more and predicts "
+                f"{self.num_future} steps at most, not {features.shape[1] + 1} frames and {num_future} steps: use a recurrent one"
+            )
+        window = nn.functional.leaky_relu(self.each(features[:, -self.num_pairs :]), 0.1).flatten(1)
+        hidden = self.out(self.together(window)).unflatten(1, (self.num_future, -1))
+        steps: Tensor = self.head(hidden)[:, :num_future]
+        return steps
+
+
+class StepHead(nn.Module):
+    """Hidden states to steps, scaled so that what a network says at first is of a car's size."""
+
+    scale: Tensor
+
+    def __init__(self, size: int, head: Literal["2d", "3d"]) -> None:
+        """Draw fresh weights."""
+        super().__init__()
+        self.register_buffer("scale", torch.tensor(STEP_SCALES[head]), persistent=False)
+        self.num_outputs = len(STEP_SCALES[head])
+        self.linear = nn.Linear(size, self.num_outputs)
+
+    def forward(self, hidden: Tensor) -> Tensor:
+        """Steps [..., D] of hidden states [..., N]."""
+        return self.linear(hidden) * self.scale
+
+
+def encoder(width: float, dropout: float) -> nn.Sequential:
+    """FlowNetS's contracting part (Dosovitskiy et al. 2015) with batch norm, `width` times its channels, flattened."""
+    layers: list[nn.Module] = []
+    before = 6
+    for channels, kernel, stride in FLOWNET:
+        now = max(1, round(channels * width))
+        layers += [
+            nn.Conv2d(before, now, kernel, stride, kernel // 2, bias=False),
+            nn.BatchNorm2d(now),
+            nn.LeakyReLU(0.1),
+        ]
+        before = now
+    return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(dropout))

@@ -1,0 +1,118 @@
+"""Eq. 3.4 to 3.6 with numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
+
+from geovp_classic.geometry import planar, se3  # noqa: E402
+from learned.deepvo.network import Architecture  # noqa: E402
+from learned.deepvo.steps import chained, coordinates, motions, squared_errors  # noqa: E402
+from learned.deepvo.train import DeepVoTraining  # noqa: E402
+
+QUARTER = np.pi / 2
+
+
+def value(number: torch.Tensor) -> float:
+    return float(number.detach())
+
+
+def flat(*steps: tuple[float, float, float]) -> torch.Tensor:
+    return motions(torch.tensor(steps, dtype=torch.float64), "2d")
+
+
+def test_one_ahead_then_a_right_turn_then_one_ahead_ends_beside_the_start() -> None:
+    """The first step goes 1 m ahead while turning right by 90 degrees, the second 1 m along the new heading: +x."""
+    poses = chained(flat((0, 1, QUARTER), (0, 1, 0)))
+    np.testing.assert_allclose(poses[:, :3, 3], [[0, 0, 1], [1, 0, 1]], atol=1e-12)
+    moved, turned = coordinates(poses, "2d")
+    np.testing.assert_allclose(moved, [[0, 1], [1, 1]], atol=1e-12)
+    np.testing.assert_allclose(turned, [[QUARTER], [QUARTER]], atol=1e-12)
+
+
+def test_yaw_and_plane_are_those_of_the_classical_room() -> None:
+    states = np.array([[0.3, 2.0, 0.4], [-1.0, 5.0, -2.9]])
+    ours = motions(torch.from_numpy(states), "2d").numpy()
+    np.testing.assert_allclose(ours, planar.lift(states, np.eye(4), np.eye(4)), atol=1e-12)
+    again = coordinates(torch.from_numpy(ours), "2d")
+    np.testing.assert_allclose(torch.cat(again, -1), planar.reduce(ours, np.eye(4), np.eye(4)), atol=1e-12)
+
+
+def test_three_dimensional_steps_are_rigid_and_come_back() -> None:
+    rng = np.random.default_rng(0)
+    steps = torch.from_numpy(rng.uniform(-1.2, 1.2, (50, 6)))
+    matrices = motions(steps, "3d")
+    np.testing.assert_allclose(
+        matrices.numpy() @ se3.inverse(matrices.numpy()), np.tile(np.eye(4), (50, 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(torch.cat(coordinates(matrices, "3d"), -1), steps, atol=1e-9)
+
+
+def test_pitch_looks_up_and_roll_is_clockwise() -> None:
+    """y points down: a camera that looks up by 0.1 has its axis at -sin(0.1) in y; rolled, its x axis dips."""
+    up = motions(torch.tensor([0, 0, 0, 0, 0.1, 0], dtype=torch.float64), "3d")
+    assert float(up[1, 2]) == pytest.approx(-np.sin(0.1))
+    rolled = motions(torch.tensor([0, 0, 0, 0, 0, 0.1], dtype=torch.float64), "3d")
+    assert float(rolled[1, 0]) == pytest.approx(np.sin(0.1))
+
+
+def test_squared_errors_by_hand() -> None:
+    """3 m and 4 m apart: 25; 0.2 rad apart across the cut at 180 degrees: 0.04."""
+    translation, rotation = squared_errors(flat((3, 0, np.pi - 0.1)), flat((0, 4, -np.pi + 0.1)), "2d")
+    assert float(translation) == pytest.approx(25.0)
+    assert float(rotation) == pytest.approx(0.04)
+
+
+def steps_2d(*rows: tuple[float, float, float]) -> torch.Tensor:
+    return torch.tensor([rows], dtype=torch.float32, requires_grad=True)
+
+
+STRAIGHT = flat((0, 1, 0), (0, 1, 0), (0, 1, 0))[None].float()
+ALL = torch.ones(1, 3)
+
+
+def test_the_absolute_loss_by_hand() -> None:
+    """The past step turns 0.1 rad to the right where there was none; everything else is right, in its own frame.
+
+    Absolute: the past is off by 0.1 rad: 100 * 0.01 = 1. The first future pose is off by 0.1 rad and stands at
+    (sin 0.1, 1 + cos 0.1) for (0, 2): 4 sin^2(0.05) = 0.009992 m^2; the second is twice as far: 0.039967 m^2.
+    """
+    method = DeepVoTraining(architecture=Architecture(head="2d"))
+    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT, ALL)
+    assert value(losses["past"]) == pytest.approx(1.0, rel=1e-5)
+    assert value(losses["future"]) == pytest.approx(1.0 + (0.0099917 + 0.0399667) / 2, rel=1e-5)
+    assert value(losses["total"]) == pytest.approx(value(losses["past"]) + value(losses["future"]))
+
+
+def test_the_relative_loss_sees_only_the_wrong_step() -> None:
+    method = DeepVoTraining(loss="relative")
+    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT, ALL)
+    assert value(losses["past"]) == pytest.approx(1.0, rel=1e-5)
+    assert value(losses["future"]) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_without_the_auxiliary_loss_the_past_is_not_learnt_from_directly() -> None:
+    method = DeepVoTraining(auxiliary=False)
+    losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT, ALL)
+    assert value(losses["total"]) == value(losses["future"])
+
+
+def test_the_past_error_goes_through_the_encoder_only_and_the_future_error_through_both() -> None:
+    method = DeepVoTraining()
+    past, future = steps_2d((0, 1, 0.1)), steps_2d((0, 2, 0), (0, 1, 0))
+    losses = method.losses(past, future, STRAIGHT, ALL)
+    (gone,) = torch.autograd.grad(losses["past"], future, retain_graph=True)
+    assert not gone.any()
+    of_past, of_future = torch.autograd.grad(losses["future"], (past, future))
+    assert float(of_past.abs().sum()) > 0
+    assert float(of_future.abs().sum()) > 0
+
+
+def test_unknown_steps_do_not_count() -> None:
+    method = DeepVoTraining()
+    known = torch.tensor([[1.0, 1.0, 0.0]])
+    right, wrong = steps_2d((0, 1, 0), (0, 1, 0)), steps_2d((0, 1, 0), (9, 9, 1))
+    past = steps_2d((0, 1, 0))
+    assert value(method.losses(past, right, STRAIGHT, known)["total"]) == pytest.approx(0.0, abs=1e-9)
+    assert value(method.losses(past, wrong, STRAIGHT, known)["total"]) == pytest.approx(0.0, abs=1e-9)
+    assert value(method.losses(past, wrong, STRAIGHT, ALL)["total"]) > 10
