@@ -1,4 +1,4 @@
-"""The command line: `geovp run | table | plot | report | score | poses | forecast | data doctor | list | check`.
+"""The command line: `geovp run | table | plot | report | score | predict | poses | forecast | data | list | check`.
 
 Nothing heavy is imported before a verb is chosen, so that `--help` answers at once. Exit code 0 when all was done,
 1 when some of it failed or was skipped, 2 for bad input, which is told in one sentence.
@@ -53,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
     doctor.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
     doctor.add_argument("--deep", action="store_true", help="decode every picture as well")
     doctor.set_defaults(verb=_doctor)
+    _add_predict(verbs)
     _add_poses(verbs)
     _add_forecast(verbs)
     everything = verbs.add_parser("list", help="what is installed, by role and name")
@@ -80,6 +81,26 @@ def _add_run(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     where.add_argument("--workers", type=_positive, metavar="N", help="processes on this machine (default: this one)")
     where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster that sees the same folders")
     run.set_defaults(verb=_run)
+
+
+def _add_predict(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    predict = verbs.add_parser("predict", help="one clip in; predicted frames, poses, cloud, film strip and film out")
+    predict.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of pictures")
+    of_pictures = "in pixels of the pictures as they are stored, (0, 0) the centre of the top-left one"
+    predict.add_argument(
+        "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_pictures
+    )
+    predict.add_argument("--fps", type=float, metavar="HZ", help="frames a second; needed for a folder")
+    predict.add_argument("--camera-height", type=float, metavar="M", help="above the road: poses and cloud in metres")
+    predict.add_argument(
+        "--first", type=int, metavar="N", help="the first observed frame (default: the latest possible)"
+    )
+    predict.add_argument("--past", type=_positive, default=10, metavar="N", help="observed frames (10)")
+    predict.add_argument("--future", type=_positive, default=20, metavar="N", help="predicted frames (20)")
+    predict.add_argument("--size", type=_positive, default=256, metavar="PX", help="side of the square middle (256)")
+    predict.add_argument("--wide", action="store_true", help="see the whole pictures, not only their middle")
+    predict.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
+    predict.set_defaults(verb=_predict)
 
 
 def _add_poses(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -170,6 +191,32 @@ def _draw(results: Results) -> None:
 
     with Bar("plots", "figures") as bar:
         report.write_with_plots(results.root, lambda done, total, what: bar.show(done, total))
+
+
+def _predict(chosen: argparse.Namespace) -> int:
+    from benchmarks import prediction
+
+    if chosen.out is not None:
+        prediction.check_free(chosen.out)
+    wanted = prediction.Wanted(
+        path=chosen.path,
+        intrinsics=tuple(chosen.intrinsics),
+        rate_hz=chosen.fps,
+        camera_height_m=chosen.camera_height,
+        first=chosen.first,
+        num_past=chosen.past,
+        num_future=chosen.future,
+        size_px=chosen.size,
+        with_wide=chosen.wide,
+    )
+    with Bar("predict", "stages") as bar:
+        predicted = prediction.predict(wanted, bar.show)
+        name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
+        written = prediction.write(predicted, chosen.out or Path("results/predict") / name)
+        bar.show(prediction.NUM_STAGES, prediction.NUM_STAGES)
+    for path in written:
+        print(path)
+    return DONE
 
 
 def _poses(chosen: argparse.Namespace) -> int:

@@ -1,0 +1,72 @@
+"""A predicted clip as moving and still pictures: a film strip, an mp4 and a gif."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray
+
+PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above frames that were not seen
+BAR_SHARE = 1 / 64  # of a frame's height
+GAP_PX = 4
+LABEL_PX = 22
+FOURCC = "mp4v"
+
+
+def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]) -> ByteArray:
+    """One picture [H, W, 3]: a row of frames for every (name, frames), a label above each column, white between.
+
+    A row may have fewer frames than there are columns.
+    """
+    height_px, width_px = rows[0][1][0].shape[:2]
+    right_px, down_px = width_px + GAP_PX, height_px + GAP_PX + LABEL_PX
+    sheet = np.full((len(rows) * down_px - GAP_PX, len(labels) * right_px - GAP_PX, 3), 255, np.uint8)
+    for i, (name, frames) in enumerate(rows):
+        for j, frame in enumerate(frames):
+            top_px, left_px = i * down_px + LABEL_PX, j * right_px
+            sheet[top_px : top_px + height_px, left_px : left_px + width_px] = frame
+            place = (left_px + 2, top_px - 6)
+            cv2.putText(
+                sheet, f"{name} {labels[j]}", place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA
+            )
+    return sheet
+
+
+def film(
+    seen: ByteArray,  # [P, H, W, 3]
+    predicted: ByteArray,  # [F, H, W, 3]
+    came: ByteArray | None,  # [F, H, W, 3], what really came, shown beside the prediction
+) -> ByteArray:
+    """Frames [P + F, H', W', 3] of a film; predicted frames carry a coloured bar on top."""
+    marked = predicted.copy()
+    marked[:, : max(1, round(BAR_SHARE * predicted.shape[1]))] = PREDICTED
+    whole = np.concatenate([seen, marked])
+    return whole if came is None else np.concatenate([whole, np.concatenate([seen, came])], axis=2)
+
+
+def write_mp4(path: Path, frames: ByteArray, rate_hz: float) -> None:
+    """The frames [N, H, W, 3] as an mp4 video; BadData when this OpenCV cannot write one."""
+    height_px, width_px = frames.shape[1:3]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*FOURCC), rate_hz, (width_px, height_px))
+    if not writer.isOpened():
+        raise BadData(f"{path} cannot be written: this OpenCV has no {FOURCC} encoder, install its headless wheel")
+    for frame in frames:
+        writer.write(np.ascontiguousarray(frame[..., ::-1]))
+    writer.release()
+
+
+def gif(frames: ByteArray, rate_hz: float) -> bytes:
+    """The frames [N, H, W, 3] as an endless gif."""
+    from PIL import Image
+
+    pictures = [Image.fromarray(frame) for frame in frames]
+    buffer = io.BytesIO()
+    step_ms = max(20, round(1000 / rate_hz))
+    pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:], duration=step_ms, loop=0)
+    return buffer.getvalue()

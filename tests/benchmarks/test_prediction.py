@@ -1,0 +1,147 @@
+"""`geovp predict`: everything is there and can be read back, mistakes get one sentence and leave nothing behind."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import open3d as o3d
+import pycolmap
+import pytest
+from PIL import Image
+
+from benchmarks import cli, prediction
+from benchmarks.plots import film
+from geovp_classic import exports
+from geovp_classic.contracts import street
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData
+
+CAMERA = street.clip().intrinsics
+INTRINSICS = ["--intrinsics", *map(str, (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px))]
+SHORT = ["--past", "8", "--future", "3", "--size", "96"]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("drive") / "pictures"
+    folder.mkdir()
+    for step, frame in enumerate(street.clip().frames):
+        cv2.imwrite(str(folder / f"{step:06d}.png"), frame[..., ::-1])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(pictures: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("predicted") / "out"
+    asked = [str(pictures), *INTRINSICS, "--fps", "10", "--camera-height", "1.65", "--first", "0", "--out", str(out)]
+    assert cli.main(["predict", *asked, *SHORT]) == 0
+    return out
+
+
+def test_frames_are_numbered_as_in_the_recording(written: Path) -> None:
+    assert [path.name for path in sorted((written / "seen").iterdir())] == [f"{n:06d}.png" for n in range(8)]
+    predicted = sorted((written / "frames").iterdir())
+    assert [path.name for path in predicted] == ["000008.png", "000009.png", "000010.png"]
+    assert cv2.imread(str(predicted[0])).shape == (96, 96, 3)
+
+
+def test_poses_go_on_from_past_to_future(written: Path) -> None:
+    stamped = pose_files.read_tum(written / "poses.tum.txt")
+    _, plain = pose_files.read_kitti(written / "poses.kitti.txt")
+    np.testing.assert_allclose(stamped.times_s, 0.1 * np.arange(11), atol=1e-9)
+    np.testing.assert_allclose(stamped.world_from_cam, plain, atol=1e-6)
+
+
+def test_cloud_and_model_hold_the_same_points(written: Path) -> None:
+    cloud = o3d.io.read_point_cloud(str(written / "cloud.ply"))
+    model = pycolmap.Reconstruction(str(written / "colmap"))
+    assert len(cloud.points) == model.num_points3D() > 1000
+    names = [image.name for image in model.images.values()]
+    assert len(names) == 11
+    assert all((written / name).is_file() for name in names)
+
+
+def test_depth_maps_say_their_scale(written: Path) -> None:
+    words = (written / "depths" / "scale.txt").read_text()
+    scale = float(words.split("/")[1].split(",")[0])
+    depth = exports.read_depth(written / "depths" / "000008.png", scale)
+    assert depth.shape == (96, 96)
+    assert (depth > 0).mean() > 0.5
+
+
+def test_the_film_shows_seen_and_predicted_frames(written: Path) -> None:
+    video = cv2.VideoCapture(str(written / "film.mp4"))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 11
+    with Image.open(written / "film.gif") as moving:
+        assert (moving.n_frames, moving.info["duration"]) == (11, 100)
+    strip = cv2.imread(str(written / "strip.png"))
+    assert strip.shape[1] == 2 * 96 + film.GAP_PX  # the last seen frame and horizon 1
+
+
+def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(pictures: Path, tmp_path: Path) -> None:
+    given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
+    wanted = prediction.Wanted(pictures, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
+    stages: list[int] = []
+    predicted = prediction.predict(wanted, lambda done, total: stages.append(done))
+    assert stages == [1, 2, 3, 4]
+    assert predicted.first == len(street.clip()) - 8
+    assert predicted.came is None
+    assert not predicted.motion.past.is_metric
+    prediction.write(predicted, tmp_path / "new" / "out")
+    assert "not known in metres" in (tmp_path / "new" / "out" / "depths" / "scale.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give --fps"),
+        (["--fps", "10", "--past", "99"], "99 must be seen"),
+        (["--fps", "10", "--past", "1"], "shows no motion"),
+        (["--fps", "10", "--past", "8", "--first", "7"], "the last possible is"),
+        (["--fps", "0"], "expected a positive number"),
+    ],
+)
+def test_mistakes_get_one_sentence_and_leave_nothing(
+    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    out = tmp_path / "out"
+    assert cli.main(["predict", str(pictures), *INTRINSICS, *arguments, "--out", str(out)]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert message in told[-1]
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_folder_with_something_in_it_is_not_written_over(pictures: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("keep me")
+    assert cli.main(["predict", str(pictures), *INTRINSICS, "--fps", "10", "--out", str(tmp_path)]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_what_breaks_in_the_middle_leaves_nothing(
+    written: Path, pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(exports, "write_ply", full)
+    given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
+    wanted = prediction.Wanted(pictures, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    predicted = prediction.predict(wanted, lambda done, total: None)
+    with pytest.raises(BadData, match="No space left on device"):
+        prediction.write(predicted, tmp_path / "out")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_strip_has_a_row_for_each_kind_and_a_bar_marks_what_was_predicted() -> None:
+    grey = np.full((3, 32, 40, 3), 90, np.uint8)
+    sheet = film.strip([("predicted", grey), ("real", grey[:2])], ["a", "b", "c"])
+    assert sheet.shape == (
+        2 * (32 + film.GAP_PX + film.LABEL_PX) - film.GAP_PX,
+        3 * (40 + film.GAP_PX) - film.GAP_PX,
+        3,
+    )
+    frames = film.film(grey[:1], grey, grey)
+    assert frames.shape == (4, 32, 80, 3)
+    assert (frames[0] == 90).all()
+    assert (frames[1, 0, :40] == film.PREDICTED).all()
+    assert (frames[1, 1:] == 90).all()
