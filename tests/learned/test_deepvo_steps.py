@@ -49,7 +49,7 @@ def test_three_dimensional_steps_are_rigid_and_come_back() -> None:
 
 
 def test_pitch_looks_up_and_roll_is_clockwise() -> None:
-    """y points down: a camera that looks up by 0.1 has its axis at -sin(0.1) in y; rolled, its x axis dips."""
+    """With y down: a camera that looks up by 0.1 has its axis at -sin(0.1) in y; rolled, its x axis dips."""
     up = motions(torch.tensor([0, 0, 0, 0, 0.1, 0], dtype=torch.float64), "3d")
     assert float(up[1, 2]) == pytest.approx(-np.sin(0.1))
     rolled = motions(torch.tensor([0, 0, 0, 0, 0, 0.1], dtype=torch.float64), "3d")

@@ -1,0 +1,125 @@
+"""What DeepVO learns from: pictures and motions that still belong together after every augmentation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
+
+from geovp_classic.contracts import street  # noqa: E402
+from geovp_classic.errors import BadData  # noqa: E402
+from geovp_classic.geometry import planar, se3  # noqa: E402
+from geovp_classic.types import FloatArray  # noqa: E402
+from learned.deepvo import drives  # noqa: E402
+from learned.deepvo.drives import NOTHING, Augmentation, Window  # noqa: E402
+from learned.deepvo.network import Architecture  # noqa: E402
+from learned.deepvo.train import DeepVoTraining  # noqa: E402
+
+CAMERA = Architecture(size_px=(64, 64), focal_widths=1.5).camera
+DRIVE = drives.read(street.clip(), CAMERA)
+REAL = se3.inverse(DRIVE.world_from_cam[:-1]) @ DRIVE.world_from_cam[1:]
+
+
+def drawn(augmentation: Augmentation, seed: int = 0, first: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
+    rng = np.random.default_rng(seed)
+    return drives.sample(Window(DRIVE, first), CAMERA, 4, 3, augmentation, rng)
+
+
+def yaw_deg(motion: FloatArray) -> FloatArray:
+    return np.rad2deg(planar.reduce(motion, np.eye(4), np.eye(4))[..., 2])
+
+
+def test_the_wide_picture_is_read_where_there_is_one() -> None:
+    assert DRIVE.frames[0].shape == (82, 123, 3)  # 128 x 192, at 96 instead of 150 pixels of focal length
+    assert drives.read(replace(street.clip(), wide=None), CAMERA).frames[0].shape == (82, 82, 3)
+
+
+def test_nothing_varied_is_the_drive_itself() -> None:
+    pictures, motions, known = drawn(NOTHING, first=2)
+    assert pictures.shape == (4, 64, 64, 3)
+    np.testing.assert_allclose(motions, REAL[2:8], atol=1e-12)
+    assert known.all()
+
+
+def test_mirroring_turns_right_into_left() -> None:
+    (plain, motions, _), (mirrored, exchanged, _) = drawn(NOTHING), drawn(replace(NOTHING, mirror_share=1.0))
+    np.testing.assert_allclose(yaw_deg(exchanged), -yaw_deg(motions), atol=1e-9)
+    assert yaw_deg(motions).min() > 0.5  # this street bends to the right
+    shifted = abs(mirrored[:, :, 4:-4].astype(int) - plain[:, :, ::-1][:, :, 4:-4]).mean()
+    assert shifted < abs(mirrored.astype(int) - plain).mean() / 2  # the same up to the principal point's offset
+
+
+def test_every_other_frame_is_twice_the_motion() -> None:
+    _, motions, known = drawn(replace(NOTHING, fast_share=1.0))
+    np.testing.assert_allclose(motions[0], REAL[0] @ REAL[1], atol=1e-9)
+    np.testing.assert_array_equal(
+        known, [True] * 4 + [False] * 2
+    )  # steps 2, 4, 6, 8 of 10 frames; 10 and 12 are not there
+
+
+def test_where_twice_the_speed_would_leave_the_clip_it_is_not_taken() -> None:
+    _, motions, known = drawn(replace(NOTHING, fast_share=1.0), first=4)
+    np.testing.assert_allclose(motions[0], REAL[4], atol=1e-9)
+    np.testing.assert_array_equal(known, [True] * 5 + [False])
+
+
+def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
+    swing = replace(NOTHING, turn_share=1.0, turn_deg=3.0)
+    _, motions, known = drawn(swing, seed=1)
+    added = yaw_deg(motions) - yaw_deg(REAL[:6])
+    np.testing.assert_allclose(added, added[0], atol=1e-4)
+    assert 0.1 < abs(added[0]) <= 3.0
+    np.testing.assert_array_equal(known, [True] * 3 + [False] * 3)
+
+
+def test_a_swung_picture_is_what_a_turned_camera_sees() -> None:
+    """Half way through the window the swing is nil: of 3 pictures the last is turned one way, the first the other."""
+    rng = np.random.default_rng(5)
+    swing = replace(NOTHING, turn_share=1.0, turn_deg=3.0)
+    pictures, motions, _ = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
+    plain = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, NOTHING, np.random.default_rng(5))[0]
+    np.testing.assert_array_equal(pictures[1], plain[1])
+    rate_px = np.deg2rad(yaw_deg(motions)[0] - yaw_deg(REAL)[0]) * CAMERA.fx_px
+    shift_px = round(rate_px)  # turning right moves the picture to the left
+    assert abs(shift_px) >= 1
+    middle = slice(16, 48)
+    moved = np.roll(plain[2], -shift_px, axis=1)[middle, middle].astype(int)
+    still = plain[2][middle, middle].astype(int)
+    assert abs(pictures[2][middle, middle] - moved).mean() < abs(pictures[2][middle, middle] - still).mean()
+
+
+def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() -> None:
+    grey, _, _ = drawn(replace(NOTHING, grey_share=1.0))
+    np.testing.assert_array_equal(grey[..., 0], grey[..., 2])
+    (plain, _, _), (dark, _, _) = drawn(NOTHING), drawn(replace(NOTHING, gamma=1.0))
+    for level in (60, 180):
+        assert len(np.unique(dark[plain == level])) == 1
+
+
+def test_windows_are_every_run_that_fits() -> None:
+    assert [window.first for window in drives.windows([DRIVE], 7)] == [0, 1, 2, 3]
+    assert [window.first for window in drives.windows([DRIVE], 7, stride=2)] == [0, 2]
+    assert drives.windows([DRIVE], 11) == []
+
+
+def test_a_batch_draws_how_much_past_is_seen() -> None:
+    method = DeepVoTraining(Architecture(size_px=(64, 64)), num_past=4, num_future=3, shortest_past=2)
+    examples = method.examples([street.clip()], training=True)
+    seen = {method.batch(examples, [0, 1], np.random.default_rng(seed))["pictures"].shape[1] for seed in range(20)}
+    assert seen == {2, 3, 4}
+    batch = method.batch(examples, [0, 1], np.random.default_rng(0))
+    past = batch["pictures"].shape[1]
+    assert batch["motions"].shape == (2, past + 2, 4, 4)
+    assert batch["known"].shape == (2, past + 2)
+
+
+def test_clips_without_metric_poses_are_refused() -> None:
+    with pytest.raises(BadData, match="has no metric poses, which deepvo learns from"):
+        drives.read(replace(street.clip(), trajectory=None), CAMERA)
+
+
+@pytest.mark.parametrize("wrong", [{"shortest_past": 1}, {"shortest_past": 11}, {"num_future": 0}])
+def test_impossible_windows_are_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(BadData, match="2 <= shortest_past <= num_past"):
+        DeepVoTraining(**wrong)

@@ -1,0 +1,130 @@
+"""DeepVO's networks: shapes, what depends on what, and that they can learn at all."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
+
+from geovp_classic.contracts import street  # noqa: E402
+from geovp_classic.errors import BadData, Incompatible  # noqa: E402
+from learned.deepvo.drives import NOTHING  # noqa: E402
+from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
+from learned.deepvo.train import DeepVoTraining  # noqa: E402
+
+TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def network(architecture: Architecture = TINY) -> PoseNetwork:
+    torch.manual_seed(0)
+    return PoseNetwork(architecture).eval()
+
+
+def pictures(num_past: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(1, num_past, 3, 64, 64, generator=torch.Generator().manual_seed(seed))
+
+
+@pytest.mark.parametrize("num_past", [2, 3, 11])
+@pytest.mark.parametrize("head", ["2d", "3d"])
+def test_any_past_from_two_frames_and_any_future(num_past: int, head: str) -> None:
+    numbers = {"2d": 3, "3d": 6}[head]
+    past, future = network(replace(TINY, head=head))(pictures(num_past), 7)
+    assert past.shape == (1, num_past - 1, numbers)
+    assert future.shape == (1, 7, numbers)
+
+
+def test_a_longer_future_begins_with_the_shorter_one() -> None:
+    """The decoder is fed nothing, so how far it is asked to go changes nothing on the way."""
+    net, seen = network(), pictures(5)
+    torch.testing.assert_close(net(seen, 20)[1][:, :6], net(seen, 6)[1])
+
+
+def test_what_came_before_changes_what_a_pair_says() -> None:
+    net = network()
+    last_pair, longer = pictures(6)[:, -2:], pictures(6)
+    assert not torch.allclose(net(last_pair, 1)[0][:, -1], net(longer, 1)[0][:, -1])
+
+
+def test_the_lstm_can_be_that_of_the_original() -> None:
+    """4 gates x 1000 x (inputs + 1000 + 2 biases) in the first layer, 4 x 1000 x (1000 + 1000 + 2) in the second."""
+    net = network(replace(TINY, lstm_size=1000, lstm_layers=2))
+    features = net.encode(pictures(2)).shape[-1]
+    assert sum(weight.numel() for weight in net.past.parameters()) == 4000 * (features + 1002) + 4000 * 2002
+    assert net(pictures(3), 2)[1].shape == (1, 2, 3)
+
+
+def test_full_width_is_flownets() -> None:
+    """64 channels of 7x7 on 6 inputs at first, 1024 of 3x3 on 512 at last."""
+    shapes = [
+        tuple(layer.weight.shape)
+        for layer in PoseNetwork(Architecture(size_px=(64, 64))).encoder
+        if hasattr(layer, "stride")
+    ]
+    assert (shapes[0], shapes[-1], len(shapes)) == ((64, 6, 7, 7), (1024, 512, 3, 3), 9)
+
+
+def test_a_decoder_started_from_poses_sees_nothing_else() -> None:
+    net = network(replace(TINY, decoder_start="poses"))
+    past = torch.tensor([[[0.0, 1.0, 0.01], [0.0, 1.0, 0.02]]])
+    state = (torch.rand(1, 1, 12), torch.rand(1, 1, 12))
+    torch.testing.assert_close(net.future(state, past, 3), net.future((2 * state[0], state[1]), past, 3))
+    assert not torch.allclose(net.future(state, past, 3), net.future(state, 2 * past, 3))
+
+
+def test_a_fixed_window_forgets_what_lies_before_it() -> None:
+    net = network(replace(TINY, future="fixed-window", window_pairs=2, window_future=5))
+    seen = pictures(6)
+    other = torch.cat([pictures(3, seed=1), seen[:, 3:]], dim=1)
+    torch.testing.assert_close(net(seen, 5)[1], net(other, 5)[1])
+    assert net(seen, 3)[1].shape == (1, 3, 3)
+
+
+@pytest.mark.parametrize(("num_past", "num_future"), [(2, 5), (6, 6)])
+def test_a_fixed_window_refuses_what_it_was_not_built_for(num_past: int, num_future: int) -> None:
+    net = network(replace(TINY, future="fixed-window", window_pairs=2, window_future=5))
+    with pytest.raises(Incompatible, match="takes 3 frames or more and predicts 5 steps at most"):
+        net(pictures(num_past), num_future)
+
+
+def test_long_videos_go_through_the_encoder_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    net, seen = network(), pictures(9)
+    whole = net.encode(seen)
+    monkeypatch.setattr("learned.deepvo.network.PAIRS_AT_ONCE", 3)
+    torch.testing.assert_close(net.encode(seen), whole)
+
+
+@pytest.mark.parametrize("wrong", [{"size_px": (32, 64)}, {"lstm_size": 0}, {"dropout": 1.0}, {"encoder_width": 0.0}])
+def test_impossible_architectures_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(BadData, match="architecture"):
+        replace(TINY, **wrong)
+
+
+@pytest.mark.parametrize("future", ["recurrent", "fixed-window"])
+def test_it_overfits_eight_windows(future: str) -> None:
+    """From 8 windows of a street it learns to say where the camera was and will be, to centimetres a step."""
+    architecture = replace(TINY, encoder_width=1 / 8, future=future, window_pairs=2, window_future=4)
+    method = DeepVoTraining(architecture, NOTHING, num_past=4, num_future=4, shortest_past=4, rate=3e-3)
+    examples = method.examples([street.clip()], training=True)[:8]
+    batch = method.batch(examples, range(len(examples)), np.random.default_rng(0))
+    torch.manual_seed(0)
+    networks = method.build()
+    optimiser = method.optimisers(networks)["poses"]
+    totals = []
+    for step in range(150):
+        _, losses = next(method.training_step(networks, batch, step))
+        optimiser.zero_grad()
+        losses["total"].backward()
+        optimiser.step()
+        totals.append(losses["total"].item())
+    assert totals[0] > 1.0
+    assert totals[-1] < 0.01
