@@ -41,10 +41,10 @@ class _PatchNetwork(nn.Module):
         super().__init__()
         channels = [3, *(width * min(2**level, 8) for level in range(num_levels + 1))]
         self.layers = nn.ModuleList(
-            spectral_norm(nn.Conv2d(a, b, 4, stride=2 if level < num_levels else 1, padding=1))
+            spectral_norm(nn.Conv2d(a, b, 4, stride=2 if level < num_levels else 1, padding=2))
             for level, (a, b) in enumerate(itertools.pairwise(channels))
         )
-        self.head = spectral_norm(nn.Conv2d(channels[-1], 1, 4, padding=1))
+        self.head = spectral_norm(nn.Conv2d(channels[-1], 1, 4, padding=2))
 
     def forward(self, frames: Tensor) -> Judgement:
         maps = []

@@ -13,6 +13,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
 from learned.methods import Batch
+from learned.tensors import pictures_from_frames
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
@@ -61,7 +62,7 @@ def check(clip: Clip) -> None:
         raise BadData(f"{clip.name} has no metric poses, which synsin learns from: leave its sequence out")
 
 
-def examples(clips: Sequence[Clip], max_horizon: int) -> list[Example]:
+def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
     """Every frame that has `max_horizon` frames after it; BadData when a clip is too short or has no metric poses."""
     found = []
     for clip in clips:
@@ -99,17 +100,12 @@ def augmented(one: Scene, rng: np.random.Generator, grey_share: float) -> Scene:
 def batch(scenes: Sequence[Scene]) -> Batch:
     """Tensors of scenes of one size."""
     return {
-        "frames": frames_tensor(np.stack([one.frame for one in scenes])),  # [B, 3, H, W]
-        "targets": frames_tensor(np.concatenate([one.targets for one in scenes])),  # [B * V, 3, H, W]
+        "frames": pictures_from_frames(np.stack([one.frame for one in scenes])),  # [B, 3, H, W]
+        "targets": pictures_from_frames(np.concatenate([one.targets for one in scenes])),  # [B * V, 3, H, W]
         "cam_from_last": torch.from_numpy(np.stack([one.cam_from_last for one in scenes])).float(),  # [B, V, 4, 4]
         "intrinsics": torch.cat([intrinsics_tensor(one.intrinsics) for one in scenes]),  # [B, 4]
         "inverse_depths": torch.from_numpy(np.stack([one.inverse_depth for one in scenes])).float(),  # [B, H, W]
     }
-
-
-def frames_tensor(frames: ByteArray) -> torch.Tensor:
-    """Frames [N, H, W, 3] as [N, 3, H, W] in [0, 1]."""
-    return torch.tensor(np.ascontiguousarray(frames)).permute(0, 3, 1, 2).float() / 255
 
 
 def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:

@@ -9,17 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 from learned import checkpoints
 from learned.synsin import pairs
 from learned.synsin.network import Cloud, Generator
 from learned.synsin.train import SynSinTraining
+from learned.tensors import pictures_from_frames
 
 VIEWS_AT_ONCE = 4
-SHIPPED = "synsin-small"
 OPAQUE = 0.1  # a pixel that points cover less than this was invented
 
 
@@ -27,17 +28,17 @@ OPAQUE = 0.1  # a pixel that points cover less than this was invented
 class SynSin:
     """One frame to new views by learned depth, splatted features and a refinement network (Wiles et al. 2020).
 
-    `checkpoint` is a safetensors file of `python -m learned train synsin`, or the name of one that comes with the
+    `checkpoint` is a weights file of `python -m learned train synsin`; without one, the weights that come with the
     package. Frames may have any size. `seed` draws the refinement network's noise, the same for all views.
     """
 
-    checkpoint: Path = Path(SHIPPED)
+    checkpoint: Path | None = None
     device: str = "cpu"
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Raise BadData unless the checkpoint is there and the device exists."""
-        _generator(weights_file(self.checkpoint), self.device)
+        load(self.checkpoint or shipped(), self.device)
 
     @property
     def needs(self) -> Grant:
@@ -48,9 +49,9 @@ class SynSin:
         """The last frame as a cloud; Incompatible when the poses are not metric, as those that it learned from were."""
         if not past.is_metric:
             raise Incompatible("synsin's depth is in metres, the poses are not: give the odometry a scale")
-        generator = _generator(weights_file(self.checkpoint), self.device)
+        generator = load(self.checkpoint or shipped(), self.device)
         with torch.inference_mode():
-            frame = pairs.frames_tensor(context.frames[-1:]).to(self.device)
+            frame = pictures_from_frames(context.frames[-1:]).to(self.device)
             cloud = generator.encode(frame, pairs.intrinsics_tensor(context.intrinsics).to(self.device))
         return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
 
@@ -71,7 +72,7 @@ class FeatureScene:
         return Views(*(np.concatenate(maps) for maps in zip(*parts, strict=True)))
 
     @torch.inference_mode()
-    def _view(self, cam_from_last: torch.Tensor, intrinsics: Intrinsics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _view(self, cam_from_last: Tensor, intrinsics: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Frames [F, H, W, 3], coverage [F, H, W] and depths [F, H, W] of a few views."""
         device, views = self.cloud.rays.device, len(cam_from_last)
         noise = torch.randn(
@@ -88,16 +89,14 @@ class FeatureScene:
         return frames.cpu().numpy(), covered.cpu().numpy(), depths.cpu().numpy()
 
 
-def weights_file(checkpoint: Path) -> Path:
-    """The file of a path, or of a name among the weights that come with the package."""
-    shipped = resources.files("learned").joinpath("weights", f"{checkpoint.name}.safetensors")
-    is_name = len(checkpoint.parts) == 1 and not checkpoint.suffix
-    return Path(str(shipped)) if is_name and not checkpoint.exists() else checkpoint
+def shipped() -> Path:
+    """The weights file that comes with the package."""
+    return Path(str(resources.files("learned").joinpath("weights", "synsin.safetensors")))
 
 
 @functools.lru_cache(maxsize=2)
-def _generator(file: Path, device: str) -> Generator:
-    """The generator of a weights file, ready to use; BadData when the file or the device is not what it should be."""
+def load(file: Path, device: str) -> Generator:
+    """The generator of a weights file, once per process; BadData when the file or the device cannot be used."""
     checkpoint = checkpoints.read(file, "synsin", SynSinTraining)
     generator = Generator(checkpoint.settings.architecture)
     checkpoints.restore(file, generator, checkpoint, "generator")

@@ -34,7 +34,7 @@ class Splatter:
     from front to back, "sum" adds them weighted by opacity, "mean" divides that by the opacities' sum.
     """
 
-    radius_px: float = 1.5
+    radius_px: float = 1.0
     points_per_pixel: int = 8
     sharpness: float = 1.0
     blending: Blending = "alpha"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +44,7 @@ class SynSinTraining:
     content_net: Net = "squeeze"
     max_horizon: int = 20
     views: int = 2
+    near_share: float = 0.5  # of examples whose first view is of the nearest quarter of horizons, for depth's sake
     depth_first_steps: int = 0  # in which only depth learns, from its own losses
     depth_share: float = 1.0  # of the pictures' gradient, how much depth learns from; 1 is the paper's
     grey_share: float = 0.2  # of examples shown without colours
@@ -76,7 +77,7 @@ class SynSinTraining:
         rates = {"generator": self.rate, "discriminator": self.discriminator_rate}
         return {name: Adam(network.parameters(), lr=rates[name], betas=betas) for name, network in networks.items()}
 
-    def examples(self, clips: Sequence[Clip], *, training: bool) -> Sequence[Example]:
+    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Example]:
         """Every frame with enough frames after it; in validation, one in `validation_stride`."""
         return pairs.examples(clips, self.max_horizon)[:: 1 if training else self.validation_stride]
 
@@ -120,7 +121,8 @@ class SynSinTraining:
 
     def _drawn(self, example: Example, rng: np.random.Generator) -> Scene:
         horizons = 1 + rng.choice(self.max_horizon, self.views, replace=self.views > self.max_horizon)
-        horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)  # from near ones depth is learnt best
+        if rng.random() < self.near_share:
+            horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
         return pairs.augmented(pairs.scene(example, horizons.tolist()), rng, self.grey_share)
 
     def _losses(self, made: Tensor, real: Tensor) -> Losses:

@@ -1,0 +1,70 @@
+"""A small street at 32x32 pixels, and SynSin small enough to learn it in seconds."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: SynSin needs the extra 'learned'")
+
+from geovp_classic.contracts import street  # noqa: E402
+from geovp_classic.geometry import pinhole  # noqa: E402
+from geovp_classic.types import Clip  # noqa: E402
+from learned.synsin.network import Architecture  # noqa: E402
+from learned.synsin.train import SynSinTraining, Weights  # noqa: E402
+
+SIZE_PX = (32, 32)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> Iterator[None]:
+    """Networks this small only wait for one another on more."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="session")
+def clip() -> Clip:
+    """Ten frames of the contracts' street, with true depths."""
+    whole = street.clip()
+    assert whole.depths is not None
+    return Clip(
+        name="street",
+        frames=np.stack([pinhole.resize(frame, SIZE_PX) for frame in whole.frames]),
+        times_s=whole.times_s,
+        intrinsics=whole.intrinsics.resized(*SIZE_PX),
+        trajectory=whole.trajectory,
+        depths=whole.depths[:, 2::4, 2::4],
+    )
+
+
+@pytest.fixture(scope="session")
+def method() -> SynSinTraining:
+    """SynSin without losses that need files or another network."""
+    architecture = Architecture(
+        features=8,
+        width=16,
+        feature_blocks=1,
+        inner_blocks=1,
+        noise_size=4,
+        patch_px=2,
+        depth_px=32,
+        depth_channels=(16, 32, 32),
+    )
+    return SynSinTraining(
+        architecture,
+        Weights(content=0.0, adversarial=0.0, depth=1.0, reprojection=1.0, roughness=0.01),
+        max_horizon=2,
+        views=2,
+        grey_share=0.0,
+        rate=1e-2,
+    )
+
+
+@pytest.fixture(scope="session")
+def adversarial(method: SynSinTraining) -> SynSinTraining:
+    """The same with a small discriminator."""
+    return replace(method, weights=replace(method.weights, adversarial=0.1), discriminator_width=8)

@@ -1,0 +1,58 @@
+import pytest
+import torch
+
+from geovp_classic.errors import BadData
+from learned.synsin import discriminator
+from learned.synsin.discriminator import MultiScaleDiscriminator
+
+
+def judgement(*scores: float) -> list[torch.Tensor]:
+    """One scale's: a map of ones as features, then scores."""
+    return [torch.ones(1, 1, 2, 2), torch.tensor(scores)]
+
+
+def test_every_scale_judges_patches_of_a_picture_half_as_large() -> None:
+    judgements = MultiScaleDiscriminator(width=4, num_levels=2, num_scales=3)(torch.rand(2, 3, 64, 64))
+    # 4x4 kernels padded by two: n / 2 + 1 pixels with a stride, twice, then n + 1 without, twice
+    assert [tuple(one[-1].shape) for one in judgements] == [(2, 1, 19, 19), (2, 1, 11, 11), (2, 1, 7, 7)]
+    assert [[maps.shape[1] for maps in one] for one in judgements] == [[4, 8, 16, 1]] * 3
+
+
+def test_hinge_of_the_discriminator_stops_at_a_margin_of_one() -> None:
+    real, made = [judgement(3.0, 0.5), judgement(1.0, 1.0)], [judgement(-2.0, -1.0), judgement(0.0, 0.0)]
+    # first scale: (0 + 0.5) / 2 + 0; second: 0 + 1
+    assert float(discriminator.hinge_of_discriminator(real, made)) == pytest.approx((0.25 + 1.0) / 2)
+
+
+def test_the_generator_wants_high_scores() -> None:
+    assert float(discriminator.hinge_of_generator([judgement(3.0, 1.0), judgement(-4.0, -4.0)])) == pytest.approx(1.0)
+
+
+def test_features_are_compared_without_the_scores_and_teach_the_generator_only() -> None:
+    real, made = torch.full((1, 1, 2, 2), 3.0, requires_grad=True), torch.ones(1, 1, 2, 2, requires_grad=True)
+    distance = discriminator.feature_distance([[real, torch.tensor(9.0)]], [[made, torch.tensor(0.0)]])
+    assert float(distance) == pytest.approx(2.0)
+    distance.backward()
+    assert real.grad is None
+    assert made.grad is not None
+
+
+def test_it_learns_to_tell_stripes_from_noise() -> None:
+    torch.manual_seed(0)
+    judge = MultiScaleDiscriminator(width=8, num_levels=2, num_scales=1)
+    optimiser = torch.optim.Adam(judge.parameters(), 5e-3, betas=(0.0, 0.9))
+    stripes = torch.arange(32).remainder(4).div(3).expand(4, 3, 32, 32)
+    losses = []
+    for _ in range(60):
+        loss = discriminator.hinge_of_discriminator(judge(stripes), judge(torch.rand(4, 3, 32, 32)))
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[0] > 1.5
+    assert losses[-1] < 0.5
+
+
+def test_sizes_that_make_no_discriminator_are_refused() -> None:
+    with pytest.raises(BadData, match="0 levels"):
+        MultiScaleDiscriminator(num_levels=0)

@@ -1,0 +1,94 @@
+import os
+
+import numpy as np
+import pytest
+import torch
+
+from geovp_classic.errors import MissingExtra
+from geovp_classic.types import Clip
+from learned.lpips import WEIGHTS_VARIABLE, Lpips, Net
+from learned.synsin import losses, pairs, reprojection
+from learned.synsin.pairs import Example
+from learned.tensors import pictures_from_frames
+
+
+def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:
+    known = torch.tensor([[[0.1, torch.nan], [0.0, torch.nan]]])
+    guess = torch.tensor([[[0.2, 9.0], [0.05, 9.0]]], requires_grad=True)
+    loss = losses.depth_loss(guess, known)  # 20 * (0.1 + 0.05) / 2
+    assert float(loss.detach()) == pytest.approx(1.5)
+    loss.backward()
+    assert guess.grad is not None
+    np.testing.assert_allclose(guess.grad[0].numpy(), [[10, 0], [10, 0]])
+    assert float(losses.depth_loss(guess, torch.full_like(known, torch.nan)).detach()) == 0
+
+
+def test_psnr_of_a_tenth_everywhere_is_twenty_decibels() -> None:
+    black = torch.zeros(2, 3, 4, 4)
+    np.testing.assert_allclose(
+        losses.psnr_db(black + torch.tensor([0.1, 0.01])[:, None, None, None], black), [20, 40], rtol=1e-5
+    )
+
+
+def test_colours_differ_by_their_mean_difference() -> None:
+    made = torch.tensor([0.0, 0.5, 1.0]).expand(1, 4, 4, 3).permute(0, 3, 1, 2)
+    assert float(losses.colour_loss(made, torch.full_like(made, 0.5))) == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize("net", ["alex", "squeeze"])
+def test_content_is_lpips_with_a_gradient(net: Net) -> None:
+    if not os.environ.get(WEIGHTS_VARIABLE):
+        pytest.skip(f"{WEIGHTS_VARIABLE} is not set: needs LPIPS's weights")
+    rng = np.random.default_rng(0)
+    made, real = rng.integers(0, 256, (2, 2, 64, 64, 3), dtype=np.uint8)
+    frames = pictures_from_frames(made).requires_grad_()
+    loss = losses.content_loss(frames, pictures_from_frames(real), net)
+    assert float(loss.detach()) == pytest.approx(float(Lpips(net)(made, real).mean()), abs=1e-5)
+    loss.backward()
+    assert frames.grad is not None
+    assert frames.grad.abs().max() > 0
+
+
+def test_content_without_weights_says_what_to_set(monkeypatch: pytest.MonkeyPatch, tmp_path: os.PathLike[str]) -> None:
+    monkeypatch.setenv(WEIGHTS_VARIABLE, str(tmp_path))
+    with pytest.raises(MissingExtra, match=r"lpips_squeeze_v0\.1\.npz do not exist"):
+        losses.content_loss(torch.rand(1, 3, 64, 64), torch.rand(1, 3, 64, 64), "squeeze")
+
+
+def test_later_frames_read_at_the_true_depth_look_like_the_first(clip: Clip) -> None:
+    batch = pairs.batch([pairs.scene(Example(clip, 2), [1, 2])])
+    motion = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
+    truth = torch.nan_to_num(batch["inverse_depths"])
+    at_truth, *wrong = (float(reprojection.reprojection_loss(factor * truth, *motion)) for factor in (1.0, 0.6, 1.5))
+    assert at_truth < 0.7 * min(wrong)
+
+
+def test_its_gradient_leads_from_a_plane_to_the_true_depth(clip: Clip) -> None:
+    batch = pairs.batch([pairs.scene(Example(clip, 2), [1, 2])])
+    motion = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
+    truth = torch.nan_to_num(batch["inverse_depths"])
+    guess = torch.full_like(truth, 0.05).requires_grad_()
+    (slope,) = torch.autograd.grad(reprojection.reprojection_loss(guess, *motion), [guess])
+    downhill = float(torch.nn.functional.cosine_similarity(-slope.flatten(), (truth - guess).detach().flatten(), dim=0))
+    assert downhill > 0.2
+
+
+def test_a_picture_is_read_at_its_own_pixels_unchanged_and_outside_not_at_all() -> None:
+    frames = torch.rand(1, 3, 4, 5)
+    v, u = torch.meshgrid(torch.arange(4.0), torch.arange(5.0), indexing="ij")
+    read, inside = reprojection.read_at(frames, torch.stack([u, v], dim=2)[None])
+    torch.testing.assert_close(read, frames)
+    assert inside.all()
+    half, inside = reprojection.read_at(frames, torch.tensor([[[[1.5, 2.0], [-0.1, 2.0], [1.0, 3.1]]]]))
+    torch.testing.assert_close(half[0, :, 0, 0], (frames[0, :, 2, 1] + frames[0, :, 2, 2]) / 2)
+    assert inside.tolist() == [[[True, False, False]]]
+
+
+def test_roughness_is_slope_but_where_the_picture_has_an_edge() -> None:
+    step = torch.cat([torch.full((1, 4, 4), 0.1), torch.full((1, 4, 4), 0.3)], dim=2)  # mean 0.2
+    flat, edge = torch.zeros(1, 3, 4, 8), torch.zeros(1, 3, 4, 8)
+    edge[..., 4:] = 1
+    # one of seven columns of slopes is 0.2 / 0.2 = 1; no slope from row to row
+    assert float(reprojection.roughness(step, flat)) == pytest.approx(1 / 7)
+    assert float(reprojection.roughness(step, edge)) == pytest.approx(np.exp(-10) / 7, rel=1e-4)
+    assert float(reprojection.roughness(torch.full_like(step, 0.1), edge)) == 0

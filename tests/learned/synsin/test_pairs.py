@@ -1,0 +1,87 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import Clip
+from learned.synsin import pairs
+from learned.synsin.pairs import Example, Scene
+
+
+@pytest.fixture
+def scene(clip: Clip) -> Scene:
+    return pairs.scene(Example(clip, 3), [1, 4])
+
+
+def test_every_frame_with_enough_frames_after_it_is_an_example(clip: Clip) -> None:
+    assert [one.last for one in pairs.examples([clip], max_horizon=7)] == [0, 1, 2]
+
+
+def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: Scene, clip: Clip) -> None:
+    np.testing.assert_array_equal(scene.frame, clip.frames[3])
+    np.testing.assert_array_equal(scene.targets, clip.frames[[4, 7]])
+    assert clip.trajectory is not None
+    poses = clip.trajectory.world_from_cam
+    np.testing.assert_allclose(poses[7] @ scene.cam_from_last[1], poses[3], atol=1e-12)
+    assert scene.cam_from_last[1, 2, 3] == pytest.approx(-2.0, abs=0.05)  # four steps of half a metre come nearer
+
+
+def test_known_depth_comes_as_its_inverse(scene: Scene, clip: Clip) -> None:
+    assert clip.depths is not None
+    sky = np.isinf(clip.depths[3])
+    assert (scene.inverse_depth[sky] == 0).all()
+    np.testing.assert_allclose(scene.inverse_depth[~sky] * clip.depths[3][~sky], 1, rtol=1e-6)
+    without = pairs.scene(Example(replace(clip, depths=None), 3), [1])
+    assert np.isnan(without.inverse_depth).all()
+
+
+def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: Scene) -> None:
+    point = np.array([[1.2, -0.4, 9.0]])
+    mirrored = scene.mirrored()
+    for number in range(2):
+        seen, _ = pinhole.project(se3.transform(scene.cam_from_last[number], point), scene.intrinsics)
+        point_mirrored = point * [-1, 1, 1]
+        other, _ = pinhole.project(se3.transform(mirrored.cam_from_last[number], point_mirrored), mirrored.intrinsics)
+        np.testing.assert_allclose(other, [[31 - seen[0, 0], seen[0, 1]]])
+    np.testing.assert_array_equal(mirrored.frame[:, 0], scene.frame[:, -1])
+    np.testing.assert_array_equal(mirrored.mirrored().targets, scene.targets)
+
+
+def test_a_grey_scene_has_one_colour_a_pixel(scene: Scene) -> None:
+    grey = scene.grey()
+    assert (grey.frame == grey.frame[..., :1]).all()
+    assert (grey.targets == grey.targets[..., :1]).all()
+    luminance = scene.frame @ np.array([0.299, 0.587, 0.114])
+    np.testing.assert_allclose(grey.frame[..., 0], luminance, atol=1)
+
+
+def test_augmentation_mirrors_half_and_greys_a_share(scene: Scene) -> None:
+    drawn = [pairs.augmented(scene, np.random.default_rng(seed), grey_share=0.25) for seed in range(200)]
+    mirrored = sum(one.intrinsics != scene.intrinsics or (one.frame[0, 0] != scene.frame[0, 0]).any() for one in drawn)
+    grey = sum(bool((one.frame == one.frame[..., :1]).all()) for one in drawn)
+    assert 80 <= mirrored <= 150  # grey ones look changed as well
+    assert 30 <= grey <= 70
+
+
+def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: Scene, clip: Clip) -> None:
+    batch = pairs.batch([scene, pairs.scene(Example(clip, 0), [2, 5])])
+    assert {name: tuple(part.shape) for name, part in batch.items()} == {
+        "frames": (2, 3, 32, 32),
+        "targets": (4, 3, 32, 32),
+        "cam_from_last": (2, 2, 4, 4),
+        "intrinsics": (2, 4),
+        "inverse_depths": (2, 32, 32),
+    }
+    torch.testing.assert_close(batch["targets"][3], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255)
+
+
+def test_clips_that_teach_nothing_are_refused(clip: Clip) -> None:
+    with pytest.raises(BadData, match="street has 10 frames, but horizons up to 10 need more: raise num_frames"):
+        pairs.examples([clip], max_horizon=10)
+    assert clip.trajectory is not None
+    for trajectory in (None, replace(clip.trajectory, is_metric=False)):
+        with pytest.raises(BadData, match="street has no metric poses"):
+            pairs.examples([replace(clip, trajectory=trajectory)], max_horizon=2)

@@ -1,0 +1,120 @@
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip
+from learned import recipes
+from learned.methods import Losses
+from learned.synsin import pairs
+from learned.synsin.pairs import Example
+from learned.synsin.train import SynSinTraining, Weights
+
+
+def trained(
+    method: SynSinTraining, examples: Sequence[Example], num_steps: int
+) -> tuple[dict[str, nn.Module], list[Losses]]:
+    """The networks after some steps on all examples at once, as they are, and the losses of every step."""
+    torch.manual_seed(0)
+    networks = method.build()
+    optimisers = method.optimisers(networks)
+    batch = pairs.batch([pairs.scene(one, [2]) for one in examples])
+    history = []
+    for step in range(num_steps):
+        losses: Losses = {}
+        for turn, parts in method.training_step(networks, batch, step):
+            optimisers[turn].zero_grad()
+            parts["total"].backward()
+            optimisers[turn].step()
+            losses |= {f"{turn}.{name}": part.detach() for name, part in parts.items()}
+        history.append(losses)
+    return networks, history
+
+
+def test_it_learns_eight_windows_by_heart(method: SynSinTraining, clip: Clip) -> None:
+    examples = method.examples([clip], training=True)
+    assert len(examples) == 8
+    networks, history = trained(method, examples, num_steps=150)
+    first, last = history[0], history[-1]
+    assert first["generator.colour"] > 0.05
+    assert last["generator.colour"] < 0.025
+    assert first["generator.depth"] > 0.5
+    assert last["generator.depth"] < 0.12
+    networks["generator"].eval()
+    with torch.no_grad():
+        assert method.validate(networks, examples)["psnr"] > 26  # of horizons 1 and 2, the first never seen in training
+
+
+def test_at_first_only_depth_learns(method: SynSinTraining, clip: Clip) -> None:
+    examples = method.examples([clip], training=True)[:2]
+    networks, history = trained(replace(method, depth_first_steps=3), examples, num_steps=3)
+    torch.manual_seed(0)
+    fresh = method.build()["generator"].state_dict()
+    changed = {
+        name for name, value in networks["generator"].state_dict().items() if not torch.equal(value, fresh[name])
+    }
+    assert changed
+    assert all(name.startswith("depth_network.") for name in changed)
+    assert set(history[0]) == {f"generator.{name}" for name in ("depth", "reprojection", "roughness", "total")}
+
+
+def test_an_adversary_takes_turns_with_the_generator(adversarial: SynSinTraining, clip: Clip) -> None:
+    examples = adversarial.examples([clip], training=True)[:2]
+    networks, history = trained(adversarial, examples, num_steps=30)
+    assert set(networks) == {"generator", "discriminator"}
+    assert adversarial.kept == ("generator",)
+    wanted = history[0]["generator.colour"] + 0.1 * (
+        history[0]["generator.adversarial"] + 10 * history[0]["generator.feature_matching"]
+    )
+    wanted += history[0]["generator.depth"] + history[0]["generator.reprojection"]
+    wanted += 0.01 * history[0]["generator.roughness"]
+    torch.testing.assert_close(history[0]["generator.total"], wanted)
+    assert history[-1]["discriminator.total"] < history[0]["discriminator.total"]
+
+
+def test_the_first_view_is_near_when_so_wished(method: SynSinTraining, clip: Clip) -> None:
+    far = replace(method, max_horizon=8, views=1)
+    examples = far.examples([clip], training=True)
+
+    def steps_m(settings: SynSinTraining) -> np.ndarray:
+        batch = settings.batch(examples, [0] * 60, np.random.default_rng(0))
+        return -batch["cam_from_last"][:, 0, 2, 3].numpy()
+
+    assert steps_m(replace(far, near_share=1.0)).max() < 1.1  # two steps of half a metre, of eight
+    assert steps_m(replace(far, near_share=0.0)).max() > 3.0
+
+
+def test_validation_looks_at_some_examples_and_gives_the_same_again(method: SynSinTraining, clip: Clip) -> None:
+    sparse = replace(method, validation_stride=3)
+    examples = sparse.examples([clip], training=False)
+    assert [one.last for one in examples] == [0, 3, 6]
+    networks = {name: network.eval() for name, network in sparse.build().items()}
+    with torch.no_grad():
+        first, second = (sparse.validate(networks, examples) for _ in range(2))
+    assert first == second
+    assert first["score"] == pytest.approx(first["colour"])  # content counts nothing here
+
+
+def test_settings_that_train_nothing_are_refused() -> None:
+    with pytest.raises(BadData, match="views is 0, expected 1 or more"):
+        SynSinTraining(views=0)
+
+
+@pytest.mark.parametrize("name", ["synsin-tiny", "synsin-small", "synsin-thesis"])
+def test_recipes_that_come_with_the_package_are_sound(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recipes, "_datasets", lambda *_: ())  # KITTI need not be here
+    recipe = recipes.load("synsin", Path(name), tmp_path)
+    assert isinstance(recipe.method, SynSinTraining)
+    sizes = {name: sum(p.numel() for p in net.parameters()) for name, net in recipe.method.build().items()}
+    assert sizes["generator"] * 2 < 20e6  # bytes in half precision
+    if name == "synsin-thesis":
+        assert recipe.method.weights == Weights()  # the paper's losses alone
+        assert recipe.method.depth_share == 1
+        assert "discriminator" in sizes
