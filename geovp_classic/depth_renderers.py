@@ -27,7 +27,7 @@ class DepthFusion:
     frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
     num_frames: int = 10  # how many of the last observed frames are used
     with_registration: bool = True  # poses are first adjusted to what the pictures show
-    crack_px: int = 2  # gaps up to about twice this width are closed between surfaces, not invented
+    crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
 

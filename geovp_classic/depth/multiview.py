@@ -35,7 +35,7 @@ class Multiview:
     """
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
-    num_planes: int = 48
+    num_planes: int = 64
     with_ground: bool = True  # nothing lies below the road that is found under the camera
     with_completion: bool = True  # unsure pixels follow sure ones that look like them
     with_camera_height: bool = False  # without parallax: a level road at the recorded height

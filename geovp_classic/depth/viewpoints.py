@@ -82,10 +82,11 @@ def seen_from(
 def _parallax_px(source_from_reference: FloatArray, camera: Intrinsics, inverse_depths: FloatArray) -> FloatArray:
     """How far [S, N] points at the inverse depths are shifted from where they'd be at infinity, at a TYPICAL pixel.
 
-    At most the picture's width, which also stands for points that come to lie behind the source.
+    Typical of the central square, so that what lies beside it does not coarsen what lies in it. At most the picture's
+    width, which also stands for points that come to lie behind the source.
     """
-    steps_u = np.linspace(0, camera.width_px - 1, GRID)
-    steps_v = np.linspace(0, camera.height_px - 1, GRID)
+    around = (min(camera.width_px, camera.height_px) - 1) * np.linspace(-0.5, 0.5, GRID)
+    steps_u, steps_v = (camera.width_px - 1) / 2 + around, (camera.height_px - 1) / 2 + around
     pixels = np.stack(np.meshgrid(steps_u, steps_v), axis=-1).reshape(-1, 2)
     rays = pinhole.unproject(pixels, np.ones(len(pixels)), camera)
     directions = (rays @ np.swapaxes(source_from_reference[:, :3, :3], -1, -2))[:, None]  # [S, 1, G, 3]

@@ -17,12 +17,12 @@ import numpy as np
 
 from geovp_classic.types import ByteArray, FloatArray
 
-BAND_EDGES = (1.0, 1.5, 2.2, 3.3, 5.0)  # magnifications between which each band is lost
+BAND_EDGES = (1.0, 1.7, 2.7, 4.0, 6.0)  # magnifications between which each band is lost
 BLUR_PX = 0.5  # standard deviation, per unit of magnification, of the blur that removes what is lost
 COARSE_PX = 4.0  # detail is what a blur of this standard deviation removes
 CONTRAST_PX = 6.0  # the neighbourhood in which contrasts are compared
 FLOOR = 2.0  # grey levels of contrast below which nothing is amplified
-LARGEST_GAIN = 1.5
+LARGEST_GAIN = 1.0
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from geovp_classic.interfaces import Fill
 from geovp_classic.render import surface
 from geovp_classic.render.detail import Grain
-from geovp_classic.render.surface import IndexArray
+from geovp_classic.render.quads import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
@@ -70,7 +70,7 @@ class CloudScene:
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
         drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
-        number = np.where(winner == surface.NOTHING, surface.NOTHING, self.cloud.source[winner]).astype(np.int32)
+        number = np.where(winner == NOTHING, NOTHING, self.cloud.source[winner]).astype(np.int32)
         closed = [_close_cracks(*maps, self.crack_px) for maps in zip(drawn, number, strict=True)]
         seen = [self._colours(*maps, pose, intrinsics) for maps, pose in zip(closed, world_from_cam, strict=True)]
         frames, covered, magnification = (np.stack(maps) for maps in zip(*seen, strict=True))
@@ -112,7 +112,7 @@ def _close_cracks(
     crack_px: int,
 ) -> tuple[FloatArray, IndexArray]:
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
-    seen = source_number != surface.NOTHING
+    seen = source_number != NOTHING
     kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
     cracks = (cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0) & ~seen
     depth = np.where(seen, inverse_depth, np.inf)
@@ -127,7 +127,7 @@ def _close_cracks(
 
 def _grown(depth: FloatArray, number: IndexArray, todo: BoolArray) -> tuple[FloatArray, IndexArray]:
     """The pixels to do take the farthest of their four neighbours, where one is known."""
-    padded, numbers = np.pad(depth, 1, constant_values=np.inf), np.pad(number, 1, constant_values=surface.NOTHING)
+    padded, numbers = np.pad(depth, 1, constant_values=np.inf), np.pad(number, 1, constant_values=NOTHING)
     height, width = depth.shape
     grown, chosen = depth.copy(), number.copy()
     for top, left in ((0, 1), (2, 1), (1, 0), (1, 2)):

@@ -9,7 +9,7 @@ import numpy as np
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, splat, surface
+from geovp_classic.render import backward, quads, splat, surface
 from geovp_classic.render.fill import Blank
 from geovp_classic.render.outlines import Outlines, outlines
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
@@ -89,7 +89,7 @@ class SurfaceScene:
 def _patches(inverse_depth: FloatArray, camera: Intrinsics) -> FloatArray:
     """The corners [N, 4, 4] of the patches of all pixels whose inverse depth [H, W] is known (not NaN)."""
     known = np.isfinite(inverse_depth)
-    offsets = surface.HALF_PX * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    offsets = quads.HALF_PX * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     corners_px = pinhole.pixel_grid(camera)[known][:, None] + offsets
     corners_q = np.maximum(inverse_depth[known][:, None] + surface.slopes(inverse_depth)[known] @ offsets.T, 0.0)
     rays = pinhole.unproject(corners_px, np.ones(corners_q.shape), camera)

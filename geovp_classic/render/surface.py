@@ -10,21 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.render.quads import NEAR_SHARE, NOTHING, IndexArray, draw_views
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
-IndexArray = npt.NDArray[np.int32]
-
-NOTHING = -1
-HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
 STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
 FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
-NEAR_SHARE = 1e-3  # of a ray's length: a patch that comes nearer to the camera's plane is not drawn
-EDGE_PX2 = 1e-6  # tolerance of the inside test: patches that share an edge leave no crack
 
 
 @dataclass(frozen=True)
@@ -89,7 +82,7 @@ def draw(
     size = (len(world_from_cam), camera.height_px, camera.width_px)
     inverse_depth = np.full(size, -1.0, dtype=np.float32)
     winner = np.full(size, NOTHING, dtype=np.int32)
-    _draw_views(cloud.pixels, cloud.inverse_depth, cloud.slope, cloud.source, a, b, inverse_depth, winner)
+    draw_views(cloud.pixels, cloud.inverse_depth, cloud.slope, cloud.source, a, b, inverse_depth, winner)
     return inverse_depth, winner
 
 
@@ -145,81 +138,3 @@ def _slopes(inverse_depth: FloatArray) -> FloatArray:
         candidates.append(np.where(straight | flat, near, np.inf))
     flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
     return np.where(np.isfinite(flatter), flatter, 0.0)
-
-
-@numba.njit(cache=True, parallel=True)
-def _draw_views(
-    pixels: FloatArray,
-    inverse_depth: FloatArray,
-    slope: FloatArray,
-    source: IndexArray,
-    a: FloatArray,
-    b: FloatArray,
-    drawn: FloatArray,
-    winner: IndexArray,
-) -> None:
-    for f in numba.prange(len(a)):
-        x, y, q = np.empty(4), np.empty(4), np.empty(4)
-        for n in range(len(pixels)):
-            if _corners(pixels[n], inverse_depth[n], slope[n], a[f, source[n]], b[f, source[n]], x, y, q):
-                _fill_quad(x, y, q, n, drawn[f], winner[f])
-
-
-@numba.njit(cache=True)
-def _corners(
-    pixel: FloatArray,
-    inverse_depth: float,
-    slope: FloatArray,
-    a: FloatArray,
-    b: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
-    q: FloatArray,
-) -> bool:
-    """The four corners of a patch in the view, in order around it; False when one is not in front of the camera."""
-    for i in range(4):
-        du = HALF_PX if i in (1, 2) else -HALF_PX
-        dv = HALF_PX if i >= 2 else -HALF_PX
-        here = max(inverse_depth + du * slope[0] + dv * slope[1], 0.0)
-        u, v = pixel[0] + du, pixel[1] + dv
-        z = a[2, 0] * u + a[2, 1] * v + a[2, 2] + here * b[2]
-        if z < NEAR_SHARE:
-            return False
-        x[i] = (a[0, 0] * u + a[0, 1] * v + a[0, 2] + here * b[0]) / z
-        y[i] = (a[1, 0] * u + a[1, 1] * v + a[1, 2] + here * b[1]) / z
-        q[i] = here / z
-    return True
-
-
-@numba.njit(cache=True)
-def _fill_quad(x: FloatArray, y: FloatArray, q: FloatArray, number: int, drawn: FloatArray, winner: IndexArray) -> None:
-    """Draw one patch where it is nearer than what is there; its inverse depth is linear in the picture."""
-    height, width = drawn.shape
-    left, right = max(np.ceil(x.min()), 0.0), min(np.floor(x.max()), width - 1.0)
-    top, bottom = max(np.ceil(y.min()), 0.0), min(np.floor(y.max()), height - 1.0)
-    if not (left <= right and top <= bottom):
-        return
-    ua, va, ub, vb = x[1] - x[0], y[1] - y[0], x[3] - x[0], y[3] - y[0]
-    area = ua * vb - ub * va
-    slope_x = slope_y = 0.0
-    if abs(area) > EDGE_PX2:
-        slope_x = ((q[1] - q[0]) * vb - (q[3] - q[0]) * va) / area
-        slope_y = ((q[3] - q[0]) * ua - (q[1] - q[0]) * ub) / area
-    nearest, farthest = q.max(), q.min()
-    for row in range(int(top), int(bottom) + 1):
-        for column in range(int(left), int(right) + 1):
-            here = min(max(q[0] + slope_x * (column - x[0]) + slope_y * (row - y[0]), farthest), nearest)
-            if here > drawn[row, column] and _inside(x, y, column, row):
-                drawn[row, column] = here
-                winner[row, column] = number
-
-
-@numba.njit(cache=True)
-def _inside(x: FloatArray, y: FloatArray, column: int, row: int) -> bool:
-    """Whether a pixel's centre lies in a convex quadrilateral, edges included, whichever way round it goes."""
-    positive = negative = True
-    for i in range(4):
-        j = (i + 1) % 4
-        cross = (x[j] - x[i]) * (row - y[i]) - (y[j] - y[i]) * (column - x[i])
-        positive, negative = positive and cross >= -EDGE_PX2, negative and cross <= EDGE_PX2
-    return positive or negative
