@@ -19,13 +19,12 @@ from torch.nn import functional
 from geovp_classic.errors import BadData
 from learned.blocks import NoisyNorm, ResidualBlock, UNet
 from learned.synsin import splatting
+from learned.synsin.filling import SOLIDITY, pull_push
 from learned.synsin.splatting import Splatter
 
 COLOURS = 3
 NEAREST_M = 2.0  # the depth network's range is from here to infinity
 TYPICAL_M = 20.0  # what it says before it has learnt anything
-SOLIDITY = 4.0  # where points blend to a quarter of full opacity, nothing behind them shows through
-LEAST_OPACITY = 1e-4  # thinner pixels count as empty
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ class Generator(nn.Module):
             points = torch.cat([cloud.features, inverse_depths[..., None]], dim=2)
             blended, opacities = self.architecture.splatter(positions, inverse_depths, visible, points, size_px)
             filled = pull_push(blended, opacities)
-        maps = torch.cat([filled[:, :-1], opacities], dim=1)
+        maps = torch.cat([filled[:, :-1], (SOLIDITY * opacities).clamp(max=1)], dim=1)
         return Pictures(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
 
 
@@ -164,11 +163,11 @@ class FeatureNetwork(nn.Module):
         """As many blocks as `feature_blocks`, all at one size."""
         super().__init__()
         self.patches = Patches(architecture.patch_px, 1)
-        area, width = architecture.patch_px**2, architecture.width
-        self.stem = nn.Conv2d(COLOURS * area, width, 3, padding=1)
+        width = architecture.width
+        self.stem = nn.Conv2d(COLOURS * architecture.patch_px**2, width, 3, padding=1)
         self.blocks = nn.ModuleList(ResidualBlock(width, width) for _ in range(architecture.feature_blocks))
         self.norm = NoisyNorm(width)
-        self.head = nn.Conv2d(width, (architecture.features - COLOURS) * area, 1)
+        self.head = nn.Conv2d(width, architecture.features - COLOURS, 1)
 
     def forward(self, frames: Tensor) -> Tensor:
         """Features [B, C - 3, H, W] of frames [B, 3, H, W]."""
@@ -186,8 +185,8 @@ class RefinementNetwork(nn.Module):
         """At first it leaves the colours as they are."""
         super().__init__()
         self.patches = Patches(architecture.patch_px, 4)
-        area, width, noise = architecture.patch_px**2, architecture.width, architecture.noise_size
-        self.stem = nn.Conv2d((architecture.features + 1) * area, width, 3, padding=1)
+        width, noise, seen = architecture.width, architecture.noise_size, architecture.features + 1
+        self.stem = nn.Conv2d(seen * architecture.patch_px**2, width, 3, padding=1)
         inner = (ResidualBlock(2 * width, 2 * width, noise) for _ in range(architecture.inner_blocks))
         self.blocks = nn.ModuleList(
             [
@@ -199,7 +198,8 @@ class RefinementNetwork(nn.Module):
             ]
         )
         self.norm = NoisyNorm(width, noise)
-        self.head = nn.Conv2d(width, COLOURS * area, 3, padding=1)
+        self.detail = nn.Conv2d(width + seen, width // 2, 3, padding=1)
+        self.head = nn.Conv2d(width // 2, COLOURS, 3, padding=1)
         for parameter in self.head.parameters():
             nn.init.zeros_(parameter)
 
@@ -208,12 +208,17 @@ class RefinementNetwork(nn.Module):
         finest = inner = self.stem(self.patches.gather(maps))
         for block in self.blocks:
             inner = block(inner, noise)
-        change = self.head(functional.relu(self.norm(inner + finest, noise)))
-        return maps[:, :COLOURS] + self.patches.spread(change, maps.shape[2:])
+        painted = self.patches.spread(functional.relu(self.norm(inner + finest, noise)), maps.shape[2:])
+        detail = self.detail(torch.cat([maps, painted], dim=1))
+        change = self.head(functional.leaky_relu(detail, 0.2))  # a plain ReLU without a norm before it can die for good
+        return maps[:, :COLOURS] + change
 
 
 class Patches(nn.Module):
-    """Squares of pixels as channels, and back; frames are padded to whole squares of `edge_px * levels`."""
+    """Squares of pixels as channels, and smoothly back to pixels, so that the squares' grid does not show.
+
+    Frames are padded to whole squares of `edge_px * levels`.
+    """
 
     def __init__(self, edge_px: int, levels: int) -> None:
         """`levels` is what the sides must also be divisible by, counted in squares."""
@@ -226,27 +231,11 @@ class Patches(nn.Module):
         padding = (0, -width % self.multiple, 0, -height % self.multiple)
         return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), self.edge_px)
 
-    def spread(self, patches: Tensor, size_px: torch.Size) -> Tensor:
-        """The way back, cut to (height, width)."""
-        return functional.pixel_shuffle(patches, self.edge_px)[:, :, : size_px[0], : size_px[1]]
-
-
-def pull_push(blended: Tensor, opacities: Tensor) -> Tensor:
-    """Blended values [B, C, H, W] where their opacity [B, 1, H, W] is full, shading into coarser ones where it is thin.
-
-    Of pictures of half the size, a quarter, and so on (Gortler et al. 1996, section 3.4), so that the gaps that open
-    between points as these come nearer, and what they uncover, begin with the colours around them.
-    """
-    solid = SOLIDITY * opacities
-    share = solid.clamp(max=1)
-    blended = blended * (share / opacities.clamp(min=LEAST_OPACITY))
-    height, width = blended.shape[2:]
-    if max(height, width) == 1:
-        return blended / share.clamp(min=LEAST_OPACITY)
-    padding = (0, width % 2, 0, height % 2)
-    coarse, thin = (functional.avg_pool2d(functional.pad(maps, padding), 2) for maps in (blended, share))
-    behind = functional.interpolate(pull_push(coarse, thin), scale_factor=2, mode="bilinear")[:, :, :height, :width]
-    return blended + (1 - share) * behind
+    def spread(self, maps: Tensor, size_px: torch.Size) -> Tensor:
+        """Maps [B, C, H' / edge, W' / edge] at pixels again, between squares bilinearly, cut to (height, width)."""
+        if self.edge_px > 1:
+            maps = functional.interpolate(maps, scale_factor=self.edge_px, mode="bilinear")
+        return maps[:, :, : size_px[0], : size_px[1]]
 
 
 def _throttled(values: Tensor, share: float) -> Tensor:

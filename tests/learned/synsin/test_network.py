@@ -6,7 +6,8 @@ from torch import Tensor
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from learned.synsin import network, pairs
-from learned.synsin.network import Architecture, Generator, pull_push
+from learned.synsin.filling import pull_push
+from learned.synsin.network import Architecture, Generator
 from learned.synsin.train import SynSinTraining
 from learned.tensors import pictures_from_frames
 

@@ -39,7 +39,7 @@ def trained(
 def test_it_learns_eight_windows_by_heart(method: SynSinTraining, clip: Clip) -> None:
     examples = method.examples([clip], training=True)
     assert len(examples) == 8
-    networks, history = trained(method, examples, num_steps=150)
+    networks, history = trained(method, examples, num_steps=220)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
     assert last["generator.colour"] < 0.025
@@ -47,7 +47,7 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, clip: Clip) ->
     assert last["generator.depth"] < 0.12
     networks["generator"].eval()
     with torch.no_grad():
-        assert method.validate(networks, examples)["psnr"] > 26  # of horizons 1 and 2, the first never seen in training
+        assert method.validate(networks, examples)["psnr"] > 27  # of horizons 1 and 2, the first never seen in training
 
 
 def test_at_first_only_depth_learns(method: SynSinTraining, clip: Clip) -> None:
