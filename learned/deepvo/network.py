@@ -106,7 +106,7 @@ class PoseNetwork(nn.Module):
         """Features [B, P - 1, N] of consecutive pairs, stacked in their channels."""
         pairs = torch.cat([pictures[:, :-1], pictures[:, 1:]], dim=2) - 0.5
         batch, count = pairs.shape[:2]
-        flat = pairs.reshape(batch * count, *pairs.shape[2:])
+        flat = pairs.reshape(batch * count, *pairs.shape[2:]).contiguous(memory_format=torch.channels_last)
         if self.training or len(flat) <= PAIRS_AT_ONCE:
             return self.encoder(flat).reshape(batch, count, -1)
         return torch.cat([self.encoder(part) for part in flat.split(PAIRS_AT_ONCE)]).reshape(batch, count, -1)
@@ -152,10 +152,9 @@ class FixedWindow(nn.Module):
     def forward(self, features: Tensor, num_future: int) -> Tensor:
         """Steps [B, F, D]; Incompatible for a past that is too short or a future that is too long."""
         if features.shape[1] < self.num_pairs or num_future > self.num_future:
-            raise Incompatible(
-                f"a fixed-window pose predictor takes {self.num_pairs + 1} frames or more and predicts "
-                f"{self.num_future} steps at most, not {features.shape[1] + 1} frames and {num_future} steps: use a recurrent one"
-            )
+            takes = f"takes {self.num_pairs + 1} frames or more and predicts {self.num_future} steps at most"
+            given = f"{features.shape[1] + 1} frames and {num_future} steps"
+            raise Incompatible(f"a fixed-window pose predictor {takes}, not {given}: use a recurrent one")
         window = nn.functional.leaky_relu(self.each(features[:, -self.num_pairs :]), 0.1).flatten(1)
         hidden = self.out(self.together(window)).unflatten(1, (self.num_future, -1))
         steps: Tensor = self.head(hidden)[:, :num_future]
@@ -191,4 +190,8 @@ def encoder(width: float, dropout: float) -> nn.Sequential:
             nn.LeakyReLU(0.1),
         ]
         before = now
-    return nn.Sequential(*layers, nn.Flatten(), nn.Dropout(dropout))
+    built = nn.Sequential(*layers, nn.Flatten(), nn.Dropout(dropout))
+    for weight in built.parameters():
+        if weight.dim() == 4:
+            weight.data = weight.data.contiguous(memory_format=torch.channels_last)  # a fifth faster on CPUs
+    return built

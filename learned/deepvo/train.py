@@ -28,8 +28,9 @@ class DeepVoTraining:
 
     With `auxiliary` the past's error is learnt from as well as the future's; it passes through the encoder only, the
     future's through both, since absolute poses of the future build upon those of the past. With `loss` "relative"
-    every step is compared by itself instead. The number of observed frames is drawn anew for every batch, from
-    `shortest_past` to `num_past`.
+    every step is compared by itself instead. Squared errors of the absolute pose after n steps are divided by n to the
+    `drift_power`: 0 as published, where the last poses outweigh all others; 2 compares drift per step. The number of
+    observed frames is drawn anew for every batch, from `shortest_past` to `num_past`.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
@@ -39,6 +40,7 @@ class DeepVoTraining:
     shortest_past: int = 10
     loss: Literal["absolute", "relative"] = "absolute"
     auxiliary: bool = True
+    drift_power: float = 0.0  # of absolute poses
     rotation_weight: float = 100.0  # of rad^2 against m^2, eq. 3.6
     rate: float = 1e-3
     weight_decay: float = 1e-4
@@ -96,6 +98,7 @@ class DeepVoTraining:
         predicted = motions(torch.cat([past, future], dim=1).float(), head)
         if self.loss == "absolute":
             predicted, real = chained(predicted), chained(real)
+            known = known / torch.arange(1, known.shape[1] + 1, device=known.device) ** self.drift_power
         translation, rotation = squared_errors(predicted, real, head)
         both = translation + self.rotation_weight * rotation
         split = past.shape[1]
@@ -131,6 +134,6 @@ class DeepVoTraining:
 
 
 def _mean(values: Any, weights: Tensor) -> Tensor:
-    """The mean of the values that count; 0 when none does."""
-    total: Tensor = (values * weights).sum() / weights.sum().clamp(min=1.0)
+    """The mean of the values that are known, each with its weight; 0 when none is."""
+    total: Tensor = (values * weights).sum() / (weights > 0).sum().clamp(min=1)
     return total

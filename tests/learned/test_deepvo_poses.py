@@ -1,0 +1,101 @@
+"""DeepVO as a component: its promises, its world, and the weights that come with it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
+
+from geovp_classic import registry  # noqa: E402
+from geovp_classic.contracts import check, street  # noqa: E402
+from geovp_classic.errors import BadData, Incompatible  # noqa: E402
+from geovp_classic.types import Context, Grant  # noqa: E402
+from learned import checkpoints  # noqa: E402
+from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
+from learned.deepvo.poses import DeepVo, DeepVoOdometry, seen, shipped  # noqa: E402
+from learned.deepvo.train import DeepVoTraining  # noqa: E402
+
+TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
+
+
+def written(folder: Path, architecture: Architecture = TINY) -> Path:
+    torch.manual_seed(0)
+    file = folder / "deepvo.safetensors"
+    networks = {"poses": PoseNetwork(architecture)}
+    checkpoints.write(file, "deepvo", DeepVoTraining(architecture), networks, {})
+    return file
+
+
+def context(num_past: int = 6) -> Context:
+    return street.clip().split(num_past, Grant.NONE)[0]
+
+
+@pytest.mark.parametrize("head", ["2d", "3d"])
+def test_it_keeps_every_promise(tmp_path: Path, head: str) -> None:
+    file = written(tmp_path, replace(TINY, head=head))
+    for role in ("pose_sources", "odometries"):
+        component = registry.build(role, {"name": "deepvo", "checkpoint": str(file)})
+        broken = [finding for finding in check(role, component) if not finding.passed]
+        assert not broken, broken
+
+
+def test_the_shipped_weights_keep_every_promise() -> None:
+    assert shipped().stat().st_size < 15e6
+    for role in ("pose_sources", "odometries"):
+        assert all(finding.passed for finding in check(role, registry.build(role, "deepvo")))
+
+
+def test_the_world_is_the_first_camera_and_lengths_are_metres(tmp_path: Path) -> None:
+    motion = DeepVo(written(tmp_path)).estimate(context())
+    np.testing.assert_array_equal(motion.past.world_from_cam[0], np.eye(4))
+    assert motion.past.is_metric
+    assert motion.futures.shape == (1, 4, 4, 4)
+
+
+def test_a_flat_network_stays_in_the_first_cameras_plane(tmp_path: Path) -> None:
+    motion = DeepVo(written(tmp_path)).estimate(context())
+    for poses in (motion.past.world_from_cam, motion.futures[0]):
+        np.testing.assert_array_equal(poses[:, 1, 3], 0.0)
+        np.testing.assert_array_equal(poses[:, 1, :3], np.tile([0.0, 1.0, 0.0], (len(poses), 1)))
+
+
+def test_the_odometry_is_the_past_of_the_pose_source(tmp_path: Path) -> None:
+    file = written(tmp_path)
+    past, tracked = DeepVoOdometry(file).track(context())
+    np.testing.assert_array_equal(past.world_from_cam, DeepVo(file).estimate(context()).past.world_from_cam)
+    assert tracked.all()
+
+
+def test_another_camera_of_the_same_street_looks_alike() -> None:
+    """Brought to the network's camera, half the resolution says the same."""
+    whole = context()
+    camera = whole.intrinsics.resized(64, 64)
+    small = replace(
+        whole, frames=whole.frames.reshape(6, 64, 2, 64, 2, 3).mean((2, 4)).astype(np.uint8), intrinsics=camera
+    )
+    narrow = replace(TINY, focal_widths=2.0)
+    difference = (seen(whole, narrow) - seen(small, narrow)).abs()
+    assert float(difference.mean()) < 0.04
+    assert float(difference.mean()) < float((seen(whole, narrow)[1:] - seen(whole, narrow)[:-1]).abs().mean()) / 2
+
+
+def test_one_frame_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Incompatible, match="give num_past of 2 or more"):
+        DeepVo(written(tmp_path)).estimate(context(1))
+
+
+def test_faulty_checkpoints_are_refused_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="do not exist"):
+        DeepVo(tmp_path / "none.safetensors").estimate(context())
+    file = written(tmp_path)
+    file.write_bytes(file.read_bytes()[:-10])
+    with pytest.raises(BadData, match="is not a whole safetensors file"):
+        DeepVo(file).estimate(context())
+    torch.manual_seed(0)
+    wrong = tmp_path / "wrong.safetensors"
+    networks = {"poses": PoseNetwork(TINY)}
+    checkpoints.write(wrong, "deepvo", DeepVoTraining(replace(TINY, lstm_size=13)), networks, {})
+    with pytest.raises(BadData, match="the settings in it are not its own"):
+        DeepVo(wrong).estimate(context())
