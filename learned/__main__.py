@@ -1,4 +1,4 @@
-"""The command line of the learned parts: `python -m learned train METHOD CONFIG.toml`."""
+"""The command line of the learned parts: `python -m learned train METHOD CONFIG.toml`, and cards of what came of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """0 when the training is finished, 1 when it was stopped before its end, 2 for bad input."""
     options = _parser().parse_args(arguments)
     try:
-        return _train(options)
+        return _card(options) if options.verb == "card" else _train(options)
     except GeovpError as error:
         print(f"python -m learned: {error}", file=sys.stderr)
         return 2
@@ -29,7 +29,17 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--out", type=Path, metavar="DIR", help="where the run is kept (default: runs/CONFIG)")
     train.add_argument("--root", type=Path, metavar="FOLDER", help="where the data sets are, instead of what it says")
     train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")
+    card = verbs.add_parser("card", help="print the model card of a weights file")
+    card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
+    card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log, for its curves")
     return parser
+
+
+def _card(options: argparse.Namespace) -> int:
+    from learned import cards
+
+    print(cards.card(options.weights, options.log), end="")
+    return 0
 
 
 def _train(options: argparse.Namespace) -> int:

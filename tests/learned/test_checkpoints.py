@@ -1,0 +1,133 @@
+"""Weights files: what comes back, and one sentence for everything that can be wrong with them."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: weights need the extra 'learned'")
+from torch import nn  # noqa: E402
+
+from geovp_classic.errors import BadData  # noqa: E402
+from learned import checkpoints  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Shape:
+    sizes: tuple[int, int] = (3, 2)
+
+
+@dataclass(frozen=True)
+class Settings:
+    shape: Shape = field(default_factory=Shape)
+    rate: float = 0.5
+
+
+def network() -> nn.Module:
+    torch.manual_seed(0)
+    return nn.Sequential(nn.Linear(3, 2), nn.BatchNorm1d(2))
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "weights.safetensors"
+    checkpoints.write(path, "toy", Settings(Shape((3, 2)), 0.25), {"net": network()}, {"step": 7})
+    return path
+
+
+def test_it_comes_back_in_half_precision(file: Path) -> None:
+    stored = checkpoints.read(file, "toy", Settings)
+    assert stored.settings == Settings(Shape((3, 2)), 0.25)
+    assert stored.history == {"step": 7}
+    assert stored.tensors["net.0.weight"].dtype == torch.float16
+    assert stored.tensors["net.1.num_batches_tracked"].dtype == torch.int64
+    other = nn.Sequential(nn.Linear(3, 2), nn.BatchNorm1d(2))
+    checkpoints.restore(file, other, stored, "net")
+    assert other[0].weight.dtype == torch.float32
+    np.testing.assert_allclose(other[0].weight.detach(), network()[0].weight.detach(), rtol=1e-3)
+
+
+def test_what_half_precision_cannot_hold_is_kept_whole(tmp_path: Path) -> None:
+    net = network()
+    with torch.no_grad():
+        net[1].running_var.fill_(1e6)  # the largest half is 65504
+    checkpoints.write(tmp_path / "w", "toy", Settings(), {"net": net}, {})
+    stored = checkpoints.read(tmp_path / "w", "toy", Settings)
+    assert stored.tensors["net.1.running_var"].tolist() == [1e6, 1e6]
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="do not exist: give a safetensors file"):
+        checkpoints.read(tmp_path / "none", "toy", Settings)
+
+
+@pytest.mark.parametrize("kept", [0, 5, 200, -1])
+def test_a_truncated_file(file: Path, kept: int) -> None:
+    file.write_bytes(file.read_bytes()[:kept])
+    with pytest.raises(BadData, match="is not a whole safetensors file"):
+        checkpoints.read(file, "toy", Settings)
+
+
+def test_a_file_of_another_kind(file: Path) -> None:
+    file.write_bytes(b"\x80\x04\x95" + bytes(range(200)))  # as a pickle begins
+    with pytest.raises(BadData, match="is not a whole safetensors file"):
+        checkpoints.read(file, "toy", Settings)
+
+
+def test_another_methods_weights(file: Path) -> None:
+    with pytest.raises(BadData, match="holds geovp-weights-1, toy, expected geovp-weights-1, deepvo"):
+        checkpoints.read(file, "deepvo", Settings)
+
+
+def test_a_foreign_safetensors_file(tmp_path: Path) -> None:
+    checkpoints.write_tensors(tmp_path / "w", {"a": torch.ones(1)}, {})
+    with pytest.raises(BadData, match="holds no format, no method"):
+        checkpoints.read(tmp_path / "w", "toy", Settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"rate": "fast"}, "settings.rate is 'fast', expected a number"),
+        ({"shape": {"sizes": [3]}}, "sizes has 1 values, expected 2"),
+        ({"speed": 1}, "no field 'speed'"),
+        ([1], "do not suit toy"),
+    ],
+)
+def test_settings_are_checked(tmp_path: Path, settings: object, says: str) -> None:
+    metadata = {"format": checkpoints.FORMAT, "method": "toy", "settings": settings}
+    checkpoints.write_tensors(tmp_path / "w", {"a": torch.ones(1)}, metadata)
+    with pytest.raises(BadData, match=says):
+        checkpoints.read(tmp_path / "w", "toy", Settings)
+
+
+def test_tensors_must_be_the_networks_own(file: Path) -> None:
+    stored = checkpoints.read(file, "toy", Settings)
+    with pytest.raises(BadData, match=r"tensor net\.0\.bias is \(2,\), expected \(4,\)"):
+        checkpoints.restore(file, nn.Sequential(nn.Linear(3, 4)), stored, "net")
+    with pytest.raises(BadData, match=r"tensor net\.2\.bias is missing, expected \(2,\)"):
+        checkpoints.restore(file, nn.Sequential(*network(), nn.Linear(2, 2)), stored, "net")
+
+
+def test_numbers_must_be_finite(tmp_path: Path) -> None:
+    net = network()
+    with torch.no_grad():
+        net[0].bias[0] = float("nan")
+    checkpoints.write(tmp_path / "w", "toy", Settings(), {"net": net}, {})
+    with pytest.raises(BadData, match=r"net\.0\.bias has a number that is not finite"):
+        checkpoints.restore(tmp_path / "w", net, checkpoints.read(tmp_path / "w", "toy", Settings), "net")
+
+
+def test_metadata_that_is_no_json(tmp_path: Path) -> None:
+    from safetensors.torch import save_file
+
+    save_file({"a": torch.ones(1)}, tmp_path / "w", {"format": "{"})
+    with pytest.raises(BadData, match="is not a whole safetensors file"):
+        checkpoints.read(tmp_path / "w", "toy", Settings)
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadData, match="cannot be written"):
+        checkpoints.write(tmp_path / "file" / "w", "toy", Settings(), {"net": network()}, {})

@@ -1,0 +1,165 @@
+"""Recipes and the command line: what they say to a mistake, and that training needs neither Open3D nor pycolmap."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
+
+from geovp_classic.data.synthetic.dataset import Synthetic  # noqa: E402
+from geovp_classic.errors import BadData, GeovpError, UnknownComponent  # noqa: E402
+from learned import recipes  # noqa: E402
+from learned.__main__ import main  # noqa: E402
+from learned.deepvo.train import DeepVoTraining  # noqa: E402
+
+RECIPE = """
+[method]
+num_past = 4
+num_future = 4
+shortest_past = 2
+architecture = { size_px = [64, 64], encoder_width = 0.0625, lstm_size = 8 }
+
+[training]
+num_steps = 4
+batch_size = 2
+validate_every = 2
+num_threads = 1
+accelerator = "cpu"
+
+[[train]]
+name = "kitti"
+root = "$GEOVP_TEST_RECIPE_ROOT"
+sequences = ["00"]
+num_frames = 9
+stride = 3
+size_px = [64, 64]
+
+[[validation]]
+name = "kitti"
+root = "$GEOVP_TEST_RECIPE_ROOT"
+sequences = ["00"]
+num_frames = 8
+stride = 4
+size_px = [64, 64]
+"""
+
+
+@pytest.fixture
+def kitti(tmp_path: Path) -> Path:
+    """Twelve frames of noise that the camera drives through, as KITTI lays them out."""
+    import cv2
+    import numpy as np
+
+    folder = tmp_path / "kitti" / "sequences" / "00"
+    (folder / "image_2").mkdir(parents=True)
+    (tmp_path / "kitti" / "poses").mkdir()
+    rng = np.random.default_rng(0)
+    for number in range(12):
+        cv2.imwrite(str(folder / "image_2" / f"{number:06d}.png"), rng.integers(0, 255, (80, 100, 3), dtype=np.uint8))
+    (folder / "calib.txt").write_text("".join(f"P{n}: 150 0 49.5 0 0 150 39.5 0 0 0 1 0\n" for n in range(4)))
+    (folder / "times.txt").write_text("".join(f"{0.1 * number:.3f}\n" for number in range(12)))
+    poses = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {0.7 * number:.2f}\n" for number in range(12))
+    (tmp_path / "kitti" / "poses" / "00.txt").write_text(poses)
+    return tmp_path / "kitti"
+
+
+def written(folder: Path, text: str = RECIPE) -> Path:
+    file = folder / "recipe.toml"
+    file.write_text(text)
+    return file
+
+
+def test_the_command_trains_and_a_second_time_goes_on(
+    tmp_path: Path, kitti: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["train", "deepvo", str(written(tmp_path)), "--root", str(kitti), "--out", str(tmp_path / "run")]
+    assert main([*command, "--limit-seconds", "0"]) == 1
+    assert "stopped, goes on when started again, after 0 steps" in capsys.readouterr().out
+    assert main(command) == 0
+    assert "finished after 4 steps" in capsys.readouterr().out
+    assert sorted(file.name for file in (tmp_path / "run").iterdir()) == [
+        "log.csv",
+        "state.safetensors",
+        "weights.safetensors",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("num_past", "num_pasts", "method: 'DeepVoTraining' has no field 'num_pasts': did you mean 'num_past'?"),
+        ("lstm_size = 8", "lstm_size = 8.5", "method.architecture.lstm_size is 8.5, expected a whole number"),
+        ("num_steps = 4", "num_steps = 0", "training.num_steps is 0, expected 1 or more"),
+        ("num_steps = 4", "", "'Training' needs the field 'num_steps'"),
+        ("[[train]]", "[[trane]]", "unknown table 'trane': did you mean 'train'?"),
+        ("[[validation]]", "[validation]", "expected at least one [[validation]] with a data set"),
+        ("$GEOVP_TEST_RECIPE_ROOT", "$GEOVP_NOT_SET", "root holds $GEOVP_NOT_SET, which is not set"),
+        ('name = "kitti"', 'name = "kiti"', "did you mean 'kitti'?"),
+        ("[training]", "[training", "is not TOML"),
+    ],
+)
+def test_a_mistake_is_2_and_one_sentence(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    kitti: Path,
+    old: str,
+    new: str,
+    says: str,
+) -> None:
+    monkeypatch.setenv("GEOVP_TEST_RECIPE_ROOT", str(kitti))
+    file = written(tmp_path, RECIPE.replace(old, new))
+    assert main(["train", "deepvo", str(file), "--out", str(tmp_path / "run")]) == 2
+    complaint = capsys.readouterr().err
+    assert says in complaint
+    assert complaint.count("\n") == 1
+
+
+def test_an_unknown_method_and_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(UnknownComponent, match="did you mean 'deepvo'"):
+        recipes.load("deepv", written(tmp_path))
+    with pytest.raises(BadData, match=r"give a \.toml file or one of .*deepvo-small"):
+        recipes.load("deepvo", tmp_path / "none.toml")
+
+
+def test_shipped_recipes_are_found_by_name() -> None:
+    recipe = recipes.load("deepvo", Path("deepvo-tiny"))
+    assert isinstance(recipe.method, DeepVoTraining)
+    assert isinstance(recipe.train[0], Synthetic)
+
+
+@pytest.mark.parametrize("name", [name for name in recipes.shipped() if name.startswith("deepvo")])
+def test_every_shipped_recipe_can_be_read(name: str, tmp_path: Path) -> None:
+    """All but the data, which is not here."""
+    complaint = ""
+    try:
+        recipes.load("deepvo", Path(name), tmp_path)
+    except GeovpError as error:
+        complaint = str(error)
+    assert (f"{name}: train[0]: {tmp_path} holds no folder 'sequences'" in complaint) == (name != "deepvo-tiny")
+
+
+def test_descriptions_name_no_place_on_this_machine(tmp_path: Path, kitti: Path) -> None:
+    recipe = recipes.load("deepvo", written(tmp_path), kitti)
+    (table,) = recipes.describe(recipe.train)
+    assert "root" not in table
+    assert len(table["split_hash"]) == 64
+
+
+def test_training_needs_neither_open3d_nor_pycolmap(tmp_path: Path, kitti: Path) -> None:
+    command = ["train", "deepvo", str(written(tmp_path)), "--root", str(kitti), "--out", str(tmp_path / "run")]
+    code = f"""
+import sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("open3d", "pycolmap", "filterpy", "skimage", "numba", "pyarrow", "torchvision"):
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Absent())
+from learned.__main__ import main
+sys.exit(main({command!r}))
+"""
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
