@@ -6,6 +6,7 @@ Nothing in such a file is ever run. Tensors are kept in half precision where the
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -62,6 +63,17 @@ def read(file: Path, method: str, kind: type) -> Checkpoint:
     except (GeovpError, KeyError, TypeError, AttributeError) as error:
         raise BadData(f"{file} has settings that do not suit {method} ({error}): train or get it anew") from error
     return Checkpoint(method, settings, metadata.get("history", {}), tensors)
+
+
+def fingerprint(file: Path, wanted: str = "") -> str:
+    """The first digits of a file's SHA-256, by which results know their weights; BadData when others are wanted."""
+    try:
+        digits = hashlib.sha256(file.read_bytes()).hexdigest()[:12]
+    except OSError as error:
+        raise BadData(f"weights {file} do not exist or cannot be read ({error}): give a safetensors file") from error
+    if wanted not in ("", digits):
+        raise BadData(f"{file} has the fingerprint {digits}, expected {wanted}: give the weights that are asked for")
+    return digits
 
 
 def restore(file: Path, network: nn.Module, checkpoint: Checkpoint, name: str) -> None:

@@ -28,9 +28,15 @@ class DeepVo:
     The world is the first observed camera. A network with a 2D head says nothing about height, pitch and roll: they
     stay those of the first camera. A step is what lay between two frames in training (KITTI: 0.1 s); times are not
     looked at. `checkpoint` is a weights file of `train deepvo`; without one, the weights that come with the package.
+    `fingerprint` says which weights these are; given, others are refused.
     """
 
     checkpoint: Path | None = None
+    fingerprint: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless the checkpoint is whole and the one that is asked for."""
+        object.__setattr__(self, "fingerprint", _checked(self.checkpoint, self.fingerprint))
 
     @property
     def needs(self) -> Grant:
@@ -39,7 +45,7 @@ class DeepVo:
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The motion; Incompatible for fewer than two frames, BadData for a checkpoint that cannot be used."""
-        past_from_next, future_from_next = _steps(self.checkpoint, context, context.num_future)
+        past_from_next, future_from_next = _steps(self, context, context.num_future)
         past = _trajectory(past_from_next, context)
         futures = past.world_from_cam[-1] @ _chained(future_from_next)
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
@@ -50,6 +56,11 @@ class DeepVoOdometry:
     """The past alone, for forecasters other than DeepVO's own decoder."""
 
     checkpoint: Path | None = None
+    fingerprint: str = ""
+
+    def __post_init__(self) -> None:
+        """As DeepVo's."""
+        object.__setattr__(self, "fingerprint", _checked(self.checkpoint, self.fingerprint))
 
     @property
     def needs(self) -> Grant:
@@ -58,7 +69,7 @@ class DeepVoOdometry:
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory, every step tracked; errors as `DeepVo.estimate`."""
-        past_from_next, _ = _steps(self.checkpoint, context, 1)
+        past_from_next, _ = _steps(self, context, 1)
         past = _trajectory(past_from_next, context)
         return past, np.ones(len(past), dtype=bool)
 
@@ -69,8 +80,11 @@ def shipped() -> Path:
 
 
 @functools.lru_cache(maxsize=4)
-def load(file: Path) -> PoseNetwork:
-    """The network of a weights file, once per process; BadData when it cannot be used."""
+def load(file: Path, fingerprint: str) -> PoseNetwork:
+    """The network of a weights file, once per process; BadData when it cannot be used.
+
+    The fingerprint is only there to tell another file of the same name.
+    """
     checkpoint = checkpoints.read(file, "deepvo", DeepVoTraining)
     network = PoseNetwork(checkpoint.settings.architecture)
     checkpoints.restore(file, network, checkpoint, "poses")
@@ -83,12 +97,20 @@ def seen(context: Context, architecture: Architecture) -> Tensor:
     return pictures_from_frames(np.stack([retaken(frame, camera, architecture.camera) for frame in frames]))
 
 
+def _checked(checkpoint: Path | None, wanted: str) -> str:
+    """The fingerprint of a weights file that can be loaded."""
+    file = checkpoint or shipped()
+    found = checkpoints.fingerprint(file, wanted)
+    load(file, found)
+    return found
+
+
 @torch.inference_mode()
-def _steps(checkpoint: Path | None, context: Context, num_future: int) -> tuple[FloatArray, FloatArray]:
+def _steps(component: DeepVo | DeepVoOdometry, context: Context, num_future: int) -> tuple[FloatArray, FloatArray]:
     """Motions from each camera to the next, within the past [P - 1, 4, 4] and after it [F, 4, 4]."""
     if context.num_past < 2:
         raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
-    network = load(checkpoint or shipped())
+    network = load(component.checkpoint or shipped(), component.fingerprint)
     past, future = network(seen(context, network.architecture)[None], num_future)
     head = network.architecture.head
     return motions(past[0].double(), head).numpy(), motions(future[0].double(), head).numpy()

@@ -30,15 +30,19 @@ class SynSin:
 
     `checkpoint` is a weights file of `python -m learned train synsin`; without one, the weights that come with the
     package. Frames may have any size. `seed` draws the refinement network's noise, the same for all views.
+    `fingerprint` says which weights these are; given, others are refused.
     """
 
     checkpoint: Path | None = None
     device: str = "cpu"
     seed: int = 0
+    fingerprint: str = ""
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the checkpoint is there and the device exists."""
-        load(self.checkpoint or shipped(), self.device)
+        """Raise BadData unless the checkpoint is there, the one that is asked for, and the device exists."""
+        found = checkpoints.fingerprint(self.checkpoint or shipped(), self.fingerprint)
+        object.__setattr__(self, "fingerprint", found)
+        load(self.checkpoint or shipped(), found, self.device)
 
     @property
     def needs(self) -> Grant:
@@ -49,7 +53,7 @@ class SynSin:
         """The last frame as a cloud; Incompatible when the poses are not metric, as those that it learned from were."""
         if not past.is_metric:
             raise Incompatible("synsin's depth is in metres, the poses are not: give the odometry a scale")
-        generator = load(self.checkpoint or shipped(), self.device)
+        generator = load(self.checkpoint or shipped(), self.fingerprint, self.device)
         with torch.inference_mode():
             frame = pictures_from_frames(context.frames[-1:]).to(self.device)
             cloud = generator.encode(frame, pairs.intrinsics_tensor(context.intrinsics).to(self.device))
@@ -95,8 +99,11 @@ def shipped() -> Path:
 
 
 @functools.lru_cache(maxsize=2)
-def load(file: Path, device: str) -> Generator:
-    """The generator of a weights file, once per process; BadData when the file or the device cannot be used."""
+def load(file: Path, fingerprint: str, device: str) -> Generator:
+    """The generator of a weights file, once per process; BadData when the file or the device cannot be used.
+
+    The fingerprint is only there to tell another file of the same name.
+    """
     checkpoint = checkpoints.read(file, "synsin", SynSinTraining)
     generator = Generator(checkpoint.settings.architecture)
     checkpoints.restore(file, generator, checkpoint, "generator")

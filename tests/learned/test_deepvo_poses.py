@@ -81,6 +81,16 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
     assert float(difference.mean()) < float((seen(whole, narrow)[1:] - seen(whole, narrow)[:-1]).abs().mean()) / 2
 
 
+def test_descriptions_tell_which_weights_and_others_are_refused(tmp_path: Path) -> None:
+    file = written(tmp_path)
+    before = registry.describe(DeepVo(file))
+    assert registry.build("pose_sources", before) == DeepVo(file)
+    written(tmp_path, replace(TINY, lstm_size=13))  # another network under the same name
+    assert registry.describe(DeepVo(file))["fingerprint"] != before["fingerprint"]
+    with pytest.raises(BadData, match=f"expected {before['fingerprint']}: give the weights that are asked for"):
+        registry.build("pose_sources", before)
+
+
 def test_one_frame_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Incompatible, match="give num_past of 2 or more"):
         DeepVo(written(tmp_path)).estimate(context(1))
