@@ -14,7 +14,7 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 def pictures_from_frames(frames: ByteArray) -> Tensor:
     """Frames [..., H, W, 3] as float32 [..., 3, H, W] in [0, 1]."""
-    return torch.from_numpy(np.ascontiguousarray(frames)).movedim(-1, -3).float() / 255.0
+    return torch.from_numpy(frames.astype(np.float32)).movedim(-1, -3) / 255.0
 
 
 def shrunk(frames: Sequence[ByteArray], camera: Intrinsics, wanted: Intrinsics) -> tuple[list[ByteArray], Intrinsics]:
