@@ -31,6 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
+    card.add_argument("--recipe", type=Path, metavar="CONFIG.toml", help="what it was trained with, for the command")
     card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log, for its curves")
     return parser
 
@@ -38,7 +39,7 @@ def _parser() -> argparse.ArgumentParser:
 def _card(options: argparse.Namespace) -> int:
     from learned import cards
 
-    print(cards.card(options.weights, options.log), end="")
+    print(cards.card(options.weights, options.recipe, options.log), end="")
     return 0
 
 

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from learned import checkpoints, training_log
+from geovp_classic.errors import BadData
+from learned import checkpoints, recipes, training_log
 
 KITTI_LICENCE = (
     "Trained on KITTI (Geiger et al. 2012), whose licence CC BY-NC-SA 3.0 passes on to these weights: attribution, no "
@@ -16,13 +17,17 @@ KITTI_LICENCE = (
 MOST_ROWS = 25
 
 
-def card(weights: Path, log: Path | None = None) -> str:
-    """The card of a weights file; with a training log, its curves, thinned out to MOST_ROWS rows."""
+def card(weights: Path, recipe: Path | None = None, log: Path | None = None) -> str:
+    """The card of a weights file; with a training log, its curves, thinned out to MOST_ROWS rows.
+
+    With a recipe, the command that trains such weights; BadData unless they have the recipe's own settings.
+    """
     metadata, tensors = checkpoints.read_tensors(weights)
     history = metadata.get("history", {})
     parts = [
         f"# Weights of {metadata.get('method')}",
         _facts(weights, metadata, history, sum(tensor.numel() for tensor in tensors.values())),
+        *([] if recipe is None else [_command(weights, metadata, recipe)]),
         "## Trained on\n\n" + _listed(map(_dataset, history.get("train", []))),
         "## Validated on\n\n" + _listed(map(_dataset, history.get("validation", []))),
         "## Scores of these weights on the validation data\n\n" + _listed(_numbers(history.get("scores", {}))),
@@ -33,6 +38,17 @@ def card(weights: Path, log: Path | None = None) -> str:
     if any(dataset.get("name") == "kitti" for dataset in history.get("train", [])):
         parts.append("## Licence\n\n" + KITTI_LICENCE)
     return "\n\n".join(parts) + "\n"
+
+
+def _command(weights: Path, metadata: Mapping[str, Any], recipe: Path) -> str:
+    method_name = str(metadata.get("method"))
+    method, training = recipes.settings(method_name, recipe)
+    theirs = {"method": checkpoints.plain(method), "training": training.decisive}
+    ours = {"method": metadata.get("settings"), "training": metadata.get("history", {}).get("training")}
+    for table, fields in theirs.items():
+        if fields != ours[table]:
+            raise BadData(f"{weights} was trained with another [{table}] than {recipe} has: give its own recipe")
+    return f"Trained by\n\n    python -m learned train {method_name} {recipe}"
 
 
 def curves(rows: Iterable[Mapping[str, str]]) -> str:

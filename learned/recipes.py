@@ -77,18 +77,20 @@ def load(method_name: str, file: Path, root: Path | None = None) -> Recipe:
 
     `root` replaces the root of every data set that has one. Raises BadData or UnknownComponent naming the field.
     """
-    kind = methods.load(method_name)
     content = _read(file)
-    for key in content:
-        if key not in TABLES:
-            raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
+    method, training = _settings(method_name, file, content)
     return Recipe(
         method_name,
-        registry.construct(kind, _table(content, "method"), f"{file}: method"),
-        registry.construct(Training, _table(content, "training"), f"{file}: training"),
+        method,
+        training,
         tuple(_datasets(content, "train", file, root)),
         tuple(_datasets(content, "validation", file, root)),
     )
+
+
+def settings(method_name: str, file: Path) -> tuple[methods.Method, Training]:
+    """What a recipe says about method and training, whether or not its data is here; errors as those of `load`."""
+    return _settings(method_name, file, _read(file))
 
 
 def shipped() -> list[str]:
@@ -106,6 +108,17 @@ def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
         if split_hash := getattr(dataset, "split_hash", None):
             table["split_hash"] = split_hash
     return tables
+
+
+def _settings(method_name: str, file: Path, content: Mapping[str, Any]) -> tuple[methods.Method, Training]:
+    kind = methods.load(method_name)
+    for key in content:
+        if key not in TABLES:
+            raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
+    return (
+        registry.construct(kind, _table(content, "method"), f"{file}: method"),
+        registry.construct(Training, _table(content, "training"), f"{file}: training"),
+    )
 
 
 def _read(file: Path) -> Mapping[str, Any]:

@@ -1,0 +1,95 @@
+"""Model cards: what they say of a weights file, and how a long log becomes a short table."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: weights need the extra 'learned'")
+from torch import nn  # noqa: E402
+
+from geovp_classic.errors import BadData  # noqa: E402
+from learned import cards, checkpoints, training_log  # noqa: E402
+from learned.__main__ import main  # noqa: E402
+
+HISTORY = {
+    "train": [{"name": "kitti", "split": "train", "split_hash": "abc123"}, {"name": "synthetic", "seed": 7}],
+    "validation": [{"name": "kitti", "split": "val", "split_hash": "def456"}],
+    "training": {"num_steps": 40, "batch_size": 4, "seed": 3, "warmup_steps": 5, "precision": "32-true"},
+    "step": 30,
+    "seconds": 12.5,
+    "scores": {"score": 1.23456},
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    rate: float = 0.5
+
+
+def written(folder: Path, history: object) -> Path:
+    file = folder / "weights.safetensors"
+    checkpoints.write(file, "toy", Settings(), {"net": nn.Linear(3, 2)}, history)  # type: ignore[arg-type]
+    return file
+
+
+def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path) -> None:
+    text = cards.card(written(tmp_path, HISTORY))
+    assert text.startswith("# Weights of toy\n")
+    for said in (
+        "- 8 numbers in 0.00 MB",  # 3 x 2 and 2
+        "after 30 of 40 steps of 4 examples and 12.5 s",
+        "- seed 3, warm-up 5 steps, precision 32-true",
+        "- `kitti`: split train; SHA-256 of its ranges `abc123`",
+        "- `synthetic`: seed 7\n",
+        "## Validated on\n\n- `kitti`: split val; SHA-256 of its ranges `def456`",
+        "- score: 1.235",
+        '"rate": 0.5',
+    ):
+        assert said in text
+
+
+@pytest.mark.parametrize(("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)])
+def test_kittis_licence_goes_with_weights_trained_on_it(tmp_path: Path, names: tuple[str, ...], licensed: bool) -> None:
+    text = cards.card(written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]}))
+    assert ("CC BY-NC-SA 3.0" in text) == licensed
+
+
+def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_it(tmp_path: Path) -> None:
+    log = training_log.TrainingLog(tmp_path / "log.csv", 0)
+    for step, loss in ((20, 4.0), (40, 2.0), (60, 1.0)):
+        log.write(step, step / 10, "train", {"total": loss})
+        if step != 20:
+            log.write(step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0})
+    lines = cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
+    assert lines == [
+        "| step | seconds | score | psnr | training total |",
+        "| --: | --: | --: | --: | --: |",
+        "| 40 | 4 | 1 | 20 | 3 |",
+        "| 60 | 6 | 0.5 | 20 | 1 |",
+    ]
+
+
+def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
+    log = training_log.TrainingLog(tmp_path / "log.csv", 0)
+    for step in range(1, 61):
+        log.write(step, step, "validation", {"score": 1.0})
+    rows = [line.split("|")[1].strip() for line in cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()]
+    assert rows[2:4] == ["1", "4"]  # every third of 60: 20 rows, and the last
+    assert rows[-1] == "60"
+    assert len(rows) - 2 <= cards.MOST_ROWS + 1
+
+
+def test_a_recipe_of_other_settings_is_refused() -> None:
+    with pytest.raises(BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own recipe"):
+        cards.card(Path(cards.__file__).parent / "weights" / "deepvo.safetensors", Path("deepvo-tiny"))
+
+
+def test_the_command_prints_the_card_or_says_in_a_sentence_why_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = written(tmp_path, HISTORY)
+    assert main(["card", str(file)]) == 0
+    assert capsys.readouterr().out == cards.card(file)
+    assert main(["card", str(tmp_path / "none.safetensors")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
