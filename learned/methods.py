@@ -20,6 +20,9 @@ Networks = Mapping[str, nn.Module]
 
 METHODS = {  # imported when asked for by name
     "deepvo": "learned.deepvo.train:DeepVoTraining",
+    "svg": "learned.svg.train:SvgTraining",
+    "srvp": "learned.srvp.train:SrvpTraining",
+    "slamp": "learned.slamp.train:SlampTraining",
     "synsin": "learned.synsin.train:SynSinTraining",
 }
 

@@ -1,0 +1,1 @@
+"""SLAMP: stochastic latent appearance and motion prediction (Akan et al. 2021)."""

@@ -1,0 +1,1 @@
+"""SRVP: stochastic latent residual video prediction (Franceschi et al. 2020)."""

@@ -1,0 +1,1 @@
+"""What the stochastic video predictors SVG, SRVP and SLAMP share."""

@@ -1,0 +1,108 @@
+"""Sampled video prediction as a component: the clip at the network's size, samples a few at a time, and back."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.types import ByteArray, Context, Grant, Prediction
+from learned import checkpoints, methods
+from learned.video import windows
+from learned.video.training import VideoTraining, bare
+
+
+@dataclass(frozen=True)
+class VideoPredictor:
+    """Samples of a trained network's future frames, each drawn from the learned prior.
+
+    `checkpoint` is a weights file of `python -m learned train`; without one, the weights that come with the package.
+    Frames of any size are brought to the network's own square and back. Chance depends on `seed`, the observed frames
+    and the sample's number alone: the first of a hundred samples are those of fewer, and no clip shares its chance
+    with another. Samples are made `samples_at_once`, which only says how much memory is taken.
+    """
+
+    checkpoint: Path | None = None
+    device: str = "cpu"
+    seed: int = 0
+    samples_at_once: int = 5
+
+    method: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless the checkpoint is there and the device exists."""
+        if self.samples_at_once < 1:
+            raise BadData(f"samples_at_once is {self.samples_at_once}, expected 1 or more")
+        load(self.method, self.file, self.device)
+
+    @property
+    def needs(self) -> Grant:
+        """Nothing but the frames."""
+        return Grant.NONE
+
+    @property
+    def file(self) -> Path:
+        """The weights file."""
+        return self.checkpoint or shipped(self.method)
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """Frames [S, F, H, W, 3]; Incompatible for fewer than two observed frames."""
+        if context.num_past < 2:
+            raise Incompatible(f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more")
+        network = bare(load(self.method, self.file, self.device))
+        height_px, width_px = context.frames.shape[1:3]
+        observed = windows.stacked([windows.resized(context.frames, network.size_px, network.size_px)])
+        observed = observed.to(self.device).float() / 255.0
+        frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
+        for first in range(0, num_samples, self.samples_at_once):
+            samples = range(first, min(first + self.samples_at_once, num_samples))
+            noise = noise_of(context, self.seed, samples, network.noise_size).to(self.device)
+            with torch.inference_mode():
+                made = network.predict(observed, noise)
+            for sample, pictures in zip(samples, _bytes(made), strict=True):
+                frames[sample] = windows.resized(pictures, width_px, height_px)
+        return Prediction(frames)
+
+
+def noise_of(context: Context, seed: int, samples: range, size: int) -> Tensor:
+    """Normal numbers [len(samples), F, size], each sample's by itself."""
+    clip = int.from_bytes(hashlib.sha256(context.frames.tobytes()).digest()[:8], "big")
+    shape = (context.num_future, size)
+    rows = [np.random.default_rng([seed, clip, sample]).standard_normal(shape, np.float32) for sample in samples]
+    return torch.from_numpy(np.stack(rows))
+
+
+def shipped(method: str) -> Path:
+    """The weights file that comes with the package."""
+    return Path(str(resources.files("learned").joinpath("weights", f"{method}.safetensors")))
+
+
+@functools.lru_cache(maxsize=3)
+def load(method: str, file: Path, device: str) -> nn.Module:
+    """The network of a weights file, once per process; BadData when the file or the device cannot be used."""
+    kind = methods.load(method)
+    checkpoint = checkpoints.read(file, method, kind)
+    assert isinstance(checkpoint.settings, VideoTraining)
+    network = checkpoint.settings.build()["video"]
+    checkpoints.restore(file, network, checkpoint, "video")
+    try:
+        return network.eval().to(device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise BadData(
+            f"device {device!r} cannot be used ({reason}): give 'cpu', or 'cuda' where there is a GPU"
+        ) from error
+
+
+def _bytes(pictures: Tensor) -> ByteArray:
+    """Pictures [N, F, 3, H, W] in [0, 1] as frames [N, F, H, W, 3]."""
+    frames: ByteArray = (pictures.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy()
+    return frames

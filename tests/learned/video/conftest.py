@@ -1,0 +1,63 @@
+"""The three methods, small enough to learn something in seconds, and worlds to learn."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: video prediction needs the extra 'learned'")
+
+from torch import Tensor  # noqa: E402
+
+from geovp_classic.contracts import street  # noqa: E402
+from geovp_classic.types import ByteArray  # noqa: E402
+from learned.slamp import network as slamp  # noqa: E402
+from learned.slamp.train import SlampTraining  # noqa: E402
+from learned.srvp import network as srvp  # noqa: E402
+from learned.srvp.train import SrvpTraining  # noqa: E402
+from learned.svg import network as svg  # noqa: E402
+from learned.svg.train import SvgTraining  # noqa: E402
+from learned.video import windows  # noqa: E402
+from learned.video.coders import Coding  # noqa: E402
+from learned.video.training import VideoTraining  # noqa: E402
+
+CODING = Coding(style="dcgan", size_px=16, width=8, code_size=16)
+NUM_PAST, NUM_FUTURE = 3, 3
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_thread() -> Iterator[None]:
+    """Networks this small only wait for one another on more."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(params=["svg", "srvp", "slamp"])
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def method(name: str) -> VideoTraining:
+    common = {"num_past": NUM_PAST, "num_future": NUM_FUTURE, "rate": 5e-3, "grey_share": 0.0}
+    if name == "svg":
+        return SvgTraining(**common, architecture=svg.Architecture(CODING, 24, latent_size=4))
+    if name == "srvp":
+        shape = srvp.Architecture(CODING, 24, 2, state_size=12, latent_size=4, content_size=12)
+        return SrvpTraining(**common, architecture=shape, observation_std=0.1)
+    return SlampTraining(**common, architecture=slamp.Architecture(CODING, 24, latent_size=4, mask_width=8))
+
+
+@pytest.fixture(scope="session")
+def street_window() -> ByteArray:
+    """Six frames [6, 16, 16, 3] of the contracts' street."""
+    return windows.resized(street.clip().frames[:6], 16, 16)
+
+
+@pytest.fixture(scope="session")
+def coin_flips() -> Tensor:
+    """Clips [12, 6, 3, 16, 16] of plain frames, each dark or bright as a coin falls: nothing in the past tells."""
+    levels = np.random.default_rng(0).choice([0.2, 0.8], (12, 6))
+    return torch.from_numpy(np.tile(levels[:, :, None, None, None], (1, 1, 3, 16, 16))).float()

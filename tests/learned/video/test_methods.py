@@ -1,0 +1,142 @@
+"""What holds for SVG, SRVP and SLAMP alike."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray
+from learned import recipes
+from learned.slamp.network import Learned as SlampLearned
+from learned.video import windows
+from learned.video.training import VideoTraining, bare
+
+PAST, FUTURE = 3, 3
+
+
+def trained(method: VideoTraining, pictures: Tensor, num_steps: int) -> tuple[nn.Module, list[dict[str, float]]]:
+    """The network after some steps on the same pictures, ready to predict, and the losses of every step."""
+    torch.manual_seed(0)
+    networks = method.build()
+    optimiser = method.optimisers(networks)["video"]
+    history = []
+    for _ in range(num_steps):
+        losses = method.losses(networks["video"], pictures)
+        optimiser.zero_grad()
+        losses["total"].backward()
+        optimiser.step()
+        history.append({name: float(loss.detach()) for name, loss in losses.items()})
+    return networks["video"].eval(), history
+
+
+def explained(network: nn.Module, pictures: Tensor) -> Tensor:
+    """The future frames as the network shows them when its posterior may look at them."""
+    learned: Any = network(pictures, PAST)
+    shown = learned.shown.pictures if isinstance(learned, SlampLearned) else learned.pictures
+    return shown[:, -FUTURE:]
+
+
+def error(made: Tensor, real: Tensor) -> float:
+    return float(((made - real) ** 2).mean())
+
+
+def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteArray) -> None:
+    pictures = windows.stacked([street_window]).float() / 255.0
+    network, history = trained(method, pictures, num_steps=150)
+    assert history[-1]["error"] < 0.2 * history[0]["error"]
+    noise = torch.randn(1, FUTURE, bare(network).noise_size, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        made = bare(network).predict(pictures[:, :PAST], noise)
+    copied = error(pictures[:, PAST - 1 : PAST].expand(-1, FUTURE, -1, -1, -1), pictures[:, PAST:])
+    assert error(made, pictures[:, PAST:]) < 0.5 * copied
+
+
+def test_the_posterior_knows_what_the_prior_must_guess(method: VideoTraining, coin_flips: Tensor) -> None:
+    network, history = trained(method, coin_flips, num_steps=200)
+    assert history[-1]["nats"] > 0
+    random = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        seen, real = coin_flips[:, :PAST], coin_flips[:, PAST:]
+        shape = (len(seen), FUTURE, bare(network).noise_size)
+        first, second = (bare(network).predict(seen, torch.randn(shape, generator=random)) for _ in range(2))
+        knowing = error(explained(network, coin_flips), real)
+    # Levels are 0.2 and 0.8: the best that one can do without knowing is to say 0.5, which is 0.09 off in square.
+    assert knowing < 0.03
+    assert error(first, real) > 0.06
+    assert float((first - second).abs().mean()) > 0.02  # samples of the same past differ
+
+
+def test_predictions_depend_on_nothing_but_past_and_noise(method: VideoTraining) -> None:
+    torch.manual_seed(0)
+    network = bare(method.build()["video"].eval())
+    random = torch.Generator().manual_seed(1)
+    seen = torch.rand(2, PAST, 3, 16, 16, generator=random)
+    noise = torch.randn(2, 4, network.noise_size, generator=random)
+    with torch.no_grad():
+        both = network.predict(seen, noise)
+        alone = network.predict(seen[1:], noise[1:])
+        fewer = network.predict(seen, noise[:, :2])
+        shared = network.predict(seen[:1], noise[:1].expand(3, -1, -1))
+    assert both.shape == (2, 4, 3, 16, 16)
+    torch.testing.assert_close(both[1:], alone, atol=1e-6, rtol=0)  # nothing leaks across the batch in evaluation mode
+    torch.testing.assert_close(both[:, :2], fewer, atol=1e-6, rtol=0)  # nor from the future
+    torch.testing.assert_close(shared, both[:1].expand(3, -1, -1, -1, -1), atol=1e-6, rtol=0)
+
+
+def test_training_twice_gives_the_same(method: VideoTraining, coin_flips: Tensor) -> None:
+    first, second = (trained(method, coin_flips, num_steps=2)[1] for _ in range(2))
+    assert first == second
+
+
+def test_validation_compares_with_the_last_frame_at_the_networks_size(
+    method: VideoTraining, street_window: ByteArray
+) -> None:
+    still = np.repeat(street_window[:1], 6, axis=0)
+    moved = still.copy()
+    moved[PAST:] = still[PAST:] // 2
+    networks = {name: network.eval() for name, network in method.build().items()}
+    with torch.no_grad():
+        scores = method.validate(networks, [still, moved])
+        again = method.validate(networks, [still, moved])
+    assert scores == again
+    halved = float(((still[0] / 255.0 - moved[-1] / 255.0) ** 2).mean())
+    assert scores["copy_last"] == pytest.approx((80.0 - 10 * np.log10(halved)) / 2, abs=1e-3)  # PSNR ends at 80 dB
+    assert scores["score"] == -scores["psnr"]
+
+
+def test_a_batch_is_mirrored_or_grey_at_random(method: VideoTraining, street_window: ByteArray) -> None:
+    grey = replace(method, grey_share=1.0)
+    pictures = grey.batch([street_window], [0] * 40, np.random.default_rng(0))["pictures"]
+    assert pictures.shape == (40, 6, 3, 16, 16)
+    assert bool((pictures[:, :, 0] == pictures[:, :, 2]).all())
+    colours = method.batch([street_window], [0] * 40, np.random.default_rng(0))["pictures"]
+    plain = windows.stacked([street_window])[0]
+    is_plain = [bool((one == plain).all()) for one in colours]
+    is_mirrored = [bool((one == plain.flip(-1)).all()) for one in colours]
+    assert 10 < sum(is_plain) < 30
+    assert sum(is_plain) + sum(is_mirrored) == 40
+
+
+def test_windows_that_cannot_be_are_refused(method: VideoTraining) -> None:
+    with pytest.raises(BadData, match="num_past is 1, expected 2 or more"):
+        replace(method, num_past=1)
+    with pytest.raises(BadData, match="num_future is 0, expected 1 or more"):
+        replace(method, num_future=0)
+
+
+@pytest.mark.parametrize("size", ["tiny", "small", "thesis"])
+def test_recipes_that_come_with_the_package_are_sound(
+    name: str, size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recipes, "_datasets", lambda *_: ())  # KITTI need not be here
+    recipe = recipes.load(name, Path(f"{name}-{size}"), tmp_path)
+    assert isinstance(recipe.method, VideoTraining)
+    network = recipe.method.build()["video"]
+    numbers = sum(parameter.numel() for parameter in network.parameters())
+    assert recipe.method.size_px == {"tiny": 16, "small": 64, "thesis": 256}[size]
+    assert numbers * 2 < {"tiny": 1e6, "small": 8e6, "thesis": 400e6}[size]  # bytes in half precision
