@@ -26,7 +26,7 @@ from tqdm import tqdm
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from learned import checkpoints, recipes, training_state
+from learned import checkpoints, precision, recipes, training_state
 from learned.methods import Batch, Losses
 from learned.recipes import Recipe
 from learned.schedules import Order, rate_share
@@ -54,12 +54,14 @@ def train(recipe: Recipe, folder: Path, limit_seconds: float | None = None) -> O
     settings = recipe.training
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
+    plugins = precision.plugins(settings)
     fabric = Fabric(
         accelerator=settings.accelerator,
         devices=settings.devices,
         num_nodes=settings.num_nodes,
         strategy=settings.strategy,
-        precision=settings.precision,  # type: ignore[arg-type]
+        plugins=list(plugins) or None,
+        precision=None if plugins else settings.precision,  # type: ignore[arg-type]
     )
     fabric.launch()
     run = _Run(recipe, folder, fabric)

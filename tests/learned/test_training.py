@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
+from lightning.fabric import Fabric  # noqa: E402
 from torch import nn  # noqa: E402
 from torch.optim import Optimizer  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
 from geovp_classic.types import Clip, Intrinsics  # noqa: E402
-from learned import checkpoints, training, training_state  # noqa: E402
+from learned import checkpoints, precision, training, training_state  # noqa: E402
 from learned.methods import Batch, Losses, Networks  # noqa: E402
 from learned.recipes import Recipe, Training  # noqa: E402
 from learned.schedules import Order, rate_share  # noqa: E402
@@ -178,6 +179,31 @@ def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path
     outcome = training.train(recipe(replace(SETTINGS, patience=2), still), tmp_path)
     assert (outcome.step, outcome.best_step, outcome.finished) == (60, 20, True)  # 20 is the best, 40 and 60 are not
     assert training.train(recipe(replace(SETTINGS, patience=2), still), tmp_path).step == 60
+
+
+@pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
+def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(name: str) -> None:
+    settings = Training(num_steps=1, precision=name, accelerator="cpu")
+    (plugin,) = precision.plugins(settings)
+    fabric = Fabric(accelerator="cpu", plugins=[plugin])
+    given = {}
+
+    class Keeping(nn.Linear):
+        def forward(self, numbers: torch.Tensor) -> torch.Tensor:
+            given["numbers"] = numbers
+            given["result"] = super().forward(numbers)
+            return given["result"]
+
+    network = fabric.setup(Keeping(1, 1))
+    network(torch.tensor([[489.5]]))
+    assert given["numbers"].item() == 489.5  # 490 in bfloat16
+    assert given["result"].dtype == torch.bfloat16
+    assert precision.plugins(replace(settings, precision="32-true")) == ()
+
+
+def test_it_also_learns_in_mixed_precision(tmp_path: Path) -> None:
+    mixed = replace(SETTINGS, num_steps=300, precision="bf16-mixed", accelerator="cpu")
+    assert training.train(recipe(mixed), tmp_path).best_score < 0.01
 
 
 def test_another_runs_folder_is_refused(tmp_path: Path) -> None:
