@@ -50,6 +50,8 @@ def _train(options: argparse.Namespace) -> int:
     recipe = recipes.load(options.method, options.config, options.root)
     folder = options.out or Path("runs") / options.config.stem
     outcome = train(recipe, folder, options.limit_seconds)
+    if not outcome.is_first:
+        return 0 if outcome.finished else 1
     state = "finished" if outcome.finished else "stopped, goes on when started again,"
     print(
         f"{state} after {outcome.step} steps and {outcome.seconds:.0f} s; best score {outcome.best_score:.5g} at step "

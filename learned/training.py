@@ -47,6 +47,7 @@ class Outcome:
     best_step: int
     seconds: float
     finished: bool  # False: stopped before its time, goes on when started again
+    is_first: bool = True  # of several processes, the one that keeps the log
 
 
 def train(recipe: Recipe, folder: Path, limit_seconds: float | None = None) -> Outcome:
@@ -111,7 +112,8 @@ class _Run:
                     saved_s = time.monotonic()
         self.save()
         progress = self.progress
-        return Outcome(progress.step, progress.best_score, progress.best_step, progress.seconds, self.over)
+        is_first = self.fabric.is_global_zero
+        return Outcome(progress.step, progress.best_score, progress.best_step, progress.seconds, self.over, is_first)
 
     @property
     def over(self) -> bool:

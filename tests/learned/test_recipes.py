@@ -163,3 +163,14 @@ sys.exit(main({command!r}))
 """
     done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_two_processes_learn_as_one(tmp_path: Path, kitti: Path) -> None:
+    """Distributed data parallel on the CPU: one log and one state, from batches of two in each of two processes."""
+    both = RECIPE.replace('accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"')
+    command = ["train", "deepvo", str(written(tmp_path, both)), "--root", str(kitti), "--out", str(tmp_path / "run")]
+    done = subprocess.run([sys.executable, "-m", "learned", *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("finished after 4 steps") == 1
+    rows = (tmp_path / "run" / "log.csv").read_text().splitlines()
+    assert sum(",score," in row for row in rows) == 2  # after steps 2 and 4, of the first process alone
