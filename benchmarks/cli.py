@@ -70,10 +70,10 @@ def _executor(chosen: argparse.Namespace) -> Executor:
 
 def _conclude(results: Results, cells: Sequence[Cell], draw: bool) -> int:
     """Print the table, write all views, and say what came of the cells."""
-    from benchmarks import tables
+    from benchmarks import formats, tables
 
-    print(tables.markdown(tables.build(results)[0]))
-    tables.write_all(results)
+    print(formats.markdown(tables.build(results)[0]))
+    formats.write_all(results)
     print(f"tables: {results.tables}")
     if draw and any(cell.num_clips for cell in cells):
         _draw(results)
@@ -157,14 +157,13 @@ def _forecast(chosen: argparse.Namespace) -> int:
 
 
 def _table(chosen: argparse.Namespace) -> int:
-    from benchmarks import tables
+    from benchmarks import formats, tables
     from benchmarks.store import Results
 
     results = Results(chosen.folder)
-    formats = {"md": tables.markdown, "tex": tables.latex, "csv": tables.comma_separated}
     for table in tables.build(results):
-        print(formats[chosen.format](table))
-    tables.write_all(results)
+        print(formats.FORMATS[chosen.format](table))
+    formats.write_all(results)
     return DONE
 
 

@@ -5,10 +5,13 @@ A clip is one observation: its steps and samples depend on each other, so they n
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -56,9 +59,38 @@ def mean_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:
 
 def best_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:
     """The sample best over all steps, chosen per clip and metric [N, F], as SRVP does (Franceschi et al. 2020)."""
-    scores = _nanmean(values.values, axis=2) * (1.0 if higher_is_better else -1.0)
-    best = np.argmax(np.where(np.isnan(scores), -np.inf, scores), axis=1)
-    return values.values[np.arange(len(best)), best]
+    return values.values[np.arange(len(values.clips)), _best(values, higher_is_better)]
+
+
+def best_by(judge: Cube, judge_higher_is_better: bool) -> Reduction:
+    """Of every metric the sample that is best in the judge's: one and the same prediction answers for all columns."""
+    best = dict(zip(judge.clips, _best(judge, judge_higher_is_better).tolist(), strict=True))
+
+    def reduce(values: Cube, higher_is_better: bool) -> FloatArray:
+        nothing = np.full(values.values.shape[2], np.nan)
+        rows = [
+            values.values[number, best[clip]] if best.get(clip, np.inf) < values.values.shape[1] else nothing
+            for number, clip in enumerate(values.clips)
+        ]
+        return np.stack(rows) if rows else np.empty((0, values.values.shape[2]))
+
+    return reduce
+
+
+def expected_best(values: Cube, higher_is_better: bool) -> FloatArray:
+    """What the best of k samples scores on average [N, S], k = 1..S; NaN for more samples than have a value.
+
+    Samples are scored by their mean over steps. The mean is over all sets of k among the S: unbiased for every k, and
+    for k = S the best of all. Of scores sorted so that the best comes last, the i-th is the best of C(i - 1, k - 1)
+    sets out of C(S, k).
+    """
+    scores = _nanmean(values.values, axis=2)
+    curves = np.full(scores.shape, np.nan)
+    for curve, row in zip(curves, scores, strict=True):
+        known = np.sort(row[~np.isnan(row)])
+        ordered = known if higher_is_better else known[::-1]
+        curve[: len(ordered)] = _shares(len(ordered)) @ ordered
+    return curves
 
 
 def per_step(values: FloatArray) -> Estimate:
@@ -80,6 +112,21 @@ def over_clips(values: FloatArray) -> Estimate:
         spread = np.sqrt(np.where(known, (values - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count - 1, 1))
         error = np.where(count > 1, spread / np.sqrt(np.maximum(count, 1)), np.nan)
     return Estimate(mean, error, count)
+
+
+def _best(values: Cube, higher_is_better: bool) -> npt.NDArray[np.intp]:
+    """The best sample over all steps of each clip [N]; one without values is never it."""
+    scores = _nanmean(values.values, axis=2) * (1.0 if higher_is_better else -1.0)
+    return np.argmax(np.where(np.isnan(scores), -np.inf, scores), axis=1)
+
+
+@functools.lru_cache(maxsize=8)
+def _shares(count: int) -> FloatArray:
+    """In what share of the sets of k the i-th from the bottom is the best [k, i]; rows sum to 1."""
+    numbers = range(1, count + 1)
+    return np.array([[math.comb(i - 1, k - 1) / math.comb(count, k) for i in numbers] for k in numbers]).reshape(
+        count, count
+    )
 
 
 def _nanmean(values: FloatArray, axis: int) -> FloatArray:

@@ -1,12 +1,9 @@
-"""Tables of stored rows, as Markdown, LaTeX and CSV: means, how sure they are, and what each row was granted."""
+"""Tables of stored rows: means, how sure they are, and what each row was granted; see `formats` for how they look."""
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +12,8 @@ import pyarrow.compute as pc
 
 from benchmarks import statistics
 from benchmarks.matrix import COVERAGE
-from benchmarks.statistics import Estimate
-from benchmarks.store import Cell, Results, write_bytes
+from benchmarks.statistics import Cube, Estimate
+from benchmarks.store import Cell, Results
 
 MARKS = {  # Grant -> (mark beside the row's name, what it means)
     "PAST_POSES": ("p", "true past poses"),
@@ -26,17 +23,11 @@ MARKS = {  # Grant -> (mark beside the row's name, what it means)
     "WIDE_FRAMES": ("w", "uncropped frames"),
     "RIGHT_FRAMES": ("r", "right camera's frames"),
 }
-DASH = "-"
-TEX = {
-    "&": r"\&",
-    "%": r"\%",
-    "_": r"\_",
-    "#": r"\#",
-    "$": r"\$",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-}
-TEX |= {"±": r"$\pm$", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
+SAMPLE_COUNTS = (2, 5, 10, 20, 50)
+BEST_OF = (
+    "A best sample is chosen by comparing with what really came, which nobody can do who predicts: such rows don't "
+    "compete. 'best of N' chooses anew for every column, as the papers do; 'by' a metric, one sample for all columns."
+)
 
 
 @dataclass(frozen=True)
@@ -57,7 +48,7 @@ class Row:
     name: str
     marks: str
     num_clips: int
-    complete: bool  # scored on all clips; only these compete for the best
+    complete: bool  # scored on all clips, by none but its first guesses; only these compete for the best
     estimates: Mapping[str, Estimate]  # by column
 
 
@@ -74,9 +65,9 @@ class Table:
     def is_best(self, row: Row, column: Column) -> bool:
         """Whether no complete row is better, as far as the printed digits tell."""
         sign = 1.0 if column.higher_is_better else -1.0
-        rivals = [_rounded(other, column) * sign for other in self.rows if other.complete]
+        rivals = [rounded(other, column) * sign for other in self.rows if other.complete]
         rivals = [value for value in rivals if not np.isnan(value)]
-        return row.complete and bool(rivals) and _rounded(row, column) * sign == max(rivals)
+        return row.complete and bool(rivals) and rounded(row, column) * sign == max(rivals)
 
 
 def build(results: Results) -> list[Table]:
@@ -95,59 +86,7 @@ def build(results: Results) -> list[Table]:
             columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
             heading = f"{title(name)} over sets of pixels"
             tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
-    return tables
-
-
-def write_all(results: Results) -> list[Path]:
-    """Write all tables in all formats and return the files."""
-    written = []
-    formats: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}
-    for table in build(results):
-        for ending, render in formats.items():
-            path = results.tables / f"{table.name}.{ending}"
-            write_bytes(path, render(table).encode())
-            written.append(path)
-    return written
-
-
-def markdown(table: Table) -> str:
-    """GitHub's Markdown, columns aligned so that it reads well in a terminal, too."""
-    lines = [["method", "clips", *(column.heading for column in table.columns)]]
-    for row in table.rows:
-        marks = f" [{row.marks}]" if row.marks else ""
-        values = [_text(table, row, column, "**{}**".format, str) for column in table.columns]
-        lines.append([row.name + marks, str(row.num_clips), *values])
-    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
-    padded = ["| " + " | ".join(_aligned(line, widths)) + " |" for line in lines]
-    rule = "| " + " | ".join(["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]) + " |"
-    notes = [f"- {note}" for note in table.notes]
-    return "\n".join([f"## {table.title}", "", padded[0], rule, *padded[1:], "", *notes, ""])
-
-
-def latex(table: Table) -> str:
-    """A `table` for the booktabs package."""
-    head = " & ".join(map(_tex, ["method", "clips", *(column.heading for column in table.columns)]))
-    body = []
-    for row in table.rows:
-        marks = rf"$^{{\mathrm{{{row.marks}}}}}$" if row.marks else ""
-        values = [_text(table, row, column, r"\textbf{{{}}}".format, _tex) for column in table.columns]
-        body.append(" & ".join([_tex(row.name) + marks, str(row.num_clips), *values]) + r" \\")
-    lines = [r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.title)}.}}"]
-    lines += [rf"\begin{{tabular}}{{lr{'r' * len(table.columns)}}}", r"\toprule", head + r" \\", r"\midrule", *body]
-    lines += [r"\bottomrule", r"\end{tabular}", r"\par\footnotesize", *(_tex(note) + r"\\" for note in table.notes)]
-    return "\n".join([*lines, r"\end{table}", ""])
-
-
-def comma_separated(table: Table) -> str:
-    """Unrounded numbers: mean, standard error and number of clips of each column."""
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    names = [f"{column.key}{suffix}" for column in table.columns for suffix in ("", "_standard_error", "_clips")]
-    writer.writerow(["method", "grants", "clips", *names])
-    for row in table.rows:
-        numbers = [_numbers(row.estimates.get(column.key)) for column in table.columns]
-        writer.writerow([row.name, row.marks, row.num_clips, *(text for group in numbers for text in group)])
-    return stream.getvalue()
+    return [*tables, *(table for name in main for table in _sampled(name, protocol, cells, rows))]
 
 
 def title(metric: str) -> str:
@@ -183,15 +122,11 @@ def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row])
 
 
 def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]:
-    """One row of a cell with one sample, two of a cell with more."""
+    """One row of a cell with one sample, three of a cell with more."""
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
     higher = {key: bool(protocol["metrics"].get(key.partition("@")[0], {}).get("higher_is_better")) for key in keys}
-    num_clips, num_samples = len(pc.unique(rows["clip"])), max((c.values.shape[1] for c in cubes.values()), default=1)
-    reductions: dict[str, statistics.Reduction] = {"": statistics.mean_of_samples}
-    if num_samples > 1:
-        reductions = {f", mean of {num_samples}": statistics.mean_of_samples}
-        reductions[f", best of {num_samples}"] = statistics.best_of_samples
+    num_clips = len(pc.unique(rows["clip"]))
     marks = "".join(MARKS[grant][0] for grant in cell.grants)
     complete = num_clips == len(protocol["clips"])
     return [
@@ -199,11 +134,51 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
             cell.label + suffix,
             marks,
             num_clips,
-            complete,
+            complete and reduce is statistics.mean_of_samples,
             {key: statistics.overall(reduce(cube, higher[key])) for key, cube in cubes.items()},
         )
-        for suffix, reduce in reductions.items()
+        for suffix, reduce in _reductions(cubes, higher, protocol).items()
     ]
+
+
+def _reductions(
+    cubes: Mapping[str, Cube], higher: Mapping[str, bool], protocol: Mapping[str, Any]
+) -> dict[str, statistics.Reduction]:
+    """How samples become rows, by what is added to the method's name."""
+    count = max((cube.values.shape[1] for cube in cubes.values()), default=1)
+    if count == 1:
+        return {"": statistics.mean_of_samples}
+    reductions: dict[str, statistics.Reduction] = {
+        f", mean of {count}": statistics.mean_of_samples,
+        f", best of {count}": statistics.best_of_samples,
+    }
+    judges = [name for name in protocol["metrics"] if name in cubes and name != COVERAGE]
+    if judges:
+        judge = judges[0]
+        reductions[f", best of {count} by {title(judge)}"] = statistics.best_by(cubes[judge], higher[judge])
+    return reductions
+
+
+def _sampled(
+    name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, pa.Table]
+) -> list[Table]:
+    """The expected best of k samples in one metric, where a cell has several samples."""
+    about = protocol["metrics"][name]
+    higher = bool(about.get("higher_is_better"))
+    many = [cell for cell in cells if cell.name in rows and cell.num_samples > 1]
+    curves = [statistics.expected_best(statistics.cube(rows[cell.name], name), higher) for cell in many]
+    most = max((curve.shape[1] for curve in curves), default=1)
+    if most < 2:
+        return []
+    counts = sorted({1, most, *(count for count in SAMPLE_COUNTS if count < most)})
+    lines = []
+    for cell, curve in zip(many, curves, strict=True):
+        estimates = {f"{name} of {k}": statistics.over_clips(curve[:, k - 1]) for k in counts if k <= curve.shape[1]}
+        marks = "".join(MARKS[grant][0] for grant in cell.grants)
+        lines.append(Row(cell.label, marks, len(curve), len(curve) == len(protocol["clips"]), estimates))
+    columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
+    heading = f"{protocol['name']}: {title(name)} of the best of k samples, on average over all sets of k"
+    return [Table(f"samples-{name}", heading, columns, tuple(lines), tuple(_notes(protocol, {name: about}, many)))]
 
 
 def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
@@ -214,6 +189,8 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
         f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted at {width_px}x{height_px}"
     )
     notes = [f"{clips}; {frames}.", statistics.KIND + "; a clip's value is the mean over its steps."]
+    if any(cell.num_samples > 1 for cell in cells):
+        notes.append(BEST_OF)
     used = {grant for cell in cells for grant in cell.grants}
     legend = [f"[{mark}] {meaning}" for grant, (mark, meaning) in MARKS.items() if grant in used]
     if legend:
@@ -236,32 +213,7 @@ def _keys(tables: Any) -> list[str]:
     return list(dict.fromkeys(key for rows in tables for key in pc.unique(rows["metric"]).to_pylist()))
 
 
-def _rounded(row: Row, column: Column) -> float:
+def rounded(row: Row, column: Column) -> float:
+    """A mean as it is printed; NaN where there is none."""
     estimate = row.estimates.get(column.key)
     return float("nan") if estimate is None else float(np.round(float(estimate.mean), column.decimals))
-
-
-def _text(table: Table, row: Row, column: Column, emphasise: Callable[[str], str], escape: Callable[[str], str]) -> str:
-    """Mean ± standard error, emphasised where no row is better; the clips, where fewer than the row has."""
-    estimate = row.estimates.get(column.key)
-    if estimate is None or int(estimate.count) == 0:
-        return "unavailable" if column.unavailable else DASH
-    mean = f"{float(estimate.mean):.{column.decimals}f}"
-    error = f" ± {float(estimate.error):.{column.decimals}f}" if np.isfinite(estimate.error) else ""
-    count = f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
-    return (emphasise(mean) if table.is_best(row, column) else mean) + escape(error + count)
-
-
-def _numbers(estimate: Estimate | None) -> tuple[str, str, str]:
-    if estimate is None or int(estimate.count) == 0:
-        return "", "", "0"
-    error = "" if np.isnan(estimate.error) else repr(float(estimate.error))
-    return repr(float(estimate.mean)), error, str(int(estimate.count))
-
-
-def _aligned(texts: Sequence[str], widths: Sequence[int]) -> list[str]:
-    return [texts[0].ljust(widths[0]), *(text.rjust(width) for text, width in zip(texts[1:], widths[1:], strict=True))]
-
-
-def _tex(text: str) -> str:
-    return "".join(TEX.get(letter, letter) for letter in text)

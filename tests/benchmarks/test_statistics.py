@@ -1,5 +1,7 @@
 """Means and standard errors with numbers that one can work out by hand."""
 
+import itertools
+
 import numpy as np
 import pyarrow as pa
 
@@ -56,6 +58,54 @@ def test_best_sample_is_one_sample_over_all_steps() -> None:
 def test_a_sample_without_values_is_never_the_best() -> None:
     cube = statistics.Cube(("a",), np.array([[[NAN, NAN], [1.0, 2.0]]]))
     np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[1.0, 2.0]])
+
+
+def test_one_metric_can_choose_the_sample_of_all() -> None:
+    # Clip a: sample 1 is best in PSNR; clip b: sample 0. LPIPS of just these: a 0.5, b 0.3, though 0.1 and 0.2 exist.
+    psnr = statistics.Cube(("a", "b"), np.array([[[10.0], [12.0]], [[9.0], [8.0]]]))
+    lpips = statistics.Cube(("b", "a"), np.array([[[0.3], [0.2]], [[0.1], [0.5]]]))
+    same = statistics.best_by(psnr, True)
+    np.testing.assert_array_equal(same(lpips, False), [[0.3], [0.5]])
+    np.testing.assert_array_equal(same(psnr, True), statistics.best_of_samples(psnr, True))
+    np.testing.assert_array_equal(statistics.best_of_samples(lpips, False), [[0.2], [0.1]])
+
+
+def test_a_clip_that_the_judge_does_not_know_has_no_value() -> None:
+    judge = statistics.Cube(("a",), np.array([[[10.0], [12.0]]]))
+    other = statistics.Cube(("a", "z"), np.array([[[1.0], [2.0]], [[3.0], [4.0]]]))
+    np.testing.assert_array_equal(statistics.best_by(judge, True)(other, True), [[2.0], [NAN]])
+    whole = statistics.Cube(("a",), np.array([[[7.0]]]))  # one value for all samples, not the judge's number of them
+    np.testing.assert_array_equal(statistics.best_by(judge, True)(whole, True), [[NAN]])
+
+
+def test_expected_best_of_k_worked_out() -> None:
+    # Scores 1, 2, 4. Of one: 7 / 3. Of two: sets {1,2} {1,4} {2,4} -> (2 + 4 + 4) / 3. Of three: 4.
+    cube = statistics.Cube(("a",), np.array([[[4.0], [1.0], [2.0]]]))
+    np.testing.assert_allclose(statistics.expected_best(cube, True), [[7 / 3, 10 / 3, 4.0]])
+    np.testing.assert_allclose(statistics.expected_best(cube, False), [[7 / 3, 4 / 3, 1.0]])  # (1 + 1 + 2) / 3, then 1
+
+
+def test_expected_best_is_the_mean_over_all_sets() -> None:
+    values = np.random.default_rng(0).normal(size=(3, 7, 4))
+    cube = statistics.Cube(("a", "b", "c"), values)
+    scores = values.mean(axis=2)
+    for k in range(1, 8):
+        sets = [list(chosen) for chosen in itertools.combinations(range(7), k)]
+        wanted = np.mean([scores[:, chosen].max(axis=1) for chosen in sets], axis=0)
+        np.testing.assert_allclose(statistics.expected_best(cube, True)[:, k - 1], wanted)
+
+
+def test_expected_best_ends_at_mean_and_best_even_of_a_hundred() -> None:
+    cube = statistics.Cube(("a",), np.random.default_rng(1).normal(size=(1, 100, 5)))
+    curve = statistics.expected_best(cube, False)[0]
+    np.testing.assert_allclose(curve[0], statistics.mean_of_samples(cube, False).mean())
+    np.testing.assert_allclose(curve[-1], statistics.best_of_samples(cube, False).mean())
+    assert (np.diff(curve) <= 1e-12).all()
+
+
+def test_expected_best_leaves_out_samples_without_a_value() -> None:
+    cube = statistics.Cube(("a", "b"), np.array([[[1.0, NAN], [NAN, NAN], [3.0, 3.0]], [[NAN, NAN]] * 3]))
+    np.testing.assert_allclose(statistics.expected_best(cube, True), [[2.0, 3.0, NAN], [NAN, NAN, NAN]])
 
 
 def test_other_metrics_do_not_mix_in() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from benchmarks import tables
+from benchmarks import formats, tables
 from benchmarks.store import SCORES, Part, Results
 
 DONE = {"kind": "predictor", "grants": [], "num_samples": 1, "seconds": {}, "components": {}, "fingerprint": "f"}
@@ -67,7 +67,7 @@ def results(tmp_path: Path) -> Results:
 
 
 def lines(results: Results, number: int = 0) -> list[str]:
-    return tables.markdown(tables.build(results)[number]).splitlines()
+    return formats.markdown(tables.build(results)[number]).splitlines()
 
 
 def row_of(text: list[str], name: str) -> list[str]:
@@ -118,17 +118,17 @@ def test_sets_of_pixels_have_their_own_table(results: Results) -> None:
     assert row_of(text, "still")[3:] == ["-", "-"]
 
 
-def test_samples_give_two_rows(results: Results) -> None:
+def test_samples_give_a_row_for_one_guess_and_rows_for_the_best(results: Results) -> None:
     values = {("x", 0, "psnr"): 10.0, ("x", 1, "psnr"): 30.0, ("y", 0, "psnr"): 20.0, ("y", 1, "psnr"): 10.0}
     write(results, "still", values)
     text = lines(results)
     assert row_of(text, "still, mean of 2")[2] == "17.50 ± 2.50"
-    assert row_of(text, "still, best of 2")[2] == "**25.00** ± 5.00"
+    assert row_of(text, "still, best of 2")[2] == "25.00 ± 5.00"
 
 
 def test_latex_escapes_and_emphasises(results: Results) -> None:
     write(results, "still", {("x", 0, "psnr"): 30.0, ("y", 0, "psnr"): 30.0}, label="100%_still & co")
-    text = tables.latex(tables.build(results)[0])
+    text = formats.latex(tables.build(results)[0])
     assert r"100\%\_still \& co & 2 & \textbf{30.00} $\pm$ 0.00" in text
     assert r"a + sharp$^{\mathrm{pf}}$ & 2 & 22.00 $\pm$ 2.00" in text
     assert r"PSNR (dB) $\uparrow$" in text
@@ -137,7 +137,7 @@ def test_latex_escapes_and_emphasises(results: Results) -> None:
 
 def test_csv_has_every_digit(results: Results) -> None:
     write(results, "still", {("x", 0, "psnr"): 1.0, ("y", 0, "psnr"): 0.1})
-    table = list(csv.DictReader(tables.comma_separated(tables.build(results)[0]).splitlines()))
+    table = list(csv.DictReader(formats.comma_separated(tables.build(results)[0]).splitlines()))
     assert table[1]["method"] == "still"
     assert float(table[1]["psnr"]) == 0.55
     assert float(table[1]["psnr_standard_error"]) == pytest.approx(0.45)
@@ -146,7 +146,7 @@ def test_csv_has_every_digit(results: Results) -> None:
 
 
 def test_all_formats_are_written(results: Results) -> None:
-    names = sorted(path.name for path in tables.write_all(results))
+    names = sorted(path.name for path in formats.write_all(results))
     endings = ("csv", "md", "tex")
     assert names == [f"{table}.{ending}" for table in ("pixels-psnr", "scores") for ending in endings]
     assert all((results.root / "tables" / name).read_text() for name in names)
@@ -156,3 +156,47 @@ def test_equal_digits_are_equally_good(results: Results) -> None:
     write(results, "still", {("x", 0, "psnr"): 20.001, ("y", 0, "psnr"): 24.001})
     text = lines(results)
     assert row_of(text, "still")[2] == row_of(text, "a + sharp")[2] == "**22.00** ± 2.00"
+
+
+@pytest.fixture
+def sampled(tmp_path: Path) -> Results:
+    """Two clips, three samples: sample 1 is best in PSNR, sample 2 in the error."""
+    results = Results(tmp_path / "sampled")
+    protocol = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "cells": ["chance", "still"]}
+    some = {"metrics": METRICS, "clips": ["x", "y"], "num_past": 10, "num_future": 20, "size_px": [64, 48]}
+    results.write_protocol({**protocol, **some})
+    psnr = {(clip, sample, "psnr"): value for clip in "xy" for sample, value in enumerate((10.0, 13.0, 11.0))}
+    metres = {
+        (clip, sample, "translation-error"): value for clip in "xy" for sample, value in enumerate((4.0, 3.0, 1.0))
+    }
+    write(results, "chance", {**psnr, **metres}, num_samples=3)
+    write(results, "still", {("x", 0, "psnr"): 11.5, ("y", 0, "psnr"): 11.5})
+    return results
+
+
+def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(sampled: Results) -> None:
+    text = lines(sampled)
+    assert row_of(text, "chance, mean of 3")[2:] == ["11.33 ± 0.00", "unavailable", "**2.667** ± 0.000"]
+    assert row_of(text, "chance, best of 3  ")[2:] == ["13.00 ± 0.00", "unavailable", "1.000 ± 0.000"]
+    assert row_of(text, "chance, best of 3 by PSNR")[2:] == ["13.00 ± 0.00", "unavailable", "3.000 ± 0.000"]
+
+
+def test_whoever_knows_the_future_does_not_compete(sampled: Results) -> None:
+    text = lines(sampled)
+    assert row_of(text, "still")[2].startswith("**11.50**")  # though the best sample has 13
+    assert any("nobody can do who predicts" in line for line in text)
+
+
+def test_best_of_k_has_a_table_per_metric(sampled: Results) -> None:
+    tables_by_name = {table.name: formats.markdown(table).splitlines() for table in tables.build(sampled)}
+    assert list(tables_by_name) == ["scores", "samples-psnr", "samples-translation-error"]
+    psnr, metres = tables_by_name["samples-psnr"], tables_by_name["samples-translation-error"]
+    assert row_of(psnr, "method")[2:] == ["best of 1 (dB) ↑", "best of 2 (dB) ↑", "best of 3 (dB) ↑"]
+    # Pairs of 10, 13, 11: (13 + 11 + 13) / 3 = 12.33; of 4, 3, 1: (3 + 1 + 1) / 3 = 1.667.
+    assert [entry.strip("*").split()[0].strip("*") for entry in row_of(psnr, "chance")[2:]] == [
+        "11.33",
+        "12.33",
+        "13.00",
+    ]
+    assert [entry.split()[0].strip("*") for entry in row_of(metres, "chance")[2:]] == ["2.667", "1.667", "1.000"]
+    assert not any(line.startswith("| still") for line in psnr)
