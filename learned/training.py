@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import torch
 from lightning.fabric import Fabric
@@ -55,6 +56,7 @@ def train(recipe: Recipe, folder: Path, limit_seconds: float | None = None) -> O
     settings = recipe.training
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
+        cv2.setNumThreads(settings.num_threads)  # batches are drawn with it; its threads wait for one another at length
     plugins = precision.plugins(settings)
     fabric = Fabric(
         accelerator=settings.accelerator,
