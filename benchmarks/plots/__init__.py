@@ -1,4 +1,4 @@
-"""The figures of a results folder: metric over horizon, film strips, paths from above; one page per figure."""
+"""The figures of a results folder: metric over horizon and samples, film strips, paths; one page per figure."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.plots import horizon, kept_clips, style
+from benchmarks.plots import horizon, kept_clips, samples, style
 from benchmarks.plots.material import Job, Material, Page, data_name, title
 from benchmarks.store import Results, write_bytes
 
@@ -21,7 +21,7 @@ SAVING: dict[str, dict[str, Any]] = {
     "jpg": {"pil_kwargs": {"quality": 85}},
     "svg": {"metadata": {"Date": None}},  # the same rows give the same bytes
 }
-KINDS = ("horizon", "strip", "invented", "paths")
+KINDS = ("horizon", "samples", "strip", "invented", "paths")
 
 
 def jobs(results: Results) -> list[Job]:
@@ -30,11 +30,16 @@ def jobs(results: Results) -> list[Job]:
     over_horizon = [
         Job(title(metric), partial(horizon.pages, material, metric)) for metric in horizon.metrics(material)
     ]
+    whole = [metric for metric in horizon.metrics(material) if "@" not in metric]
+    many = any(cell.num_samples > 1 for cell in material.cells)
+    over_samples = [
+        Job(f"{title(metric)} of samples", partial(samples.pages, material, metric)) for metric in whole if many
+    ]
     by_clip = [
         Job(f"clip {name}", partial(kept_clips.pages, material, number, name))
         for number, (name, _) in enumerate(results.clips(), 1)
     ]
-    return over_horizon + by_clip
+    return over_horizon + over_samples + by_clip
 
 
 def write_all(results_dir: Path, progress: Progress | None = None, look: Look | None = None) -> list[Path]:

@@ -39,6 +39,7 @@ class Measure:
     unit: str
     higher_is_better: bool
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
+    across: str = "horizon (frames)"
 
 
 def draw(curves: Sequence[Curve], measure: Measure, words: style.Words) -> list[Figure]:
@@ -74,10 +75,11 @@ def _line(axes: Axes, curve: Curve) -> None:
 
 def _frame(axes: Axes, curves: Sequence[Curve], measure: Measure) -> None:
     last = max(float(curve.steps[-1]) for curve in curves)
-    ticks = [1.0, *np.arange(5, last + 1, 5)] if last >= 5 else list(np.arange(1, last + 1))
+    apart = 5 if last <= 50 else 10
+    ticks = [1.0, *np.arange(apart, last + 1, apart)] if last >= 5 else list(np.arange(1, last + 1))
     axes.set_xlim(0.5, last * 1.02 + 0.5)
     axes.set_xticks(ticks)
-    axes.set_xlabel("horizon (frames)" if measure.step_s is None else "horizon (frames; seconds)", color=style.INK)
+    axes.set_xlabel(measure.across if measure.step_s is None else "horizon (frames; seconds)", color=style.INK)
     if measure.step_s is not None:
         axes.set_xticklabels([f"{step:.0f}\n{step * measure.step_s:.1f} s" for step in ticks])
     arrow = "↑ higher is better" if measure.higher_is_better else "↓ lower is better"

@@ -21,7 +21,7 @@ class Page:
     """One figure, ready to be written."""
 
     name: str  # of the file, without its ending
-    kind: str  # "horizon", "strip", "invented" or "paths"
+    kind: str  # "horizon", "samples", "strip", "invented" or "paths"
     subject: str  # the metric or the clip
     caption: str
     figure: Figure

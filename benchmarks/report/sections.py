@@ -16,6 +16,7 @@ from benchmarks.report.markup import Html, definitions, fold, image, joined, tab
 from benchmarks.store import Cell, Results
 
 NOTHING = "-"
+CURVES = ("horizon", "samples")
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Drawn:
     @classmethod
     def of(cls, page: plots.Page, files: Mapping[str, bytes]) -> Drawn:
         """Lines as svg, photographs as jpg; taken from the files that were made of the figure, where they are there."""
-        ending = "svg" if page.kind in ("horizon", "paths") else "jpg"
+        ending = "svg" if page.kind in (*CURVES, "paths") else "jpg"
         content = files[ending] if ending in files else plots.rendered(page, ending)
         return cls(page.kind, page.subject, image(content, ending, page.caption))
 
@@ -86,8 +87,8 @@ def scores(facts: Facts) -> Html:
 
 
 def horizon(figures: Sequence[Drawn]) -> Html:
-    """Curves over whole frames and poses in pairs, those over sets of pixels behind a click."""
-    curves = [figure for figure in figures if figure.kind == "horizon"]
+    """Curves over whole frames and poses and over samples in pairs, over sets of pixels behind a click."""
+    curves = [figure for figure in figures if figure.kind in CURVES]
     whole = [figure.element for figure in curves if "@" not in figure.group]
     apart = [figure.element for figure in curves if "@" in figure.group]
     pairs = [tag("div", *elements, class_="pairs") for elements in (whole, apart) if elements]
@@ -96,7 +97,7 @@ def horizon(figures: Sequence[Drawn]) -> Html:
 
 def clips(figures: Sequence[Drawn]) -> Html:
     """Film strip and paths of each kept clip; what was invented behind a click."""
-    pictures = [figure for figure in figures if figure.kind != "horizon"]
+    pictures = [figure for figure in figures if figure.kind not in CURVES]
     parts = []
     for clip, group in itertools.groupby(pictures, lambda figure: figure.group):
         of_kind: dict[str, list[Html]] = {"strip": [], "paths": [], "invented": []}

@@ -40,7 +40,8 @@ def texts(figure: Figure) -> str:
 
 class TestWriteAll:
     def test_one_page_per_metric_and_per_kept_clip(self, written: list[Path]) -> None:
-        names = ["horizon-psnr", "horizon-translation-error", "strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
+        names = ["horizon-psnr", "horizon-translation-error", "samples-psnr", "samples-translation-error"]
+        names += ["strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
         both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
         assert not any("final-gap" in path.name for path in written)  # known at the last step alone: no curve
         assert {path.name for path in written} == both | {"invented-01-a-b-0-9-x-y.png", "horizon-psnr-covered.svg"}
@@ -70,7 +71,8 @@ class TestWriteAll:
         plots.write_all(tmp_path / "r", lambda done, total, name: seen.append((done, total, name)))
         assert not old.exists()
         assert foreign.exists()
-        assert seen == [(1, 3, "PSNR"), (2, 3, "Translation error"), (3, 3, "PSNR, covered pixels")]
+        names = ["PSNR", "Translation error", "PSNR, covered pixels", "PSNR of samples", "Translation error of samples"]
+        assert seen == [(number, 5, name) for number, name in enumerate(names, 1)]
 
     def test_nothing_global_is_left_behind(self, folder: Path, written: list[Path]) -> None:
         before = dict(matplotlib.rcParams)
@@ -99,6 +101,15 @@ class TestCurves:
         single, mean, best = (np.asarray(lines[i].get_ydata()) for i in (0, 2, 3))
         np.testing.assert_allclose(mean - single, 1.0)
         np.testing.assert_allclose(best - single, 2.0)
+
+    def test_the_best_of_k_has_a_line_for_every_cell_with_samples(self, pages: dict[str, Page]) -> None:
+        """The first sample has 21 - step, 17.5 dB on average; the others 1 and 2 dB more: of pairs (1 + 2 + 2) / 3."""
+        axes = pages["samples-psnr"].figure.axes[0]
+        line = axes.lines[0]
+        np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
+        np.testing.assert_allclose(line.get_ydata(), 17.5 + np.array([1.0, 5 / 3, 2.0]))
+        assert axes.get_xlabel() == "samples to choose from"
+        assert "gt" not in texts(pages["samples-psnr"].figure).split()
 
     def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, Page]) -> None:
         words = texts(pages["horizon-translation-error"].figure)

@@ -59,6 +59,8 @@ def test_it_is_well_formed_and_all_is_in_it(page: str) -> None:
     assert [source.partition(";")[0].removeprefix("data:") for source in sources] == [
         "image/svg+xml",  # psnr, translation error
         "image/svg+xml",
+        "image/svg+xml",  # the same over samples
+        "image/svg+xml",
         "image/svg+xml",  # psnr over covered pixels
         "image/jpeg",  # strip
         "image/svg+xml",  # paths
@@ -124,8 +126,8 @@ def test_the_protocol_is_told(page: str) -> None:
 def test_progress_is_told(folder: Path) -> None:
     told: list[tuple[int, int, str]] = []
     report.write(folder, lambda done, total, name: told.append((done, total, name)))
-    assert [done for done, _, _ in told] == [1, 2, 3, 4]
-    assert {total for _, total, _ in told} == {4}
+    assert [done for done, _, _ in told] == [1, 2, 3, 4, 5, 6]
+    assert {total for _, total, _ in told} == {6}
 
 
 def test_with_plots_it_is_the_same_page_and_every_figure_is_made_once(
@@ -144,7 +146,7 @@ def test_with_plots_it_is_the_same_page_and_every_figure_is_made_once(
     assert {kind for _, kind in made} == {"png", "svg", "jpg"}
     files = {tuple(path.name.rsplit(".", 1)) for path in (tmp_path / "r" / "plots").iterdir()}
     assert files == {(name, kind) for name, kind in made if kind != "jpg"}
-    assert told == [1, 2, 3, 4]
+    assert told == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_folder_without_results_is_bad_data(tmp_path: Path) -> None:
