@@ -97,6 +97,7 @@ def _add_forecast(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def _add_views(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     table = verbs.add_parser("table", help="print and write the tables of a results folder")
     table.add_argument("--format", choices=("md", "tex", "csv"), default="md", help="what is printed (default: md)")
+    table.add_argument("--style", choices=("suite", "thesis"), default="suite", help="thesis: as its table 4.1, in md")
     table.set_defaults(verb="table")
     plot = verbs.add_parser("plot", help="draw the figures of a results folder")
     plot.set_defaults(verb="plot")

@@ -157,10 +157,15 @@ def _forecast(chosen: argparse.Namespace) -> int:
 
 
 def _table(chosen: argparse.Namespace) -> int:
-    from benchmarks import formats, tables
+    from benchmarks import formats, tables, thesis
     from benchmarks.store import Results
 
     results = Results(chosen.folder)
+    if chosen.style == "thesis":
+        if chosen.format != "md":
+            raise BadData(f"--style thesis is written as md alone, not as {chosen.format}: leave --format out")
+        print(thesis.markdown(results))
+        return DONE
     for table in tables.build(results):
         print(formats.FORMATS[chosen.format](table))
     formats.write_all(results)

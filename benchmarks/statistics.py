@@ -117,6 +117,8 @@ def over_clips(values: FloatArray) -> Estimate:
 def _best(values: Cube, higher_is_better: bool) -> npt.NDArray[np.intp]:
     """The best sample over all steps of each clip [N]; one without values is never it."""
     scores = _nanmean(values.values, axis=2) * (1.0 if higher_is_better else -1.0)
+    if not scores.size:
+        return np.zeros(len(scores), dtype=np.intp)
     return np.argmax(np.where(np.isnan(scores), -np.inf, scores), axis=1)
 
 

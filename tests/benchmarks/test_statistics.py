@@ -117,6 +117,8 @@ def test_no_rows_are_no_clips() -> None:
     empty = statistics.cube(SCORES.empty_table(), "psnr")
     assert (empty.clips, empty.values.size) == ((), 0)
     assert int(statistics.overall(statistics.mean_of_samples(empty, True)).count) == 0
+    assert int(statistics.overall(statistics.best_of_samples(empty, True)).count) == 0
+    assert statistics.expected_best(empty, True).shape == (0, 0)
 
 
 def test_frames_without_an_error_are_infinitely_good() -> None:

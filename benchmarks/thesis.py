@@ -1,0 +1,140 @@
+"""Table 4.1 of the thesis in its own layout: our rows, and the published ones in a block of their own."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from benchmarks import statistics, tables
+from benchmarks.store import Cell, Results
+
+METRICS = ("psnr", "ssim", "lpips")
+PUBLISHED = "thesis-table-4-1.toml"
+STOCHASTIC = ("svg", "srvp", "slamp")
+GEOMETRIC = {"Ours": ("deepvo",), "GT 2D Pose": ("planar", "ground-truth"), "GT 3D Pose": ("ground-truth",)}
+DECIMALS = 3
+
+
+@dataclass(frozen=True)
+class Line:
+    """A model with its mean and standard error in each of METRICS; None where it has none."""
+
+    name: str
+    rank: int  # place in the thesis's order; rows that it does not have come last
+    values: tuple[tuple[float, float] | None, ...]
+
+
+def markdown(results: Results) -> str:
+    """Both blocks with what one must know to read them."""
+    protocol = results.protocol()
+    lines = [_line(cell, results) for cell in results.cells() if cell.status in ("done", "partial")]
+    in_thesis = sorted((line for line in lines if line.rank < len(_order())), key=lambda line: line.rank)
+    beside = [line for line in lines if line.rank == len(_order())]
+    published = _published()
+    width_px, height_px = protocol["size_px"]
+    parts = [
+        f"## {protocol['name']}: measured here, in the layout of the thesis's table 4.1",
+        _block([*in_thesis, *beside], protocol),
+        f"- {len(protocol['clips'])} clips of {_data(protocol)}; {protocol['num_past']} frames seen, the next "
+        f"{protocol['num_future']} predicted at {width_px}x{height_px}.",
+        f"- {statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
+        *_absences(results, in_thesis),
+        "",
+        "## Published, not measured here",
+        _block([Line(str(row["name"]), 0, _numbers(row)) for row in published["row"]], protocol),
+        f"- {published['source']}: {published['about']}.",
+        "- Other test clips, other training data and metrics that are not defined there: compare orders, not digits.",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _line(cell: Cell, results: Results) -> Line:
+    name = _name(cell)
+    rows, values = results.scores(cell.name), []
+    for metric in METRICS:
+        cube = statistics.cube(rows, metric)
+        higher = metric != "lpips"
+        reduce = statistics.best_of_samples if cell.num_samples > 1 else statistics.mean_of_samples
+        estimate = statistics.overall(reduce(cube, higher))
+        values.append((float(estimate.mean), float(estimate.error)) if int(estimate.count) else None)
+    marks = "".join(tables.MARKS[grant][0] for grant in cell.grants)
+    order = _order()
+    is_known = _family(name) in order
+    shown = name if is_known or not marks else f"{name} [{marks}]"
+    return Line(shown, order.index(_family(name)) if is_known else len(order), tuple(values))
+
+
+def _name(cell: Cell) -> str:
+    """What the thesis calls such a cell; its own label where the thesis has none like it."""
+    parts = cell.components.get("predictor", cell.components)
+    if parts.get("name") in STOCHASTIC:
+        return f"{parts['name'].upper()} - {cell.num_samples} Sample{'s' * (cell.num_samples > 1)}"
+    source = parts.get("pose_source", {})
+    names = tuple(filter(None, (source.get("name"), source.get("source", {}).get("name"))))
+    if parts.get("renderer", {}).get("name") == "synsin":
+        for name, sources in GEOMETRIC.items():
+            if names == sources:
+                return name if name == "Ours" else f"{name} + SynSin"
+    return cell.label
+
+
+def _family(name: str) -> str:
+    """The name without the number of samples, of which only whether it is one matters."""
+    model, dash, count = name.partition(" - ")
+    return f"{model}{dash}{'1' if count == '1 Sample' else 'many'}" if dash else name
+
+
+def _order() -> list[str]:
+    """The families in the thesis's order."""
+    return [_family(str(row["name"])) for row in _published()["row"]]
+
+
+def _published() -> Mapping[str, Any]:
+    return tomllib.loads((resources.files("benchmarks") / "published" / PUBLISHED).read_text("utf-8"))
+
+
+def _numbers(row: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
+    return tuple((float(row[metric][0]), float(row[metric][1])) for metric in METRICS)
+
+
+def _block(lines: Sequence[Line], protocol: Mapping[str, Any]) -> str:
+    """The lines with the best of each column in bold, as the thesis prints them."""
+    head = ["Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)"]
+    best = [_best([line.values[i] for line in lines], metric != "lpips") for i, metric in enumerate(METRICS)]
+    body = [[line.name, *(_text(v, b) for v, b in zip(line.values, best, strict=True))] for line in lines]
+    widths = [max(len(row[i]) for row in [head, *body]) for i in range(len(head))]
+    texts = [" | ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) for row in [head, *body]]
+    rule = " | ".join("-" * width for width in widths)
+    return "\n".join(["", *(f"| {text} |" for text in [texts[0], rule, *texts[1:]]), ""])
+
+
+def _best(values: Iterable[tuple[float, float] | None], higher: bool) -> float:
+    means = [round(value[0], DECIMALS) for value in values if value is not None]
+    return (max if higher else min)(means, default=float("nan"))
+
+
+def _text(value: tuple[float, float] | None, best: float) -> str:
+    if value is None:
+        return "-"
+    mean = f"{value[0]:.{DECIMALS}f}"
+    bold = f"**{mean}**" if round(value[0], DECIMALS) == best else mean
+    return bold if np.isnan(value[1]) else f"{bold} ± {value[1]:.{DECIMALS}f}"
+
+
+def _data(protocol: Mapping[str, Any]) -> str:
+    split = protocol["dataset"].get("split")
+    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
+
+
+def _absences(results: Results, present: Sequence[Line]) -> list[str]:
+    """The thesis's rows that are not here, and cells that did not become rows."""
+    here = {line.rank for line in present}
+    names = [str(row["name"]) for rank, row in enumerate(_published()["row"]) if rank not in here]
+    notes = [f"- Not in these results: {', '.join(names)}."] if names else []
+    other = [cell for cell in results.cells() if cell.status != "done"]
+    return notes + [f"- {cell.label}: {cell.status}: {cell.reason or 'run again'}." for cell in other]
