@@ -67,8 +67,8 @@ def test_rows_have_the_thesiss_names_and_order_and_ours_come_after(results: Resu
 
 def test_samples_are_scored_by_the_best_of_each_column(results: Results) -> None:
     rows = {row[0]: row[1:] for row in rows_of(blocks(results)[0])}
-    # Clips have 12.0 and 12.5: mean 12.25 (LPIPS .1225), s = 0.354, / sqrt(2) = 0.25. The best of four PSNR are 3 dB above, the best
-    # LPIPS is the first sample's.
+    # Clips have 12.0 and 12.5: mean 12.25 (LPIPS .1225), s = 0.354, / sqrt(2) = 0.25. The best PSNR of four is 3 dB
+    # above, the best LPIPS is the first sample's.
     assert rows["SVG - 1 Sample"] == ["12.250 ± 0.250", "-", "0.122 ± 0.003"]
     assert rows["SVG - 4 Samples"] == ["15.250 ± 0.250", "-", "0.122 ± 0.003"]
     assert rows["vo [h]"][0] == "**17.250** ± 0.250"
