@@ -13,7 +13,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.render import fusion, surface, volume
-from geovp_classic.render.fill import NearestBackground
+from geovp_classic.render.fill import BorrowedDetail, NearestBackground
 from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
@@ -23,7 +23,7 @@ class DepthFusion:
     """All observed frames as one cloud of patches; holes are filled, magnified surfaces get their grain back."""
 
     depth: DepthSource = field(default_factory=Multiview)
-    fill: Fill = field(default_factory=NearestBackground)
+    fill: Fill = field(default_factory=BorrowedDetail)
     frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
     num_frames: int = 10  # how many of the last observed frames are used
     with_registration: bool = True  # poses are first adjusted to what the pictures show

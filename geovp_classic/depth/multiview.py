@@ -16,6 +16,7 @@ import numpy as np
 from geovp_classic.depth import matching, viewpoints
 from geovp_classic.depth.completion import complete
 from geovp_classic.depth.ground import Ground
+from geovp_classic.depth.smoothing import flattened
 from geovp_classic.depth.sweep import Swept, agreement, sweep
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
@@ -37,7 +38,7 @@ class Multiview:
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
     num_planes: int = 64
     with_ground: bool = True  # nothing lies below the road that is found under the camera
-    with_completion: bool = True  # unsure pixels follow sure ones that look like them
+    with_completion: bool = True  # unsure pixels follow sure ones that look like them, surfaces are smooth
     with_camera_height: bool = False  # without parallax: a level road at the recorded height
 
     def __post_init__(self) -> None:
@@ -97,7 +98,7 @@ def depths_of_frames(
             other_from_cam = se3.inverse(past.world_from_cam[other]) @ past.world_from_cam[step]
             trust = trust * agreement(inverse_depth, camera, witness.inverse_depth, half, other_from_cam, AGREEMENT)
         if settings.with_completion:
-            inverse_depth = complete(inverse_depth, trust, pictures[step])
+            inverse_depth = flattened(complete(inverse_depth, trust, pictures[step]), trust, pictures[step])
         inverse_depths[step], confidence[step] = inverse_depth, trust
     return inverse_depths, confidence
 

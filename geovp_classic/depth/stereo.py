@@ -9,6 +9,7 @@ import numpy as np
 
 from geovp_classic.depth import matching
 from geovp_classic.depth.completion import complete, fill_from_background
+from geovp_classic.depth.smoothing import flattened
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
@@ -52,7 +53,8 @@ class Stereo:
             disparity_px, matched = self._disparity_px(context.frames[step], context.right, step, camera, baseline_m)
             found = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
             filled, trust = fill_from_background(found, matched), matched.astype(np.float32)
-            inverse_depths[step] = complete(filled, trust, matching.grey(context.frames[step]))
+            picture = matching.grey(context.frames[step])
+            inverse_depths[step] = flattened(complete(filled, trust, picture), trust, picture)
             confidence[step] = trust
         return inverse_depths, confidence
 
