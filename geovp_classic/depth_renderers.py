@@ -8,11 +8,13 @@ from typing import Literal
 import numpy as np
 
 from geovp_classic.depth import matching, registration
+from geovp_classic.depth.ground import fit_ground
+from geovp_classic.depth.movers import Movers
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import DepthSource, Fill, Scene
-from geovp_classic.render import fusion, surface, volume
+from geovp_classic.render import billboards, fusion, surface, volume
 from geovp_classic.render.fill import BorrowedDetail, NearestBackground
 from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
@@ -30,6 +32,7 @@ class DepthFusion:
     crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
+    moving: Literal["carried", "ignored"] = "ignored"  # things that move by themselves go on, or stand like all else
 
     def __post_init__(self) -> None:
         """Raise BadData for settings that make no sense."""
@@ -39,6 +42,8 @@ class DepthFusion:
             raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
         if not (0 < self.agreement < 1 and self.crack_px >= 0 and self.grain >= 0):
             raise BadData("agreement must lie between 0 and 1, crack_px and grain must not be negative")
+        if self.moving not in ("carried", "ignored"):
+            raise BadData(f"moving is {self.moving!r}, expected 'carried' or 'ignored'")
 
     @property
     def needs(self) -> Grant:
@@ -56,15 +61,35 @@ class DepthFusion:
         better = Trajectory(found.world_from_cam, past.times_s, past.is_metric)
         return Steered(self._fused(recent, better), past.world_from_cam[-1], found.steering)
 
-    def _fused(self, recent: Context, past: Trajectory) -> fusion.CloudScene:
+    def _fused(self, recent: Context, past: Trajectory) -> Scene:
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        things = _moving_things(recent, past, inverse_depths[-1]) if self.moving == "carried" else ()
+        seconds = recent.times_s - past.times_s[-1]
+        inverse_depths, confidence, cut = billboards.cut_out(
+            things, inverse_depths, confidence, past.world_from_cam, seconds[: len(past)]
+        )
         details = [None] * len(past) if recent.wide is None else recent.wide.frames
         sources = [
             surface.Source(frame, recent.intrinsics, pose, detail)
             for frame, pose, detail in zip(recent.frames, past.world_from_cam, details, strict=True)
         ]
         cloud, used = fusion.fuse(sources, inverse_depths, confidence, self.agreement)
-        return fusion.CloudScene(cloud, used, self.fill, self.crack_px, self.grain)
+        standing = billboards.without(cloud, 0, cut[-1])
+        street = fusion.CloudScene(standing, used, self.fill, self.crack_px, self.grain)
+        return billboards.Traffic(street, things, seconds[len(past) :]) if things else street
+
+
+def _moving_things(
+    recent: Context,
+    past: Trajectory,
+    inverse_depth: FloatArray,  # [H, W] of the last frame
+) -> tuple[billboards.Billboard, ...]:
+    """What moves by itself in the last frame, flat; in the unit of the past."""
+    pictures = np.stack([matching.grey(frame) for frame in recent.frames])
+    road = fit_ground(inverse_depth, recent.intrinsics)
+    found = Movers().find(pictures, recent.intrinsics, past, inverse_depth, road)
+    taken = recent.frames[-1], recent.intrinsics, past.world_from_cam[-1]
+    return tuple(billboards.Billboard(taken[0], mover.mask, *taken[1:], mover.depth, mover.velocity) for mover in found)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,15 @@
 """A street that can be worked out on paper: flat ground, a wall ahead and a box in front of it, all textured."""
 
+import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from geovp_classic.geometry import pinhole
-from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
+from geovp_classic.depth.ground import Ground
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
 HEIGHT = 1.6  # of the camera above the ground
@@ -69,3 +72,57 @@ def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
 def picture() -> Callable[..., FloatArray]:
     """What a camera at a pose sees of the street."""
     return picture_of_street
+
+
+@dataclass(frozen=True)
+class Car:
+    """A car's flat back that stands on the ground at time 0 and moves along it."""
+
+    left: float = -2.2  # x
+    right: float = -0.4
+    height: float = 1.5
+    distance: float = 8.0  # z
+    velocity: tuple[float, float, float] = (1.2, 0.0, 5.0)  # per second
+
+    def picture(self, world_from_cam: FloatArray, seconds: float) -> tuple[FloatArray, BoolArray]:
+        """Street and car, float32 grey [H, W], and where the car is [H, W]; each pixel is sampled four times."""
+        fine = CAMERA.resized(2 * CAMERA.width_px, 2 * CAMERA.height_px)
+        origin = world_from_cam[:3, 3] - seconds * np.array(self.velocity)  # in the car's own frame
+        rays = pinhole.rays(fine) @ world_from_cam[:3, :3].T
+        points = origin + ((self.distance - origin[2]) / rays[..., 2])[..., None] * rays
+        hit = (points[..., 0] > self.left) & (points[..., 0] < self.right)
+        hit &= (points[..., 1] < HEIGHT) & (points[..., 1] > HEIGHT - self.height)
+        street = _texture(0.4 * depth_of_street(world_from_cam, fine)[1], 0.0)  # coarser than a pixel at the wall
+        grey = np.where(hit, _texture(0.7 * points, 2.0), street)
+        blocks = (one.reshape(CAMERA.height_px, 2, CAMERA.width_px, 2).mean(axis=(1, 3)) for one in (grey, hit))
+        value, share = blocks
+        return np.clip(np.round(value), 0, 255).astype(np.float32), share > 0.5
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Ten pictures of the street with a car that drives on it, and what is true of the last one."""
+
+    pictures: FloatArray  # [10, H, W] float32 grey
+    past: Trajectory  # [10], the last pose is the identity
+    camera: Intrinsics
+    inverse_depth: FloatArray  # [H, W] of the street alone
+    mask: BoolArray  # [H, W], the car
+    road: Ground
+
+
+@pytest.fixture(scope="session")
+def drive_behind() -> Callable[..., Traffic]:
+    """A camera that drives at 4 m/s behind a car."""
+
+    @functools.cache
+    def _drive(velocity: tuple[float, float, float] = Car.velocity, unit_m: float = 1.0) -> Traffic:
+        car, times_s = Car(velocity=velocity), 0.1 * np.arange(-9, 1)
+        poses = se3.exp(np.outer(times_s, [0, 0, 4.0, 0, 0, 0]))
+        pictures, masks = zip(*(car.picture(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True)
+        poses[:, :3, 3] /= unit_m
+        street = (unit_m / depth_of_street(np.eye(4))[0]).astype(np.float32)
+        road = Ground(np.array([0.0, 1.0, 0.0]), HEIGHT / unit_m)
+        return Traffic(np.stack(pictures), Trajectory(poses, times_s, unit_m == 1.0), CAMERA, street, masks[-1], road)
+
+    return _drive
