@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -13,7 +14,7 @@ from torch import Tensor
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion, Trajectory
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
 from learned import checkpoints
 from learned.deepvo.network import Architecture, PoseNetwork
 from learned.deepvo.steps import motions
@@ -46,7 +47,7 @@ class DeepVo:
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The motion; Incompatible for fewer than two frames, BadData for a checkpoint that cannot be used."""
         past_from_next, future_from_next = _steps(self, context, context.num_future)
-        past = _trajectory(past_from_next, context)
+        past = _trajectory(past_from_next, context.times_s[: context.num_past])
         futures = past.world_from_cam[-1] @ _chained(future_from_next)
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
 
@@ -70,7 +71,16 @@ class DeepVoOdometry:
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory, every step tracked; errors as `DeepVo.estimate`."""
         past_from_next, _ = _steps(self, context, 1)
-        past = _trajectory(past_from_next, context)
+        past = _trajectory(past_from_next, context.times_s[: context.num_past])
+        return past, np.ones(len(past), dtype=bool)
+
+    def track_sequence(
+        self, frames: Iterable[ByteArray], times_s: FloatArray, intrinsics: Intrinsics, camera_height_m: float | None
+    ) -> tuple[Trajectory, BoolArray]:
+        """A whole sequence, frame by frame; its length comes from training alone, not from the camera's height."""
+        network = load(self.checkpoint or shipped(), self.fingerprint)
+        pictures = torch.cat([taken([frame], intrinsics, network.architecture) for frame in frames])
+        past = _trajectory(_motions(network, pictures, 1)[0], times_s)
         return past, np.ones(len(past), dtype=bool)
 
 
@@ -91,10 +101,10 @@ def load(file: Path, fingerprint: str) -> PoseNetwork:
     return network.eval()
 
 
-def seen(context: Context, architecture: Architecture) -> Tensor:
-    """The observed frames [P, 3, H, W] as the network's own camera would have taken them."""
-    frames, camera = shrunk(list(context.frames), context.intrinsics, architecture.camera)
-    return pictures_from_frames(np.stack([retaken(frame, camera, architecture.camera) for frame in frames]))
+def taken(frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture) -> Tensor:
+    """Frames [P, 3, H, W] as the network's own camera would have taken them."""
+    smaller, camera = shrunk(frames, camera, architecture.camera)
+    return pictures_from_frames(np.stack([retaken(frame, camera, architecture.camera) for frame in smaller]))
 
 
 def _checked(checkpoint: Path | None, wanted: str) -> str:
@@ -105,20 +115,24 @@ def _checked(checkpoint: Path | None, wanted: str) -> str:
     return found
 
 
-@torch.inference_mode()
 def _steps(component: DeepVo | DeepVoOdometry, context: Context, num_future: int) -> tuple[FloatArray, FloatArray]:
     """Motions from each camera to the next, within the past [P - 1, 4, 4] and after it [F, 4, 4]."""
-    if context.num_past < 2:
-        raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
     network = load(component.checkpoint or shipped(), component.fingerprint)
-    past, future = network(seen(context, network.architecture)[None], num_future)
+    return _motions(network, taken(list(context.frames), context.intrinsics, network.architecture), num_future)
+
+
+@torch.inference_mode()
+def _motions(network: PoseNetwork, pictures: Tensor, num_future: int) -> tuple[FloatArray, FloatArray]:
+    if len(pictures) < 2:
+        raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
+    past, future = network(pictures[None], num_future)
     head = network.architecture.head
     return motions(past[0].double(), head).numpy(), motions(future[0].double(), head).numpy()
 
 
-def _trajectory(past_from_next: FloatArray, context: Context) -> Trajectory:
+def _trajectory(past_from_next: FloatArray, times_s: FloatArray) -> Trajectory:
     world_from_cam = np.concatenate([np.eye(4)[None], _chained(past_from_next)])
-    return Trajectory(world_from_cam, context.times_s[: context.num_past].copy(), is_metric=True)
+    return Trajectory(world_from_cam, times_s.copy(), is_metric=True)
 
 
 def _chained(relative: FloatArray) -> FloatArray:

@@ -80,6 +80,14 @@ def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
     assert len(rows) - 2 <= cards.MOST_ROWS + 1
 
 
+@pytest.mark.parametrize("name", ["deepvo"])
+def test_shipped_weights_were_trained_with_the_shipped_recipe_and_have_their_card(name: str) -> None:
+    folder = Path(cards.__file__).parent / "weights"
+    text = cards.card(folder / f"{name}.safetensors", Path(f"{name}-small"))
+    assert f"    python -m learned train {name} {name}-small\n" in text
+    assert (folder / f"{name}.md").read_text().startswith(text.partition("## Licence")[0])
+
+
 def test_a_recipe_of_other_settings_is_refused() -> None:
     with pytest.raises(BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own recipe"):
         cards.card(Path(cards.__file__).parent / "weights" / "deepvo.safetensors", Path("deepvo-tiny"))

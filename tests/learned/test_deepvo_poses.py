@@ -14,7 +14,7 @@ from geovp_classic.errors import BadData, Incompatible  # noqa: E402
 from geovp_classic.types import Context, Grant  # noqa: E402
 from learned import checkpoints  # noqa: E402
 from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
-from learned.deepvo.poses import DeepVo, DeepVoOdometry, seen, shipped  # noqa: E402
+from learned.deepvo.poses import DeepVo, DeepVoOdometry, shipped, taken  # noqa: E402
 from learned.deepvo.train import DeepVoTraining  # noqa: E402
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
@@ -68,6 +68,13 @@ def test_the_odometry_is_the_past_of_the_pose_source(tmp_path: Path) -> None:
     assert tracked.all()
 
 
+def test_a_sequence_frame_by_frame_is_a_clip_of_its_length(tmp_path: Path) -> None:
+    odometry, clip = DeepVoOdometry(written(tmp_path)), context()
+    whole, tracked = odometry.track_sequence(iter(clip.frames), clip.times_s[:6], clip.intrinsics, None)
+    np.testing.assert_allclose(whole.world_from_cam, odometry.track(clip)[0].world_from_cam, atol=1e-6)
+    assert tracked.tolist() == [True] * 6
+
+
 def test_another_camera_of_the_same_street_looks_alike() -> None:
     """Brought to the network's camera, half the resolution says the same."""
     whole = context()
@@ -76,6 +83,10 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
         whole, frames=whole.frames.reshape(6, 64, 2, 64, 2, 3).mean((2, 4)).astype(np.uint8), intrinsics=camera
     )
     narrow = replace(TINY, focal_widths=2.0)
+
+    def seen(context: Context, architecture: Architecture) -> torch.Tensor:
+        return taken(list(context.frames), context.intrinsics, architecture)
+
     difference = (seen(whole, narrow) - seen(small, narrow)).abs()
     assert float(difference.mean()) < 0.04
     assert float(difference.mean()) < float((seen(whole, narrow)[1:] - seen(whole, narrow)[:-1]).abs().mean()) / 2
