@@ -24,7 +24,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m learned", description="Train the learned parts.")
     verbs = parser.add_subparsers(dest="verb", required=True)
     train = verbs.add_parser("train", help="train a method; started again, a stopped run goes on")
-    train.add_argument("method", help="deepvo, synsin")
+    train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
     train.add_argument("config", type=Path, metavar="CONFIG.toml", help="a recipe file, or the name of a shipped one")
     train.add_argument("--out", type=Path, metavar="DIR", help="where the run is kept (default: runs/CONFIG)")
     train.add_argument("--root", type=Path, metavar="FOLDER", help="where the data sets are, instead of what it says")

@@ -11,13 +11,21 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import ByteArray, Context, Grant, Prediction
 from learned import checkpoints, methods
 from learned.video import windows
-from learned.video.training import VideoTraining, bare
+from learned.video.training import VideoNetwork, VideoTraining, bare
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A network ready to predict."""
+
+    network: VideoNetwork
+    num_past: int  # frames that it was shown in training
 
 
 @dataclass(frozen=True)
@@ -25,9 +33,11 @@ class VideoPredictor:
     """Samples of a trained network's future frames, each drawn from the learned prior.
 
     `checkpoint` is a weights file of `python -m learned train`; without one, the weights that come with the package.
-    Frames of any size are brought to the network's own square and back. Chance depends on `seed`, the observed frames
-    and the sample's number alone: the first of a hundred samples are those of fewer, and no clip shares its chance
-    with another. Samples are made `samples_at_once`, which only says how much memory is taken.
+    Frames of any size are brought to the network's own square and back. It looks at the last of the observed ones, as
+    many as it learned from: shown more it would count on from there (SVG, shown ten and not five, lost 1.3 dB).
+    Chance depends on `seed`, the frames looked at and the sample's number alone: the first of a hundred samples are
+    those of fewer, and no clip shares its chance with another. Samples are made `samples_at_once`, which only says
+    how much memory is taken.
     """
 
     checkpoint: Path | None = None
@@ -57,14 +67,15 @@ class VideoPredictor:
         """Frames [S, F, H, W, 3]; Incompatible for fewer than two observed frames."""
         if context.num_past < 2:
             raise Incompatible(f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more")
-        network = bare(load(self.method, self.file, self.device))
+        trained = load(self.method, self.file, self.device)
+        network, recent = trained.network, context.recent(trained.num_past)
         height_px, width_px = context.frames.shape[1:3]
-        observed = windows.stacked([windows.resized(context.frames, network.size_px, network.size_px)])
+        observed = windows.stacked([windows.resized(recent.frames, network.size_px, network.size_px)])
         observed = observed.to(self.device).float() / 255.0
         frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
         for first in range(0, num_samples, self.samples_at_once):
             samples = range(first, min(first + self.samples_at_once, num_samples))
-            noise = noise_of(context, self.seed, samples, network.noise_size).to(self.device)
+            noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
             with torch.inference_mode():
                 made = network.predict(observed, noise)
             for sample, pictures in zip(samples, _bytes(made), strict=True):
@@ -86,7 +97,7 @@ def shipped(method: str) -> Path:
 
 
 @functools.lru_cache(maxsize=3)
-def load(method: str, file: Path, device: str) -> nn.Module:
+def load(method: str, file: Path, device: str) -> Trained:
     """The network of a weights file, once per process; BadData when the file or the device cannot be used."""
     kind = methods.load(method)
     checkpoint = checkpoints.read(file, method, kind)
@@ -94,7 +105,7 @@ def load(method: str, file: Path, device: str) -> nn.Module:
     network = checkpoint.settings.build()["video"]
     checkpoints.restore(file, network, checkpoint, "video")
     try:
-        return network.eval().to(device)
+        return Trained(bare(network.eval().to(device)), checkpoint.settings.num_past)
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise BadData(

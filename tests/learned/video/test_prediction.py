@@ -1,0 +1,111 @@
+"""SVG, SRVP and SLAMP as components: their promises, their chance, and that samples are streamed."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from geovp_classic import registry
+from geovp_classic.contracts import check, street
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.interfaces import FramePredictor
+from geovp_classic.types import Context, Grant
+from learned import checkpoints
+from learned.video.prediction import VideoPredictor, noise_of, shipped
+from learned.video.training import VideoTraining
+
+
+@pytest.fixture
+def checkpoint(name: str, method: VideoTraining, tmp_path: Path) -> Path:
+    torch.manual_seed(0)
+    file, networks = tmp_path / f"{name}.safetensors", method.build()
+    with torch.no_grad():
+        for parameter in networks["video"].parameters():
+            parameter.mul_(3.0)  # so that latents matter before anything is learnt
+    checkpoints.write(file, name, method, networks, {})
+    return file
+
+
+@pytest.fixture
+def predictor(name: str, checkpoint: Path) -> VideoPredictor:
+    built = registry.build("predictors", {"name": name, "checkpoint": str(checkpoint)})
+    assert isinstance(built, VideoPredictor)
+    return built
+
+
+def context(num_past: int = 6) -> Context:
+    return street.clip().split(num_past, Grant.NONE)[0]
+
+
+def test_it_keeps_every_promise(predictor: FramePredictor) -> None:
+    broken = [finding for finding in check("predictors", predictor) if not finding.passed]
+    assert not broken, broken
+
+
+def test_samples_do_not_depend_on_how_many_are_asked_for(predictor: VideoPredictor) -> None:
+    many = predictor.predict(context(), num_samples=7).frames
+    few = predictor.predict(context(), num_samples=2).frames
+    one_by_one = replace(predictor, samples_at_once=1).predict(context(), num_samples=7).frames
+    assert many.shape == (7, 4, 128, 128, 3)
+    # As many at once may round the last bit otherwise, which can tip a grey level.
+    assert np.abs(many[:2].astype(int) - few).max() <= 2
+    assert np.abs(many.astype(int) - one_by_one).max() <= 2
+    assert np.abs(many[0].astype(int) - many[6]).mean() > 0.02  # samples differ
+
+
+def test_a_seed_repeats_and_another_one_does_not(predictor: VideoPredictor) -> None:
+    first, again = (predictor.predict(context(), num_samples=2).frames for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert (replace(predictor, seed=1).predict(context(), num_samples=2).frames != first).any()
+
+
+def test_every_clip_and_every_sample_has_its_own_chance() -> None:
+    here, there = context(), context(num_past=5)
+    noise = noise_of(here, 0, range(3), 4)
+    assert noise.shape == (3, 4, 4)
+    torch.testing.assert_close(noise[1:2], noise_of(here, 0, range(1, 2), 4))
+    assert not torch.equal(noise[0], noise[1])
+    assert not torch.equal(noise[0], noise_of(replace(there, times_s=here.times_s[1:]), 0, range(1), 4)[0])
+
+
+def test_frames_of_any_size_come_back_as_they_went_in(predictor: VideoPredictor) -> None:
+    whole = context()
+    wide = replace(whole, frames=whole.frames[:, 32:96].copy(), intrinsics=whole.intrinsics.cropped(0, 32, 128, 64))
+    assert predictor.predict(wide).frames.shape == (1, 4, 64, 128, 3)
+
+
+def test_no_more_frames_are_looked_at_than_in_training(predictor: VideoPredictor) -> None:
+    """The method was trained on three observed frames; the context has six."""
+    whole = context()
+    early, late = whole.frames.copy(), whole.frames.copy()
+    early[:3], late[3] = 0, 0
+    shown = predictor.predict(whole).frames
+    np.testing.assert_array_equal(shown, predictor.predict(replace(whole, frames=early)).frames)
+    assert (shown != predictor.predict(replace(whole, frames=late)).frames).any()
+
+
+def test_one_frame_shows_no_motion(predictor: VideoPredictor, name: str) -> None:
+    with pytest.raises(Incompatible, match=f"{name} goes by motion, the past has one frame"):
+        predictor.predict(context().recent(1))
+
+
+def test_what_cannot_be_used_is_told_in_one_sentence(name: str, checkpoint: Path) -> None:
+    kind = registry.load("predictors", name)
+    with pytest.raises(BadData, match="samples_at_once is 0, expected 1 or more"):
+        kind(checkpoint, samples_at_once=0)
+    with pytest.raises(BadData, match=r"weights .*nowhere.safetensors do not exist"):
+        kind(checkpoint.with_name("nowhere.safetensors"))
+    with pytest.raises(BadData, match="device 'warp' cannot be used"):
+        kind(checkpoint, device="warp")
+
+
+def test_the_shipped_weights_predict_and_their_samples_differ(name: str) -> None:
+    assert shipped(name).stat().st_size < 8e6
+    own = registry.build("predictors", name)
+    assert isinstance(own, VideoPredictor)
+    frames = own.predict(context(), num_samples=2).frames.astype(int)
+    assert np.abs(frames[0] - frames[1]).max() >= 1
+    again = np.abs(frames[0, 0] - context().frames[-1]).mean()
+    assert again < 15  # grey levels: the next frame resembles the last
