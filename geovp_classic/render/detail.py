@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from geovp_classic.render.blur import broad
 from geovp_classic.types import ByteArray, FloatArray
 
 BAND_EDGES = (1.0, 1.7, 2.7, 4.0, 6.0)  # magnifications between which each band is lost
@@ -58,8 +59,8 @@ class Grain:
 
 def _contrast(picture: FloatArray) -> FloatArray:
     """The local root mean square of detail [H, W, 3]."""
-    detail = picture - _blurred(picture, COARSE_PX)
-    contrast: FloatArray = np.sqrt(_blurred(detail * detail, CONTRAST_PX) + np.float32(FLOOR**2))
+    detail = picture - broad(picture, COARSE_PX)
+    contrast: FloatArray = np.sqrt(broad(detail * detail, CONTRAST_PX) + np.float32(FLOOR**2))
     return contrast
 
 

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Fill
+from geovp_classic.render.abreast import abreast
+from geovp_classic.render.blur import broad
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 IndexArray = npt.NDArray[np.intp]
@@ -43,8 +45,10 @@ class NearestBackground:
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         far = np.where(covered & (depth > 0), depth, np.float32(0))
         rows, columns = _pull_from_background(covered, far)
-        filled, far = frame[rows, columns], far[rows, columns]
-        known = np.broadcast_to(covered.any(axis=1, keepdims=True), covered.shape)
+        filled, known = frame[rows, columns], covered.any(axis=1, keepdims=True)
+        if np.all(known):
+            return filled
+        far, known = far[rows, columns], np.broadcast_to(known, covered.shape)
         columns, rows = _pull_from_background(known.T, far.T)
         return filled[rows.T, columns.T]
 
@@ -123,23 +127,31 @@ class BorrowedDetail:
         filled = self.colours.fill(views).copy()
         richest = filled[np.argmax(views.covered.mean(axis=(1, 2)))].astype(np.float32)
         detail = richest - self._broad(richest)
-        for step in np.flatnonzero(~views.covered.all(axis=(1, 2))):
+
+        def borrow(step: int) -> None:
             invented = self._broad(filled[step].astype(np.float32)) + self.strength * detail
             rounded = np.clip(invented + 0.5, 0, 255).astype(np.uint8)
-            filled[step] = np.where(views.covered[step, ..., None], filled[step], rounded)
+            np.copyto(filled[step], rounded, where=~views.covered[step, ..., None])
+
+        abreast(borrow, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
         return filled
 
     def _broad(self, picture: FloatArray) -> FloatArray:
-        return np.asarray(cv2.GaussianBlur(picture, (0, 0), self.coarse_share * picture.shape[1]))
+        return broad(picture, self.coarse_share * picture.shape[1])
 
 
 def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
     """Fill view by view; covered pixels stay as they are, whatever `fill_one` does to them."""
     filled = np.where(views.covered[..., None], views.frames, np.uint8(0))
-    for step, (covered, depth) in enumerate(zip(views.covered, views.depths, strict=True)):
-        if covered.any() and not covered.all():
-            filled[step] = np.where(covered[..., None], filled[step], fill_one(filled[step], covered, depth))
-        elif step > 0 and not covered.any():
+    some, every = views.covered.any(axis=(1, 2)), views.covered.all(axis=(1, 2))
+
+    def fill_step(step: int) -> None:
+        invented = fill_one(filled[step], views.covered[step], views.depths[step])
+        np.copyto(filled[step], invented, where=~views.covered[step, ..., None])
+
+    abreast(fill_step, np.flatnonzero(some & ~every).tolist())
+    for step in np.flatnonzero(~some):
+        if step > 0:
             filled[step] = filled[step - 1]
     return filled
 

@@ -10,10 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
+import numpy.typing as npt
 
 from geovp_classic.interfaces import Fill
 from geovp_classic.render import surface
+from geovp_classic.render.abreast import abreast
 from geovp_classic.render.detail import Grain
 from geovp_classic.render.quads import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
@@ -71,10 +74,13 @@ class CloudScene:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
         drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
         number = np.where(winner == NOTHING, NOTHING, self.cloud.source[winner]).astype(np.int32)
-        closed = [_close_cracks(*maps, self.crack_px) for maps in zip(drawn, number, strict=True)]
-        seen = [self._colours(*maps, pose, intrinsics) for maps, pose in zip(closed, world_from_cam, strict=True)]
-        frames, covered, magnification = (np.stack(maps) for maps in zip(*seen, strict=True))
-        inverse_depth = np.stack([maps[0] for maps in closed])
+
+        def look(step: int) -> tuple[FloatArray, ByteArray, BoolArray, FloatArray]:
+            closed = _close_cracks(drawn[step], number[step], self.crack_px)
+            return closed[0], *self._colours(*closed, world_from_cam[step], intrinsics)
+
+        seen = abreast(look, range(len(world_from_cam)))
+        inverse_depth, frames, covered, magnification = (np.stack(maps) for maps in zip(*seen, strict=True))
         with np.errstate(divide="ignore"):
             depths = np.where(covered, 1 / np.where(covered, inverse_depth, 1), 0).astype(np.float32)
         filled = self.fill.fill(Views(frames, covered, depths))
@@ -87,12 +93,15 @@ class CloudScene:
         frame = np.zeros((*inverse_depth.shape, 3), dtype=np.uint8)
         covered = np.zeros(inverse_depth.shape, dtype=bool)
         magnification = np.full(inverse_depth.shape, LARGEST_MAGNIFICATION, dtype=np.float32)
-        for number in np.unique(source_number[source_number >= 0]):
-            source = self.sources[number]
+        for number, source in enumerate(self.sources):
+            mine = source_number == number
+            if not mine.any():
+                continue
             pixels, ratio = surface.source_pixels(source, inverse_depth, world_from_cam, camera)
-            here = (source_number == number) & (ratio > 0) & _inside(pixels, source.camera)
-            colours = _read(source, pixels, ratio)
-            frame[here], covered[here], magnification[here] = colours[here], True, ratio[here] / source.finest
+            here = mine & (ratio > 0) & _inside(pixels, source.camera)
+            np.copyto(frame, _read(source, pixels, ratio), where=here[..., None])
+            np.copyto(magnification, ratio / np.float32(source.finest), where=here)
+            covered |= here
         return frame, covered, magnification
 
     def _with_grain(self, frames: ByteArray, magnification: FloatArray, camera: Intrinsics) -> ByteArray:
@@ -102,8 +111,9 @@ class CloudScene:
         infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
         pixels, _ = surface.source_pixels(last, infinity, last.world_from_source, camera)
         grain = Grain.of(_lanczos(last.frame, pixels))  # what the camera would have seen from there
-        pairs = zip(frames, magnification, strict=True)
-        return np.stack([grain.added_to(frame, times, self.grain) for frame, times in pairs])
+        return np.stack(
+            abreast(lambda step: grain.added_to(frames[step], magnification[step], self.grain), range(len(frames)))
+        )
 
 
 def _close_cracks(
@@ -115,27 +125,33 @@ def _close_cracks(
     seen = source_number != NOTHING
     kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
     cracks = (cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0) & ~seen
-    depth = np.where(seen, inverse_depth, np.inf)
-    number = source_number.copy()
-    for _ in range(2 * crack_px):
-        todo = cracks & ~np.isfinite(depth)
-        if not todo.any():
-            break
-        depth, number = _grown(depth, number, todo)
-    return np.where(np.isfinite(depth), depth, -1.0).astype(np.float32), number
+    depth, filled = np.where(seen, inverse_depth, np.float32(np.inf)), source_number.copy()
+    rows, columns = np.nonzero(cracks)
+    _grow(depth, filled, rows, columns, 2 * crack_px)
+    return np.where(np.isfinite(depth), depth, np.float32(-1)), filled
 
 
-def _grown(depth: FloatArray, number: IndexArray, todo: BoolArray) -> tuple[FloatArray, IndexArray]:
-    """The pixels to do take the farthest of their four neighbours, where one is known."""
-    padded, numbers = np.pad(depth, 1, constant_values=np.inf), np.pad(number, 1, constant_values=NOTHING)
-    height, width = depth.shape
-    grown, chosen = depth.copy(), number.copy()
-    for top, left in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        neighbour = padded[top : top + height, left : left + width]
-        better = todo & (neighbour < grown)
-        grown[better] = neighbour[better]
-        chosen[better] = numbers[top : top + height, left : left + width][better]
-    return grown, chosen
+@numba.njit(nogil=True, cache=True)
+def _grow(
+    depth: FloatArray,  # [H, W] float32, drawn into; inf where unknown
+    number: IndexArray,  # [H, W], drawn into
+    rows: npt.NDArray[np.intp],  # [N], of the pixels to do
+    columns: npt.NDArray[np.intp],  # [N]
+    rounds: int,
+) -> None:
+    """In each round the pixels to do take the farthest of their four neighbours, where one is known."""
+    found, whose = np.empty(len(rows), np.float32), np.empty(len(rows), number.dtype)
+    for _ in range(rounds):
+        for n in range(len(rows)):
+            row, column = rows[n], columns[n]
+            found[n], whose[n] = depth[row, column], number[row, column]
+            if np.isfinite(found[n]):
+                continue
+            for y, x in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+                if 0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and depth[y, x] < found[n]:
+                    found[n], whose[n] = depth[y, x], number[y, x]
+        for n in range(len(rows)):
+            depth[rows[n], columns[n]], number[rows[n], columns[n]] = found[n], whose[n]
 
 
 def _read(

@@ -1,5 +1,6 @@
 """The fused cloud: the last frame stays, earlier ones add what it hides, grain returns where it was lost."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,8 +11,9 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.render.detail import Grain
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import fuse
-from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
+from geovp_classic.render.fusion import _close_cracks, fuse
+from geovp_classic.render.quads import NOTHING, IndexArray
+from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 
@@ -112,3 +114,30 @@ def test_settings_that_make_no_sense_are_refused() -> None:
         DepthFusion(Given(), num_frames=0)
     with pytest.raises(BadData, match="agreement"):
         DepthFusion(Given(), agreement=1.5)
+
+
+def _grown_slowly(depth: FloatArray, number: IndexArray, todo: BoolArray, rounds: int) -> tuple[FloatArray, IndexArray]:
+    for _ in range(rounds):
+        before, numbers = depth.copy(), number.copy()
+        for row, column in np.argwhere(todo & ~np.isfinite(before)):
+            beside = [(row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)]
+            known = [(before[p], numbers[p]) for p in beside if min(p) >= 0 and p[0] < 20 and p[1] < 30]
+            farthest = min(known, key=lambda pair: pair[0])
+            if np.isfinite(farthest[0]):
+                depth[row, column], number[row, column] = farthest
+    return depth, number
+
+
+@pytest.mark.parametrize("crack_px", [1, 3])
+def test_cracks_close_as_the_slow_twin_says(crack_px: int) -> None:
+    rng = np.random.default_rng(crack_px)
+    seen = rng.uniform(size=(20, 30)) > 0.3
+    depth, number = rng.uniform(size=seen.shape).astype(np.float32), rng.integers(0, 9, seen.shape).astype(np.int32)
+    number[~seen] = NOTHING
+    kernel = np.ones((2 * crack_px + 1,) * 2, np.uint8)
+    cracks = (cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0) & ~seen
+    expected = _grown_slowly(np.where(seen, depth, np.float32(np.inf)), number.copy(), cracks, 2 * crack_px)
+    closed = _close_cracks(depth, number, crack_px)
+    np.testing.assert_array_equal(closed[0], np.where(np.isfinite(expected[0]), expected[0], -1))
+    np.testing.assert_array_equal(closed[1], expected[1])
+    assert (closed[0] >= 0).mean() > seen.mean()

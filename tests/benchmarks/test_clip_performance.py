@@ -1,0 +1,37 @@
+"""The clip benchmark runs the real parts, and adds up."""
+
+import numpy as np
+import pytest
+
+from benchmarks.performance import clip as benchmark
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.depth_renderers import DepthFusion
+from geovp_classic.errors import BadData
+from geovp_classic.poses.sources import Chained
+from geovp_classic.predictors import GeometricPredictor
+
+
+def test_the_stages_give_what_the_predictor_gives() -> None:
+    one = Synthetic(num_clips=1, size_px=(96, 96))[0]
+    context, _ = one.split(10, Chained().needs | DepthFusion().needs)
+    views, seconds = benchmark.one_clip(context)
+    whole = GeometricPredictor(Chained(), DepthFusion()).predict(context)
+    np.testing.assert_array_equal(views.frames, whole.frames[0])
+    assert len(seconds) == len(benchmark.STAGES)
+    assert all(clock > 0 and processor >= 0 for clock, processor in seconds)
+
+
+def test_medians_of_stages_and_of_their_sum() -> None:
+    # three rounds; by the clock the stages take 0.1 s each, in the last round 0.3 s: sums 0.5, 0.5, 1.5
+    taken_s = np.full((3, 5, 2), 0.1)
+    taken_s[2, :, 0] = 0.3
+    taken_s[..., 1] = 0.2
+    lines = benchmark.Timing(taken_s, 9.0, 400.0).lines()
+    assert [float(word) for word in lines[1].split() if word.isdigit()] == [100, 200]
+    assert [float(word) for word in lines[6].split() if word.isdigit()] == [500, 1000]
+    assert lines[-1] == "first round 9.0 s; peak memory of the process 400 MB"
+
+
+def test_half_a_place_is_refused() -> None:
+    with pytest.raises(BadData, match="ROOT SEQUENCE"):
+        benchmark.main(["3", "kitti"])
