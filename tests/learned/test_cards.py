@@ -80,7 +80,7 @@ def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
     assert len(rows) - 2 <= cards.MOST_ROWS + 1
 
 
-@pytest.mark.parametrize("name", ["deepvo"])
+@pytest.mark.parametrize("name", ["deepvo", "synsin"])
 def test_shipped_weights_were_trained_with_the_shipped_recipe_and_have_their_card(name: str) -> None:
     folder = Path(cards.__file__).parent / "weights"
     text = cards.card(folder / f"{name}.safetensors", Path(f"{name}-small"))
