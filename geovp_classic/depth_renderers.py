@@ -32,7 +32,7 @@ class DepthFusion:
     crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
-    moving: Literal["carried", "ignored"] = "ignored"  # things that move by themselves go on, or stand like all else
+    moving: Literal["carried", "ignored"] = "carried"  # things that move by themselves go on, or stand like all else
 
     def __post_init__(self) -> None:
         """Raise BadData for settings that make no sense."""
