@@ -1,0 +1,70 @@
+"""Futures drawn from a Kalman filter meet other samples on equal terms: the whole way from a matrix to the tables."""
+
+import numpy as np
+import pytest
+
+from benchmarks import matrix as matrices
+from benchmarks import statistics, tables
+from benchmarks.executors import Serial
+from benchmarks.planning import Options
+from benchmarks.run import run
+from benchmarks.statistics import Cube
+from benchmarks.store import Results
+from benchmarks.tables import Row
+
+KALMAN = {"name": "chained", "odometry": {"name": "ground-truth"}, "forecaster": {"name": "turn-rate-kalman"}}
+PROTOCOL = {"num_past": 6, "num_future": 4, "size_px": [64, 64], "stride": 10}
+METRICS = {"frame": ["psnr"], "trajectory": ["translation-error", "yaw-error"]}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    """Two clips of the synthetic street, five sampled futures each."""
+    content = {
+        "protocol": {**PROTOCOL, "dataset": {"name": "synthetic", "num_clips": 2}},
+        "pose_sources": {"kalman": {**KALMAN, "num_samples": 5}, "mean": KALMAN},
+        "renderers": {"planes": {"name": "ground-far-plane"}},
+        "metrics": METRICS,
+    }
+    own = Results(tmp_path_factory.mktemp("best") / "of")
+    cells = run(matrices.parse("m", content), own, Options(keep=0), Serial(), lambda done, total: None)
+    assert [cell.status for cell in cells] == ["done", "done"]
+    return own
+
+
+@pytest.fixture(scope="module")
+def rows(results: Results) -> dict[str, Row]:
+    return {row.name.removeprefix("kalman + planes"): row for row in tables.build(results)[0].rows}
+
+
+def cube(results: Results, metric: str) -> Cube:
+    return statistics.cube(results.scores("kalman--planes"), metric)
+
+
+def test_every_drawn_future_is_seen_and_scored(results: Results) -> None:
+    for metric in ("psnr", "translation-error", "yaw-error"):
+        values = cube(results, metric).values
+        assert values.shape == (2, 5, 4)
+        assert (np.ptp(values[:, :, -1], axis=1) > 1e-3).all()  # the futures differ
+
+
+def test_the_best_of_all_columns_is_one_of_the_samples(results: Results, rows: dict[str, Row]) -> None:
+    assert list(rows) == [", mean of 5", ", best of 5", ", best of 5 by PSNR", "mean + planes"]
+    psnr, metres = cube(results, "psnr").values.mean(axis=2), cube(results, "translation-error").values.mean(axis=2)
+    chosen = psnr.argmax(axis=1)
+    by_psnr = rows[", best of 5 by PSNR"].estimates
+    assert float(by_psnr["psnr"].mean) == pytest.approx(psnr.max(axis=1).mean())
+    assert float(by_psnr["translation-error"].mean) == pytest.approx(metres[np.arange(2), chosen].mean())
+    best = rows[", best of 5"].estimates
+    assert float(best["translation-error"].mean) == pytest.approx(metres.min(axis=1).mean())
+    assert rows["mean + planes"].complete
+    assert not rows[", best of 5"].complete
+
+
+def test_the_expected_best_rises_from_the_mean_to_the_best(results: Results, rows: dict[str, Row]) -> None:
+    (own,) = [table for table in tables.build(results) if table.name == "samples-psnr"]
+    (row,) = own.rows
+    curve = [float(row.estimates[f"psnr of {k}"].mean) for k in (1, 2, 5)]
+    assert curve == sorted(curve)
+    assert curve[0] == pytest.approx(float(rows[", mean of 5"].estimates["psnr"].mean))
+    assert curve[-1] == pytest.approx(float(rows[", best of 5"].estimates["psnr"].mean))
