@@ -3,16 +3,21 @@
 The measures are those usual on KITTI (Eigen 2014): absolute relative error and the share of pixels whose depth is off
 by a factor of less than 1.25, over depths of at most 80 m, estimates being cut to that. Every pixel of known depth
 counts, however unsure the source is of it. Poses are the recorded ones.
+
+`python -m benchmarks.depth_evaluation [CLIPS [SEED]]` prints the table for multi-view depth and its parts on the
+synthetic street, 8 clips with seed 0 if nothing else is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.errors import Incompatible
+from geovp_classic import registry
+from geovp_classic.errors import BadData, GeovpError, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Trajectory
@@ -22,6 +27,12 @@ NEAREST_M = 1e-3
 FACTOR = 1.25
 NEAR_PX = 32.0  # from the epipole
 STANDING_M = 1e-3  # a step of less has no direction
+SOURCES: Mapping[str, Mapping[str, object]] = {
+    "multiview": {"name": "multiview"},
+    "without ground": {"name": "multiview", "with_ground": False},
+    "without completion": {"name": "multiview", "with_completion": False},
+    "given": {"name": "given"},
+}
 
 
 @dataclass(frozen=True)
@@ -98,3 +109,35 @@ def _rows(source: DepthSource, clip: Clip, num_past: int) -> list[DepthRow]:
             means = [float(one[chosen].mean()) for one in (error, within, confidence[last])]
             rows.append(DepthRow(clip.name, name, int(chosen.sum()), *means))
     return rows
+
+
+def table(rows_by_source: Mapping[str, Sequence[DepthRow]]) -> str:
+    """Lines of text: per source and set of pixels the medians over clips (a camera that stands sees no parallax)."""
+    lines = [f"{'source':<20}{'pixels':<14}{'clips':>6}{'abs rel':>9}{'< 1.25':>8}{'confidence':>12}"]
+    for source, rows in rows_by_source.items():
+        for name in dict.fromkeys(row.pixels for row in rows):
+            own = [row for row in rows if row.pixels == name]
+            measures = [(row.absolute_relative_error, row.share_within_factor, row.confidence) for row in own]
+            error, within, confidence = np.median(measures, axis=0)
+            lines.append(f"{source:<20}{name:<14}{len(own):>6}{error:>9.3f}{within:>8.3f}{confidence:>12.2f}")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the table; 2 with one sentence for arguments that won't do."""
+    try:
+        if len(arguments) > 2 or not all(word.isdecimal() for word in arguments):
+            raise BadData(f"arguments {' '.join(arguments)}: expected [CLIPS [SEED]], two whole numbers")
+        count, seed = [int(word) for word in arguments] + [8, 0][len(arguments) :]
+        dataset = registry.build("datasets", {"name": "synthetic", "num_clips": count, "seed": seed})
+        clips = [dataset[i] for i in range(len(dataset))]
+        sources = {name: registry.build("depth_sources", dict(spec)) for name, spec in SOURCES.items()}
+        sys.stdout.write(table({name: evaluate(source, clips) for name, source in sources.items()}) + "\n")
+    except GeovpError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,6 +1,6 @@
 """How long one clip takes all the way on this machine: odometry, forecast, depth, fusion, views; and how much memory.
 
-`python -m benchmarks.performance.clip [ROUNDS] [ROOT SEQUENCE]`: ten frames seen, twenty predicted, at 256x256, on a
+`python -m benchmarks.performance.clip [ROUNDS [ROOT SEQUENCE]]`: ten frames seen, twenty predicted, at 256x256, on a
 clip of the synthetic street or of KITTI. The first round, which loads compiled code, is not counted. The processor's
 time stands beside the clock's: on a machine that others use as well, the clock says how busy it is.
 """
@@ -19,7 +19,7 @@ import numpy as np
 from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth_renderers import DepthFusion
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.poses.sources import Chained
 from geovp_classic.types import Clip, Context, FloatArray, Grant, Trajectory, Views
@@ -96,13 +96,17 @@ def measure(clip: Clip, rounds: int) -> Timing:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Measure, print."""
+    """Measure, print; 2 with one sentence for arguments or data that won't do."""
     rounds, *where = arguments or ["10"]
-    if len(where) not in (0, 2):
-        raise BadData(f"arguments {' '.join(arguments)}: expected [ROUNDS] [ROOT SEQUENCE]")
-    spec = {"name": "kitti", "root": where[0], "sequences": [where[1]]} if where else {"name": "synthetic"}
-    dataset = registry.build("datasets", {**spec, "num_frames": 30})
-    sys.stdout.write("\n".join(measure(dataset[0], int(rounds)).lines()) + "\n")
+    try:
+        if len(where) not in (0, 2) or not rounds.isdecimal():
+            raise BadData(f"arguments {' '.join(arguments)}: expected [ROUNDS [ROOT SEQUENCE]]")
+        spec = {"name": "kitti", "root": where[0], "sequences": [where[1]]} if where else {"name": "synthetic"}
+        dataset = registry.build("datasets", {**spec, "num_frames": 30})
+        sys.stdout.write("\n".join(measure(dataset[0], int(rounds)).lines()) + "\n")
+    except GeovpError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
     return 0
 
 

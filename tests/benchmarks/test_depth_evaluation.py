@@ -84,3 +84,26 @@ def test_no_epipole_in_the_picture_when_standing_or_going_aside(step: tuple[floa
 def test_a_clip_without_exact_depth() -> None:
     with pytest.raises(Incompatible, match="street has no exact depth"):
         depth_evaluation.evaluate(Wall(10.0), [_clip(depths=None)], num_past=3)
+
+
+def test_the_table_has_medians_over_clips() -> None:
+    errors = {"a": 0.1, "b": 0.2, "standing": 4.0}
+    rows = [depth_evaluation.DepthRow(clip, "static", 10, error, 0.5, 1.0) for clip, error in errors.items()]
+    rows.append(depth_evaluation.DepthRow("b", "moving", 5, 0.4, 0.25, 0.0))
+    _, static, moving = depth_evaluation.table({"wall": rows}).splitlines()
+    assert static.split() == ["wall", "static", "3", "0.200", "0.500", "1.00"]
+    assert moving.split() == ["wall", "moving", "1", "0.400", "0.250", "0.00"]
+
+
+def test_the_command_measures_the_synthetic_street(capsys: pytest.CaptureFixture[str]) -> None:
+    assert depth_evaluation.main(["1", "3"]) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    errors = {(" ".join(words[:-5]), words[-5]): float(words[-3]) for words in lines[1:]}
+    assert errors["given", "static"] == 0
+    assert errors["multiview", "static"] < 0.25
+    assert errors["multiview", "static"] <= errors["without ground", "static"] + 0.02
+
+
+def test_the_command_says_what_it_expects(capsys: pytest.CaptureFixture[str]) -> None:
+    assert depth_evaluation.main(["many"]) == 2
+    assert "expected [CLIPS [SEED]]" in capsys.readouterr().err
