@@ -99,20 +99,30 @@ def _misses(spread: Spread, width: int, height: int) -> bool:
     """Whether a patch surely holds no pixel's centre of the view, or comes too near to the camera's plane.
 
     With m the middle and d, e the steps, a corner m +- d +- e is seen within (|d_x - x d_z| + |e_x - x e_z|) /
-    (m_z - |d_z| - |e_z|) of the middle's x, and so for y. This spares most patches the work on their corners.
+    (m_z - |d_z| - |e_z|) of the middle's x, and so for y. This spares most patches the work on their corners; all
+    lengths are multiplied by both denominators, which spares those outside the view the division.
     """
     middle, d, e = spread
     nearest = middle[2] - abs(d[2]) - abs(e[2])
     if nearest < NEAR_SHARE:
         return True
-    share, margin = 1 / middle[2], 1 / nearest
-    x = middle[0] * share
-    reach = (abs(d[0] - x * d[2]) + abs(e[0] - x * e[2])) * margin + EDGE_PX2
-    if x + reach < 0 or x - reach > width - 1 or np.floor(x + reach) < x - reach:
+    scale = middle[2] * nearest
+    x, reach_x = middle[0] * nearest, _reach(0, spread) + EDGE_PX2 * scale
+    if x + reach_x < 0 or x - reach_x > (width - 1) * scale:
         return True
-    y = middle[1] * share
-    reach = (abs(d[1] - y * d[2]) + abs(e[1] - y * e[2])) * margin + EDGE_PX2
-    return bool(y + reach < 0 or y - reach > height - 1 or np.floor(y + reach) < y - reach)
+    y, reach_y = middle[1] * nearest, _reach(1, spread) + EDGE_PX2 * scale
+    if y + reach_y < 0 or y - reach_y > (height - 1) * scale:
+        return True
+    share = 1 / scale
+    x, reach_x, y, reach_y = x * share, reach_x * share, y * share, reach_y * share
+    return bool(np.floor(x + reach_x) < x - reach_x or np.floor(y + reach_y) < y - reach_y)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _reach(axis: int, spread: Spread) -> float:
+    middle, d, e = spread
+    m, z = middle[axis], middle[2]
+    return abs(d[axis] * z - m * d[2]) + abs(e[axis] * z - m * e[2])
 
 
 @numba.njit(cache=True, fastmath=True)
