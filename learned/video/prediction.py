@@ -19,6 +19,8 @@ from learned import checkpoints, methods
 from learned.video import windows
 from learned.video.training import VideoNetwork, VideoTraining, bare
 
+PIXELS_AT_ONCE = 10 * 64 * 64  # of frames that are made side by side
+
 
 @dataclass(frozen=True)
 class Trained:
@@ -37,19 +39,19 @@ class VideoPredictor:
     many as it learned from: shown more it would count on from there (SVG, shown ten and not five, lost 1.3 dB).
     Chance depends on `seed`, the frames looked at and the sample's number alone: the first of a hundred samples are
     those of fewer, and no clip shares its chance with another. Samples are made `samples_at_once`, which only says
-    how much memory is taken.
+    how much memory is taken; when not given, ten by a network of 64x64 pixels and fewer by larger ones.
     """
 
     checkpoint: Path | None = None
     device: str = "cpu"
     seed: int = 0
-    samples_at_once: int = 5
+    samples_at_once: int | None = None
 
     method: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         """Raise BadData unless the checkpoint is there and the device exists."""
-        if self.samples_at_once < 1:
+        if self.samples_at_once is not None and self.samples_at_once < 1:
             raise BadData(f"samples_at_once is {self.samples_at_once}, expected 1 or more")
         load(self.method, self.file, self.device)
 
@@ -73,8 +75,9 @@ class VideoPredictor:
         observed = windows.stacked([windows.resized(recent.frames, network.size_px, network.size_px)])
         observed = observed.to(self.device).float() / 255.0
         frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
-        for first in range(0, num_samples, self.samples_at_once):
-            samples = range(first, min(first + self.samples_at_once, num_samples))
+        at_once = self.samples_at_once or max(1, PIXELS_AT_ONCE // network.size_px**2)
+        for first in range(0, num_samples, at_once):
+            samples = range(first, min(first + at_once, num_samples))
             noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
             with torch.inference_mode():
                 made = network.predict(observed, noise)
