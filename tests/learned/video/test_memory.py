@@ -1,0 +1,31 @@
+"""A hundred samples at full size fit into two gigabytes: only their bytes are ever held together."""
+
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("resource", reason="peak memory is read with getrusage, which this system has not")
+
+PROGRAM = """
+import resource, sys
+import numpy as np
+from geovp_classic import registry
+from geovp_classic.types import Context, Intrinsics
+
+random = np.random.default_rng(0)
+frames = random.integers(0, 256, (10, 256, 256, 3), dtype=np.uint8)
+context = Context(frames, np.arange(30) / 10, Intrinsics(489.0, 489.0, 127.5, 127.5, 256, 256))
+made = registry.build("predictors", "srvp").predict(context, num_samples=100).frames
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(made.shape, made.nbytes, peak / 2**20 if sys.platform == "darwin" else peak / 2**10)
+"""
+
+
+def test_a_hundred_samples_of_twenty_frames() -> None:
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    shape, _, rest = done.stdout.rpartition(") ")
+    count, peak_mb = rest.split()
+    assert shape == "(100, 20, 256, 256, 3"
+    assert int(count) == 100 * 20 * 256 * 256 * 3  # 375 MiB, the samples themselves; as floats they would be 1.5 GiB
+    assert float(peak_mb) < 1400
