@@ -19,7 +19,7 @@ def test_all_three_draw_the_same_street() -> None:
 
 
 def test_points_a_second_are_points_times_views_by_median_time() -> None:
-    timing = splat.Timing(1000, {"splat": np.array([0.5, 0.1, 0.2])}, (3.0, 1.0))
+    timing = splat.Timing(1000, {"splat": np.array([[0.5, 0.6], [0.1, 0.3], [0.2, 0.4]])}, (3.0, 1.0))
     assert timing.points_per_s("splat") == pytest.approx(1000 * 20 / 0.2)
-    assert timing.lines()[1] == "splat: 0.1 million points/s, 200 ms"
+    assert timing.lines()[1] == "splat: 0.1 million points/s, 200 ms, of the processor 400 ms"
     assert timing.lines()[-1].endswith("process: 3.0 s, of the next one 1.00 s")
