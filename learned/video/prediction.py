@@ -40,20 +40,24 @@ class VideoPredictor:
     Chance depends on `seed`, the frames looked at and the sample's number alone: the first of a hundred samples are
     those of fewer, and no clip shares its chance with another. Samples are made `samples_at_once`, which only says
     how much memory is taken; when not given, ten by a network of 64x64 pixels and fewer by larger ones.
+    `fingerprint` says which weights these are; given, others are refused.
     """
 
     checkpoint: Path | None = None
     device: str = "cpu"
     seed: int = 0
     samples_at_once: int | None = None
+    fingerprint: str = ""
 
     method: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the checkpoint is there and the device exists."""
+        """Raise BadData unless the checkpoint is there, the one that is asked for, and the device exists."""
         if self.samples_at_once is not None and self.samples_at_once < 1:
             raise BadData(f"samples_at_once is {self.samples_at_once}, expected 1 or more")
-        load(self.method, self.file, self.device)
+        found = checkpoints.fingerprint(self.file, self.fingerprint)
+        object.__setattr__(self, "fingerprint", found)
+        load(self.method, self.file, found, self.device)
 
     @property
     def needs(self) -> Grant:
@@ -69,7 +73,7 @@ class VideoPredictor:
         """Frames [S, F, H, W, 3]; Incompatible for fewer than two observed frames."""
         if context.num_past < 2:
             raise Incompatible(f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more")
-        trained = load(self.method, self.file, self.device)
+        trained = load(self.method, self.file, self.fingerprint, self.device)
         network, recent = trained.network, context.recent(trained.num_past)
         height_px, width_px = context.frames.shape[1:3]
         observed = windows.stacked([windows.resized(recent.frames, network.size_px, network.size_px)])
@@ -100,8 +104,11 @@ def shipped(method: str) -> Path:
 
 
 @functools.lru_cache(maxsize=3)
-def load(method: str, file: Path, device: str) -> Trained:
-    """The network of a weights file, once per process; BadData when the file or the device cannot be used."""
+def load(method: str, file: Path, fingerprint: str, device: str) -> Trained:
+    """The network of a weights file, once per process; BadData when the file or the device cannot be used.
+
+    The fingerprint is only there to tell another file of the same name.
+    """
     kind = methods.load(method)
     checkpoint = checkpoints.read(file, method, kind)
     assert isinstance(checkpoint.settings, VideoTraining)

@@ -86,6 +86,25 @@ def test_no_more_frames_are_looked_at_than_in_training(predictor: VideoPredictor
     assert (shown != predictor.predict(replace(whole, frames=late)).frames).any()
 
 
+def test_descriptions_tell_which_weights_and_others_are_refused(
+    name: str, method: VideoTraining, checkpoint: Path, predictor: VideoPredictor
+) -> None:
+    before, shown = registry.describe(predictor), predictor.predict(context()).frames
+    assert registry.build("predictors", before) == predictor
+    torch.manual_seed(1)
+    checkpoints.write(checkpoint, name, method, method.build(), {})  # another network under the same name
+    asked = {key: value for key, value in before.items() if key != "fingerprint"}
+    other = registry.build("predictors", asked)
+    assert registry.describe(other) == {**asked, "fingerprint": other.fingerprint}
+    assert other.fingerprint != before["fingerprint"]
+    assert (other.predict(context()).frames != shown).any()  # not the network that was loaded before
+    with pytest.raises(BadData) as refused:
+        registry.build("predictors", before)
+    found, wanted = other.fingerprint, before["fingerprint"]
+    sentence = f"{checkpoint} has the fingerprint {found}, expected {wanted}: give the weights that are asked for"
+    assert str(refused.value) == f"predictors: {sentence}"
+
+
 def test_one_frame_shows_no_motion(predictor: VideoPredictor, name: str) -> None:
     with pytest.raises(Incompatible, match=f"{name} goes by motion, the past has one frame"):
         predictor.predict(context().recent(1))
