@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = [
     {"errors"},
     {"types"},
-    {"geometry", "interfaces"},
+    {"geometry", "interfaces", "abreast"},
     {"poses", "depth", "render", "data", "metrics", "registry"},
     {"predictors", "contracts", "commanded", "depth_renderers", "exports"},
 ]

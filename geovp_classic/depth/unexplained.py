@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from geovp_classic.abreast import abreast
 from geovp_classic.depth.ground import HORIZON_HEIGHTS, Ground
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
@@ -46,7 +47,7 @@ def unexplained(
     """The median over the earlier frames: one chance match or one hidden pixel decides nothing."""
     lowest = _road_limit(camera, ground)
     standing = np.maximum(inverse_depth, lowest).astype(np.float32)
-    tests = [_against(step, pictures, camera, world_from_cam, standing, lowest) for step in steps]
+    tests = abreast(lambda step: _against(step, pictures, camera, world_from_cam, standing, lowest), steps)
     strengths, shifts_px, places = (np.stack(maps) for maps in zip(*tests, strict=True))
     return Unexplained(np.median(strengths, axis=0), np.median(shifts_px, axis=0), places, steps)
 
@@ -66,7 +67,8 @@ def equally_exposed(
     some = (slice(None, None, EXPOSURE_STRIDE_PX),) * 2
     grid = pinhole.pixel_grid(camera)[some]
     last = pictures[-1][some].ravel()
-    for step in steps:
+
+    def equalise(step: int) -> None:
         stood = _seen_at(*_epipolar(grid, camera, cam_from_last(world_from_cam, step)), inverse_depth[some])
         warped = _sampled(pictures[-1 - step], stood).ravel()
         kept = np.ones(len(last), dtype=bool)
@@ -76,6 +78,8 @@ def equally_exposed(
             kept = residual <= 2 * np.median(residual) + 1
             gain, offset = np.polyfit(warped[kept], last[kept], 1) if np.ptp(warped[kept]) > 1 else (1.0, 0.0)
         equal[-1 - step] = gain * pictures[-1 - step] + offset
+
+    abreast(equalise, steps)
     return equal
 
 

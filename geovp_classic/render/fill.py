@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import cv2
+import numba
 import numpy as np
 import numpy.typing as npt
 
+from geovp_classic.abreast import abreast
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Fill
-from geovp_classic.render.abreast import abreast
 from geovp_classic.render.blur import broad
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
@@ -158,17 +159,30 @@ def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
 
 def _pull_from_background(known: BoolArray, far: FloatArray) -> tuple[IndexArray, IndexArray]:
     """For every pixel [H, W] the (row, column) in its row to take: itself if known, else the farther known side."""
+    columns = np.empty(known.shape, np.intp)
+    _pull_along_rows(np.ascontiguousarray(known), np.ascontiguousarray(far), columns)
+    return np.broadcast_to(np.arange(len(known))[:, None], known.shape), columns
+
+
+@numba.njit(nogil=True, cache=True)
+def _pull_along_rows(known: BoolArray, far: FloatArray, columns: IndexArray) -> None:
+    """Write the column [H, W] to take into `columns`; a row without any known pixel keeps its own."""
     height, width = known.shape
-    column = np.broadcast_to(np.arange(width), known.shape)
-    left = np.maximum.accumulate(np.where(known, column, -1), axis=1)
-    right = np.minimum.accumulate(np.where(known, column, width)[:, ::-1], axis=1)[:, ::-1]
-    row = np.arange(height)[:, None]
-    far_left = np.where(left >= 0, far[row, np.maximum(left, 0)], np.float32(-1))
-    far_right = np.where(right < width, far[row, np.minimum(right, width - 1)], np.float32(-1))
-    left_is_nearer = column - left <= right - column
-    take_left = (far_left > far_right) | ((far_left == far_right) & left_is_nearer)
-    chosen = np.clip(np.where(take_left, left, right), 0, width - 1)
-    return np.broadcast_to(row, known.shape), np.where((far_left < 0) & (far_right < 0), column, chosen)
+    for row in range(height):
+        left = -1
+        for column in range(width):
+            left = column if known[row, column] else left
+            columns[row, column] = left
+        right = -1
+        for column in range(width - 1, -1, -1):
+            right = column if known[row, column] else right
+            left = columns[row, column]
+            if left < 0 or right < 0:
+                columns[row, column] = max(left, right) if max(left, right) >= 0 else column
+                continue
+            to_left, to_right = far[row, left], far[row, right]
+            is_left = to_left > to_right or (to_left == to_right and column - left <= right - column)
+            columns[row, column] = left if is_left else right
 
 
 def _inpainting(radius_px: float, method: int) -> FillOne:

@@ -13,6 +13,7 @@ from geovp_classic.render.fill import (
     NavierStokes,
     NearestBackground,
     Telea,
+    _pull_from_background,
 )
 from geovp_classic.types import Views
 
@@ -51,6 +52,19 @@ def test_an_empty_row_takes_the_farther_row() -> None:
     covered = np.array([[[1], [0], [0], [1]]])
     filled = NearestBackground().fill(views(covered, np.array([[[9], [0], [0], [3]]]), frames))[0, :, 0, 0]
     assert filled.tolist() == [10, 10, 10, 50]
+
+
+def test_rows_are_pulled_as_the_slow_way_does() -> None:
+    rng = np.random.default_rng(0)
+    known = rng.random((40, 30)) < np.linspace(0, 0.4, 40)[:, None]
+    far = np.where(known, rng.integers(1, 4, known.shape), 0).astype(np.float32)
+    rows, columns = _pull_from_background(known, far)
+    for row, column in np.ndindex(known.shape):
+        there = np.flatnonzero(known[row])
+        sides = [there[there <= column][-1:], there[there >= column][:1]]
+        found = [int(side[0]) for side in sides if len(side)] or [column]
+        best = max(found, key=lambda other: (far[row, other], -abs(other - column)))  # of equals the first: the left
+        assert (rows[row, column], columns[row, column]) == (row, best)
 
 
 @pytest.mark.parametrize("fill", [Telea(), NavierStokes()], ids=lambda fill: type(fill).__name__)

@@ -5,7 +5,7 @@ import threading
 import numba
 import pytest
 
-from geovp_classic.render.abreast import abreast
+from geovp_classic.abreast import abreast
 
 
 def test_results_keep_the_order_of_the_tasks() -> None:

@@ -1,4 +1,4 @@
-"""Views side by side: OpenCV and numpy let other threads work while they do, so that each core takes a view."""
+"""Pictures side by side: OpenCV and numpy let other threads work while they do, so that each core takes a picture."""
 
 from __future__ import annotations
 
