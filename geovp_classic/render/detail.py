@@ -13,6 +13,7 @@ import itertools
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 
 from geovp_classic.render.blur import broad
@@ -30,7 +31,7 @@ LARGEST_GAIN = 1.0
 class Grain:
     """The frequency bands of an observed frame, finest first, and its local contrast."""
 
-    bands: tuple[FloatArray, ...]  # each [H, W, 3] float32
+    bands: FloatArray  # [B, H, W, 3] float32
     contrast: FloatArray  # [H, W, 3]
 
     @classmethod
@@ -38,7 +39,7 @@ class Grain:
         """The grain of a frame [H, W, 3]."""
         picture = frame.astype(np.float32)
         levels = [picture] + [_blurred(picture, BLUR_PX * edge) for edge in BAND_EDGES[1:]]
-        bands = tuple(fine - coarse for fine, coarse in itertools.pairwise(levels))
+        bands = np.stack([fine - coarse for fine, coarse in itertools.pairwise(levels)])
         return cls(bands, _contrast(picture))
 
     def added_to(
@@ -49,12 +50,34 @@ class Grain:
     ) -> ByteArray:
         """The frame with the bands that magnification took, at the contrast of what is there."""
         picture = frame.astype(np.float32)
-        missing = np.zeros_like(picture)
-        for band, finest, coarsest in zip(self.bands, BAND_EDGES[:-1], BAND_EDGES[1:], strict=True):
-            share = np.clip((magnification - finest) / (coarsest - finest), 0, 1).astype(np.float32)
-            missing += share[..., None] * band
         gain = np.minimum(_contrast(picture) / self.contrast, np.float32(LARGEST_GAIN))
-        return np.asarray(np.clip(picture + strength * gain * missing + 0.5, 0, 255).astype(np.uint8))
+        added = np.empty_like(frame)
+        _add(picture, self.bands, magnification.astype(np.float32), np.float32(strength) * gain, added)
+        return added
+
+
+@numba.njit(nogil=True, cache=True)
+def _add(
+    picture: FloatArray,  # [H, W, 3] float32
+    bands: FloatArray,  # [B, H, W, 3] float32
+    magnification: FloatArray,  # [H, W] float32
+    gain: FloatArray,  # [H, W, 3] float32
+    added: ByteArray,  # [H, W, 3], written
+) -> None:
+    """Add to every pixel the share of each band that its magnification took."""
+    height, width, colours = picture.shape
+    for row in range(height):
+        for column in range(width):
+            times = magnification[row, column]
+            for colour in range(colours):
+                missing = np.float32(0)
+                for b in range(len(bands)):
+                    share = (times - BAND_EDGES[b]) / (BAND_EDGES[b + 1] - BAND_EDGES[b])
+                    if share <= 0:
+                        break
+                    missing += min(share, 1.0) * bands[b, row, column, colour]
+                value = picture[row, column, colour] + gain[row, column, colour] * missing + 0.5
+                added[row, column, colour] = np.uint8(min(max(value, 0.0), 255.0))
 
 
 def _contrast(picture: FloatArray) -> FloatArray:

@@ -1,5 +1,7 @@
 """The fused cloud: the last frame stays, earlier ones add what it hides, grain returns where it was lost."""
 
+import itertools
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
-from geovp_classic.render.detail import Grain
+from geovp_classic.render.detail import BAND_EDGES, Grain, _add
 from geovp_classic.render.fill import Blank
 from geovp_classic.render.fusion import _close_cracks, fuse
 from geovp_classic.render.quads import NOTHING, IndexArray
@@ -107,6 +109,19 @@ def test_grain_is_added_only_where_magnification_took_it() -> None:
     np.testing.assert_allclose(roughness[:28], before[:28])
     # Where nothing is to be seen, little is invented: the contrast of what is there bounds the grain.
     assert np.abs(grain.added_to(flat, times).astype(int) - 128).mean() < 5
+
+
+def test_grain_is_added_as_the_slow_way_does() -> None:
+    rng = np.random.default_rng(2)
+    picture, bands = rng.uniform(0, 255, (9, 7, 3)), rng.normal(0, 40, (len(BAND_EDGES) - 1, 9, 7, 3))
+    times, gain = rng.uniform(0.5, 8, (9, 7)), rng.uniform(0, 1, (9, 7, 3))
+    added = np.empty(picture.shape, np.uint8)
+    _add(*(maps.astype(np.float32) for maps in (picture, bands, times, gain)), added)
+    for n, (first, last) in enumerate(itertools.pairwise(BAND_EDGES)):
+        picture += gain * np.clip((times - first) / (last - first), 0, 1)[..., None] * bands[n]
+    expected = np.clip(np.floor(picture + 0.5), 0, 255)
+    assert np.abs(added - expected).max() <= 1  # a half may be rounded either way
+    assert (added == expected).mean() > 0.99
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
