@@ -1,7 +1,8 @@
 """Parts of a predictor that remember: a motion is estimated once per pose source, a scene built once per past.
 
 They fulfil the same Protocols as the parts that they wrap, so that a predictor made of them is like any other. What is
-remembered keeps its seconds: every cell is charged what it would have cost alone. Failures are remembered as well.
+remembered keeps its seconds and its peak of memory: every cell is charged what it would have cost alone. Failures are
+remembered as well.
 """
 
 from __future__ import annotations
@@ -13,28 +14,36 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks import peaks
+from benchmarks.peaks import Peak
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Motion, Trajectory, Views
 
 
 @dataclass(frozen=True)
 class Stopwatch:
-    """Seconds per stage of one cell."""
+    """Seconds and peak of memory per stage of one cell; stages follow one another, none lies within another."""
 
     seconds: dict[str, float] = field(default_factory=dict)
+    peaks: dict[str, Peak] = field(default_factory=dict)
 
-    def add(self, stage: str, seconds: float) -> None:
+    def add(self, stage: str, seconds: float, peak: Peak) -> None:
         """Charge a stage."""
         self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.peaks[stage] = Peak.highest([self.peaks.get(stage, peak), peak])
+
+    def peak_without(self, stage: str) -> Peak:
+        """The highest of all other stages."""
+        return Peak.highest(peak for other, peak in self.peaks.items() if other != stage)
 
     @contextmanager
     def time(self, stage: str) -> Iterator[None]:
         """Charge a stage with what happens inside."""
-        start = time.perf_counter()
+        begun, start = peaks.begin(), time.perf_counter()
         try:
             yield
         finally:
-            self.add(stage, time.perf_counter() - start)
+            self.add(stage, time.perf_counter() - start, peaks.reached(begun))
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,7 @@ class Outcome:
     value: Any
     error: Exception | None
     seconds: float
+    peak: Peak
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ class Memory:
         if key not in self.outcomes:
             self.outcomes[key] = _outcome(make)
         outcome = self.outcomes[key]
-        watch.add(stage, outcome.seconds)
+        watch.add(stage, outcome.seconds, outcome.peak)
         if outcome.error is not None:
             raise outcome.error
         return outcome.value
@@ -121,11 +131,11 @@ class TimedScene:
 
 
 def _outcome(make: Callable[[], Any]) -> Outcome:
-    start = time.perf_counter()
+    begun, start = peaks.begin(), time.perf_counter()
     try:
-        return Outcome(make(), None, time.perf_counter() - start)
+        return Outcome(make(), None, time.perf_counter() - start, peaks.reached(begun))
     except Exception as error:  # remembered, then raised for every cell that asks
-        return Outcome(None, error, time.perf_counter() - start)
+        return Outcome(None, error, time.perf_counter() - start, peaks.reached(begun))
 
 
 def _content(past: Trajectory) -> tuple[str, bool]:

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import pyarrow as pa
 
 from benchmarks.measures import Measures
+from benchmarks.peaks import process_peak_mb
 from benchmarks.planning import content_hash, versions
 from benchmarks.remembering import Stopwatch
 from benchmarks.scoring import Case, Metrics, score
 from benchmarks.store import Cell, Part, Results
-from benchmarks.workshop import peak_memory_mb
 from geovp_classic.errors import BadData
 
 Progress = Callable[[int, int], None]  # (predictions scored, predictions in all)
@@ -67,8 +67,8 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
         with watch.time("metrics"):
             tables.append(score(case, prediction, metrics))
     verdict = {} if cell.status in ("skipped", "failed") else {"status": "done" if scored == clips else "partial"}
-    memory_mb = peak_memory_mb()
-    tally = {"num_clips": len(scored), "seconds": watch.seconds, "peak_memory_mb": memory_mb}
+    memory_mb = process_peak_mb()  # nothing was predicted that could have a peak of its own
+    tally = {"num_clips": len(scored), "seconds": watch.seconds, "peak_memory_mb": memory_mb, "peak_is_own": False}
     into.write_cell(cell.name, {**cell.record, **verdict, **tally})
     if tables:
         part = Part(0, tuple(scored), cell.fingerprint, {}, watch.seconds, memory_mb)

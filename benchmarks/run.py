@@ -9,6 +9,7 @@ from typing import Any
 from benchmarks.executors import Executor
 from benchmarks.failures import Failure
 from benchmarks.matrix import CellPlan, Matrix
+from benchmarks.peaks import Peak
 from benchmarks.planning import Options, Plan, content_hash, prepare
 from benchmarks.store import Cell, Part, Results
 from benchmarks.workshop import Report, Task, compute
@@ -141,5 +142,11 @@ def _tally(parts: list[Part]) -> dict[str, Any]:
     """What the parts of a cell took together."""
     stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
-    peak_mb = max((part.peak_memory_mb for part in parts), default=0.0)
-    return {"num_clips": sum(len(part.clips) for part in parts), "seconds": seconds, "peak_memory_mb": peak_mb}
+    peak = Peak.highest(Peak(part.peak_memory_mb, part.peak_is_own) for part in parts)
+    num_clips = sum(len(part.clips) for part in parts)
+    return {
+        "num_clips": num_clips,
+        "seconds": seconds,
+        "peak_memory_mb": peak.memory_mb,
+        "peak_is_own": peak.is_own,
+    }

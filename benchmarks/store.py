@@ -9,7 +9,7 @@
 
 protocol.json: name, dataset, clips (names in order), num_past, num_future, size_px, stride, metrics, cells, versions.
 cell.json: label, kind, pose_source and renderer (for kind "geometric"), components, grants, num_samples, status,
-reason, traceback (of a failure), num_clips, seconds per stage, peak_memory_mb, fingerprint.
+reason, traceback (of a failure), num_clips, seconds per stage, peak_memory_mb, peak_is_own, fingerprint.
 
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
 carries in its metadata which clips these are, what they were computed with, and what that took.
@@ -124,7 +124,8 @@ class Part:
     fingerprint: str  # of the cell and the protocol that it was computed with
     metrics: Mapping[str, Any]  # the resolved metric behind each column
     seconds: Mapping[str, float]  # per stage, summed over its clips
-    peak_memory_mb: float  # the highest resident memory of the process so far, whatever it did before
+    peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips
+    peak_is_own: bool = False  # False: of the process so far, whatever it did before; so in parts of older versions
 
 
 @dataclass(frozen=True)
@@ -240,6 +241,7 @@ class Results:
             "metrics": dict(part.metrics),
             "seconds": dict(part.seconds),
             "peak_memory_mb": part.peak_memory_mb,
+            "peak_is_own": part.peak_is_own,
         }
         with _beside(self._part(cell, part.index)) as scratch:
             pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch.path)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import resource
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -140,17 +138,23 @@ def compute(task: Task) -> Report:
                 failures[plan.name] = Failure.of(error)
     specs = shop.measures.describe(task.columns)
     for name in (plan.name for plan in task.cells if plan.name not in failures):
-        tally = tallies[name]
-        clips = tuple(task.clips.values())
-        part = Part(task.chunk, clips, task.fingerprints[name], specs, tally.watch.seconds, peak_memory_mb())
-        results.write_part(name, pa.concat_tables(tally.rows), part)
+        part = _part(task, name, specs, tallies[name].watch)
+        results.write_part(name, pa.concat_tables(tallies[name].rows), part)
     return Report(task, failures)
 
 
-def peak_memory_mb() -> float:
-    """The highest resident memory of this process since it began (getrusage's ru_maxrss) in MiB."""
-    unit = 2**20 if sys.platform == "darwin" else 2**10  # bytes there, KiB elsewhere
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
+def _part(task: Task, name: str, specs: Mapping[str, Any], watch: Stopwatch) -> Part:
+    """What is written beside a cell's rows; metrics take the same memory in all cells and are left out of the peak."""
+    peak = watch.peak_without("metrics")
+    return Part(
+        index=task.chunk,
+        clips=tuple(task.clips.values()),
+        fingerprint=task.fingerprints[name],
+        metrics=specs,
+        seconds=watch.seconds,
+        peak_memory_mb=peak.memory_mb,
+        peak_is_own=peak.is_own,
+    )
 
 
 def _predict_and_score(shop: Workshop, plan: CellPlan, case: Case, memory: Memory, tally: _Tally, task: Task) -> None:

@@ -17,6 +17,11 @@ from benchmarks.store import Cell, Results
 
 NOTHING = "-"
 CURVES = ("horizon", "samples")
+OWN_MEMORY = (
+    "memory: the process's highest resident memory while it predicted the row's clips, metrics not counted; what it "
+    "held for other rows at that time is in it."
+)
+PROCESS_MEMORY = "memory as the process's maximum so far, whatever it did before"
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,8 @@ def methods(facts: Facts) -> Html:
     )
     rows = [_method(cell, stages, facts.num_clips) for cell in facts.cells]
     folds = [fold(cell.label, _settings(cell)) for cell in facts.cells if cell.components]
-    return joined((table(head, rows), tag("h3", "Settings"), *folds) if rows else ())
+    notes = tag("ul", *(tag("li", note) for note in _memory_notes(facts.cells)), class_="notes")
+    return joined((table(head, rows), notes, tag("h3", "Settings"), *folds) if rows else ())
 
 
 def protocol(facts: Facts) -> Html:
@@ -175,6 +181,17 @@ def _method(cell: Cell, stages: Sequence[str], num_clips: int) -> Iterator[str]:
         yield f"{cell.seconds[stage] / cell.num_clips:.2f}" if known else NOTHING
     memory_mb = float(cell.record.get("peak_memory_mb", 0.0))
     yield f"{memory_mb:.0f}" if memory_mb else NOTHING
+
+
+def _memory_notes(cells: Sequence[Cell]) -> Iterator[str]:
+    """What the column of memory says of which rows."""
+    known = [cell for cell in cells if cell.record.get("peak_memory_mb")]
+    own = [cell.label for cell in known if cell.record.get("peak_is_own")]
+    others = [cell.label for cell in known if not cell.record.get("peak_is_own")]
+    if own:
+        yield OWN_MEMORY
+    if others:
+        yield f"{PROCESS_MEMORY}: {', '.join(others)}." if own else f"{PROCESS_MEMORY}."
 
 
 def _settings(cell: Cell) -> Html:

@@ -112,6 +112,9 @@ class TestScore:
         before, after = Results(tmp_path / "out"), Results(tmp_path / "out-rescored")
         for cell in ("steady--slide", "still"):
             assert after.scores(cell).equals(before.scores(cell))
+            scored = after.cell(cell)
+            assert scored is not None
+            assert scored.record["peak_is_own"] is False  # nothing was predicted
         assert before.root.joinpath("still/cell.json").exists()
 
     def test_with_other_metrics_and_the_clips_that_were_kept(

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 from benchmarks import matrix as matrix_module
+from benchmarks import peaks
 from benchmarks.executors import Executor, Processes, Serial
 from benchmarks.planning import Options
 from benchmarks.run import run
@@ -104,6 +106,24 @@ class TestRows:
         # two sources, two renderers, four cells, and both sources have the same past
         assert sorted(log.read_text().split()) == ["estimate"] * 2 + ["reconstruct"] * 2
         assert set(cells["a--r"].seconds) == {"motion", "reconstruct", "view", "metrics"}
+
+    @pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")
+    def test_a_small_cell_is_not_charged_with_the_large_one_before_it(self, tmp_path: Path) -> None:
+        sizes_mb = {"large": 300, "small": 1}
+        predictors = {name: {"name": "toy-hoard", "megabytes": size} for name, size in sizes_mb.items()}
+        records = {name: cell.record for name, cell in go(tmp_path, content(predictors=predictors)).items()}
+        assert list(records) == ["large", "small"]
+        assert records["large"]["peak_memory_mb"] - records["small"]["peak_memory_mb"] > 200
+        assert (records["large"]["peak_is_own"], records["small"]["peak_is_own"]) == (True, True)
+
+    def test_where_peaks_are_not_forgotten_the_processs_own_is_told(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(peaks, "CLEAR_REFS", tmp_path / "proc" / "clear_refs")
+        predictors = {"large": {"name": "toy-hoard", "megabytes": 300}, "small": {"name": "toy-hoard"}}
+        records = {name: cell.record for name, cell in go(tmp_path / "out", content(predictors=predictors)).items()}
+        assert records["small"]["peak_memory_mb"] >= records["large"]["peak_memory_mb"] > 300
+        assert (records["large"]["peak_is_own"], records["small"]["peak_is_own"]) == (False, False)
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors={"still": {"name": "toy-still"}}))

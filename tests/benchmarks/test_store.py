@@ -1,13 +1,15 @@
 """What is written comes back, whole or not at all."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from benchmarks.store import SCORES, Part, Results, write_bytes
+from benchmarks.store import METADATA_KEY, SCORES, Part, Results, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
@@ -101,6 +103,16 @@ def test_parts_of_an_older_cell_and_half_a_file_do_not_count(tmp_path: Path) -> 
     (tmp_path / "x/scores/part-00002.parquet").write_bytes(whole[: len(whole) // 2])
     assert [part.index for part in results.parts("x")] == [1]
     assert results.scores("x")["value"].to_pylist() == [2.0]
+
+
+def test_a_peak_is_the_cells_own_only_where_its_part_says_so(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 10.0, peak_is_own=True))
+    older = {"clips": ["b"], "fingerprint": "f", "metrics": {}, "seconds": {}, "peak_memory_mb": 11.0}
+    stored = rows(2.0).replace_schema_metadata({METADATA_KEY: json.dumps(older)})
+    pq.write_table(stored, tmp_path / "x/scores/part-00001.parquet")
+    told = [(part.clips, part.peak_memory_mb, part.peak_is_own) for part in results.parts("x")]
+    assert told == [(("a",), 10.0, True), (("b",), 11.0, False)]
 
 
 def test_nothing_begun_is_no_rows(tmp_path: Path) -> None:

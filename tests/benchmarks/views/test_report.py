@@ -3,13 +3,14 @@
 import html
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
 from benchmarks import plots, report, tables
-from benchmarks.report import markup
+from benchmarks.report import markup, sections
 from benchmarks.store import Results
 from geovp_classic.errors import BadData
 
@@ -109,6 +110,18 @@ def test_what_became_of_each_method(page: str) -> None:
     assert "2 of 3" in text
     assert "0.42" in text  # 1.25 s of motion over three clips
     assert "321" in text
+
+
+def test_it_is_told_whose_memory_it_is(folder: Path, page: str) -> None:
+    text = seen(page)
+    assert "highest resident memory while it predicted the row's clips, metrics not counted" in text
+    partial = "memory as the process's maximum so far, whatever it did before"
+    assert f"{partial}: _vo + far." in text  # and not those that never ran
+    facts = sections.Facts.read(Results(folder))
+    old = [replace(cell, record={**cell.record, "peak_is_own": False}) for cell in facts.cells]
+    assert list(sections._memory_notes(old)) == [f"{partial}."]
+    never = [cell for cell in facts.cells if cell.status in ("skipped", "failed")]
+    assert list(sections._memory_notes(never)) == []
 
 
 def test_settings_are_lines_for_a_matrix_file(page: str) -> None:
