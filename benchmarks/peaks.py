@@ -28,7 +28,10 @@ class Peak:
 
 
 def begin() -> bool:
-    """Forget the peak so far, where the system can; whether it did. Pieces of work cannot be nested."""
+    """Forget the peak so far, where the system can; whether it did.
+
+    A process has one peak: pieces of work must not lie within one another, nor go on in several threads at once.
+    """
     try:
         CLEAR_REFS.write_text(FORGET_PEAK)
     except OSError:  # not Linux, or not permitted

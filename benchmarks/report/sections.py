@@ -19,7 +19,7 @@ NOTHING = "-"
 CURVES = ("horizon", "samples")
 OWN_MEMORY = (
     "memory: the process's highest resident memory while it predicted the row's clips, metrics not counted; what it "
-    "held for other rows at that time is in it."
+    "held at that time because of other rows is in it (libraries, networks, memory not yet given back to the system)."
 )
 PROCESS_MEMORY = "memory as the process's maximum so far, whatever it did before"
 
