@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import resource
 import sys
 from collections.abc import Iterable
@@ -32,6 +33,7 @@ def begin() -> bool:
 
     A process has one peak: pieces of work must not lie within one another, nor go on in several threads at once.
     """
+    _give_back_free_memory()
     try:
         CLEAR_REFS.write_text(FORGET_PEAK)
     except OSError:  # not Linux, or not permitted
@@ -51,6 +53,13 @@ def process_peak_mb() -> float:
     """The highest resident memory of this process so far in MiB (getrusage's ru_maxrss)."""
     unit = 2**20 if sys.platform == "darwin" else 2**10  # bytes there, KiB elsewhere
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
+
+
+def _give_back_free_memory() -> None:
+    """What earlier work has let go shall not count as held: glibc keeps it for later (malloc_trim(3))."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
 
 
 def _high_water_kib() -> int | None:
