@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -44,7 +45,7 @@ class VideoNetwork(Protocol):
 
 
 @dataclass(frozen=True)
-class VideoTraining:
+class VideoTraining(ABC):
     """Settings of training that have nothing to do with the method."""
 
     num_past: int = 10
@@ -68,17 +69,17 @@ class VideoTraining:
         return ("video",)
 
     @property
+    @abstractmethod
     def size_px(self) -> int:
         """The side of the network's square pictures."""
-        raise NotImplementedError
 
+    @abstractmethod
     def build(self) -> dict[str, nn.Module]:
         """The fresh network, under the name "video"."""
-        raise NotImplementedError
 
+    @abstractmethod
     def losses(self, network: nn.Module, pictures: Tensor) -> Losses:
         """Of pictures [B, T, 3, H, W] in [0, 1]; "total" among them."""
-        raise NotImplementedError
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         """Adam, as in all three papers."""

@@ -123,8 +123,11 @@ def test_futures_are_always_finite_and_rigid(
     poses = se3.exp(times_s[:, None] * np.array([0, 0.1, speed, 0.01, turn, 0.02]))
     past = Trajectory(poses, times_s, is_metric)
     future_s = times_s[-1] + np.cumsum(ahead_s)
-    for sample in MotionPrior().forecast(past, future_s, num_samples):
-        Trajectory(sample, future_s, is_metric)  # refuses what is not finite and rigid
+    futures = MotionPrior().forecast(past, future_s, num_samples)
+    assert futures.shape == (num_samples, len(future_s), 4, 4)
+    assert np.isfinite(futures).all()
+    for sample in futures:
+        Trajectory(sample, future_s, is_metric)  # refuses what is not rigid
 
 
 def test_a_file_without_a_prior_is_refused(tmp_path: Path) -> None:
