@@ -63,6 +63,7 @@ CHECK_TOLERANCE = 1e-4
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of RGB in [-1, 1]: ImageNet's mean and deviation
 SMALLEST_PX = 32  # below it the deepest layers have no pixel left
 FRAMES_AT_ONCE = 10
+PARTS_KEPT = 4  # of FRAMES_AT_ONCE target frames whose features wait for the next prediction; 26 MB each at 256x256
 TIMEOUT_S = 20.0
 
 logger = logging.getLogger(__name__)
@@ -96,21 +97,22 @@ class Lpips:
         return self.over(predicted, target, [mask])[0]
 
     def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
-        """The same for each of several masks; features are computed once for all."""
+        """The same for each of several masks; features are computed once for all, the target's for all predictions."""
         for mask in masks:
             check_frames(predicted, target, mask)
         if min(target.shape[1:3]) < SMALLEST_PX:
             raise BadData(f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: use larger")
-        weights = load_weights(self.net, find_weights(self.net, self.weights))
+        file = find_weights(self.net, self.weights)
+        weights = load_weights(self.net, file)
         scores = np.empty((len(masks), len(target)))
         for start in range(0, len(target), FRAMES_AT_ONCE):
             part = slice(start, start + FRAMES_AT_ONCE)
             parts = [None if mask is None else mask[part] for mask in masks]
-            scores[:, part] = distances(self.net, weights, predicted[part], target[part], parts)
+            real = _target_features(self.net, file, target[part].shape, target[part].tobytes())
+            scores[:, part] = _compared(self.net, weights, predicted[part], real, parts)
         return list(scores)
 
 
-@torch.inference_mode()
 def distances(
     net: Net,
     weights: Weights,
@@ -119,15 +121,38 @@ def distances(
     masks: Sequence[BoolArray | None],  # of [N, H, W]
 ) -> FloatArray:
     """The distance of every pair under every mask [M, N] (Zhang et al. 2018, eq. 1); NaN where that is empty."""
+    return _compared(net, weights, predicted, unit_features(net, weights, target), masks)
+
+
+@torch.inference_mode()
+def unit_features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
+    """Layer after layer the features [N, C, h, w] of frames [N, H, W, 3], of length 1 over the channels."""
     features = {"alex": alex_features, "squeeze": squeeze_features}[net]
+    return [unit_length(layer) for layer in features(weights, normalised(frames))]
+
+
+@functools.lru_cache(maxsize=PARTS_KEPT)
+def _target_features(net: Net, file: Path, shape: tuple[int, ...], pixels: bytes) -> list[Tensor]:
+    """Features of frames that many predictions are compared with: of a hundred samples, or of all cells of a matrix."""
+    frames = np.frombuffer(pixels, np.uint8).reshape(shape)
+    return unit_features(net, load_weights(net, file), frames)
+
+
+@torch.inference_mode()
+def _compared(
+    net: Net,
+    weights: Weights,
+    predicted: ByteArray,  # [N, H, W, 3]
+    real_features: Sequence[Tensor],  # of the target
+    masks: Sequence[BoolArray | None],  # of [N, H, W]
+) -> FloatArray:
     shares = [None if mask is None else torch.tensor(mask, dtype=torch.float32)[:, None] for mask in masks]
-    total = torch.zeros(len(masks), len(target), dtype=torch.float64)
-    layers = zip(features(weights, normalised(predicted)), features(weights, normalised(target)), strict=True)
+    total = torch.zeros(len(masks), len(predicted), dtype=torch.float64)
+    layers = zip(unit_features(net, weights, predicted), real_features, strict=True)
     for index, (ours, real) in enumerate(layers):
-        squares = (unit_length(ours) - unit_length(real)) ** 2
-        difference = functional.conv2d(squares, weights[f"lin{index}.weight"][None, :, None, None])  # [N, 1, h, w]
+        difference = functional.conv2d((ours - real) ** 2, weights[f"lin{index}.weight"][None, :, None, None])
         for number, share in enumerate(shares):
-            total[number] += _masked_mean(difference, share)
+            total[number] += _masked_mean(difference, share)  # of [N, 1, h, w]
     return np.asarray(total.numpy())
 
 

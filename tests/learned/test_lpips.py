@@ -232,13 +232,21 @@ def test_many_masks_at_once_score_as_one_by_one(net: Net, folder: Path) -> None:
     assert np.ptp([scores[0] for scores in one_by_one]) > 1e-3  # the masks do matter
 
 
-def test_features_are_computed_once_for_all_masks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_features_are_computed_once_for_all_masks_and_the_targets_once_for_all_predictions(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     features, calls = lpips.alex_features, []
-    metric, pictures = Lpips("alex", folder), noise(1)
-    metric(pictures, pictures, None)  # reads and checks the weights
+    metric, target = Lpips("alex", folder), noise(1)
+    metric(noise(2), noise(2), None)  # reads and checks the weights
     monkeypatch.setattr(lpips, "alex_features", lambda *given: calls.append(1) or features(*given))
-    metric.over(pictures, pictures, [None, np.ones(pictures.shape[:3], dtype=bool)] * 3)
+    scores = metric.over(noise(3), target, [None, np.ones(target.shape[:3], dtype=bool)] * 3)
     assert len(calls) == 2  # predicted and target
+    np.testing.assert_array_equal(metric.over(noise(3), target, [None])[0], scores[0])
+    assert metric(noise(4), target).tolist() != scores[0].tolist()
+    assert len(calls) == 4  # the predictions alone
+    target = target.copy()
+    target[0, 0, 0, 0] ^= 255
+    assert metric(noise(3), target)[0] != scores[0][0]  # another target is not mistaken for the one before
 
 
 def test_frames_that_do_not_fit_are_refused(folder: Path) -> None:
