@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import torch
+from lightning.fabric import Fabric
 from lightning.fabric.plugins import MixedPrecision, Precision
 
 from learned.recipes import Training
@@ -20,6 +21,17 @@ class InputsInFull(MixedPrecision):
     def convert_input(self, data: Any) -> Any:
         """The data itself."""
         return data
+
+
+def loss_scale(fabric: Fabric) -> dict[str, Any]:
+    """By what losses are multiplied, so that small gradients do not vanish in halves; empty in other precisions."""
+    return dict(fabric.strategy.precision.state_dict())
+
+
+def load_loss_scale(fabric: Fabric, state: dict[str, Any]) -> None:
+    """Go on with the factor of an earlier start."""
+    if state:
+        fabric.strategy.precision.load_state_dict(state)
 
 
 def plugins(settings: Training) -> tuple[Precision, ...]:

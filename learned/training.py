@@ -82,6 +82,7 @@ class _Run:
         self.bare = self.method.build()  # what is stored: a device's wrapping would show in the names
         self.bare_optimisers = self.method.optimisers(self.bare)
         self.rates = {name: [group["lr"] for group in own.param_groups] for name, own in self.bare_optimisers.items()}
+        self.may_overflow = bool(precision.loss_scale(fabric))
         self.networks, self.optimisers = _set_up(fabric, self.bare, self.bare_optimisers)
         self.identity = {
             "method": recipe.method_name,
@@ -92,6 +93,7 @@ class _Run:
         self.progress = Progress()
         if (folder / STATE).exists():
             self.progress = training_state.read(folder / STATE, self.bare, self.bare_optimisers, self.identity)
+            precision.load_loss_scale(fabric, self.progress.loss_scale)
         self.log = TrainingLog(folder / LOG, self.progress.step) if fabric.is_global_zero else None
 
     def go(self, stopped: Sequence[int], limit_s: float) -> Outcome:
@@ -157,7 +159,10 @@ class _Run:
         self.fabric.backward(total)
         if self.settings.clip_norm:
             norm = self.settings.clip_norm
-            self.fabric.clip_gradients(self.networks[turn], self.optimisers[turn], max_norm=norm)
+            # In halves gradients may overflow: the step is left out then and the loss scale halved, as it should be.
+            self.fabric.clip_gradients(
+                self.networks[turn], self.optimisers[turn], max_norm=norm, error_if_nonfinite=not self.may_overflow
+            )
         self.optimisers[turn].step()
 
     def validate(self, held_out: Sequence[Any]) -> None:
@@ -190,6 +195,7 @@ class _Run:
 
     def save(self) -> None:
         """Write the state."""
+        self.progress.loss_scale = precision.loss_scale(self.fabric)
         if self.fabric.is_global_zero:
             training_state.write(self.folder / STATE, self.bare, self.bare_optimisers, self.progress, self.identity)
         self.fabric.barrier()

@@ -6,7 +6,7 @@ Random numbers need no place here: the loop seeds them anew at every step.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ class Progress:
     best_score: float = float("inf")
     best_step: int = 0
     misses: int = 0  # validations since the best one
+    loss_scale: dict[str, Any] = field(default_factory=dict)  # of half precision, which finds it as it goes
 
 
 def write(

@@ -149,6 +149,27 @@ def test_a_resumed_run_ends_with_the_same_bytes(tmp_path: Path) -> None:
     assert all(torch.equal(best[0][name], best[1][name]) for name in best[0])
 
 
+def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As "16-mixed" is on a GPU; here on the CPU, with a factor that doubles every 7 good steps."""
+
+    def halves(_: Training) -> tuple[precision.InputsInFull]:
+        scaler = torch.amp.GradScaler("cpu", init_scale=4.0, growth_interval=7)
+        return (precision.InputsInFull("16-mixed", "cpu", scaler),)
+
+    monkeypatch.setattr(precision, "plugins", halves)
+    mixed = recipe(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
+    training.train(mixed, tmp_path / "whole")
+    for _ in range(200):
+        if training.train(mixed, tmp_path / "pieces", limit_seconds=0.01).finished:
+            break
+    stored = [checkpoints.read_tensors(tmp_path / each / training.STATE)[0] for each in ("whole", "pieces")]
+    factors = [state["progress"]["loss_scale"] for state in stored]
+    assert factors[0] == factors[1]
+    assert factors[0]["scale"] > 4.0
+    whole, pieces = weights(tmp_path / "whole"), weights(tmp_path / "pieces")
+    assert all(torch.equal(whole[name], pieces[name]) for name in whole)
+
+
 def test_a_killed_run_goes_on(tmp_path: Path) -> None:
     """SIGKILL at some step; what was logged behind the last state is taken back."""
     training.train(recipe(), tmp_path / "whole")
