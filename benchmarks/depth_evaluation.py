@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.commands import command, watched, whole_numbers
 from geovp_classic import registry
-from geovp_classic.errors import BadData, GeovpError, Incompatible
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Trajectory
@@ -123,20 +124,15 @@ def table(rows_by_source: Mapping[str, Sequence[DepthRow]]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Print the table; 2 with one sentence for arguments that won't do."""
-    try:
-        if len(arguments) > 2 or not all(word.isdecimal() for word in arguments):
-            raise BadData(f"arguments {' '.join(arguments)}: expected [CLIPS [SEED]], two whole numbers")
-        count, seed = [int(word) for word in arguments] + [8, 0][len(arguments) :]
-        dataset = registry.build("datasets", {"name": "synthetic", "num_clips": count, "seed": seed})
-        clips = [dataset[i] for i in range(len(dataset))]
-        sources = {name: registry.build("depth_sources", dict(spec)) for name, spec in SOURCES.items()}
-        sys.stdout.write(table({name: evaluate(source, clips) for name, source in sources.items()}) + "\n")
-    except GeovpError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    return 0
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The table."""
+    count, seed = whole_numbers(arguments, (8, 0), "[CLIPS [SEED]]")
+    dataset = registry.build("datasets", {"name": "synthetic", "num_clips": count, "seed": seed})
+    clips = [dataset[i] for i in range(len(dataset))]
+    sources = {name: registry.build("depth_sources", dict(spec)) for name, spec in SOURCES.items()}
+    rows = {name: evaluate(source, watched(clips, count, name)) for name, source in sources.items()}
+    return table(rows)
 
 
 if __name__ == "__main__":

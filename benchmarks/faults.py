@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from benchmarks.commands import command, watched
 from geovp_classic import registry
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import alignment, se3
 from geovp_classic.interfaces import Odometry
 from geovp_classic.types import ByteArray, Clip, Context, FloatArray, Trajectory
@@ -234,16 +236,19 @@ def _errors(trajectory: Trajectory, truth: FloatArray) -> tuple[float, float]:
     return rotation_deg, float(100 * np.sqrt((miss**2).sum(axis=1).mean()) / length)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Print the table of the default odometry on ten clips of a data set."""
-    name, *root = arguments
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The table of the default odometry on ten clips of a data set."""
+    name, *root = arguments or [""]
+    if (name, len(root)) not in (("synthetic", 0), ("kitti", 1)):
+        raise BadData(f"faults: given {' '.join(arguments)!r}, expected `synthetic` or `kitti ROOT`")
     spec = {"name": name, "num_frames": 12, **({"root": root[0], "sequences": ["03[0:180)"]} if root else {})}
     dataset = registry.build("datasets", spec)
     odometry = registry.build("odometries", "monocular")
     count = min(10, len(dataset))
-    rows = measure(odometry, (dataset[i * len(dataset) // count] for i in range(count)), FAULTS)
-    sys.stdout.write(table(rows, FAULTS) + "\n")
-    return 0
+    clips = (dataset[i * len(dataset) // count] for i in range(count))
+    rows = measure(odometry, watched(clips, count, "faults"), FAULTS)
+    return table(rows, FAULTS)
 
 
 if __name__ == "__main__":

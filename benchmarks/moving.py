@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.commands import command, watched
 from geovp_classic import registry
 from geovp_classic.depth_renderers import DepthFusion, Steered
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, Scene
 from geovp_classic.render.billboards import Billboard, Traffic
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Trajectory, Views
@@ -135,17 +136,13 @@ def specs_of(arguments: Sequence[str]) -> list[dict[str, object]]:
     raise BadData(f"moving: given {given!r}, expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`")
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Print the table; 2 with one sentence for arguments or data that won't do."""
-    try:
-        datasets = [registry.build("datasets", spec) for spec in specs_of(arguments)]
-        metrics = {metric: registry.build("frame_metrics", metric) for metric in METRICS}
-        clips = (dataset[i] for dataset in datasets for i in range(len(dataset)))
-        sys.stdout.write(table(measure(clips, metrics)) + "\n")
-    except GeovpError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    return 0
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The table."""
+    datasets = [registry.build("datasets", spec) for spec in specs_of(arguments)]
+    metrics = {metric: registry.build("frame_metrics", metric) for metric in METRICS}
+    clips = (dataset[i] for dataset in datasets for i in range(len(dataset)))
+    return table(measure(watched(clips, sum(map(len, datasets)), "moving"), metrics))
 
 
 if __name__ == "__main__":

@@ -16,10 +16,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.commands import command
 from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth_renderers import DepthFusion
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.poses.sources import Chained
 from geovp_classic.types import Clip, Context, FloatArray, Grant, Trajectory, Views
@@ -95,19 +96,15 @@ def measure(clip: Clip, rounds: int) -> Timing:
     return Timing(taken_s[1:], float(taken_s[0, :, 0].sum()), peak_mb)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure, print; 2 with one sentence for arguments or data that won't do."""
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The timing in words."""
     rounds, *where = arguments or ["10"]
-    try:
-        if len(where) not in (0, 2) or not rounds.isdecimal():
-            raise BadData(f"arguments {' '.join(arguments)}: expected [ROUNDS [ROOT SEQUENCE]]")
-        spec = {"name": "kitti", "root": where[0], "sequences": [where[1]]} if where else {"name": "synthetic"}
-        dataset = registry.build("datasets", {**spec, "num_frames": 30})
-        sys.stdout.write("\n".join(measure(dataset[0], int(rounds)).lines()) + "\n")
-    except GeovpError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
-    return 0
+    if len(where) not in (0, 2) or not rounds.isdecimal():
+        raise BadData(f"arguments {' '.join(arguments)}: expected [ROUNDS [ROOT SEQUENCE]]")
+    spec = {"name": "kitti", "root": where[0], "sequences": [where[1]]} if where else {"name": "synthetic"}
+    dataset = registry.build("datasets", {**spec, "num_frames": 30})
+    return "\n".join(measure(dataset[0], int(rounds)).lines())
 
 
 if __name__ == "__main__":

@@ -16,6 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.commands import command, whole_numbers
+from geovp_classic.errors import BadData
 from geovp_classic.poses.odometry import Monocular
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
@@ -71,20 +73,27 @@ def plain_step(before: ByteArray, now: ByteArray, camera: Intrinsics) -> FloatAr
 
 
 def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrinsics]:
-    """The first pictures of a folder, grey, and the camera of a calib.txt's first line."""
-    files = sorted(folder.iterdir())[:count]
-    frames = [np.asarray(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE), dtype=np.uint8) for file in files]
-    numbers = [float(word) for word in calib.read_text().splitlines()[0].split()[1:]]
+    """The first pictures of a folder, grey, and the camera of a calib.txt's first line; BadData when they are none."""
+    try:
+        pictures = [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in sorted(folder.iterdir())[:count]]
+        numbers = [float(word) for word in calib.read_text().splitlines()[0].split()[1:]]
+    except (OSError, ValueError, IndexError) as error:
+        raise BadData(f"{folder} and {calib} ({error}): expected a folder of pictures and a calib.txt") from error
+    frames = [np.asarray(picture, dtype=np.uint8) for picture in pictures if picture is not None]
+    if len(frames) < max(2, len(pictures)) or len(numbers) != 12:
+        raise BadData(f"{folder} and {calib}: expected two or more pictures and nothing else, and 12 numbers a line")
     height_px, width_px = frames[0].shape
     return frames, Intrinsics(numbers[0], numbers[5], numbers[2], numbers[6], width_px, height_px)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Read, measure, print."""
-    folder, calib, *count = arguments
-    frames, camera = read(Path(folder), Path(calib), int(count[0]) if count else 200)
-    sys.stdout.write("\n".join(measure(frames, camera).lines()) + "\n")
-    return 0
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The timing in words."""
+    if len(arguments) < 2:
+        raise BadData(f"arguments {' '.join(arguments)!r}: expected PICTURES CALIB [COUNT]")
+    (count,) = whole_numbers(arguments[2:], (200,), "PICTURES CALIB [COUNT]")
+    frames, camera = read(Path(arguments[0]), Path(arguments[1]), count)
+    return "\n".join(measure(frames, camera).lines())
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.commands import command, whole_numbers
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -146,10 +147,11 @@ def _first_s(cache: str) -> float:
     return float(subprocess.run(command, check=True, env=environment, capture_output=True, text=True).stdout)
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure, print."""
-    sys.stdout.write("\n".join(measure(int(arguments[0]) if arguments else 10).lines()) + "\n")
-    return 0
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The timing in words."""
+    (rounds,) = whole_numbers(arguments, (10,), "[ROUNDS]")
+    return "\n".join(measure(max(1, rounds)).lines())
 
 
 if __name__ == "__main__":

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from benchmarks.commands import command, whole_numbers
+from geovp_classic.errors import BadData
 from learned.synsin import splatting
 from learned.synsin.splatting import Splatter
 
@@ -110,12 +112,14 @@ def _median(values: Sequence[float]) -> float:
     return sorted(values)[len(values) // 2]
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Measure, print."""
-    side_px = int(arguments[0]) if arguments else 256
+@command
+def main(arguments: Sequence[str]) -> str:
+    """The timing in words."""
+    (side_px,) = whole_numbers(arguments[:1], (256,), "[SIDE_PX [cpu|cuda]]")
     device = arguments[1] if len(arguments) > 1 else "cpu"
-    sys.stdout.write("\n".join(measure(side_px, device).lines()) + "\n")
-    return 0
+    if device not in ("cpu", "cuda") or (device == "cuda" and not torch.cuda.is_available()):
+        raise BadData(f"device {device!r}: expected cpu, or cuda where there is a GPU")
+    return "\n".join(measure(side_px, device).lines())
 
 
 if __name__ == "__main__":

@@ -1,3 +1,4 @@
+import pytest
 import torch
 
 from benchmarks.performance import splatting_torch
@@ -10,6 +11,11 @@ def test_both_ways_draw_the_same_and_are_timed() -> None:
     first, second = timing.lines()
     assert first.startswith(f"32x32 points, 16 features: forward {1e3 * timing.forward_s:.0f} ms")
     assert f"({timing.dense_s / timing.forward_s:.0f} times as long)" in second
+
+
+def test_a_device_that_is_not_here_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert splatting_torch.main(["32", "tpu"]) == 2
+    assert "device 'tpu': expected cpu, or cuda where there is a GPU" in capsys.readouterr().err
 
 
 def test_the_street_is_seen_from_three_metres_ahead() -> None:

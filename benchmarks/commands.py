@@ -1,0 +1,43 @@
+"""The frame of the small commands `python -m benchmarks.NAME`: a text to print, or one sentence and exit code 2."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
+
+from benchmarks.progress import Bar
+from geovp_classic.errors import BadData, GeovpError
+
+Item = TypeVar("Item")
+
+
+def command(text: Callable[[Sequence[str]], str]) -> Callable[[Sequence[str]], int]:
+    """A `main` that prints what the function makes of the arguments and gives the exit code."""
+
+    @functools.wraps(text)
+    def main(arguments: Sequence[str]) -> int:
+        try:
+            sys.stdout.write(text(arguments) + "\n")
+        except GeovpError as error:
+            sys.stderr.write(f"{error}\n")
+            return 2
+        return 0
+
+    return main
+
+
+def whole_numbers(arguments: Sequence[str], defaults: Sequence[int], usage: str) -> list[int]:
+    """As many numbers as there are defaults, which stand for those not given; BadData for anything else."""
+    if len(arguments) > len(defaults) or not all(word.isdecimal() for word in arguments):
+        raise BadData(f"arguments {' '.join(arguments)!r}: expected {usage}, whole numbers")
+    return [int(word) for word in arguments] + list(defaults)[len(arguments) :]
+
+
+def watched(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+    """The items, with a progress bar on standard error for how many of `total` have been dealt with."""
+    with Bar(what, "clips") as bar:
+        for done, item in enumerate(items, 1):
+            yield item
+            bar.show(done, total)
