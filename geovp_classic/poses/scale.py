@@ -23,6 +23,7 @@ CLEAR_AGREEMENT = 0.85  # that ends the search
 MAX_RELATIVE_SIGMA = 0.05  # of the height by the pictures' noise alone; above it the road has no texture
 GATE = 3.0  # standard deviations beyond which a measurement is not believed
 MAX_REFUSED = 6  # measurements in a row, before the search starts anew
+MIN_UNITED = 3  # measurements refused in a row that say the same are believed after all
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class RoadGauge:
     pitch_rad: float = 0.0
     roll_rad: float = 0.0
     num_looks: int = 0
-    num_refused: int = 0
+    refused: list[float] = field(default_factory=list)  # logarithms of heights that were not believed, in a row
     pixels: FloatArray = field(init=False)  # [N, 2] of the window
     window: tuple[slice, slice] = field(init=False)  # rows, columns
 
@@ -133,7 +134,7 @@ class RoadGauge:
 
     def restart(self) -> None:
         """The odometry's unit has changed: forget the height, keep pitch and roll."""
-        self.variance, self.num_refused = np.inf, 0
+        self.variance, self.refused = np.inf, []
 
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Look at the road in two pictures between which the camera moved, in units of the odometry."""
@@ -201,15 +202,22 @@ class RoadGauge:
         noise = (self.settings.error + self.settings.error_per_rad * turn_rad) ** 2
         innovation = -np.log(size) - self.log_height
         if abs(innovation) > GATE * np.sqrt(self.variance + noise):
-            self.num_refused += 1
-            if self.num_refused > MAX_REFUSED:
-                self.restart()
+            self._doubt(self.log_height + innovation, noise)
             return
         gain = self.variance / (self.variance + noise)
         self.log_height += gain * innovation
         self.variance *= 1 - gain
-        self.num_refused, self.num_looks = 0, self.num_looks + 1
+        self.refused, self.num_looks = [], self.num_looks + 1
         normal = fit.plane / size
         slow = max(0.05, 1 / (1 + self.num_looks)) * self.settings.error**2 / noise
         self.pitch_rad += slow * (float(np.arcsin(-normal[2])) - self.pitch_rad)
         self.roll_rad += slow * (float(np.arctan2(normal[0], normal[1])) - self.roll_rad)
+
+    def _doubt(self, log_height: float, noise: float) -> None:
+        """One more look that contradicts what is known; what several say alike is believed, what never ends is lost."""
+        self.refused.append(log_height)
+        united = np.array(self.refused[-MIN_UNITED:])
+        if len(united) == MIN_UNITED and np.ptp(united) < GATE * np.sqrt(noise):
+            self.log_height, self.variance, self.refused = float(np.median(united)), noise / MIN_UNITED, []
+        elif len(self.refused) > MAX_REFUSED:
+            self.restart()

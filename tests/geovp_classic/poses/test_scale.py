@@ -112,6 +112,32 @@ def test_one_wrong_look_is_not_believed(straight: tuple[ByteArray, FloatArray], 
     assert gauge.unit == pytest.approx(unit, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("looks", "height"),
+    [
+        ([3.0, 3.1, 3.05], 3.05),  # alike: their median
+        ([3.0, 0.5, 3.0], 1.65),  # not alike
+        ([3.0, 3.0, 1.65, 3.0], 1.65),  # not in a row
+    ],
+)
+def test_three_looks_in_a_row_that_say_alike_are_believed(
+    looks: list[float],
+    height: float,
+    straight: tuple[ByteArray, FloatArray],
+    camera: Intrinsics,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A search that took the wrong peak, as on the stripes of a crossing, is not followed for the rest of the clip."""
+    frames, poses = straight
+    gauge = gauge_of(camera)
+    gauge.log_height, gauge.variance = float(np.log(1.65)), 0.03**2
+    fits = iter(road.RoadFit(road.level_plane(look), np.eye(3), 0.99) for look in looks)
+    monkeypatch.setattr(RoadGauge, "_look", lambda *_: next(fits))
+    show(gauge, frames[: len(looks) + 1], poses[: len(looks) + 1])
+    assert 1.65 / gauge.unit == pytest.approx(height, rel=0.01)
+    assert gauge.confidence > 0.6
+
+
 def test_what_the_scales_ask_for_and_promise(camera: Intrinsics) -> None:
     assert (GroundPlane().needs, GroundPlane().is_metric) == (Grant.CAMERA_HEIGHT, True)
     assert (UnitSpeed().needs, UnitSpeed().is_metric) == (Grant.NONE, False)
