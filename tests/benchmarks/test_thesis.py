@@ -99,8 +99,9 @@ def test_the_command_line_prints_it(results: Results, capsys: pytest.CaptureFixt
     assert "written as md alone, not as tex" in capsys.readouterr().err
 
 
-def test_the_matrix_that_comes_with_it_has_every_row_of_the_thesis() -> None:
-    own = matrix.read(Path(thesis.__file__).parent / "configs" / "thesis.toml")
+@pytest.mark.parametrize("name", ["thesis", "thesis-colour"])
+def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) -> None:
+    own = matrix.read(Path(thesis.__file__).parent / "configs" / f"{name}.toml")
     samples = {(entry.spec["name"], entry.num_samples) for entry in own.predictors.values()}
     assert {(name, count) for name in ("svg", "srvp", "slamp") for count in (1, 100)} <= samples
     sources = [entry.spec["pose_source"]["name"] for entry in own.predictors.values() if "pose_source" in entry.spec]
