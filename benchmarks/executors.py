@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
@@ -55,7 +56,7 @@ class Processes:
         """The results as they come; GeovpError when a process dies."""
         threads = max(1, (os.cpu_count() or 1) // self.workers)
         pool = futures.ProcessPoolExecutor(
-            self.workers, multiprocessing.get_context("spawn"), _limit_threads, (threads,)
+            self.workers, multiprocessing.get_context("spawn"), _begin_worker, (threads,)
         )
         waiting: set[futures.Future[Result]] = set()
         try:
@@ -98,7 +99,16 @@ class Dask:
                 yield future.result()
 
 
-def _limit_threads(count: int) -> None:
-    """Keep the libraries of a worker, which are imported later, from starting a thread a core each."""
+def _begin_worker(threads: int) -> None:
+    """Keep a worker's libraries, imported later, from a thread a core each, and the worker from outliving the run."""
     for variable in THREAD_LIMITS:
-        os.environ.setdefault(variable, str(count))
+        os.environ.setdefault(variable, str(threads))
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed run cannot tell its workers, and they would wait for it for ever, with all their memory."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

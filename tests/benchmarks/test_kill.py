@@ -38,10 +38,11 @@ trajectory = ["toy-gap"]
 CELLS = ("steady--slide", "slow", "noise")
 
 
-def begin(folder: Path, toys: Path, sleep_s: float) -> subprocess.Popen[bytes]:
+def begin(folder: Path, toys: Path, sleep_s: float, *more: str) -> subprocess.Popen[bytes]:
     path = folder / "m.toml"
     path.write_text(MATRIX.format(sleep_s=sleep_s))
     command = [sys.executable, "-m", "benchmarks.cli", "run", str(path), "--out", str(folder / "out"), "--no-report"]
+    command += more
     path_variable = os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path_variable}, stderr=subprocess.DEVNULL)
 
@@ -83,3 +84,25 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> No
         keys = [(row["clip"], row["sample"], row["step"], row["metric"]) for row in resumed]
         assert len(set(keys)) == len(keys)
         assert len({row["clip"] for row in resumed}) == 9
+
+
+def parent_of(process: Path) -> int:
+    """The number of the process that started the one of this folder of /proc; 0 when that has ended."""
+    try:
+        return int((process / "stat").read_text().rpartition(")")[2].split()[1])
+    except OSError:
+        return 0
+
+
+def test_a_killed_runs_workers_end_with_it(tmp_path: Path, toys: Path) -> None:
+    process = begin(tmp_path, toys, 0.5, "--workers", "2")
+    wait_for_parts(tmp_path / "out", 1, process)
+    workers = [place for place in Path("/proc").glob("[0-9]*") if parent_of(place) == process.pid]
+    assert len(workers) >= 2
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    for _ in range(200):
+        if not any(place.exists() for place in workers):
+            return
+        time.sleep(0.05)
+    pytest.fail("workers outlive the run")
