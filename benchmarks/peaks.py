@@ -33,7 +33,7 @@ def begin() -> bool:
 
     A process has one peak: pieces of work must not lie within one another, nor go on in several threads at once.
     """
-    _give_back_free_memory()
+    give_back_free_memory()
     try:
         CLEAR_REFS.write_text(FORGET_PEAK)
     except OSError:  # not Linux, or not permitted
@@ -55,8 +55,8 @@ def process_peak_mb() -> float:
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
 
 
-def _give_back_free_memory() -> None:
-    """What earlier work has let go shall not count as held: glibc keeps it for later (malloc_trim(3))."""
+def give_back_free_memory() -> None:
+    """Let the system have what earlier work has let go; glibc keeps it for later (malloc_trim(3))."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
     if trim is not None:
         trim(0)

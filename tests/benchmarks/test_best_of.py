@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from benchmarks import matrix as matrices
-from benchmarks import statistics, tables
+from benchmarks import scoring, statistics, tables
 from benchmarks.executors import Serial
 from benchmarks.planning import Options
 from benchmarks.run import run
+from benchmarks.scoring import Case, Metrics, score
 from benchmarks.statistics import Cube
 from benchmarks.store import Results
 from benchmarks.tables import Row
+from geovp_classic.contracts import street
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
 
 KALMAN = {"name": "chained", "odometry": {"name": "ground-truth"}, "forecaster": {"name": "turn-rate-kalman"}}
 PROTOCOL = {"num_past": 6, "num_future": 4, "size_px": [64, 64], "stride": 10}
@@ -68,3 +71,22 @@ def test_the_expected_best_rises_from_the_mean_to_the_best(results: Results, row
     assert curve == sorted(curve)
     assert curve[0] == pytest.approx(float(rows[", mean of 5"].estimates["psnr"].mean))
     assert curve[-1] == pytest.approx(float(rows[", best of 5"].estimates["psnr"].mean))
+
+
+def test_many_samples_are_scored_in_little_more_memory_than_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What metrics let go is handed back now and then, not kept in pieces between the scores."""
+    given_back = []
+    monkeypatch.setattr(scoring, "give_back_free_memory", lambda: given_back.append(scored[-1]))
+    scored: list[int] = []
+    clip = street.clip()
+
+    class Watched:
+        def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+            scored.append(int(predicted[0, 0, 0, 0]))
+            return np.zeros(len(predicted))
+
+    samples = np.stack([np.full_like(clip.frames[6:], level) for level in range(12)])
+    metrics = Metrics({"watched": Watched()}, {})  # type: ignore[dict-item]
+    score(Case(clip, 6), Prediction(samples), metrics)
+    assert sorted(set(scored)) == list(range(12))
+    assert given_back == [3, 8]  # the last sample before each
