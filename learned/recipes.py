@@ -38,6 +38,7 @@ class Training:
     warmup_steps: int = 0
     final_rate: float = 0.0  # share of the rate that is left at the end
     clip_norm: float = 0.0  # of each network's gradient; 0 = unclipped
+    average_steps: int = 0  # a running mean of the weights over so many steps is what is validated and kept; 0 = none
     validate_every: int = 200  # steps
     patience: int = 0  # validations without a better score before it stops; 0 = never
     save_every_s: float = 60.0
@@ -57,8 +58,9 @@ class Training:
     @property
     def decisive(self) -> dict[str, Any]:
         """The fields on which the outcome depends; the others may change when a run goes on."""
-        names = ("num_steps", "batch_size", "seed", "warmup_steps", "final_rate", "clip_norm", "validate_every")
-        return {name: getattr(self, name) for name in (*names, "patience", "precision")}
+        names = ["num_steps", "batch_size", "seed", "warmup_steps", "final_rate", "clip_norm", "validate_every"]
+        names += ["patience", "precision", *(["average_steps"] if self.average_steps else [])]
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)

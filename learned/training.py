@@ -28,6 +28,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
 from learned import checkpoints, precision, recipes, training_state
+from learned.averaging import RunningMean
 from learned.methods import Batch, Losses
 from learned.recipes import Recipe
 from learned.schedules import Order, rate_share
@@ -84,6 +85,8 @@ class _Run:
         self.rates = {name: [group["lr"] for group in own.param_groups] for name, own in self.bare_optimisers.items()}
         self.may_overflow = bool(precision.loss_scale(fabric))
         self.networks, self.optimisers = _set_up(fabric, self.bare, self.bare_optimisers)
+        self.mean = RunningMean(self.bare, self.settings.average_steps)
+        self.stored = {**self.bare, **self.mean.stored}
         self.identity = {
             "method": recipe.method_name,
             "settings": checkpoints.plain(self.method),
@@ -92,7 +95,7 @@ class _Run:
         }
         self.progress = Progress()
         if (folder / STATE).exists():
-            self.progress = training_state.read(folder / STATE, self.bare, self.bare_optimisers, self.identity)
+            self.progress = training_state.read(folder / STATE, self.stored, self.bare_optimisers, self.identity)
             precision.load_loss_scale(fabric, self.progress.loss_scale)
         self.log = TrainingLog(folder / LOG, self.progress.step) if fabric.is_global_zero else None
 
@@ -110,7 +113,8 @@ class _Run:
                 self.advance(examples, order, bar)
                 self.progress.seconds = before_s + time.monotonic() - start_s
                 if self.progress.step % self.settings.validate_every == 0 or self.progress.step == bar.total:
-                    self.validate(held_out)
+                    with self.mean.in_place():
+                        self.validate(held_out)
                 if time.monotonic() - saved_s > self.settings.save_every_s:
                     self.save()
                     saved_s = time.monotonic()
@@ -131,6 +135,7 @@ class _Run:
         rng = np.random.default_rng([self.settings.seed, step, rank])
         losses = self.step(self.method.batch(examples, order.at(step)[rank], rng), step)
         self.progress.step = step + 1
+        self.mean.update(self.progress.step)
         bar.update()
         if self.progress.step % LOG_EVERY == 0:
             numbers = {name: float(loss) for name, loss in losses.items()}
@@ -197,7 +202,7 @@ class _Run:
         """Write the state."""
         self.progress.loss_scale = precision.loss_scale(self.fabric)
         if self.fabric.is_global_zero:
-            training_state.write(self.folder / STATE, self.bare, self.bare_optimisers, self.progress, self.identity)
+            training_state.write(self.folder / STATE, self.stored, self.bare_optimisers, self.progress, self.identity)
         self.fabric.barrier()
 
     def note(self, split: str, numbers: Mapping[str, float]) -> None:

@@ -128,6 +128,22 @@ def test_it_learns_and_keeps_the_best_weights(tmp_path: Path) -> None:
     assert {name.partition(".")[0] for name in stored.tensors} == {"line"}  # the critic only served training
 
 
+def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
+    """Of a run that steps to and fro, the mean scores better than where it stands, and is what the file holds."""
+    restless = LineTraining(rate=0.5)
+    plain = training.train(recipe(SETTINGS, restless), tmp_path / "plain")
+    mean = training.train(recipe(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
+    assert mean.best_score < plain.best_score
+    assert logged(tmp_path / "mean", "line.total") == logged(tmp_path / "plain", "line.total")  # learns the same
+    kept = checkpoints.read(tmp_path / "mean" / training.WEIGHTS, "line", LineTraining)
+    state = weights(tmp_path / "mean")
+    assert kept.history["step"] == 60
+    torch.testing.assert_close(
+        kept.tensors["line.0.bias"].float(), state["network.line-mean.0.bias"], atol=1e-3, rtol=1e-3
+    )
+    assert not torch.allclose(state["network.line.0.bias"], state["network.line-mean.0.bias"], atol=1e-2)
+
+
 def test_both_networks_take_their_turn(tmp_path: Path) -> None:
     training.train(recipe(), tmp_path)
     assert [step for step, _ in logged(tmp_path, "line.total")] == [20, 40, 60]
@@ -135,10 +151,12 @@ def test_both_networks_take_their_turn(tmp_path: Path) -> None:
     assert abs(seen[-1][1] - 1) < abs(seen[0][1] - 1)
 
 
-def test_a_resumed_run_ends_with_the_same_bytes(tmp_path: Path) -> None:
-    training.train(recipe(), tmp_path / "whole")
+@pytest.mark.parametrize("average_steps", [0, 10])
+def test_a_resumed_run_ends_with_the_same_bytes(average_steps: int, tmp_path: Path) -> None:
+    own = recipe(replace(SETTINGS, average_steps=average_steps))
+    training.train(own, tmp_path / "whole")
     for _ in range(200):
-        if training.train(recipe(), tmp_path / "pieces", limit_seconds=0.01).finished:
+        if training.train(own, tmp_path / "pieces", limit_seconds=0.01).finished:
             break
     whole, pieces = weights(tmp_path / "whole"), weights(tmp_path / "pieces")
     assert whole.keys() == pieces.keys()
