@@ -1,4 +1,8 @@
-"""SLAMP's networks: one branch draws the next frame, one moves the last frame, a mask chooses (Akan et al. 2021)."""
+"""SLAMP's networks: one branch draws the next frame, one moves the last frame, a mask chooses (Akan et al. 2021).
+
+The mask comes from three plain convolutions over both pictures; the authors' (github.com/kaanakan/slamp,
+models/mask_predictor.py) has five with batch normalisation and squeeze-and-excitation.
+"""
 
 from __future__ import annotations
 

@@ -16,7 +16,9 @@ from learned.video.training import VideoTraining
 class SrvpTraining(VideoTraining):
     """SRVP; with all betas 1 the bound is that of the model, in nats.
 
-    Losses are divided by the number of a clip's values, so that they compare with those of the other methods.
+    Residuals are penalised as in the authors' code (github.com/edouardelasalles/srvp, train.py): by the sum of their
+    Euclidean lengths, one of every Euler step. Losses are divided by the number of a clip's values, so that they
+    compare with those of the other methods.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
