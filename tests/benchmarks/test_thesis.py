@@ -105,6 +105,6 @@ def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) 
     samples = {(entry.spec["name"], entry.num_samples) for entry in own.predictors.values()}
     assert {(name, count) for name in ("svg", "srvp", "slamp") for count in (1, 100)} <= samples
     sources = [entry.spec["pose_source"]["name"] for entry in own.predictors.values() if "pose_source" in entry.spec]
-    assert sources == ["deepvo", "planar", "ground-truth", "chained", "chained", "chained"]
-    assert own.predictors["vo+ctrv+fusion-10"].num_samples == 10
+    assert sources == ["deepvo", "planar", "ground-truth", "chained", "chained", "chained", "chained"]
+    assert [own.predictors[f"vo+{forecast}+fusion-10"].num_samples for forecast in ("ctrv", "prior")] == [10, 10]
     assert "copy-last" in own.predictors
