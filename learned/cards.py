@@ -75,12 +75,14 @@ def curves(rows: Iterable[Mapping[str, str]]) -> str:
 
 def _facts(weights: Path, metadata: Mapping[str, Any], history: Mapping[str, Any], count: int) -> str:
     training = history.get("training", {})
+    averaged = training.get("average_steps")
     facts = (
         f"{count:,} numbers in {weights.stat().st_size / 1e6:.2f} MB (safetensors, half precision)",
         f"the best of the run's validations, after {history.get('step')} of {training.get('num_steps')} steps of "
         f"{training.get('batch_size')} examples and {history.get('seconds')} s",
         f"seed {training.get('seed')}, warm-up {training.get('warmup_steps')} steps, "
         f"precision {training.get('precision')}",
+        *([f"a running mean of the weights over {averaged} steps"] if averaged else []),
     )
     return _listed(facts)
 

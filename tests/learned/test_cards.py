@@ -49,6 +49,13 @@ def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path)
         assert said in text
 
 
+def test_a_card_says_when_weights_are_a_mean(tmp_path: Path) -> None:
+    assert "mean" not in cards.card(written(tmp_path, HISTORY))
+    training = {**HISTORY["training"], "average_steps": 9}  # type: ignore[dict-item]
+    text = cards.card(written(tmp_path, {**HISTORY, "training": training}))
+    assert "- a running mean of the weights over 9 steps\n" in text
+
+
 @pytest.mark.parametrize(("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)])
 def test_kittis_licence_goes_with_weights_trained_on_it(tmp_path: Path, names: tuple[str, ...], licensed: bool) -> None:
     text = cards.card(written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]}))
