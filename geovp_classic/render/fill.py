@@ -143,14 +143,19 @@ class BorrowedDetail:
 
 def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
     """Fill view by view; covered pixels stay as they are, whatever `fill_one` does to them."""
-    filled = np.where(views.covered[..., None], views.frames, np.uint8(0))
-    some, every = views.covered.any(axis=(1, 2)), views.covered.all(axis=(1, 2))
+    filled = views.frames.copy()
+    some = np.asarray(views.covered.any(axis=(1, 2)))
 
     def fill_step(step: int) -> None:
-        invented = fill_one(filled[step], views.covered[step], views.depths[step])
-        np.copyto(filled[step], invented, where=~views.covered[step, ..., None])
+        covered = views.covered[step]
+        if covered.all():
+            return
+        filled[step][~covered] = 0
+        if some[step]:
+            invented = fill_one(filled[step], covered, views.depths[step])
+            np.copyto(filled[step], invented, where=~covered[..., None])
 
-    abreast(fill_step, np.flatnonzero(some & ~every).tolist())
+    abreast(fill_step, range(len(filled)))
     for step in np.flatnonzero(~some):
         if step > 0:
             filled[step] = filled[step - 1]

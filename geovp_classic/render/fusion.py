@@ -73,27 +73,32 @@ class CloudScene:
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
         drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
+        frames, covered = np.zeros((*drawn.shape, 3), np.uint8), np.zeros(drawn.shape, dtype=bool)
+        depths, magnification = np.zeros(drawn.shape, np.float32), np.empty(drawn.shape, np.float32)
 
-        def look(step: int) -> tuple[ByteArray, BoolArray, FloatArray, FloatArray]:
+        def look(step: int) -> None:
             number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
             inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
-            frame, covered, magnification = self._colours(inverse_depth, number, world_from_cam[step], intrinsics)
+            into = (frames[step], covered[step], magnification[step])
+            self._colours(inverse_depth, number, world_from_cam[step], intrinsics, into)
             with np.errstate(divide="ignore"):
-                depth = np.where(covered, 1 / np.where(covered, inverse_depth, np.float32(1)), np.float32(0))
-            return frame, covered, depth, magnification
+                np.divide(np.float32(1), inverse_depth, out=depths[step], where=covered[step])
 
-        seen = abreast(look, range(len(world_from_cam)))
-        frames, covered, depths, magnification = (np.stack(maps) for maps in zip(*seen, strict=True))
+        abreast(look, range(len(world_from_cam)))
         filled = self.fill.fill(Views(frames, covered, depths))
         return Views(self._with_grain(filled, magnification, intrinsics), covered, depths)
 
     def _colours(
-        self, inverse_depth: FloatArray, source_number: IndexArray, world_from_cam: FloatArray, camera: Intrinsics
-    ) -> tuple[ByteArray, BoolArray, FloatArray]:
-        """Frame, coverage and magnification of one view, each pixel read from the source of its patch."""
-        frame = np.zeros((*inverse_depth.shape, 3), dtype=np.uint8)
-        covered = np.zeros(inverse_depth.shape, dtype=bool)
-        magnification = np.full(inverse_depth.shape, LARGEST_MAGNIFICATION, dtype=np.float32)
+        self,
+        inverse_depth: FloatArray,  # [H, W]
+        source_number: IndexArray,  # [H, W]
+        world_from_cam: FloatArray,  # [4, 4]
+        camera: Intrinsics,
+        into: tuple[ByteArray, BoolArray, FloatArray],  # frame (black), coverage (none), magnification of the view
+    ) -> None:
+        """Draw one view, each pixel read from the source of its patch."""
+        frame, covered, magnification = into
+        magnification[:] = LARGEST_MAGNIFICATION
         for number, source in enumerate(self.sources):
             mine = source_number == number
             if not mine.any():
@@ -102,8 +107,7 @@ class CloudScene:
             here = mine & (ratio > 0) & _inside(pixels, source.camera)
             np.copyto(frame, _read(source, pixels, ratio), where=here[..., None])
             np.copyto(magnification, ratio / np.float32(source.finest), where=here)
-            covered |= here
-        return frame, covered, magnification
+            np.logical_or(covered, here, out=covered)
 
     def _with_grain(self, frames: ByteArray, magnification: FloatArray, camera: Intrinsics) -> ByteArray:
         if self.grain == 0:
