@@ -63,7 +63,12 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, clip: Clip) ->
 
 def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSinTraining, clip: Clip) -> None:
     examples = method.examples([clip], training=True)
-    networks, _ = trained(method, examples, num_steps=220)
+    networks, history = trained(method, examples, num_steps=220)
+    first, last = history[0], history[-1]
+    assert first["generator.colour"] > 0.05
+    assert last["generator.colour"] < 0.025
+    assert first["generator.depth"] > 0.5
+    assert last["generator.depth"] < 0.12
     networks["generator"].eval()
     with torch.no_grad():
         assert method.validate(networks, examples)["psnr"] > 27  # of horizons 1 and 2, the first never seen in training
