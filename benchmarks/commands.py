@@ -29,10 +29,16 @@ def command(text: Callable[[Sequence[str]], str]) -> Callable[[Sequence[str]], i
 
 
 def whole_numbers(arguments: Sequence[str], defaults: Sequence[int], usage: str) -> list[int]:
-    """As many numbers as there are defaults, which stand for those not given; BadData for anything else."""
+    """As many numbers as there are defaults, which stand for those not given; BadData for anything else.
+
+    Numbers are at least 1, but where the default is 0.
+    """
     if len(arguments) > len(defaults) or not all(word.isdecimal() for word in arguments):
         raise BadData(f"arguments {' '.join(arguments)!r}: expected {usage}, whole numbers")
-    return [int(word) for word in arguments] + list(defaults)[len(arguments) :]
+    numbers = [int(word) for word in arguments] + list(defaults)[len(arguments) :]
+    if any(number < min(default, 1) for number, default in zip(numbers, defaults, strict=True)):
+        raise BadData(f"arguments {' '.join(arguments)!r}: expected {usage}, counts of at least 1")
+    return numbers
 
 
 def watched(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.commands import command
+from benchmarks.commands import command, whole_numbers
 from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth_renderers import DepthFusion
@@ -99,12 +99,13 @@ def measure(clip: Clip, rounds: int) -> Timing:
 @command
 def main(arguments: Sequence[str]) -> str:
     """The timing in words."""
-    rounds, *where = arguments or ["10"]
-    if len(where) not in (0, 2) or not rounds.isdecimal():
-        raise BadData(f"arguments {' '.join(arguments)}: expected [ROUNDS [ROOT SEQUENCE]]")
+    usage, where = "[ROUNDS [ROOT SEQUENCE]]", arguments[1:]
+    (rounds,) = whole_numbers(arguments[:1], (10,), usage)
+    if len(where) not in (0, 2):
+        raise BadData(f"arguments {' '.join(arguments)!r}: expected {usage}")
     spec = {"name": "kitti", "root": where[0], "sequences": [where[1]]} if where else {"name": "synthetic"}
     dataset = registry.build("datasets", {**spec, "num_frames": 30})
-    return "\n".join(measure(dataset[0], int(rounds)).lines())
+    return "\n".join(measure(dataset[0], rounds).lines())
 
 
 if __name__ == "__main__":

@@ -17,6 +17,9 @@ import cv2
 import numpy as np
 
 from benchmarks.commands import command, whole_numbers
+from geovp_classic.data import kitti_layout
+from geovp_classic.data.findings import raise_first
+from geovp_classic.data.frames import read_picture
 from geovp_classic.errors import BadData
 from geovp_classic.poses.odometry import Monocular
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -73,17 +76,16 @@ def plain_step(before: ByteArray, now: ByteArray, camera: Intrinsics) -> FloatAr
 
 
 def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrinsics]:
-    """The first pictures of a folder, grey, and the camera of a calib.txt's first line; BadData when they are none."""
-    try:
-        pictures = [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in sorted(folder.iterdir())[:count]]
-        numbers = [float(word) for word in calib.read_text().splitlines()[0].split()[1:]]
-    except (OSError, ValueError, IndexError) as error:
-        raise BadData(f"{folder} and {calib} ({error}): expected a folder of pictures and a calib.txt") from error
-    frames = [np.asarray(picture, dtype=np.uint8) for picture in pictures if picture is not None]
-    if len(frames) < max(2, len(pictures)) or len(numbers) != 12:
-        raise BadData(f"{folder} and {calib}: expected two or more pictures and nothing else, and 12 numbers a line")
+    """The first pictures of a folder, grey, and the first camera of a calib.txt; BadData says which file is wrong."""
+    projections, findings = kitti_layout.scan_calibration(calib)
+    raise_first(findings)
+    paths = sorted(folder.iterdir())[:count] if folder.is_dir() else []
+    if len(paths) < 2 or not projections:
+        raise BadData(f"{folder} and {calib}: expected a folder of two or more pictures, and a line such as 'P0:'")
+    pictures = [cv2.cvtColor(read_picture(path), cv2.COLOR_RGB2GRAY) for path in paths]
+    frames = [np.asarray(picture, dtype=np.uint8) for picture in pictures]
     height_px, width_px = frames[0].shape
-    return frames, Intrinsics(numbers[0], numbers[5], numbers[2], numbers[6], width_px, height_px)
+    return frames, projections[min(projections)].intrinsics(width_px, height_px)
 
 
 @command

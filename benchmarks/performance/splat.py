@@ -151,7 +151,7 @@ def _first_s(cache: str) -> float:
 def main(arguments: Sequence[str]) -> str:
     """The timing in words."""
     (rounds,) = whole_numbers(arguments, (10,), "[ROUNDS]")
-    return "\n".join(measure(max(1, rounds)).lines())
+    return "\n".join(measure(rounds).lines())
 
 
 if __name__ == "__main__":

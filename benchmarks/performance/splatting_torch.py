@@ -116,7 +116,7 @@ def _median(values: Sequence[float]) -> float:
 def main(arguments: Sequence[str]) -> str:
     """The timing in words."""
     (side_px,) = whole_numbers(arguments[:1], (256,), "[SIDE_PX [cpu|cuda]]")
-    device = arguments[1] if len(arguments) > 1 else "cpu"
+    device = " ".join(arguments[1:]) or "cpu"
     if device not in ("cpu", "cuda") or (device == "cuda" and not torch.cuda.is_available()):
         raise BadData(f"device {device!r}: expected cpu, or cuda where there is a GPU")
     return "\n".join(measure(side_px, device).lines())

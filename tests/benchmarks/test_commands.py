@@ -51,7 +51,11 @@ def test_numbers_not_given_are_the_defaults() -> None:
         (clip.main, ["often"], "expected [ROUNDS [ROOT SEQUENCE]]"),
         (splat.main, ["often"], "expected [ROUNDS]"),
         (odometry.main, [], "expected PICTURES CALIB [COUNT]"),
-        (odometry.main, ["nowhere", "calib.txt"], "expected a folder of pictures and a calib.txt"),
+        (odometry.main, ["nowhere", "calib.txt"], "calib.txt: does not exist"),
+        (odometry.main, ["nowhere", "calib.txt", "0"], "counts of at least 1"),
+        (splat.main, ["0"], "counts of at least 1"),
+        (clip.main, ["0"], "counts of at least 1"),
+        (depth_evaluation.main, ["0"], "counts of at least 1"),
     ],
 )
 def test_mistakes_give_one_sentence(
@@ -77,4 +81,7 @@ def test_a_folder_with_something_else_in_it_is_no_folder_of_pictures(
     assert (camera.fx_px, camera.cx_px, camera.width_px) == (7, 3.5, 8)
     (pictures / "notes.txt").write_text("no picture")
     assert odometry.main([str(pictures), str(calib)]) == 2
-    assert "two or more pictures and nothing else" in capsys.readouterr().err
+    assert "notes.txt" in capsys.readouterr().err
+    (pictures / "notes.txt").unlink()
+    assert odometry.main([str(pictures), str(calib), "1"]) == 2
+    assert "a folder of two or more pictures" in capsys.readouterr().err

@@ -16,6 +16,10 @@ def test_both_ways_draw_the_same_and_are_timed() -> None:
 def test_a_device_that_is_not_here_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert splatting_torch.main(["32", "tpu"]) == 2
     assert "device 'tpu': expected cpu, or cuda where there is a GPU" in capsys.readouterr().err
+    assert splatting_torch.main(["32", "cpu", "more"]) == 2
+    assert "device 'cpu more': expected cpu" in capsys.readouterr().err
+    assert splatting_torch.main(["0"]) == 2
+    assert "counts of at least 1" in capsys.readouterr().err
 
 
 def test_the_street_is_seen_from_three_metres_ahead() -> None:
