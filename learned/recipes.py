@@ -54,6 +54,8 @@ class Training:
         for name in ("num_steps", "batch_size", "validate_every", "devices", "num_nodes"):
             if getattr(self, name) < 1:
                 raise BadData(f"training.{name} is {getattr(self, name)}, expected 1 or more")
+        if self.average_steps < 0:
+            raise BadData(f"training.average_steps is {self.average_steps}, expected 0 or more")
 
     @property
     def decisive(self) -> dict[str, Any]:
