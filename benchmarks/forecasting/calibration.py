@@ -7,7 +7,7 @@ independent, so every sequence has the same say, whatever its length.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,13 +25,21 @@ NUM_DRAWS = 400
 STRIDE = 5  # of the examples: neighbours say the same
 
 
-def scales(unseen: Iterable[tuple[Coefficients, Examples]]) -> FloatArray:
-    """Factor [F] by which each horizon's region is to be resized, from pairs of a fit and a sequence unknown to it."""
-    unseen = list(unseen)
-    held = np.mean([held_shares(fitted, data) for fitted, data in unseen], axis=0)  # [factors, horizons]
+Unseen = Sequence[tuple[Coefficients, Examples]]  # pieces of one sequence, each with a fit that doesn't know it
+
+
+def scales(sequences: Iterable[Unseen]) -> FloatArray:
+    """Factor [F] by which each horizon's region is to be resized."""
+    sequences = list(sequences)
+    held = np.mean([_shares_of(pieces) for pieces in sequences], axis=0)  # [factors, horizons]
     at_horizons = [np.interp(HELD, np.maximum.accumulate(share), np.log(FACTORS)) for share in held.T]
-    steps = np.arange(1, unseen[0][0].num_steps + 1)
+    steps = np.arange(1, sequences[0][0][0].num_steps + 1)
     return np.asarray(np.exp(np.interp(steps, HORIZONS, at_horizons)))
+
+
+def _shares_of(pieces: Unseen) -> FloatArray:
+    shares = [held_shares(fitted, data) for fitted, data in pieces]
+    return np.asarray(np.average(shares, axis=0, weights=[len(data) for _, data in pieces]))
 
 
 def held_shares(fitted: Coefficients, data: Examples) -> FloatArray:

@@ -11,7 +11,7 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.poses import past_motion
 from geovp_classic.poses.motion_network import MIRRORED_RATES, MIRRORED_STATES
 from geovp_classic.poses.motion_prior import NUM_PAST_STEPS
-from geovp_classic.types import FloatArray, IntArray, Trajectory
+from geovp_classic.types import BoolArray, FloatArray, IntArray, Trajectory
 
 STEP_S = 0.1037  # KITTI's frame interval
 NUM_FUTURE_STEPS = 21  # a little more than 20 frames of jittering times
@@ -57,19 +57,23 @@ def joined(parts: Iterable[Examples]) -> Examples:
     return Examples(np.concatenate([p.rates for p in parts]), np.concatenate([p.states for p in parts]))
 
 
-def examples(trajectory: Trajectory, stride: int) -> Examples:
-    """One example every `stride` frames of a sequence."""
-    rates, states = [], []
+def examples(trajectory: Trajectory, stride: int, usable: BoolArray | None = None) -> Examples:
+    """One example every `stride` frames of a sequence, where all its steps [N - 1] are usable."""
+    rates: list[FloatArray] = [np.empty((0, NUM_PAST_STEPS, 6))]
+    states: list[FloatArray] = [np.empty((0, NUM_FUTURE_STEPS, 3))]
     ahead_s = STEP_S * np.arange(1, NUM_FUTURE_STEPS + 1)
     for last in range(NUM_PAST_STEPS, len(trajectory), stride):
         times_s = trajectory.times_s[last] + ahead_s
         if times_s[-1] > trajectory.times_s[-1]:
             break
-        past = trajectory[last - NUM_PAST_STEPS : last + 1]
-        rates.append(past_motion.body_rates(past, STEP_S, NUM_PAST_STEPS))
+        first, end = last - NUM_PAST_STEPS, np.searchsorted(trajectory.times_s, times_s[-1])
+        if usable is not None and not usable[first:end].all():
+            continue
+        past = trajectory[first : last + 1]
+        rates.append(past_motion.body_rates(past, STEP_S, NUM_PAST_STEPS)[None])
         poses = _poses_at(trajectory, times_s)
-        states.append(planar.reduce(poses, past.world_from_cam[-1], past_motion.vehicle_from_cam(past)))
-    return Examples(np.stack(rates), np.stack(states))
+        states.append(planar.reduce(poses, past.world_from_cam[-1], past_motion.vehicle_from_cam(past))[None])
+    return Examples(np.concatenate(rates), np.concatenate(states))
 
 
 def standing(count: int) -> Examples:

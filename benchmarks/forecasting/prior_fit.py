@@ -1,14 +1,19 @@
-"""Fit the motion prior: the centre path first, then the spread to the errors it makes on sequences left out."""
+"""Fit the motion prior: the centre path first, then the spread to the errors it makes on pieces of road left out.
+
+What no car could have driven is left out of all of it (`plausibility`): KITTI's ground truth jumps, and a region as
+wide as its jumps would be too wide wherever it doesn't.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
-from benchmarks.forecasting import calibration, histories, network_training
+from benchmarks.forecasting import calibration, histories, network_training, plausibility
 from benchmarks.forecasting.histories import NUM_FUTURE_STEPS, STEP_S, Examples
 from benchmarks.forecasting.network_training import Schedule
 from benchmarks.forecasting.watching import Watch, unwatched
@@ -20,9 +25,10 @@ from geovp_classic.types import FloatArray, Trajectory
 
 @dataclass(frozen=True)
 class Plan:
-    """How the prior is fitted; chosen by leaving out one train sequence after the other."""
+    """How the prior is fitted; chosen by leaving out one train sequence after the other, and on the val sequences."""
 
     stride: int = 2
+    piece_steps: int = 1000  # at least, of a sequence: so much is left out at once
     standing_share: float = 0.03  # examples of standing cars, added to every sequence
     num_members: int = 2
     centre_width: int = 96
@@ -30,6 +36,7 @@ class Plan:
     yaw_weight_m: float = 8.0  # metres that a radian of yaw error is worth
     num_modes: int = 6
     depth: int = 12  # smooth deviations that the modes are made of
+    spread_members: int = 3
     spread_width: int = 48
     spread_epochs: float = 24.0
     seed: int = 0
@@ -65,30 +72,35 @@ def fit(
     others: Mapping[str, Trajectory] | None = None,
     watch: Watch = unwatched,
 ) -> Coefficients:
-    """Coefficients from at least two sequences: each is left out once, to see the errors and what a region holds.
+    """Coefficients from at least two sequences, of which one piece after the other is left out.
 
-    The regions' size is set on these and on `others`, which nothing else is fitted to.
+    What happens on a piece left out shows the errors to expect and what a region holds. The regions' size is set on
+    these and on `others`, which nothing else is fitted to; every sequence has the same say.
     """
     if len(sequences) < 2:
-        raise BadData(f"{len(sequences)} sequence to fit to, expected two or more: each is left out once")
-    data = {name: _examples(trajectory, plan) for name, trajectory in sequences.items()}
-    rng, jobs = np.random.default_rng(plan.seed), _Jobs(2 * len(data) + 2, watch)
+        raise BadData(f"{len(sequences)} sequence to fit to, expected two or more: there must be more than one driver")
+    data = {name: _pieces(name, trajectory, plan) for name, trajectory in sequences.items()}
+    unseen = {name: histories.joined(_pieces(name, trajectory, plan)) for name, trajectory in (others or {}).items()}
+    pieces = [(name, number) for name in data for number in range(len(data[name]))]
+    driven = {(name, number): data[name][number] for name, number in pieces}
+    with_standing = {piece: _with_standing(examples, plan) for piece, examples in driven.items()}
+    rng, jobs = np.random.default_rng(plan.seed), _Jobs(2 * len(pieces) + 2, watch)
     centres, errors = {}, {}
-    for left_out, unseen in data.items():
-        centres[left_out] = fit_centre(histories.joined(data[name] for name in data if name != left_out), plan)
-        errors[left_out] = left_out_errors(centres[left_out], unseen, rng)
+    for left_out in pieces:
+        centres[left_out] = fit_centre(histories.joined(with_standing[p] for p in pieces if p != left_out), plan)
+        errors[left_out] = left_out_errors(centres[left_out], with_standing[left_out], rng)
         jobs.finish_one()
-    trials = []
-    for left_out, centre in centres.items():
-        seen = Errors.joined(errors[name] for name in data if name != left_out)
-        trials.append((fit_spread(centre, seen, plan), histories.examples(sequences[left_out], plan.stride)))
+    trials: dict[str, list[tuple[Coefficients, Examples]]] = {name: [] for name in data}
+    for left_out in pieces:
+        seen = Errors.joined(errors[p] for p in pieces if p != left_out)
+        trials[left_out[0]].append((fit_spread(centres[left_out], seen, plan), driven[left_out]))
         jobs.finish_one()
-    centre = fit_centre(histories.joined(data.values()), plan)
+    centre = fit_centre(histories.joined(with_standing.values()), plan)
     jobs.finish_one()
     fitted = fit_spread(centre, Errors.joined(errors.values()), plan)
-    trials += [(fitted, histories.examples(trajectory, plan.stride)) for trajectory in (others or {}).values()]
     jobs.finish_one()
-    return calibration.resized(fitted, calibration.scales(trials))
+    trials |= {name: [(fitted, examples)] for name, examples in unseen.items()}
+    return calibration.resized(fitted, calibration.scales(trials.values()))
 
 
 class _Jobs:
@@ -110,8 +122,21 @@ def left_out_errors(centre: Centre, unseen: Examples, rng: np.random.Generator) 
     return Errors(rates, paths, along_path(np.concatenate([unseen.states] * 2) - paths, paths))
 
 
-def _examples(trajectory: Trajectory, plan: Plan) -> Examples:
-    driven = histories.examples(trajectory, plan.stride)
+def _pieces(name: str, trajectory: Trajectory, plan: Plan) -> list[Examples]:
+    """Examples of a sequence's pieces; none of a piece shares a pose with one of another."""
+    usable = plausibility.drivable(trajectory)
+    bounds = np.linspace(0, len(trajectory), max(1, len(trajectory) // plan.piece_steps) + 1).astype(int)
+    pieces = [
+        histories.examples(trajectory[first:end], plan.stride, usable[first : end - 1])
+        for first, end in itertools.pairwise(bounds)
+    ]
+    pieces = [examples for examples in pieces if len(examples)]
+    if not pieces:
+        raise BadData(f"sequence {name} has no stretch of 3.1 s that a car could have driven: give other poses")
+    return pieces
+
+
+def _with_standing(driven: Examples, plan: Plan) -> Examples:
     return histories.joined([driven, histories.standing(int(np.ceil(plan.standing_share * len(driven))))])
 
 
@@ -168,16 +193,16 @@ def fit_spread(centre: Centre, seen: Errors, plan: Plan) -> Coefficients:
     )
 
     def batch() -> tuple[FloatArray, FloatArray]:
-        chosen = rng.integers(0, len(inputs), (1, schedule.batch_size))
+        chosen = rng.integers(0, len(inputs), (plan.spread_members, schedule.batch_size))
         return inputs[chosen], wanted[chosen]
 
     def gradient(outputs: FloatArray, target: FloatArray) -> FloatArray:
         return mixture_gradient(outputs, target, plan.num_modes)
 
     sizes = (inputs.shape[1], plan.spread_width, plan.spread_width, plan.num_modes * (1 + 2 * plan.depth))
-    start = network_training.fresh(sizes, 1, rng)
+    start = network_training.fresh(sizes, plan.spread_members, rng)
     apart = np.repeat(np.linspace(-1.5, 0.5, plan.num_modes), plan.depth)  # modes begin narrow to wide
-    start.biases[-1][0, 0, -len(apart) :] = apart
+    start.biases[-1][:, 0, -len(apart) :] = apart
     spread = network_training.train(start, batch, gradient, schedule, rng)
     return _coefficients(centre, standard, spread, basis, floor, plan.num_modes)
 

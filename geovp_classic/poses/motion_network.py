@@ -143,8 +143,9 @@ def modes(
     """
     ways = np.concatenate([rates, rates * MIRRORED_RATES])
     paths = np.concatenate([centre, centre * MIRRORED_STATES])
-    outputs = coefficients.spread(coefficients.spread_standard(spread_features(ways, paths)))[0]
-    log_weights, means, log_deviations = split_modes(outputs.astype(np.float64), coefficients.num_modes)
+    outputs = coefficients.spread(coefficients.spread_standard(spread_features(ways, paths)))
+    by_way = np.swapaxes(outputs, 0, 1).astype(np.float64)  # [2, M, ...]
+    log_weights, means, log_deviations = split_modes(by_way, coefficients.num_modes)
     depth = means.shape[-1]
-    weights = 0.5 * np.exp(log_weights).reshape(-1)
+    weights = np.exp(log_weights).reshape(-1) / (2 * len(outputs))
     return weights, means.reshape(-1, depth), np.exp(log_deviations).reshape(-1, depth)

@@ -3,8 +3,8 @@
 Two small networks look at the camera's twists over the last 0.93 s. One says the centre path as a correction of a
 damped turn, fitted to the distance in metres and the absolute yaw error, so it is a median and not a mean. The other
 says a mixture of Gaussians over smooth deviations from it (turn or not, brake or not), fitted to the errors that the
-first one makes on sequences it was not fitted to. The size of the regions is set last, step by step, so that they hold
-what they say on sequences unknown to both.
+first one makes on roads it was not fitted to. The size of the regions is set last, step by step, so that they hold
+what they say on roads unknown to both. Recorded poses that no car could drive have no part in any of it.
 
 The coefficients are fitted by `geovp forecast fit-prior` to ground-truth poses of KITTI odometry 00, 02, 08 and 09,
 the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-SA 3.0 and not included.

@@ -150,6 +150,31 @@ def small_prior() -> Coefficients:
     return prior_fit.fit(roads, plan)
 
 
+def test_networks_of_an_ensemble_have_the_same_say(small_prior: Coefficients) -> None:
+    data = histories.examples(winding_road(80, 8), 20)
+    centre = motion_network.centres(small_prior, data.rates[:1])
+    together = motion_network.modes(small_prior, data.rates[:1], centre)
+    half = len(together[0]) // 2
+    np.testing.assert_allclose(together[0].sum(), 1.0)
+    for member in range(3):
+        network = small_prior.spread
+        alone = replace(
+            small_prior,
+            spread=motion_network.Network(
+                tuple(w[member : member + 1] for w in network.weights),
+                tuple(b[member : member + 1] for b in network.biases),
+            ),
+        )
+        modes = small_prior.num_modes
+        which = np.arange(member * modes, (member + 1) * modes)
+        weights, means, deviations = motion_network.modes(alone, data.rates[:1], centre)
+        for side, offset in enumerate((0, half)):
+            mine = slice(side * modes, (side + 1) * modes)
+            np.testing.assert_allclose(together[0][which + offset], weights[mine] / 3, rtol=1e-5)
+            np.testing.assert_allclose(together[1][which + offset], means[mine], rtol=1e-4, atol=1e-5)
+            np.testing.assert_allclose(together[2][which + offset], deviations[mine], rtol=1e-4)
+
+
 def test_a_region_resized_by_two_holds_what_the_old_one_holds_of_halved_errors(small_prior: Coefficients) -> None:
     data = histories.examples(winding_road(200, 5), 1)
     held = calibration.held_shares(small_prior, data)
@@ -164,7 +189,7 @@ def test_a_region_resized_by_two_holds_what_the_old_one_holds_of_halved_errors(s
 
 def test_after_calibration_the_region_holds_nine_of_ten(small_prior: Coefficients) -> None:
     data = histories.examples(winding_road(400, 6), 1)
-    calibrated = calibration.resized(small_prior, calibration.scales([(small_prior, data)]))
+    calibrated = calibration.resized(small_prior, calibration.scales([[(small_prior, data)]]))
     as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
     np.testing.assert_allclose(calibration.held_shares(calibrated, data)[as_is], 0.9, atol=0.06)
 
