@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from geovp_classic.depth import matching, registration
+from geovp_classic.depth import course, matching, registration
 from geovp_classic.depth.ground import fit_ground
 from geovp_classic.depth.movers import Movers
 from geovp_classic.depth.multiview import Multiview
@@ -59,7 +59,8 @@ class DepthFusion:
         pictures = np.stack([matching.grey(frame) for frame in recent.frames])
         found = registration.registered(pictures, recent.intrinsics, past.world_from_cam, len(past) - 1)
         better = Trajectory(found.world_from_cam, past.times_s, past.is_metric)
-        return Steered(self._fused(recent, better), past.world_from_cam[-1], found.steering)
+        way = course.observed(past.world_from_cam, found.world_from_cam) if past.is_metric else None
+        return Steered(self._fused(recent, better), past.world_from_cam[-1], found.steering, way)
 
     def _fused(self, recent: Context, past: Trajectory) -> Scene:
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
@@ -94,19 +95,24 @@ def _moving_things(
 
 @dataclass(frozen=True)
 class Steered:
-    """A scene for poses whose directions of motion are turned against what the pictures showed."""
+    """A scene for poses whose directions of motion are turned against what the pictures showed.
+
+    Poses that are asked for together are taken for one way, in this order.
+    """
 
     scene: Scene
     world_from_reference: FloatArray  # [4, 4]
     steering: FloatArray  # [3, 3], in the reference's frame
+    way: course.Course | None  # of the vehicle, where lengths are metres and it moved
 
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4], their translations from the reference turned."""
         reference_from_cam = se3.inverse(self.world_from_reference) @ world_from_cam
         turned = reference_from_cam[:, :3, 3] @ self.steering.T
-        return self.scene.view(
-            self.world_from_reference @ se3.compose(reference_from_cam[:, :3, :3], turned), intrinsics
-        )
+        steered = se3.compose(reference_from_cam[:, :3, :3], turned)
+        if self.way is not None:
+            steered = self.way.followed(steered)
+        return self.scene.view(self.world_from_reference @ steered, intrinsics)
 
 
 @dataclass(frozen=True)

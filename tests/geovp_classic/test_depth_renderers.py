@@ -7,6 +7,7 @@ import pytest
 
 from geovp_classic import registry
 from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.depth.course import Course
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.depth_renderers import DepthFusion, Steered
@@ -68,7 +69,17 @@ def test_translations_are_turned_and_rotations_kept() -> None:
     world_from_reference = se3.exp(np.array([3.0, 0, 5, 0, 0.4, 0]))
     quarter = se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))[:3, :3]  # z to x
     ahead = se3.exp(np.array([[0, 0, 2.0, 0, 0, 0], [0, 0, 2.0, 0, 0.1, 0]]))
-    Steered(scene, world_from_reference, quarter).view(world_from_reference @ ahead, CAMERA)
+    Steered(scene, world_from_reference, quarter, None).view(world_from_reference @ ahead, CAMERA)
     seen = se3.inverse(world_from_reference) @ scene.asked[0]
     np.testing.assert_allclose(seen[0, :3, 3], [2, 0, 0], atol=1e-12)
     np.testing.assert_allclose(seen[:, :3, :3], ahead[:, :3, :3], atol=1e-12)
+
+
+def test_poses_are_held_to_the_vehicles_course_where_there_is_one() -> None:
+    scene = Recording()
+    world_from_reference = se3.exp(np.array([3.0, 0, 5, 0, 0.4, 0]))
+    sinking = se3.exp(np.array([[0, 0.02, 2.0, 0, 0, 0], [0, 0.04, 4.0, 0, 0, 0]]))
+    level = Course(np.array([0, 0, 1.0]), given_rad=0.02, held_rad=0.0)
+    Steered(scene, world_from_reference, np.eye(3), level).view(world_from_reference @ sinking, CAMERA)
+    seen = se3.inverse(world_from_reference) @ scene.asked[0]
+    np.testing.assert_allclose(seen[:, :3, 3], [[0, 0, 2], [0, 0, 4]], atol=1e-3)
