@@ -80,3 +80,14 @@ def test_poses_that_no_car_could_drive_are_refused_with_their_name() -> None:
     rates[::8, 2] += 3
     with pytest.raises(BadData, match="sequence wild has no stretch"):
         prior_fit.fit({"wild": drive(rates), "tame": drive(twists(200))}, Plan())
+
+
+def test_a_long_sequence_is_left_out_piece_by_piece() -> None:
+    road = {"long": drive(twists(399)), "short": drive(twists(199))}
+    plan = Plan(
+        piece_steps=100, num_members=1, centre_width=4, centre_epochs=1, num_modes=2, depth=2, spread_width=4,
+        spread_epochs=1,
+    )  # fmt: skip
+    told: list[tuple[int, int]] = []
+    prior_fit.fit(road, plan, watch=lambda *done: told.append(done))
+    assert told[-1] == (14, 14)  # a centre and a spread without each of 4 + 2 pieces, and with all
