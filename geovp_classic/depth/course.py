@@ -63,7 +63,7 @@ def observed(
     given: FloatArray,  # [P, 4, 4], any frame
     seen: FloatArray,  # [P, 4, 4], as the pictures show them; the last one is the same
 ) -> Course | None:
-    """The course of past poses in metres, P >= 2; None when they don't move."""
+    """The course of past poses in metres; None when they don't move, or are alone."""
     was, now = (se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, seen))
     sure = _sure(was) & (np.linalg.norm(now[:, :3, 3], axis=1) > LEAST_M)
     if not sure.any():
@@ -88,7 +88,7 @@ def _expected(steps: FloatArray, direction: FloatArray) -> FloatArray:
 
 def _sure(reference_from_cam: FloatArray) -> BoolArray:
     length = np.linalg.norm(reference_from_cam[:, :3, 3], axis=1)
-    return np.asarray((length > DIRECTION_SHARE * length.max()) & (length > LEAST_M))
+    return np.asarray((length > DIRECTION_SHARE * length.max(initial=0.0)) & (length > LEAST_M))
 
 
 def _apart_rad(one: FloatArray, other: FloatArray, sure: BoolArray) -> float:

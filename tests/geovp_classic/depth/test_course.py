@@ -102,6 +102,11 @@ def test_standing_still_shows_no_course() -> None:
     assert course.observed(still, still) is None
 
 
+def test_a_single_pose_shows_no_course() -> None:
+    alone = np.eye(4)[None]
+    assert course.observed(alone, alone) is None
+
+
 def test_stops_on_the_way_are_no_trouble() -> None:
     truth = drive()
     way = course.observed(sinking(truth)[:PAST], truth[:PAST])
