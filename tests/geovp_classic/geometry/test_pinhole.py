@@ -34,7 +34,9 @@ def test_unproject_undoes_project(camera: Intrinsics, point: np.ndarray) -> None
 @given(cameras(), points)
 def test_project_is_the_matrix_product(camera: Intrinsics, point: np.ndarray) -> None:
     homogeneous = camera.matrix @ point
-    np.testing.assert_allclose(pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9)
+    np.testing.assert_allclose(
+        pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9, atol=1e-9
+    )
 
 
 @given(cameras(), points, st.integers(0, 10), st.integers(0, 10))
