@@ -17,12 +17,12 @@ sizes = st.integers(16, 1300)
 @st.composite
 def cameras(draw: st.DrawFn) -> Intrinsics:
     width_px, height_px = draw(sizes), draw(sizes)
-    return Intrinsics(
-        draw(focal), draw(focal), draw(st.floats(0, width_px)), draw(st.floats(0, height_px)), width_px, height_px
-    )
+    centre = [st.floats(0, size, allow_subnormal=False) for size in (width_px, height_px)]
+    return Intrinsics(draw(focal), draw(focal), draw(centre[0]), draw(centre[1]), width_px, height_px)
 
 
-points = st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(0.1, 200)).map(np.array)
+aside = st.floats(-50, 50, allow_subnormal=False)  # subnormal numbers have no relative precision
+points = st.tuples(aside, aside, st.floats(0.1, 200)).map(np.array)
 
 
 @given(cameras(), points)
@@ -34,9 +34,7 @@ def test_unproject_undoes_project(camera: Intrinsics, point: np.ndarray) -> None
 @given(cameras(), points)
 def test_project_is_the_matrix_product(camera: Intrinsics, point: np.ndarray) -> None:
     homogeneous = camera.matrix @ point
-    np.testing.assert_allclose(
-        pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9, atol=1e-9
-    )
+    np.testing.assert_allclose(pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9)
 
 
 @given(cameras(), points, st.integers(0, 10), st.integers(0, 10))
