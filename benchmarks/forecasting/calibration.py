@@ -1,4 +1,4 @@
-"""Make the prior's regions hold what they say on sequences that it was not fitted to.
+"""Make the prior's regions hold what they say on roads that it was not fitted to.
 
 How sure the spread network is follows from likelihood; this sets the size of all regions at one horizon by a common
 factor, as split conformal prediction does (Vovk et al. 2005; Romano et al. 2019). Windows of one sequence are far from
@@ -29,7 +29,7 @@ Unseen = Sequence[tuple[Coefficients, Examples]]  # pieces of one sequence, each
 
 
 def scales(sequences: Iterable[Unseen]) -> FloatArray:
-    """Factor [F] by which each horizon's region is to be resized."""
+    """Factor [F] by which each horizon's region is to be resized; all pieces of a sequence make one voice."""
     sequences = list(sequences)
     held = np.mean([_shares_of(pieces) for pieces in sequences], axis=0)  # [factors, horizons]
     at_horizons = [np.interp(HELD, np.maximum.accumulate(share), np.log(FACTORS)) for share in held.T]
