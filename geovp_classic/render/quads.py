@@ -1,10 +1,16 @@
 """The compiled part of drawing patches: every patch of a cloud as a flat quadrilateral in a z-buffer, view by view.
 
-Where a pixel (u, v) with inverse depth q is seen is linear before the division by z, so that a patch is its middle and
-two steps, and most patches that show nothing are known from these without looking at their corners.
+Where a pixel (u, v) with inverse depth q is seen is linear before the division by z, so that a patch is its middle m
+and two steps d and e to the middles of its sides. The ray p = (x, y, 1) of a pixel meets its plane at m + s d + t e,
+with s = p . (e x m) / p . (d x e) and t = p . (m x d) / p . (d x e) by Cramer's rule: all that decides is linear in the
+picture (homogeneous edge functions, Olano & Greer 1997). Each block of patches is first planned in one loop without
+branches, which the processor does for many patches at once, in pixels counted from the patch, so that single precision
+is enough.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numba
 import numpy as np
@@ -13,54 +19,63 @@ import numpy.typing as npt
 from geovp_classic.types import FloatArray
 
 IndexArray = npt.NDArray[np.int32]
-Corner = tuple[float, float, float]  # x and y in pixels, inverse depth
-Quad = tuple[Corner, Corner, Corner, Corner]
-Columns = tuple[Corner, Corner, Corner, Corner]
-Homogeneous = tuple[float, float, float, float]  # x, y, z and inverse depth, before division by z
-Spread = tuple[Homogeneous, Homogeneous, Homogeneous]
+Number = np.floating[Any]
+Vector = tuple[Number, Number, Number]
+Columns = tuple[Vector, Vector, Vector, Vector]
 
 NOTHING = -1
 HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
 NEAR_SHARE = 1e-3  # of a ray's length: a patch that comes nearer to the camera's plane is not drawn
-EDGE_PX2 = 1e-6  # tolerance of the inside test: patches that share an edge leave no crack
+EDGE = np.float32(1 + 1e-4)  # tolerance of the inside test, of half a patch: shared edges leave no crack
+EDGE_PX = np.float32(1e-5)  # and of the box around it
+
+BLOCK = 512  # patches that are planned at a time
+ROW = BLOCK + 16  # numbers between two rows of a plan: a power of two would put all rows in one place of the cache
+# Rows of a plan: the box in pixels from the base pixel, the base, p . (d x e), p . (e x m) and p . (m x d) as factors
+# of (x, y, 1), the inverse depth likewise, and its smallest and largest.
+LEFT, RIGHT, TOP, BOTTOM, BASE_X, BASE_Y, WHOLE, ALONG_D, ALONG_E, DEPTH, FARTHEST, NEAREST, NUM_ROWS = (
+    ROW * row for row in (0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 19, 20)
+)
+_HALF, _NEAR = np.float32(HALF_PX), np.float32(NEAR_SHARE)
+_ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-30)
 
 
 @numba.njit(cache=True, parallel=True)
 def draw_views(
-    pixels: FloatArray,
-    inverse_depth: FloatArray,
-    slope: FloatArray,
-    source: IndexArray,
-    a: FloatArray,
-    b: FloatArray,
+    patches: FloatArray,  # [5, N] float32: u, v, inverse depth, its slopes along u and v
+    source: IndexArray,  # [N], fastest where patches of one source follow each other
+    a: FloatArray,  # [F, sources, 3, 3] float32
+    b: FloatArray,  # [F, sources, 3] float32
     drawn: FloatArray,
     winner: IndexArray,
 ) -> None:
     """Draw patches into inverse depths [F, H, W] and the numbers of the nearest ones; see `surface.draw`."""
     for f in numba.prange(len(a)):
-        _draw_view(pixels, inverse_depth, slope, source, a[f], b[f], drawn[f], winner[f])
+        _draw_view(patches, source, a[f], b[f], drawn[f], winner[f])
 
 
 @numba.njit(cache=True)
 def _draw_view(
-    pixels: FloatArray,
-    inverse_depth: FloatArray,
-    slope: FloatArray,
-    source: IndexArray,
-    a: FloatArray,
-    b: FloatArray,
-    drawn: FloatArray,
-    winner: IndexArray,
+    patches: FloatArray, source: IndexArray, a: FloatArray, b: FloatArray, drawn: FloatArray, winner: IndexArray
 ) -> None:
-    height, width = drawn.shape
-    current, to_view = 0, _columns(a[0], b[0])
-    for n in range(len(pixels)):
-        if source[n] != current:
-            current = source[n]
-            to_view = _columns(a[current], b[current])
-        spread = _spread(pixels[n, 0], pixels[n, 1], inverse_depth[n], slope[n, 0], slope[n, 1], to_view)
-        if not _misses(spread, width, height):
-            _fill_quad(_corners(spread), n, drawn, winner)
+    plan, kept = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
+    last = np.float32(drawn.shape[1] - 1), np.float32(drawn.shape[0] - 1)
+    us, vs, inverse_depths, slopes_u, slopes_v = patches[0], patches[1], patches[2], patches[3], patches[4]
+    start = 0
+    while start < len(source):
+        here, end = source[start], start + 1
+        while end < min(len(source), start + BLOCK) and source[end] == here:
+            end += 1
+        u, v, inverse_depth = us[start:end], vs[start:end], inverse_depths[start:end]
+        to_view = _columns(a[here], b[here])
+        _plan(u, v, inverse_depth, slopes_u[start:end], slopes_v[start:end], to_view, last, plan)
+        count = 0
+        for n in range(end - start):
+            kept[count] = n
+            count += int((plan[LEFT + n] <= plan[RIGHT + n]) & (plan[TOP + n] <= plan[BOTTOM + n]))
+        for n in kept[:count]:
+            _fill(plan, n, start + n, drawn, winner)
+        start = end
 
 
 @numba.njit(cache=True)
@@ -74,112 +89,119 @@ def _columns(a: FloatArray, b: FloatArray) -> Columns:
     )
 
 
-@numba.njit(cache=True, fastmath=True)
-def _spread(u: float, v: float, inverse_depth: float, slope_u: float, slope_v: float, to_view: Columns) -> Spread:
-    """The patch's middle in the view and the steps across half of it, homogeneous; its last number is inverse depth.
+@numba.njit(cache=True, fastmath=True, error_model="numpy")
+def _plan(
+    us: FloatArray,
+    vs: FloatArray,
+    inverse_depths: FloatArray,
+    slopes_u: FloatArray,
+    slopes_v: FloatArray,
+    to_view: Columns,
+    last: tuple[Number, Number],  # column and row of the view
+    plan: FloatArray,  # written
+) -> None:
+    """What `_fill` needs of each patch; the box is empty for one that shows nothing or comes too near to the camera.
 
     A slope that would lead behind infinity is made flatter.
     """
     along_u, along_v, origin, shift = to_view
-    q_u, q_v = HALF_PX * slope_u, HALF_PX * slope_v
-    if abs(q_u) + abs(q_v) > inverse_depth:
-        flatter = inverse_depth / (abs(q_u) + abs(q_v))
-        q_u, q_v = q_u * flatter, q_v * flatter
-    x = along_u[0] * u + along_v[0] * v + origin[0] + inverse_depth * shift[0]
-    y = along_u[1] * u + along_v[1] * v + origin[1] + inverse_depth * shift[1]
-    z = along_u[2] * u + along_v[2] * v + origin[2] + inverse_depth * shift[2]
-    h = HALF_PX
-    step_u = (h * along_u[0] + q_u * shift[0], h * along_u[1] + q_u * shift[1], h * along_u[2] + q_u * shift[2], q_u)
-    step_v = (h * along_v[0] + q_v * shift[0], h * along_v[1] + q_v * shift[1], h * along_v[2] + q_v * shift[2], q_v)
-    return (x, y, z, float(inverse_depth)), step_u, step_v
+    for n in range(len(us)):
+        u, v, q = us[n], vs[n], inverse_depths[n]
+        q_d, q_e = _HALF * slopes_u[n], _HALF * slopes_v[n]
+        flatter = min(_ONE, q / max(abs(q_d) + abs(q_e), _TINY))
+        q_d, q_e = q_d * flatter, q_e * flatter
+        m_x, d_x, e_x = _seen(along_u[0], along_v[0], origin[0], shift[0], u, v, q, q_d, q_e)
+        m_y, d_y, e_y = _seen(along_u[1], along_v[1], origin[1], shift[1], u, v, q, q_d, q_e)
+        m_z, d_z, e_z = _seen(along_u[2], along_v[2], origin[2], shift[2], u, v, q, q_d, q_e)
+        is_before = m_z - abs(d_z) - abs(e_z) >= _NEAR
+        m_z, d_z, e_z = m_z if is_before else _ONE, d_z if is_before else _ZERO, e_z if is_before else _ZERO
+
+        base_x, base_y = np.floor(m_x / m_z), np.floor(m_y / m_z)
+        m_x, d_x, e_x = m_x - base_x * m_z, d_x - base_x * d_z, e_x - base_x * e_z
+        m_y, d_y, e_y = m_y - base_y * m_z, d_y - base_y * d_z, e_y - base_y * e_z
+        shares = _ONE / (m_z - d_z - e_z), _ONE / (m_z + d_z - e_z), _ONE / (m_z - d_z + e_z), _ONE / (m_z + d_z + e_z)
+        left, right = _span(m_x, d_x, e_x, shares)
+        top, bottom = _span(m_y, d_y, e_y, shares)
+        plan[LEFT + n] = max(-np.floor(EDGE_PX - left), -base_x)
+        plan[RIGHT + n] = min(np.floor(right + EDGE_PX), last[0] - base_x if is_before else -base_x - _ONE)
+        plan[TOP + n] = max(-np.floor(EDGE_PX - top), -base_y)
+        plan[BOTTOM + n] = min(np.floor(bottom + EDGE_PX), last[1] - base_y)
+        plan[BASE_X + n], plan[BASE_Y + n] = base_x, base_y
+        plan[FARTHEST + n], plan[NEAREST + n] = _span(q, q_d, q_e, shares)
+
+        m, d, e = (m_x, m_y, m_z), (d_x, d_y, d_z), (e_x, e_y, e_z)
+        whole, along_d, along_e = _cross(d, e), _cross(e, m), _cross(m, d)
+        volume = m_x * whole[0] + m_y * whole[1] + m_z * whole[2]
+        share = _ONE / volume if volume != _ZERO else _ZERO  # zero when seen from the side
+        _note(plan, WHOLE + n, whole)
+        _note(plan, ALONG_D + n, along_d)
+        _note(plan, ALONG_E + n, along_e)
+        plan[DEPTH + n] = (q * whole[0] + q_d * along_d[0] + q_e * along_e[0]) * share
+        plan[DEPTH + ROW + n] = (q * whole[1] + q_d * along_d[1] + q_e * along_e[1]) * share
+        plan[DEPTH + 2 * ROW + n] = (q * whole[2] + q_d * along_d[2] + q_e * along_e[2]) * share
 
 
 @numba.njit(cache=True, fastmath=True)
-def _misses(spread: Spread, width: int, height: int) -> bool:
-    """Whether a patch surely holds no pixel's centre of the view, or comes too near to the camera's plane.
-
-    With m the middle and d, e the steps, a corner m +- d +- e is seen within (|d_x - x d_z| + |e_x - x e_z|) /
-    (m_z - |d_z| - |e_z|) of the middle's x, and so for y. This spares most patches the work on their corners; all
-    lengths are multiplied by both denominators, which spares those outside the view the division.
-    """
-    middle, d, e = spread
-    nearest = middle[2] - abs(d[2]) - abs(e[2])
-    if nearest < NEAR_SHARE:
-        return True
-    scale = middle[2] * nearest
-    x, reach_x = middle[0] * nearest, _reach(0, spread) + EDGE_PX2 * scale
-    if x + reach_x < 0 or x - reach_x > (width - 1) * scale:
-        return True
-    y, reach_y = middle[1] * nearest, _reach(1, spread) + EDGE_PX2 * scale
-    if y + reach_y < 0 or y - reach_y > (height - 1) * scale:
-        return True
-    share = 1 / scale
-    x, reach_x, y, reach_y = x * share, reach_x * share, y * share, reach_y * share
-    return bool(np.floor(x + reach_x) < x - reach_x or np.floor(y + reach_y) < y - reach_y)
+def _seen(
+    along_u: Number,
+    along_v: Number,
+    origin: Number,
+    shift: Number,
+    u: Number,
+    v: Number,
+    q: Number,
+    q_d: Number,
+    q_e: Number,
+) -> Vector:
+    """One homogeneous coordinate of the middle and of the two steps."""
+    middle = along_u * u + along_v * v + origin + q * shift
+    return middle, _HALF * along_u + q_d * shift, _HALF * along_v + q_e * shift
 
 
 @numba.njit(cache=True, fastmath=True)
-def _reach(axis: int, spread: Spread) -> float:
-    middle, d, e = spread
-    m, z = middle[axis], middle[2]
-    return abs(d[axis] * z - m * d[2]) + abs(e[axis] * z - m * e[2])
+def _span(
+    middle: Number,
+    d: Number,
+    e: Number,
+    shares: tuple[Number, Number, Number, Number],  # 1 / z of the corners -d -e, +d -e, -d +e, +d +e
+) -> tuple[Number, Number]:
+    """The smallest and largest value at the corners."""
+    first, second = (middle - d - e) * shares[0], (middle + d - e) * shares[1]
+    third, fourth = (middle - d + e) * shares[2], (middle + d + e) * shares[3]
+    return min(min(first, second), min(third, fourth)), max(max(first, second), max(third, fourth))
+
+
+@numba.njit(cache=True)
+def _note(plan: FloatArray, start: int, factors: Vector) -> None:
+    plan[start], plan[start + ROW], plan[start + 2 * ROW] = factors
 
 
 @numba.njit(cache=True, fastmath=True)
-def _corners(spread: Spread) -> Quad:
-    """The four corners of a patch in the view, in order around it."""
-    return _corner(spread, -1, -1), _corner(spread, 1, -1), _corner(spread, 1, 1), _corner(spread, -1, 1)
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @numba.njit(cache=True, fastmath=True)
-def _corner(spread: Spread, i: int, j: int) -> Corner:
-    m, d, e = spread
-    share = 1 / (m[2] + i * d[2] + j * e[2])
-    return (
-        (m[0] + i * d[0] + j * e[0]) * share,
-        (m[1] + i * d[1] + j * e[1]) * share,
-        (m[3] + i * d[3] + j * e[3]) * share,
-    )
-
-
-@numba.njit(cache=True, fastmath=True)
-def _fill_quad(quad: Quad, number: int, drawn: FloatArray, winner: IndexArray) -> None:
-    """Draw one patch where it is nearer than what is there; its inverse depth is linear in the picture."""
-    (x0, y0, q0), (x1, y1, q1), (x2, y2, q2), (x3, y3, q3) = quad
-    height, width = drawn.shape
-    left, right = max(np.ceil(min(x0, x1, x2, x3)), 0.0), min(np.floor(max(x0, x1, x2, x3)), width - 1.0)
-    top, bottom = max(np.ceil(min(y0, y1, y2, y3)), 0.0), min(np.floor(max(y0, y1, y2, y3)), height - 1.0)
-    if not (left <= right and top <= bottom):
-        return
-    ua, va, ub, vb = x1 - x0, y1 - y0, x3 - x0, y3 - y0
-    area = ua * vb - ub * va
-    slope_x = slope_y = 0.0
-    if abs(area) > EDGE_PX2:
-        slope_x = ((q1 - q0) * vb - (q3 - q0) * va) / area
-        slope_y = ((q3 - q0) * ua - (q1 - q0) * ub) / area
-    nearest, farthest = max(q0, q1, q2, q3), min(q0, q1, q2, q3)
-    for row in range(int(top), int(bottom) + 1):
-        for column in range(int(left), int(right) + 1):
-            here = min(max(q0 + slope_x * (column - x0) + slope_y * (row - y0), farthest), nearest)
-            if here > drawn[row, column] and _inside(quad, column, row):
+def _fill(plan: FloatArray, n: int, number: int, drawn: FloatArray, winner: IndexArray) -> None:
+    """Draw the patch of the plan where it is nearer than what is there."""
+    base_x, base_y = int(plan[BASE_X + n]), int(plan[BASE_Y + n])
+    whole, along_d, along_e = _factors(plan, WHOLE + n), _factors(plan, ALONG_D + n), _factors(plan, ALONG_E + n)
+    depth, farthest, nearest = _factors(plan, DEPTH + n), plan[FARTHEST + n], plan[NEAREST + n]
+    for i in range(int(plan[TOP + n]), int(plan[BOTTOM + n]) + 1):
+        for j in range(int(plan[LEFT + n]), int(plan[RIGHT + n]) + 1):
+            x, y, row, column = np.float32(j), np.float32(i), base_y + i, base_x + j
+            here = min(max(_at(depth, x, y), farthest), nearest)
+            limit = EDGE * abs(_at(whole, x, y))
+            if here > drawn[row, column] and abs(_at(along_d, x, y)) <= limit and abs(_at(along_e, x, y)) <= limit:
                 drawn[row, column] = here
                 winner[row, column] = number
 
 
-@numba.njit(cache=True, fastmath=True)
-def _inside(quad: Quad, column: int, row: int) -> bool:
-    """Whether a pixel's centre lies in a convex quadrilateral, edges included, whichever way round it goes."""
-    first, second, third, fourth = quad
-    sides = (
-        _side(first, second, column, row),
-        _side(second, third, column, row),
-        _side(third, fourth, column, row),
-        _side(fourth, first, column, row),
-    )
-    return bool(min(sides) >= -EDGE_PX2 or max(sides) <= EDGE_PX2)
+@numba.njit(cache=True)
+def _factors(plan: FloatArray, start: int) -> Vector:
+    return plan[start], plan[start + ROW], plan[start + 2 * ROW]
 
 
 @numba.njit(cache=True, fastmath=True)
-def _side(start: Corner, end: Corner, column: int, row: int) -> float:
-    """On which side of an edge a pixel's centre lies, by the sign of an area."""
-    return (end[0] - start[0]) * (row - start[1]) - (end[1] - start[1]) * (column - start[0])
+def _at(factors: Vector, x: Number, y: Number) -> Number:
+    return factors[0] * x + factors[1] * y + factors[2]

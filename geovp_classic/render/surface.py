@@ -83,7 +83,8 @@ def draw(
     size = (len(world_from_cam), camera.height_px, camera.width_px)
     inverse_depth = np.full(size, -1.0, dtype=np.float32)
     winner = np.full(size, NOTHING, dtype=np.int32)
-    draw_views(cloud.pixels, cloud.inverse_depth, cloud.slope, cloud.source, a, b, inverse_depth, winner)
+    columns = np.stack([*cloud.pixels.T, cloud.inverse_depth, *cloud.slope.T])
+    draw_views(columns, cloud.source, a.astype(np.float32), b.astype(np.float32), inverse_depth, winner)
     return inverse_depth, winner
 
 
