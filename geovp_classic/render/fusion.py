@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import surface
+from geovp_classic.render import reading, surface
 from geovp_classic.render.detail import Grain
 from geovp_classic.render.quads import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
@@ -73,41 +73,21 @@ class CloudScene:
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
         drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
-        frames, covered = np.zeros((*drawn.shape, 3), np.uint8), np.zeros(drawn.shape, dtype=bool)
+        frames, covered = np.empty((*drawn.shape, 3), np.uint8), np.empty(drawn.shape, dtype=bool)
         depths, magnification = np.zeros(drawn.shape, np.float32), np.empty(drawn.shape, np.float32)
+        pictures = reading.Reader.of(self.sources)
 
         def look(step: int) -> None:
             number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
             inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
-            into = (frames[step], covered[step], magnification[step])
-            self._colours(inverse_depth, number, world_from_cam[step], intrinsics, into)
+            frames[step], covered[step], times = pictures.read(inverse_depth, number, world_from_cam[step], intrinsics)
+            magnification[step] = np.where(covered[step], times, np.float32(LARGEST_MAGNIFICATION))
             with np.errstate(divide="ignore"):
                 np.divide(np.float32(1), inverse_depth, out=depths[step], where=covered[step])
 
         abreast(look, range(len(world_from_cam)))
         filled = self.fill.fill(Views(frames, covered, depths))
         return Views(self._with_grain(filled, magnification, intrinsics), covered, depths)
-
-    def _colours(
-        self,
-        inverse_depth: FloatArray,  # [H, W]
-        source_number: IndexArray,  # [H, W]
-        world_from_cam: FloatArray,  # [4, 4]
-        camera: Intrinsics,
-        into: tuple[ByteArray, BoolArray, FloatArray],  # frame (black), coverage (none), magnification of the view
-    ) -> None:
-        """Draw one view, each pixel read from the source of its patch."""
-        frame, covered, magnification = into
-        magnification[:] = LARGEST_MAGNIFICATION
-        for number, source in enumerate(self.sources):
-            mine = source_number == number
-            if not mine.any():
-                continue
-            pixels, ratio = surface.source_pixels(source, inverse_depth, world_from_cam, camera)
-            here = mine & (ratio > 0) & _inside(pixels, source.camera)
-            np.copyto(frame, _read(source, pixels, ratio), where=here[..., None])
-            np.copyto(magnification, ratio / np.float32(source.finest), where=here)
-            np.logical_or(covered, here, out=covered)
 
     def _with_grain(self, frames: ByteArray, magnification: FloatArray, camera: Intrinsics) -> ByteArray:
         if self.grain == 0:
@@ -159,22 +139,6 @@ def _grow(
             depth[rows[n], columns[n]], number[rows[n], columns[n]] = found[n], whose[n]
 
 
-def _read(
-    source: surface.Source,
-    pixels: FloatArray,  # [H, W, 2]
-    magnification: FloatArray,  # [H, W]
-) -> ByteArray:
-    """Colours [H, W, 3] at the pixels; magnified ones with the detail that the source has."""
-    coarse = _lanczos(source.frame, pixels)
-    if source.detail is None:
-        return coarse
-    size = np.array([source.camera.width_px, source.camera.height_px])
-    scale = np.array(source.detail.shape[1::-1]) / size
-    fine = _lanczos(source.detail, (pixels + 0.5) * scale - 0.5)
-    share = np.clip((magnification - 1) / max(source.finest - 1, 1e-6), 0, 1).astype(np.float32)[..., None]
-    return np.asarray((coarse + share * (fine.astype(np.float32) - coarse) + 0.5).astype(np.uint8))
-
-
 def _lanczos(frame: ByteArray, pixels: FloatArray) -> ByteArray:
     """Colours [H, W, 3] at the pixels [H, W, 2]; outside, the colour of the border."""
     u, v = np.moveaxis(pixels.astype(np.float32), -1, 0)
@@ -182,8 +146,3 @@ def _lanczos(frame: ByteArray, pixels: FloatArray) -> ByteArray:
     is_grey = np.array_equal(grey, frame[..., 1]) and np.array_equal(grey, frame[..., 2])
     read = cv2.remap(grey if is_grey else frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cv2.cvtColor(read, cv2.COLOR_GRAY2RGB) if is_grey else read)  # a third of the time for grey
-
-
-def _inside(pixels: FloatArray, camera: Intrinsics) -> BoolArray:
-    u, v = pixels[..., 0], pixels[..., 1]
-    return (u >= -0.5) & (u <= camera.width_px - 0.5) & (v >= -0.5) & (v <= camera.height_px - 0.5)

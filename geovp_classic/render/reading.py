@@ -1,0 +1,128 @@
+"""Read a view's colours backward from the pictures that show its surfaces, each pixel once and from one picture.
+
+The pictures lie side by side in one large one, so that a view costs the same whether one picture shows it all or ten do
+in turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+
+from geovp_classic.render.quads import NEAR_SHARE, NOTHING, IndexArray
+from geovp_classic.render.surface import Source, plane_sweep_maps
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+
+MARGIN_PX = 4  # around each picture, of its border's colours: as far as Lanczos' kernel of 8 x 8 reaches
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Pictures of one size beside and below each other."""
+
+    picture: ByteArray  # [H', W'] when all are grey, else [H', W', 3]
+    corners: FloatArray  # [S, 2] float32, where the first pixel (u, v) of each lies
+
+    @classmethod
+    def of(cls, frames: Sequence[ByteArray]) -> Sheet:
+        """The sheet of frames [H, W, 3]."""
+        stacked = np.stack(frames)
+        if (stacked == stacked[..., :1]).all():
+            stacked = stacked[..., 0]  # takes a third of the time
+        height, width = stacked.shape[1] + 2 * MARGIN_PX, stacked.shape[2] + 2 * MARGIN_PX
+        across = int(np.ceil(np.sqrt(len(stacked))))  # OpenCV reads pictures of less than 32,768 rows and columns
+        down = int(np.ceil(len(stacked) / across))
+        picture = np.zeros((down * height, across * width, *stacked.shape[3:]), np.uint8)
+        places = np.stack(np.divmod(np.arange(len(stacked)), across), axis=-1) * [height, width]
+        for frame, (row, column) in zip(stacked, places, strict=True):
+            framed = cv2.copyMakeBorder(frame, MARGIN_PX, MARGIN_PX, MARGIN_PX, MARGIN_PX, cv2.BORDER_REPLICATE)
+            picture[row : row + height, column : column + width] = framed
+        return cls(picture, (places[:, ::-1] + MARGIN_PX).astype(np.float32))
+
+    def read(
+        self,
+        pixels: FloatArray,  # [H, W, 2] float32 of the pictures, at most MARGIN_PX - 4 outside
+        number: IndexArray,  # [H, W], of which picture
+    ) -> ByteArray:
+        """Colours [H, W, 3] by Lanczos' kernel."""
+        places = pixels + self.corners[number]
+        read = cv2.remap(self.picture, places[..., 0], places[..., 1], cv2.INTER_LANCZOS4)
+        return np.asarray(read if self.picture.ndim == 3 else cv2.cvtColor(read, cv2.COLOR_GRAY2RGB))
+
+
+@dataclass(frozen=True)
+class Reader:
+    """The pictures of sources that were taken with one camera."""
+
+    sources: Sequence[Source]
+    coarse: Sheet
+    fine: Sheet | None  # the pictures with more pixels, if there are such
+
+    @classmethod
+    def of(cls, sources: Sequence[Source]) -> Reader:
+        """A reader of at least one source; all of them have more detail, or none."""
+        details = [source.detail for source in sources if source.detail is not None]
+        return cls(sources, Sheet.of([source.frame for source in sources]), Sheet.of(details) if details else None)
+
+    def read(
+        self,
+        inverse_depth: FloatArray,  # [H, W] float32 in the view, 0 = infinitely far
+        number: IndexArray,  # [H, W], of the source that shows it, or NOTHING
+        world_from_cam: FloatArray,  # [4, 4]
+        camera: Intrinsics,
+    ) -> tuple[ByteArray, BoolArray, FloatArray]:
+        """The view [H, W, 3], black where no source shows it; coverage [H, W]; and the magnification [H, W] float32.
+
+        The magnification is the depth ratio source / view, over what the finer pictures make up for; not a number where
+        nothing is covered.
+        """
+        first = self.sources[0]
+        poses = np.stack([source.world_from_source for source in self.sources])
+        view = Source(np.zeros((0, 0, 3), np.uint8), camera, world_from_cam)
+        a, b = plane_sweep_maps(view, poses, first.camera)
+        pixels, ratio = np.empty((*number.shape, 2), np.float32), np.empty(number.shape, np.float32)
+        last = first.camera.width_px - 0.5, first.camera.height_px - 0.5
+        _follow(a.astype(np.float32), b.astype(np.float32), inverse_depth, number, last, pixels, ratio)
+        covered = np.isfinite(ratio)
+        shown = np.where(covered, number, 0)
+        frame = self.coarse.read(pixels, shown)
+        if self.fine is not None and first.detail is not None:
+            scale = np.array(first.detail.shape[1::-1]) / [first.camera.width_px, first.camera.height_px]
+            fine = self.fine.read(((pixels + 0.5) * scale - 0.5).astype(np.float32), shown)
+            share = np.clip((ratio - 1) / max(first.finest - 1, 1e-6), 0, 1).astype(np.float32)[..., None]
+            mixed = frame + np.where(covered[..., None], share, 0) * (fine.astype(np.float32) - frame)
+            frame = (mixed + 0.5).astype(np.uint8)
+        frame[~covered] = 0
+        return frame, covered, ratio / np.float32(first.finest)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _follow(
+    a: FloatArray,  # [S, 3, 3] float32
+    b: FloatArray,  # [S, 3] float32
+    inverse_depth: FloatArray,  # [H, W] float32
+    number: IndexArray,  # [H, W]
+    last: tuple[float, float],  # u and v of the outermost border of the sources
+    pixels: FloatArray,  # [H, W, 2] float32, written; (0, 0) where the view shows nothing
+    ratio: FloatArray,  # [H, W] float32, written; NaN there
+) -> None:
+    """Where in its source each pixel of the view lies: A (u, v, 1) + q b."""
+    height, width = inverse_depth.shape
+    for row in range(height):
+        for column in range(width):
+            pixels[row, column, 0], pixels[row, column, 1], ratio[row, column] = 0, 0, np.nan
+            n = number[row, column]
+            if n == NOTHING:
+                continue
+            u, v, q = np.float32(column), np.float32(row), inverse_depth[row, column]
+            z = a[n, 2, 0] * u + a[n, 2, 1] * v + a[n, 2, 2] + q * b[n, 2]
+            if not z > np.float32(NEAR_SHARE):
+                continue
+            x = (a[n, 0, 0] * u + a[n, 0, 1] * v + a[n, 0, 2] + q * b[n, 0]) / z
+            y = (a[n, 1, 0] * u + a[n, 1, 1] * v + a[n, 1, 2] + q * b[n, 1]) / z
+            if x >= np.float32(-0.5) and y >= np.float32(-0.5) and x <= last[0] and y <= last[1]:
+                pixels[row, column, 0], pixels[row, column, 1], ratio[row, column] = x, y, z
