@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -38,10 +40,13 @@ def pixel_grid(camera: Intrinsics) -> FloatArray:
     return np.stack([u, v], axis=-1)
 
 
+@functools.lru_cache(maxsize=8)
 def rays(camera: Intrinsics) -> FloatArray:
-    """The directions [H, W, 3] of all pixels in the camera's frame, with z = 1."""
+    """The directions [H, W, 3] of all pixels in the camera's frame, with z = 1; kept, so not to be written to."""
     grid = pixel_grid(camera)
-    return unproject(grid, np.ones(grid.shape[:2]), camera)
+    directions = unproject(grid, np.ones(grid.shape[:2]), camera)
+    directions.setflags(write=False)
+    return directions
 
 
 def square_crop(camera: Intrinsics, size_px: tuple[int, int]) -> tuple[tuple[slice, slice], Intrinsics]:

@@ -25,6 +25,9 @@ COARSE_PX = 4.0  # detail is what a blur of this standard deviation removes
 CONTRAST_PX = 6.0  # the neighbourhood in which contrasts are compared
 FLOOR = 2.0  # grey levels of contrast below which nothing is amplified
 LARGEST_GAIN = 1.0
+_LOST = (
+    np.array([(1.0, fine) for fine in BAND_EDGES[:-1]], np.float32) / np.diff(BAND_EDGES).astype(np.float32)[:, None]
+)
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Grain:
         return added
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _add(
     picture: FloatArray,  # [H, W, 3] float32
     bands: FloatArray,  # [B, H, W, 3] float32
@@ -66,18 +69,18 @@ def _add(
 ) -> None:
     """Add to every pixel the share of each band that its magnification took."""
     height, width, colours = picture.shape
+    share, zero, one, most = np.empty(len(bands), np.float32), np.float32(0), np.float32(1), np.float32(255)
     for row in range(height):
         for column in range(width):
             times = magnification[row, column]
+            for b in range(len(bands)):
+                share[b] = min(max(_LOST[b, 0] * times - _LOST[b, 1], zero), one)
             for colour in range(colours):
-                missing = np.float32(0)
+                missing = zero
                 for b in range(len(bands)):
-                    share = (times - BAND_EDGES[b]) / (BAND_EDGES[b + 1] - BAND_EDGES[b])
-                    if share <= 0:
-                        break
-                    missing += min(share, 1.0) * bands[b, row, column, colour]
-                value = picture[row, column, colour] + gain[row, column, colour] * missing + 0.5
-                added[row, column, colour] = np.uint8(min(max(value, 0.0), 255.0))
+                    missing += share[b] * bands[b, row, column, colour]
+                value = picture[row, column, colour] + gain[row, column, colour] * missing + np.float32(0.5)
+                added[row, column, colour] = np.uint8(min(max(value, zero), most))
 
 
 def _contrast(picture: FloatArray) -> FloatArray:

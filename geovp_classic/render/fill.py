@@ -46,7 +46,8 @@ class NearestBackground:
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         far = np.where(covered & (depth > 0), depth, np.float32(0))
         rows, columns = _pull_from_background(covered, far)
-        filled, known = frame[rows, columns], covered.any(axis=1, keepdims=True)
+        filled, hidden, known = frame.copy(), np.nonzero(~covered), covered.any(axis=1, keepdims=True)
+        filled[hidden] = frame[rows[hidden], columns[hidden]]
         if np.all(known):
             return filled
         far, known = far[rows, columns], np.broadcast_to(known, covered.shape)
@@ -130,9 +131,9 @@ class BorrowedDetail:
         detail = richest - self._broad(richest)
 
         def borrow(step: int) -> None:
-            invented = self._broad(filled[step].astype(np.float32)) + self.strength * detail
-            rounded = np.clip(invented + 0.5, 0, 255).astype(np.uint8)
-            np.copyto(filled[step], rounded, where=~views.covered[step, ..., None])
+            hidden = np.nonzero(~views.covered[step])
+            invented = self._broad(filled[step].astype(np.float32))[hidden] + self.strength * detail[hidden]
+            filled[step][hidden] = np.clip(invented + 0.5, 0, 255).astype(np.uint8)
 
         abreast(borrow, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
         return filled
@@ -150,10 +151,10 @@ def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
         covered = views.covered[step]
         if covered.all():
             return
-        filled[step][~covered] = 0
+        hidden = np.nonzero(~covered)
+        filled[step][hidden] = 0
         if some[step]:
-            invented = fill_one(filled[step], covered, views.depths[step])
-            np.copyto(filled[step], invented, where=~covered[..., None])
+            filled[step][hidden] = fill_one(filled[step], covered, views.depths[step])[hidden]
 
     abreast(fill_step, range(len(filled)))
     for step in np.flatnonzero(~some):
