@@ -18,6 +18,7 @@ from geovp_classic.render.surface import Source, plane_sweep_maps
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 MARGIN_PX = 4  # around each picture, of its border's colours: as far as Lanczos' kernel of 8 x 8 reaches
+ELSEWHERE = -1e6  # outside of every sheet, where all is black
 
 
 @dataclass(frozen=True)
@@ -45,12 +46,14 @@ class Sheet:
 
     def read(
         self,
-        pixels: FloatArray,  # [H, W, 2] float32 of the pictures, at most MARGIN_PX - 4 outside
-        number: IndexArray,  # [H, W], of which picture
+        pixels: FloatArray,  # [H, W, 2] float32 of the first picture, from -0.5 to its size - 0.5
+        number: IndexArray,  # [H, W], of which picture instead; NOTHING is black
+        scale: tuple[float, float],  # how many pixels a picture has to each that is meant
     ) -> ByteArray:
         """Colours [H, W, 3] by Lanczos' kernel."""
-        places = pixels + self.corners[number]
-        read = cv2.remap(self.picture, places[..., 0], places[..., 1], cv2.INTER_LANCZOS4)
+        places = np.empty(pixels.shape, np.float32)
+        _place(pixels, number, scale, self.corners, places)
+        read = cv2.remap(self.picture, places, np.empty(0, np.float32), cv2.INTER_LANCZOS4)
         return np.asarray(read if self.picture.ndim == 3 else cv2.cvtColor(read, cv2.COLOR_GRAY2RGB))
 
 
@@ -88,15 +91,14 @@ class Reader:
         last = first.camera.width_px - 0.5, first.camera.height_px - 0.5
         _follow(a.astype(np.float32), b.astype(np.float32), inverse_depth, number, last, pixels, ratio)
         covered = np.isfinite(ratio)
-        shown = np.where(covered, number, 0)
-        frame = self.coarse.read(pixels, shown)
+        shown = np.where(covered, number, np.int32(NOTHING))
+        frame = self.coarse.read(pixels, shown, (1.0, 1.0))
         if self.fine is not None and first.detail is not None:
-            scale = np.array(first.detail.shape[1::-1]) / [first.camera.width_px, first.camera.height_px]
-            fine = self.fine.read(((pixels + 0.5) * scale - 0.5).astype(np.float32), shown)
+            height, width = first.detail.shape[:2]
+            fine = self.fine.read(pixels, shown, (width / first.camera.width_px, height / first.camera.height_px))
             share = np.clip((ratio - 1) / max(first.finest - 1, 1e-6), 0, 1).astype(np.float32)[..., None]
             mixed = frame + np.where(covered[..., None], share, 0) * (fine.astype(np.float32) - frame)
             frame = (mixed + 0.5).astype(np.uint8)
-        frame[~covered] = 0
         return frame, covered, ratio / np.float32(first.finest)
 
 
@@ -107,14 +109,14 @@ def _follow(
     inverse_depth: FloatArray,  # [H, W] float32
     number: IndexArray,  # [H, W]
     last: tuple[float, float],  # u and v of the outermost border of the sources
-    pixels: FloatArray,  # [H, W, 2] float32, written; (0, 0) where the view shows nothing
-    ratio: FloatArray,  # [H, W] float32, written; NaN there
+    pixels: FloatArray,  # [H, W, 2] float32, written where the source has it
+    ratio: FloatArray,  # [H, W] float32, written; NaN elsewhere
 ) -> None:
     """Where in its source each pixel of the view lies: A (u, v, 1) + q b."""
     height, width = inverse_depth.shape
     for row in range(height):
         for column in range(width):
-            pixels[row, column, 0], pixels[row, column, 1], ratio[row, column] = 0, 0, np.nan
+            ratio[row, column] = np.nan
             n = number[row, column]
             if n == NOTHING:
                 continue
@@ -126,3 +128,22 @@ def _follow(
             y = (a[n, 1, 0] * u + a[n, 1, 1] * v + a[n, 1, 2] + q * b[n, 1]) / z
             if x >= np.float32(-0.5) and y >= np.float32(-0.5) and x <= last[0] and y <= last[1]:
                 pixels[row, column, 0], pixels[row, column, 1], ratio[row, column] = x, y, z
+
+
+@numba.njit(nogil=True, cache=True)
+def _place(
+    pixels: FloatArray,  # [H, W, 2] float32
+    number: IndexArray,  # [H, W]
+    scale: tuple[float, float],
+    corners: FloatArray,  # [S, 2] float32
+    places: FloatArray,  # [H, W, 2] float32, written: where on the sheet
+) -> None:
+    height, width = number.shape
+    for row in range(height):
+        for column in range(width):
+            n = number[row, column]
+            for axis in range(2):
+                place = ELSEWHERE
+                if n != NOTHING:
+                    place = corners[n, axis] + (pixels[row, column, axis] + 0.5) * scale[axis] - 0.5
+                places[row, column, axis] = place
