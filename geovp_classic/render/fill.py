@@ -45,14 +45,13 @@ class NearestBackground:
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         far = np.where(covered & (depth > 0), depth, np.float32(0))
-        rows, columns = _pull_from_background(covered, far)
-        filled, hidden, known = frame.copy(), np.nonzero(~covered), covered.any(axis=1, keepdims=True)
-        filled[hidden] = frame[rows[hidden], columns[hidden]]
+        filled, far = _pulled_from_background(frame, covered, far)
+        known = covered.any(axis=1, keepdims=True)
         if np.all(known):
             return filled
-        far, known = far[rows, columns], np.broadcast_to(known, covered.shape)
-        columns, rows = _pull_from_background(known.T, far.T)
-        return filled[rows.T, columns.T]
+        known = np.broadcast_to(known, covered.shape)
+        filled, _ = _pulled_from_background(filled.transpose(1, 0, 2), known.T, far.T)
+        return filled.transpose(1, 0, 2)
 
 
 @dataclass(frozen=True)
@@ -131,9 +130,8 @@ class BorrowedDetail:
         detail = richest - self._broad(richest)
 
         def borrow(step: int) -> None:
-            hidden = np.nonzero(~views.covered[step])
-            invented = self._broad(filled[step].astype(np.float32))[hidden] + self.strength * detail[hidden]
-            filled[step][hidden] = np.clip(invented + 0.5, 0, 255).astype(np.uint8)
+            colours = self._broad(filled[step].astype(np.float32))
+            _borrow(views.covered[step], colours, detail, float(self.strength), filled[step])
 
         abreast(borrow, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
         return filled
@@ -151,10 +149,9 @@ def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
         covered = views.covered[step]
         if covered.all():
             return
-        hidden = np.nonzero(~covered)
-        filled[step][hidden] = 0
+        _put(covered, np.zeros_like(filled[step]), filled[step])
         if some[step]:
-            filled[step][hidden] = fill_one(filled[step], covered, views.depths[step])[hidden]
+            _put(covered, np.asarray(fill_one(filled[step], covered, views.depths[step])), filled[step])
 
     abreast(fill_step, range(len(filled)))
     for step in np.flatnonzero(~some):
@@ -163,11 +160,47 @@ def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
     return filled
 
 
-def _pull_from_background(known: BoolArray, far: FloatArray) -> tuple[IndexArray, IndexArray]:
-    """For every pixel [H, W] the (row, column) in its row to take: itself if known, else the farther known side."""
+def _pulled_from_background(frame: ByteArray, known: BoolArray, far: FloatArray) -> tuple[ByteArray, FloatArray]:
+    """Colours [H, W, 3] and depth [H, W] with those of the farther known side of its row at every unknown pixel."""
+    frame, known, far = np.ascontiguousarray(frame), np.ascontiguousarray(known), np.ascontiguousarray(far)
     columns = np.empty(known.shape, np.intp)
-    _pull_along_rows(np.ascontiguousarray(known), np.ascontiguousarray(far), columns)
-    return np.broadcast_to(np.arange(len(known))[:, None], known.shape), columns
+    _pull_along_rows(known, far, columns)
+    filled, depth = np.empty_like(frame), np.empty_like(far)
+    _take_along_rows(columns, frame, far, filled, depth)
+    return filled, depth
+
+
+@numba.njit(nogil=True, cache=True)
+def _take_along_rows(
+    columns: IndexArray, frame: ByteArray, far: FloatArray, filled: ByteArray, depth: FloatArray
+) -> None:
+    for row in range(len(columns)):
+        for column in range(columns.shape[1]):
+            other = columns[row, column]
+            depth[row, column] = far[row, other]
+            for colour in range(3):
+                filled[row, column, colour] = frame[row, other, colour]
+
+
+@numba.njit(nogil=True, cache=True)
+def _put(covered: BoolArray, invented: ByteArray, filled: ByteArray) -> None:
+    """Write what is invented where nothing is covered."""
+    for row in range(len(covered)):
+        for column in range(covered.shape[1]):
+            if not covered[row, column]:
+                for colour in range(3):
+                    filled[row, column, colour] = invented[row, column, colour]
+
+
+@numba.njit(nogil=True, cache=True)
+def _borrow(covered: BoolArray, colours: FloatArray, detail: FloatArray, strength: float, filled: ByteArray) -> None:
+    """Write colours and a share of the detail where nothing is covered."""
+    for row in range(len(covered)):
+        for column in range(covered.shape[1]):
+            if not covered[row, column]:
+                for colour in range(3):
+                    value = colours[row, column, colour] + strength * detail[row, column, colour]
+                    filled[row, column, colour] = np.uint8(min(max(value + 0.5, 0.0), 255.0))
 
 
 @numba.njit(nogil=True, cache=True)

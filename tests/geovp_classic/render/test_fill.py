@@ -13,7 +13,7 @@ from geovp_classic.render.fill import (
     NavierStokes,
     NearestBackground,
     Telea,
-    _pull_from_background,
+    _pulled_from_background,
 )
 from geovp_classic.types import Views
 
@@ -58,13 +58,15 @@ def test_rows_are_pulled_as_the_slow_way_does() -> None:
     rng = np.random.default_rng(0)
     known = rng.random((40, 30)) < np.linspace(0, 0.4, 40)[:, None]
     far = np.where(known, rng.integers(1, 4, known.shape), 0).astype(np.float32)
-    rows, columns = _pull_from_background(known, far)
+    rows, columns = np.indices(known.shape, dtype=np.uint8)
+    colours, depth = _pulled_from_background(np.stack([rows, columns, rows], axis=-1), known, far)
     for row, column in np.ndindex(known.shape):
         there = np.flatnonzero(known[row])
         sides = [there[there <= column][-1:], there[there >= column][:1]]
         found = [int(side[0]) for side in sides if len(side)] or [column]
         best = max(found, key=lambda other: (far[row, other], -abs(other - column)))  # of equals the first: the left
-        assert (rows[row, column], columns[row, column]) == (row, best)
+        assert colours[row, column].tolist() == [row, best, row]
+        assert depth[row, column] == far[row, best]
 
 
 @pytest.mark.parametrize("fill", [Telea(), NavierStokes()], ids=lambda fill: type(fill).__name__)
