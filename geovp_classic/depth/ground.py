@@ -75,7 +75,11 @@ def _upright(planes: FloatArray) -> BoolArray:
 
 
 def _on_plane(planes: FloatArray, rays: FloatArray, found: FloatArray) -> BoolArray:
-    """Which points [M] lie on which planes [N]: [N, M]."""
+    """Which points [M] lie on which planes [N], nearer than the horizon: [N, M].
+
+    What is farther away would draw the plane to the foot of whatever stands there.
+    """
     expected = planes @ rays.T
-    on_plane: BoolArray = (expected > 0) & (np.abs(expected - found) < CLOSE * expected)
+    near = expected * HORIZON_HEIGHTS > np.linalg.norm(planes, axis=1, keepdims=True)
+    on_plane: BoolArray = near & (np.abs(expected - found) < CLOSE * expected)
     return on_plane
