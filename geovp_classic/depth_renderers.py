@@ -15,6 +15,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.render import billboards, fusion, surface, volume
+from geovp_classic.render.exposure import Exposed, Exposure
 from geovp_classic.render.fill import BorrowedDetail, NearestBackground
 from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
@@ -33,6 +34,7 @@ class DepthFusion:
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
     moving: Literal["carried", "ignored"] = "carried"  # things that move by themselves go on, or stand like all else
+    exposure: Literal["forecast", "kept"] = "forecast"  # the camera's exposure goes on changing, or stays the last one
 
     def __post_init__(self) -> None:
         """Raise BadData for settings that make no sense."""
@@ -44,6 +46,8 @@ class DepthFusion:
             raise BadData("agreement must lie between 0 and 1, crack_px and grain must not be negative")
         if self.moving not in ("carried", "ignored"):
             raise BadData(f"moving is {self.moving!r}, expected 'carried' or 'ignored'")
+        if self.exposure not in ("forecast", "kept"):
+            raise BadData(f"exposure is {self.exposure!r}, expected 'forecast' or 'kept'")
 
     @property
     def needs(self) -> Grant:
@@ -74,10 +78,12 @@ class DepthFusion:
             surface.Source(frame, recent.intrinsics, pose, detail)
             for frame, pose, detail in zip(recent.frames, past.world_from_cam, details, strict=True)
         ]
-        cloud, used = fusion.fuse(sources, inverse_depths, confidence, self.agreement)
+        light = Exposure.of(sources, inverse_depths[-1], seconds[: len(past)])
+        cloud, used = fusion.fuse(light.matched(sources), inverse_depths, confidence, self.agreement)
         standing = billboards.without(cloud, 0, cut[-1])
         street = fusion.CloudScene(standing, used, self.fill, self.crack_px, self.grain)
-        return billboards.Traffic(street, things, seconds[len(past) :]) if things else street
+        scene = billboards.Traffic(street, things, seconds[len(past) :]) if things else street
+        return scene if self.exposure == "kept" else Exposed(scene, sources[-1], light, seconds[len(past) :])
 
 
 def _moving_things(

@@ -133,7 +133,7 @@ class Traffic:
         """The scene from the poses [F, 4, 4]; where a moving thing is in front, it is drawn, and counts as covered."""
         views = self.street.view(world_from_cam, intrinsics)
         frames, covered, depths = views.frames.copy(), views.covered.copy(), views.depths.copy()
-        for k, seconds in enumerate(self._seconds(len(world_from_cam))):
+        for k, seconds in enumerate(seconds_of(self.seconds, len(world_from_cam))):
             for billboard in self.billboards:
                 layer = billboard.drawn(world_from_cam[k], intrinsics, float(seconds))
                 if layer is not None:
@@ -143,10 +143,15 @@ class Traffic:
                     )
         return Views(frames, covered, depths)
 
-    def _seconds(self, count: int) -> FloatArray:
-        interval = np.diff(self.seconds, prepend=0)[-1]
-        further = self.seconds[-1] + interval * np.arange(1, max(count - len(self.seconds), 0) + 1)
-        return np.concatenate([self.seconds, further])[:count]
+
+def seconds_of(
+    seconds: FloatArray,  # [F], at least one, of the future times
+    count: int,
+) -> FloatArray:
+    """The times [count] of so many poses; beyond the last one they go on at its interval."""
+    interval = np.diff(seconds, prepend=0)[-1]
+    further = seconds[-1] + interval * np.arange(1, max(count - len(seconds), 0) + 1)
+    return np.concatenate([seconds, further])[:count]
 
 
 def _over(

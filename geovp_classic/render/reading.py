@@ -51,9 +51,9 @@ class Sheet:
         scale: tuple[float, float],  # how many pixels a picture has to each that is meant
     ) -> ByteArray:
         """Colours [H, W, 3] by Lanczos' kernel."""
-        places = np.empty(pixels.shape, np.float32)
+        places = np.empty((2, *number.shape), np.float32)
         _place(pixels, number, scale, self.corners, places)
-        read = cv2.remap(self.picture, places, np.empty(0, np.float32), cv2.INTER_LANCZOS4)
+        read = cv2.remap(self.picture, places[0], places[1], cv2.INTER_LANCZOS4)
         return np.asarray(read if self.picture.ndim == 3 else cv2.cvtColor(read, cv2.COLOR_GRAY2RGB))
 
 
@@ -136,7 +136,7 @@ def _place(
     number: IndexArray,  # [H, W]
     scale: tuple[float, float],
     corners: FloatArray,  # [S, 2] float32
-    places: FloatArray,  # [H, W, 2] float32, written: where on the sheet
+    places: FloatArray,  # [2, H, W] float32, written: where on the sheet
 ) -> None:
     height, width = number.shape
     for row in range(height):
@@ -146,4 +146,4 @@ def _place(
                 place = ELSEWHERE
                 if n != NOTHING:
                     place = corners[n, axis] + (pixels[row, column, axis] + 0.5) * scale[axis] - 0.5
-                places[row, column, axis] = place
+                places[axis, row, column] = place
