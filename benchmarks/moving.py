@@ -20,6 +20,7 @@ from geovp_classic.depth_renderers import DepthFusion, Steered
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, Scene
 from geovp_classic.render.billboards import Billboard, Traffic
+from geovp_classic.render.exposure import Exposed
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Trajectory, Views
 
 NUM_PAST = 10
@@ -48,7 +49,9 @@ def measure(clips: Iterable[Clip], metrics: Mapping[str, FrameMetric]) -> list[M
 
 def carried(scene: Scene) -> tuple[Billboard, ...]:
     """The moving things of a scene that depth fusion built."""
-    inner = scene.scene if isinstance(scene, Steered) else scene
+    inner = scene
+    while isinstance(inner, Steered | Exposed):
+        inner = inner.scene
     return inner.billboards if isinstance(inner, Traffic) else ()
 
 

@@ -14,6 +14,7 @@ from geovp_classic.depth_renderers import DepthFusion, Steered
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.render.billboards import Traffic
+from geovp_classic.render.exposure import Exposed
 from geovp_classic.types import FloatArray, Grant, Intrinsics, Views
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
@@ -47,8 +48,9 @@ def test_a_car_goes_on_where_the_street_stays() -> None:
     past, future = clip.trajectory[:10], clip.trajectory.world_from_cam[10:]
     carried, ignored = (DepthFusion(moving=way).reconstruct(context, past) for way in ("carried", "ignored"))
     assert isinstance(carried, Steered)
-    assert isinstance(carried.scene, Traffic)
-    (car,) = carried.scene.billboards
+    assert isinstance(carried.scene, Exposed)
+    assert isinstance(carried.scene.scene, Traffic)
+    (car,) = carried.scene.scene.billboards
     found, true = car.mask, clip.moving[9]
     assert (found & true).sum() / found.sum() > 0.65  # measured: 575 of 806 pixels found
     assert (found & true).sum() / true.sum() > 0.4  # of 1214, shadow included
