@@ -1,0 +1,84 @@
+"""Reading a view's pixels from one sheet against a slow twin that reads the whole view from each source."""
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic.geometry import se3
+from geovp_classic.render import surface
+from geovp_classic.render.quads import NOTHING
+from geovp_classic.render.reading import Reader, Sheet
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics
+
+CAMERA = Intrinsics(40.0, 44.0, 19.5, 15.5, 40, 32)
+SOURCE_CAMERA = Intrinsics(30.0, 30.0, 24.0, 17.5, 49, 36)
+
+
+def picture(rng: np.random.Generator, size: tuple[int, int], is_grey: bool) -> ByteArray:
+    """A smooth picture [H, W, 3]."""
+    noise = rng.uniform(0, 255, (*size, 1 if is_grey else 3)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 1.5).reshape(*size, -1)
+    return np.repeat(smooth, 3 if is_grey else 1, axis=-1).astype(np.uint8)
+
+
+def sources(rng: np.random.Generator, is_grey: bool, with_detail: bool) -> list[surface.Source]:
+    twists = np.array([[0, 0, 0, 0, 0, 0], [0.3, 0.1, -0.4, 0.02, -0.1, 0.1], [-0.5, 0, 0.2, 0, 0.3, 0]])
+    detail = (72, 98) if with_detail else None
+    return [
+        surface.Source(
+            picture(rng, (36, 49), is_grey),
+            SOURCE_CAMERA,
+            se3.exp(twist),
+            None if detail is None else picture(rng, detail, is_grey),
+        )
+        for twist in twists
+    ]
+
+
+def slow_read(
+    source: surface.Source, inverse_depth: FloatArray, pose: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The whole view [H, W, 3] from one source, where that shows it [H, W], and the depth ratio [H, W]."""
+    pixels, ratio = surface.source_pixels(source, inverse_depth, pose, CAMERA)
+    u, v = pixels[..., 0], pixels[..., 1]
+    inside = (ratio > 0.001) & (u >= -0.5) & (v >= -0.5) & (u <= 48.5) & (v <= 35.5)
+    view = cv2.remap(source.frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE).astype(float)
+    if source.detail is not None:
+        fine_u, fine_v = (2 * (axis + 0.5) - 0.5 for axis in (u, v))
+        fine = cv2.remap(source.detail, fine_u, fine_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+        view += np.clip(ratio - 1, 0, 1)[..., None] * (fine - view)
+    return view, inside, ratio
+
+
+@pytest.mark.parametrize("is_grey", [True, False])
+@pytest.mark.parametrize("with_detail", [True, False])
+def test_each_pixel_is_what_its_source_shows(is_grey: bool, with_detail: bool) -> None:
+    rng = np.random.default_rng(0)
+    seen = sources(rng, is_grey, with_detail)
+    inverse_depth = rng.uniform(0, 0.6, (32, 40)).astype(np.float32)
+    inverse_depth[:5] = 0
+    number = rng.integers(NOTHING, 3, (32, 40)).astype(np.int32)
+    pose = se3.exp(np.array([0.2, -0.1, 0.8, 0.05, 0.1, -0.02]))
+    frame, covered, magnification = Reader.of(seen).read(inverse_depth, number, pose, CAMERA)
+    assert 0.3 < covered.mean() < 0.8  # a quarter is nowhere, some of the rest beside the sources
+    assert not frame[~covered].any()
+    for n, source in enumerate(seen):
+        view, inside, ratio = slow_read(source, inverse_depth, pose)
+        mine = number == n
+        np.testing.assert_array_equal(covered[mine], inside[mine])
+        shown = mine & inside
+        np.testing.assert_allclose(magnification[shown], ratio[shown] / (2 if with_detail else 1), rtol=1e-5)
+        # OpenCV reads at 32nds of a pixel, and places on the sheet round to other ones now and then
+        assert np.abs(frame[shown] - view[shown]).mean() < 1
+        assert np.abs(frame[shown] - view[shown]).max() < 12
+    assert not covered[number == NOTHING].any()
+
+
+def test_many_pictures_lie_in_rows_and_none_reaches_into_another() -> None:
+    frames = [np.full((20, 30, 3), 10 * n, np.uint8) for n in range(1, 8)]
+    sheet = Sheet.of(frames)
+    assert sheet.picture.shape == (3 * 28, 3 * 38)
+    corners = np.array([[[-0.5, -0.5], [29.5, -0.5]], [[-0.5, 19.5], [29.5, 19.5]]], np.float32)
+    for n in range(7):
+        read = sheet.read(corners, np.full((2, 2), n, np.int32), (1.0, 1.0))
+        np.testing.assert_array_equal(read, 10 * (n + 1))
