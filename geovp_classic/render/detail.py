@@ -34,12 +34,12 @@ _LOST = (
 class Grain:
     """The frequency bands of an observed frame, finest first, and its local contrast."""
 
-    bands: FloatArray  # [B, H, W, 3] float32
-    contrast: FloatArray  # [H, W, 3]
+    bands: FloatArray  # [B, H, W, C] float32
+    contrast: FloatArray  # [H, W, C]
 
     @classmethod
     def of(cls, frame: ByteArray) -> Grain:
-        """The grain of a frame [H, W, 3]."""
+        """The grain of a frame [H, W, C], in colour or in grey."""
         picture = frame.astype(np.float32)
         levels = [picture] + [_blurred(picture, BLUR_PX * edge) for edge in BAND_EDGES[1:]]
         bands = np.stack([fine - coarse for fine, coarse in itertools.pairwise(levels)])
@@ -47,25 +47,25 @@ class Grain:
 
     def added_to(
         self,
-        frame: ByteArray,  # [H, W, 3]
+        frame: ByteArray,  # [H, W, C]
         magnification: FloatArray,  # [H, W], 1 where nothing was lost
         strength: float = 1.0,
     ) -> ByteArray:
         """The frame with the bands that magnification took, at the contrast of what is there."""
         picture = frame.astype(np.float32)
         gain = np.minimum(_contrast(picture) / self.contrast, np.float32(LARGEST_GAIN))
-        added = np.empty_like(frame)
+        added = np.empty(frame.shape, np.uint8)
         _add(picture, self.bands, magnification.astype(np.float32), np.float32(strength) * gain, added)
         return added
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _add(
-    picture: FloatArray,  # [H, W, 3] float32
-    bands: FloatArray,  # [B, H, W, 3] float32
+    picture: FloatArray,  # [H, W, C] float32
+    bands: FloatArray,  # [B, H, W, C] float32
     magnification: FloatArray,  # [H, W] float32
-    gain: FloatArray,  # [H, W, 3] float32
-    added: ByteArray,  # [H, W, 3], written
+    gain: FloatArray,  # [H, W, C] float32
+    added: ByteArray,  # [H, W, C], written
 ) -> None:
     """Add to every pixel the share of each band that its magnification took."""
     height, width, colours = picture.shape
@@ -84,11 +84,13 @@ def _add(
 
 
 def _contrast(picture: FloatArray) -> FloatArray:
-    """The local root mean square of detail [H, W, 3]."""
-    detail = picture - broad(picture, COARSE_PX)
-    contrast: FloatArray = np.sqrt(broad(detail * detail, CONTRAST_PX) + np.float32(FLOOR**2))
+    """The local root mean square of detail [H, W, C]."""
+    detail = picture - broad(picture, COARSE_PX).reshape(picture.shape)
+    power = broad(detail * detail, CONTRAST_PX).reshape(picture.shape)
+    contrast: FloatArray = np.sqrt(power + np.float32(FLOOR**2))
     return contrast
 
 
 def _blurred(picture: FloatArray, sigma_px: float) -> FloatArray:
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px))
+    blurred: FloatArray = np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px), np.float32)
+    return blurred.reshape(picture.shape)  # OpenCV drops a single channel

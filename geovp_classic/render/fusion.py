@@ -16,9 +16,10 @@ import numpy.typing as npt
 
 from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import reading, surface
+from geovp_classic.render import surface
 from geovp_classic.render.detail import Grain
 from geovp_classic.render.quads import NOTHING, IndexArray
+from geovp_classic.render.reading import Reader, is_grey
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
@@ -75,7 +76,7 @@ class CloudScene:
         drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
         frames, covered = np.empty((*drawn.shape, 3), np.uint8), np.empty(drawn.shape, dtype=bool)
         depths, magnification = np.zeros(drawn.shape, np.float32), np.empty(drawn.shape, np.float32)
-        pictures = reading.Reader.of(self.sources)
+        pictures = Reader.of(self.sources)
 
         def look(step: int) -> None:
             number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
@@ -95,10 +96,14 @@ class CloudScene:
         last = self.sources[0]
         infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
         pixels, _ = surface.source_pixels(last, infinity, last.world_from_source, camera)
-        grain = Grain.of(_lanczos(last.frame, pixels))  # what the camera would have seen from there
-        return np.stack(
-            abreast(lambda step: grain.added_to(frames[step], magnification[step], self.grain), range(len(frames)))
-        )
+        observed = _lanczos(last.frame, pixels)  # what the camera would have seen from there
+        channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
+        grain = Grain.of(observed[..., channels])
+
+        def added(step: int) -> ByteArray:
+            return grain.added_to(frames[step, ..., channels], magnification[step], self.grain)
+
+        return np.ascontiguousarray(np.broadcast_to(np.stack(abreast(added, range(len(frames)))), frames.shape))
 
 
 def _close_cracks(
@@ -142,7 +147,7 @@ def _grow(
 def _lanczos(frame: ByteArray, pixels: FloatArray) -> ByteArray:
     """Colours [H, W, 3] at the pixels [H, W, 2]; outside, the colour of the border."""
     u, v = np.moveaxis(pixels.astype(np.float32), -1, 0)
-    grey = frame[..., 0]
-    is_grey = np.array_equal(grey, frame[..., 1]) and np.array_equal(grey, frame[..., 2])
-    read = cv2.remap(grey if is_grey else frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.cvtColor(read, cv2.COLOR_GRAY2RGB) if is_grey else read)  # a third of the time for grey
+    if not is_grey(frame):
+        return np.asarray(cv2.remap(frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
+    read = cv2.remap(frame[..., 0], u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(cv2.cvtColor(read, cv2.COLOR_GRAY2RGB))  # a third of the time for grey
