@@ -15,6 +15,7 @@ from geovp_classic.types import FloatArray, Intrinsics
 
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
 GROUND_EXCESS = 40.0  # what lying on the road may cost more than the best depth, where that is below the road
+LEVEL_HEIGHTS = 4.0  # so many camera heights far the road is a plane; beyond, the allowed cost falls with the square
 SPECKLE_SHARE = 0.0045  # of the picture; smaller islands of depth are wrong matches more often than things
 SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
 
@@ -51,8 +52,9 @@ def sweep(
         return None
     ground = fit_ground(inverse_depth, camera) if with_ground else None
     if ground is not None:
-        contradiction = aggregation.excess(sums, planes, ground.inverse_depth(camera))
-        inverse_depth = lift(inverse_depth, ground, camera, contradiction < GROUND_EXCESS)
+        road = ground.inverse_depth(camera)
+        allowed = GROUND_EXCESS * np.clip(LEVEL_HEIGHTS * ground.height * road, 0, 1) ** 2
+        inverse_depth = lift(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
     islands = completion.speckles(np.interp(inverse_depth, planes, np.arange(num_planes)), SPECKLE_SHARE)
     inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
     seen = ~(costs == matching.UNSEEN).all(axis=-1)
