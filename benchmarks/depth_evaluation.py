@@ -32,6 +32,7 @@ SOURCES: Mapping[str, Mapping[str, object]] = {
     "multiview": {"name": "multiview"},
     "without ground": {"name": "multiview", "with_ground": False},
     "without completion": {"name": "multiview", "with_completion": False},
+    "without refinement": {"name": "multiview", "with_refinement": False},
     "given": {"name": "given"},
 }
 

@@ -16,6 +16,7 @@ import numpy as np
 from geovp_classic.depth import matching, viewpoints
 from geovp_classic.depth.completion import complete
 from geovp_classic.depth.ground import Ground
+from geovp_classic.depth.refinement import refined
 from geovp_classic.depth.smoothing import flattened
 from geovp_classic.depth.sweep import Swept, agreement, sweep
 from geovp_classic.errors import BadData, Incompatible
@@ -39,6 +40,7 @@ class Multiview:
     num_planes: int = 64
     with_ground: bool = True  # nothing lies below the road that is found under the camera
     with_completion: bool = True  # unsure pixels follow sure ones that look like them, surfaces are smooth
+    with_refinement: bool = True  # depths between the planes, by least squares against all other frames
     with_camera_height: bool = False  # without parallax: a level road at the recorded height
 
     def __post_init__(self) -> None:
@@ -99,6 +101,8 @@ def depths_of_frames(
             trust = trust * agreement(inverse_depth, camera, witness.inverse_depth, half, other_from_cam, AGREEMENT)
         if settings.with_completion:
             inverse_depth = flattened(complete(inverse_depth, trust, pictures[step]), trust, pictures[step])
+        if settings.with_refinement:
+            inverse_depth = refined(inverse_depth, pictures, camera, past.world_from_cam, step)
         inverse_depths[step], confidence[step] = inverse_depth, trust
     return inverse_depths, confidence
 

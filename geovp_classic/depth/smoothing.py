@@ -20,6 +20,7 @@ SAME_SURFACE = 0.1  # relative difference of inverse depths at which it falls to
 STIFFNESS = 1e-3  # keeps slopes at 0 where the neighbours lie in a line
 
 _ONE = np.float32(1)
+_PER_CONTRAST = np.float32(1 / (32 * SIMILAR))  # exp(-c) is ((1 - c / 32) / (1 + c / 32))^16, nearly (Pade)
 
 
 def flattened(
@@ -30,58 +31,87 @@ def flattened(
     """The inverse depth [H, W] by a weighted least-squares plane around every pixel, never negative."""
     q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
     trust = (LEAST_TRUST + (1 - LEAST_TRUST) * confidence).astype(np.float32)
-    likeness = np.exp(-np.arange(256) / SIMILAR).astype(np.float32)
     same = (SAME_SURFACE * np.maximum(q, 0.01 * np.quantile(q, 0.99)) + 1e-12).astype(np.float32)  # far is far
-    flat: FloatArray = _flattened(q, trust, np.ascontiguousarray(picture, dtype=np.float32), likeness, 1 / same)
+    flat: FloatArray = _flattened(q, trust, np.ascontiguousarray(picture, dtype=np.float32), 1 / same)
     return flat
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def _flattened(
-    q: FloatArray, trust: FloatArray, picture: FloatArray, likeness: FloatArray, sharpness: FloatArray
-) -> FloatArray:
+def _flattened(q: FloatArray, trust: FloatArray, picture: FloatArray, sharpness: FloatArray) -> FloatArray:
     height, width = q.shape
     result = np.empty((height, width), np.float32)
     for row in numba.prange(height):
-        sums = np.zeros(9, np.float32)  # of w, wu, wv, wuu, wuv, wvv, wd, wdu, wdv; d = difference to the pixel
-        for column in range(width):
-            sums[:] = 0
+        sums = np.zeros((9, width), np.float32)  # of w, wu, wv, wuu, wuv, wvv, wd, wdu, wdv; d: off the pixel's own
+        for i in range(-REACH, REACH + 1):
+            start, stop = max(0, -STEP_PX * i), min(width, width - STEP_PX * i)
+            if start >= stop:
+                continue
+            there = slice(start + STEP_PX * i, stop + STEP_PX * i)
+            here = q[row, start:stop], picture[row, start:stop], sharpness[row, start:stop]
+            column = np.zeros((5, stop - start), np.float32)  # of w, wv, wvv, wd, wdv
             for j in range(-REACH, REACH + 1):
                 y = row + STEP_PX * j
-                if y < 0 or y >= height:
-                    continue
-                for i in range(-REACH, REACH + 1):
-                    x = column + STEP_PX * i
-                    if x < 0 or x >= width:
-                        continue
-                    contrast = int(abs(picture[y, x] - picture[row, column]))
-                    off = q[y, x] - q[row, column]
-                    apart = _ONE + (off * sharpness[row, column]) ** 2
-                    _add(sums, trust[y, x] * likeness[min(255, contrast)] / (apart * apart), i, j, off)
-            result[row, column] = max(q[row, column] + _height(sums), np.float32(0))
+                if 0 <= y < height:
+                    _add(column, q[y, there], trust[y, there], picture[y, there], here, np.float32(j))
+            _join(sums[:, start:stop], column, np.float32(i))
+        _heights(sums, q[row], result[row])
     return result
 
 
-@numba.njit(fastmath=True, cache=True, error_model="numpy", inline="always")
-def _add(sums: FloatArray, weight: np.float32, i: int, j: int, off: np.float32) -> None:
-    u, v = np.float32(i), np.float32(j)
-    sums[0] += weight
-    sums[1] += weight * u
-    sums[2] += weight * v
-    sums[3] += weight * u * u
-    sums[4] += weight * u * v
-    sums[5] += weight * v * v
-    sums[6] += weight * off
-    sums[7] += weight * off * u
-    sums[8] += weight * off * v
+@numba.njit(fastmath=True, cache=True, error_model="numpy")
+def _add(
+    sums: FloatArray,  # [5, N], added to: w, wv, wvv, wd, wdv
+    q: FloatArray,  # [N], of the neighbours
+    trust: FloatArray,  # [N]
+    picture: FloatArray,  # [N]
+    here: tuple[FloatArray, FloatArray, FloatArray],  # [N] each: inverse depth, picture and sharpness of the pixels
+    v: np.float32,
+) -> None:
+    own, looks, sharpness = here
+    for x in range(sums.shape[1]):
+        contrast = abs(picture[x] - looks[x]) * _PER_CONTRAST
+        near, far = _to_the_sixteenth(_ONE - contrast), _to_the_sixteenth(_ONE + contrast)  # their ratio: a falling exp
+        off = q[x] - own[x]
+        apart = _ONE + (off * sharpness[x]) * (off * sharpness[x])
+        weight = trust[x] * near / (far * apart * apart)
+        sums[0, x] += weight
+        sums[1, x] += weight * v
+        sums[2, x] += weight * v * v
+        sums[3, x] += weight * off
+        sums[4, x] += weight * off * v
 
 
 @numba.njit(fastmath=True, cache=True, error_model="numpy", inline="always")
-def _height(sums: FloatArray) -> np.float32:
-    """The plane's value at u = v = 0: normal equations about the mean, two unknown slopes (Cramer's rule)."""
-    u, v, off = sums[1] / sums[0], sums[2] / sums[0], sums[6] / sums[0]
-    stiff = np.float32(STIFFNESS) * (sums[3] + sums[5]) + np.float32(1e-12)
-    uu, vv = sums[3] - u * sums[1] + stiff, sums[5] - v * sums[2] + stiff
-    uv, ud, vd = sums[4] - u * sums[2], sums[7] - u * sums[6], sums[8] - v * sums[6]
-    share = _ONE / (uu * vv - uv * uv)
-    return np.float32(off - (u * (ud * vv - vd * uv) + v * (vd * uu - ud * uv)) * share)
+def _to_the_sixteenth(base: np.float32) -> np.float32:
+    square = base * base
+    fourth = square * square
+    return fourth * fourth * fourth * fourth
+
+
+@numba.njit(fastmath=True, cache=True, error_model="numpy")
+def _join(sums: FloatArray, column: FloatArray, u: np.float32) -> None:
+    """Add a column of neighbours, all at the same u, to the sums [9, N]."""
+    for x in range(column.shape[1]):
+        weight, weight_v, off = column[0, x], column[1, x], column[3, x]
+        sums[0, x] += weight
+        sums[1, x] += weight * u
+        sums[2, x] += weight_v
+        sums[3, x] += weight * u * u
+        sums[4, x] += weight_v * u
+        sums[5, x] += column[2, x]
+        sums[6, x] += off
+        sums[7, x] += off * u
+        sums[8, x] += column[4, x]
+
+
+@numba.njit(fastmath=True, cache=True, error_model="numpy")
+def _heights(sums: FloatArray, q: FloatArray, result: FloatArray) -> None:
+    """The planes' values [W] at u = v = 0: normal equations about the mean, two unknown slopes (Cramer's rule)."""
+    for x in range(len(q)):
+        share = _ONE / sums[0, x]
+        u, v, off = sums[1, x] * share, sums[2, x] * share, sums[6, x] * share
+        stiff = np.float32(STIFFNESS) * (sums[3, x] + sums[5, x]) + np.float32(1e-12)
+        uu, vv = sums[3, x] - u * sums[1, x] + stiff, sums[5, x] - v * sums[2, x] + stiff
+        uv, ud, vd = sums[4, x] - u * sums[2, x], sums[7, x] - u * sums[6, x], sums[8, x] - v * sums[6, x]
+        height = off - (u * (ud * vv - vd * uv) + v * (vd * uu - ud * uv)) / (uu * vv - uv * uv)
+        result[x] = max(q[x] + height, np.float32(0))

@@ -1,0 +1,92 @@
+"""Refinement: finer than the hypotheses where there is texture and parallax, and hands off everywhere else."""
+
+import numpy as np
+import pytest
+
+from geovp_classic.depth import refinement
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import FloatArray, Intrinsics
+
+CAMERA = Intrinsics(90.0, 90.0, 39.5, 31.5, 80, 64)
+PLANE = np.array([0.02, 0.06, 0.1])  # inverse depth = ray . PLANE: everything on it is in front of the camera
+POSES = np.tile(np.eye(4), (9, 1, 1))  # drives forward, swaying; the last one is the reference
+POSES[:, 2, 3] = np.linspace(-2.4, 0, 9)
+POSES[:-1, 0, 3] = 0.3 * np.sin(np.arange(8))
+
+
+def _painted(points: FloatArray) -> FloatArray:
+    """Grey values of the plane at the points [..., 3]: waves that are a few pixels long."""
+    x, y, z = np.moveaxis(2.5 * points, -1, 0)
+    return 120 + 40 * np.sin(4.3 * x + 1.1 * y) * np.cos(3.7 * y + 0.8 * z) + 30 * np.sin(2.9 * z - 1.7 * x)
+
+
+def _pictures() -> FloatArray:
+    """What the cameras see of the plane [9, H, W], each pixel's ray met with it exactly."""
+    seen = []
+    for pose in POSES:
+        rays = pinhole.rays(CAMERA) @ pose[:3, :3].T
+        along = (1 - pose[:3, 3] @ PLANE) / (rays @ PLANE)
+        seen.append(_painted(pose[:3, 3] + along[..., None] * rays))
+    return np.stack(seen).astype(np.float32)
+
+
+def _exact() -> FloatArray:
+    return (pinhole.rays(CAMERA) @ PLANE).astype(np.float32)
+
+
+def _shift_px(inverse_depth: FloatArray) -> FloatArray:
+    """How far off [H, W] the first frame sees the points for their error in inverse depth."""
+    first_from_last = se3.inverse(POSES[0]) @ POSES[-1]
+    places = [
+        pinhole.project(pinhole.rays(CAMERA) + q[..., None] * first_from_last[:3, 3], CAMERA)[0]
+        for q in (inverse_depth, _exact())
+    ]
+    return np.asarray(np.linalg.norm(places[0] - places[1], axis=-1))
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.7, 30.0)])
+def test_errors_of_a_fraction_of_a_pixel_fall_to_less_than_half_whatever_the_exposure(
+    gain: float, offset: float
+) -> None:
+    pictures = _pictures()
+    pictures[:-1] = gain * pictures[:-1] + offset
+    too_near = _exact() * np.float32(1.05)
+    left = _shift_px(refinement.refined(too_near, pictures, CAMERA, POSES, 8))
+    assert 0.2 < np.median(_shift_px(too_near)) < 0.5
+    assert np.median(left) < 0.5 * np.median(_shift_px(too_near))
+
+
+def test_what_is_right_stays_right() -> None:
+    assert np.median(_shift_px(refinement.refined(_exact(), _pictures(), CAMERA, POSES, 8))) < 0.03
+
+
+def test_any_frame_can_be_the_reference_and_any_unit_will_do() -> None:
+    pictures, poses = _pictures()[::-1], POSES[::-1].copy()
+    too_near = _exact() * np.float32(1.05)
+    found = refinement.refined(too_near, pictures, CAMERA, poses, 0)
+    np.testing.assert_allclose(found, refinement.refined(too_near, _pictures(), CAMERA, POSES, 8), rtol=1e-5)
+    poses[:, :3, 3] *= 1000
+    np.testing.assert_allclose(1000 * refinement.refined(too_near / 1000, pictures, CAMERA, poses, 0), found, rtol=1e-4)
+
+
+def test_nothing_moves_without_texture_without_parallax_or_alone() -> None:
+    q, pictures = _exact(), _pictures()
+    np.testing.assert_allclose(refinement.refined(q, np.full_like(pictures, 99), CAMERA, POSES, 8), q, rtol=1e-6)
+    still = np.tile(np.eye(4), (9, 1, 1))
+    np.testing.assert_array_equal(refinement.refined(q, pictures, CAMERA, still, 8), q)
+    np.testing.assert_array_equal(refinement.refined(q, pictures[-1:], CAMERA, POSES[-1:], 0), q)
+
+
+def test_no_step_is_longer_than_allowed_and_none_goes_behind_infinity() -> None:
+    far_off = _exact() * np.float32(1.3)
+    step_px = _shift_px(_exact() + refinement.refined(far_off, _pictures(), CAMERA, POSES, 8) - far_off)
+    assert 0.3 < step_px.max() < refinement.LARGEST_STEP_PX * 1.3  # a pixel is worth less parallax farther away
+    noise = np.random.default_rng(5).uniform(0, 255, (9, 64, 80)).astype(np.float32)
+    assert refinement.refined(np.zeros((64, 80), np.float32), noise, CAMERA, POSES, 8).min() >= 0
+
+
+def test_frames_that_look_back_or_elsewhere_have_no_say() -> None:
+    poses = POSES.copy()
+    poses[0, :3, :3] = np.diag([-1.0, 1.0, -1.0])
+    found = refinement.refined(_exact(), _pictures(), CAMERA, poses, 8)
+    np.testing.assert_allclose(found, refinement.refined(_exact(), _pictures()[1:], CAMERA, POSES[1:], 7), rtol=1e-6)
