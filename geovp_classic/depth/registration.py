@@ -17,7 +17,8 @@ import numpy as np
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
-MAX_CORNERS = 400
+MAX_CORNERS = 400  # in a square picture
+MIDDLE = 1.25  # widths of the square; corners farther out, where lenses are worst corrected, are left alone
 CORNER_QUALITY = 0.01
 CORNER_SPACING = 0.025  # of the picture's height
 WINDOW_PX = 15
@@ -97,10 +98,15 @@ def track(
     pictures: FloatArray,  # [P, H, W]
     reference: int,
 ) -> Tracks:
-    """Corners of the reference picture, followed picture by picture, back in time and forth, until they are lost."""
+    """Corners in the middle of the reference picture, followed frame by frame, back and forth, until they are lost."""
     grey = [np.ascontiguousarray(picture.astype(np.uint8)) for picture in pictures]
-    spacing_px = CORNER_SPACING * pictures.shape[1]
-    corners = cv2.goodFeaturesToTrack(grey[reference], MAX_CORNERS, CORNER_QUALITY, spacing_px)
+    height, width = grey[reference].shape
+    wideness = float(np.clip(width / height, 1, MIDDLE))
+    margin = max(0, round((width - MIDDLE * height) / 2))
+    middle = np.zeros((height, width), np.uint8)
+    middle[:, margin : width - margin] = 255
+    count, spacing_px = int(MAX_CORNERS * wideness), CORNER_SPACING * height
+    corners = cv2.goodFeaturesToTrack(grey[reference], count, CORNER_QUALITY, spacing_px, mask=middle)
     start = np.zeros((0, 2), np.float32) if corners is None else np.asarray(corners, np.float32).reshape(-1, 2)
     pixels = np.tile(start, (len(pictures), 1, 1))
     seen = np.zeros(pixels.shape[:2], dtype=bool)
