@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from geovp_classic.geometry import pinhole
@@ -15,6 +16,7 @@ STRIDE_PX = 4  # every fourth pixel of the lower half votes
 CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
 MIN_SHARE = 0.2  # of the lower half that must lie on it
 MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
+AFLOAT_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which nothing hangs that does not stand on it
 HORIZON_HEIGHTS = 20.0  # ground farther away than so many camera heights is left as it was found
 
 
@@ -66,6 +68,27 @@ def lift(
     plane = ground.inverse_depth(camera)
     near = plane * ground.height > 1 / HORIZON_HEIGHTS
     return np.where(near & allowed & (inverse_depth < plane), plane, inverse_depth)
+
+
+def afloat(
+    inverse_depth: FloatArray,  # [H, W]
+    ground: Ground,
+    camera: Intrinsics,
+    islands: BoolArray,  # [H, W], surfaces that are cut off from all around
+) -> BoolArray:
+    """Which islands [H, W] hang low over the road: wrong matches, or things that drive on before the camera.
+
+    What moves along the camera's way shifts along epipolar lines, so that it looks like a near thing up in the air.
+    """
+    above = 1 - ground.inverse_depth(camera) / np.maximum(inverse_depth, 1e-9)  # in camera heights
+    count, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
+    hanging = np.zeros(islands.shape, dtype=bool)
+    for label in range(1, count):
+        island = labels == label
+        lowest, highest = np.percentile(above[island], (10, 90))
+        if AFLOAT_HEIGHTS[0] < lowest and highest < AFLOAT_HEIGHTS[1]:
+            hanging |= island
+    return hanging
 
 
 def _upright(planes: FloatArray) -> BoolArray:

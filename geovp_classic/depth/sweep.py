@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import aggregation, completion, matching, viewpoints
-from geovp_classic.depth.ground import Ground, fit_ground, lift
+from geovp_classic.depth.ground import Ground, afloat, fit_ground, lift
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
@@ -17,6 +17,7 @@ SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggr
 GROUND_EXCESS = 40.0  # what lying on the road may cost more than the best depth, where that is below the road
 LEVEL_HEIGHTS = 4.0  # so many camera heights far the road is a plane; beyond, the allowed cost falls with the square
 SPECKLE_SHARE = 0.0045  # of the picture; smaller islands of depth are wrong matches more often than things
+AFLOAT_SHARE = 0.027  # larger ones are still wrong where they hang low over the road
 SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
 
 
@@ -55,7 +56,10 @@ def sweep(
         road = ground.inverse_depth(camera)
         allowed = GROUND_EXCESS * np.clip(LEVEL_HEIGHTS * ground.height * road, 0, 1) ** 2
         inverse_depth = lift(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
-    islands = completion.speckles(np.interp(inverse_depth, planes, np.arange(num_planes)), SPECKLE_SHARE)
+    levels = np.interp(inverse_depth, planes, np.arange(num_planes))
+    islands = completion.speckles(levels, SPECKLE_SHARE)
+    if ground is not None:
+        islands |= afloat(inverse_depth, ground, camera, completion.speckles(levels, AFLOAT_SHARE) & ~islands)
     inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
     seen = ~(costs == matching.UNSEEN).all(axis=-1)
     confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)

@@ -53,3 +53,15 @@ def test_only_what_lies_below_is_lifted_and_only_where_allowed() -> None:
     np.testing.assert_allclose(lifted[80, :10], inverse_depth[80, :10])
     np.testing.assert_array_equal(lifted[80, 10:20], found[80, 10:20])
     np.testing.assert_array_equal(lifted[80, 60:90], found[80, 60:90])
+
+
+def test_what_hangs_low_over_the_road_is_told_from_what_stands_on_it_and_from_what_hangs_high() -> None:
+    plane, inverse_depth = _street(1.5, 0.0, 0.0)
+    islands = np.zeros(inverse_depth.shape, dtype=bool)
+    hanging, standing, high = np.s_[50:58, 10:30], np.s_[50:78, 40:60], np.s_[5:15, 80:100]
+    for place, depth in ((hanging, 4.0), (standing, 5.0), (high, 6.0)):
+        inverse_depth[place], islands[place] = 1 / depth, True  # hanging: 1.0 to 1.3 m above the road
+    found = ground.afloat(inverse_depth, plane, CAMERA, islands)
+    assert found[hanging].all()
+    assert found.sum() == found[hanging].sum()
+    assert not ground.afloat(inverse_depth, plane, CAMERA, np.zeros_like(islands)).any()
