@@ -9,6 +9,7 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Scene
+from geovp_classic.render.pace import seconds_of
 from geovp_classic.render.surface import Patches
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
@@ -142,16 +143,6 @@ class Traffic:
                         frames[place], covered[place], depths[place], layer
                     )
         return Views(frames, covered, depths)
-
-
-def seconds_of(
-    seconds: FloatArray,  # [F], at least one, of the future times
-    count: int,
-) -> FloatArray:
-    """The times [count] of so many poses; beyond the last one they go on at its interval."""
-    interval = np.diff(seconds, prepend=0)[-1]
-    further = seconds[-1] + interval * np.arange(1, max(count - len(seconds), 0) + 1)
-    return np.concatenate([seconds, further])[:count]
 
 
 def _over(

@@ -16,7 +16,7 @@ import numpy as np
 
 from geovp_classic.interfaces import Scene
 from geovp_classic.render import surface
-from geovp_classic.render.billboards import seconds_of
+from geovp_classic.render.pace import seconds_of
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller pictures that are compared
@@ -88,9 +88,7 @@ class Exposed:
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4]."""
         views = self.scene.view(world_from_cam, intrinsics)
-        infinity = np.zeros((intrinsics.height_px, intrinsics.width_px), np.float32)
-        pixels, _ = surface.source_pixels(self.last, infinity, self.last.world_from_source, intrinsics)
-        u, v = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
+        u, v = np.ascontiguousarray(np.moveaxis(surface.own_pixels(self.last, intrinsics), -1, 0))
         seen = cv2.remap(self.last.frame, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         seconds = seconds_of(self.seconds, len(world_from_cam))
         return replace(views, frames=self.exposure.forecast(views.frames, float(np.mean(seen)), seconds))

@@ -94,9 +94,7 @@ class CloudScene:
         if self.grain == 0:
             return frames
         last = self.sources[0]
-        infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
-        pixels, _ = surface.source_pixels(last, infinity, last.world_from_source, camera)
-        observed = _lanczos(last.frame, pixels)  # what the camera would have seen from there
+        observed = _lanczos(last.frame, surface.own_pixels(last, camera))  # what the camera would have seen from there
         channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
         grain = Grain.of(observed[..., channels])
 

@@ -117,6 +117,12 @@ def source_pixels(
     return pixels, ratio
 
 
+def own_pixels(source: Source, camera: Intrinsics) -> FloatArray:
+    """Where the source shows what another camera in its place would show, [H, W, 2] float32."""
+    infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
+    return source_pixels(source, infinity, source.world_from_source, camera)[0]
+
+
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _follow(a: FloatArray, b: FloatArray, inverse_depth: FloatArray, pixels: FloatArray, ratio: FloatArray) -> None:
     """Pixels [H, W, 2] and ratios [H, W], written: A (u, v, 1) + q b."""
