@@ -17,6 +17,7 @@ CLOSE = 0.05  # relative difference of inverse depths that counts as on the plan
 MIN_SHARE = 0.2  # of the lower half that must lie on it
 MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
 AFLOAT_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which nothing hangs that does not stand on it
+LEVEL_HEIGHTS = 4.0  # so many camera heights far a road is a plane
 HORIZON_HEIGHTS = 20.0  # ground farther away than so many camera heights is left as it was found
 
 
@@ -30,6 +31,17 @@ class Ground:
     def inverse_depth(self, camera: Intrinsics) -> FloatArray:
         """Inverse depth [H, W] float32 of the plane; negative above its horizon."""
         return (pinhole.rays(camera) @ self.normal / self.height).astype(np.float32)
+
+    def sureness(
+        self,
+        inverse_depth: FloatArray,  # [H, W] of the plane
+    ) -> FloatArray:
+        """How surely a road lies on the plane [H, W]: 1 up to LEVEL_HEIGHTS, falling with the square of the distance.
+
+        0 above the horizon.
+        """
+        nearness: FloatArray = np.clip(LEVEL_HEIGHTS * self.height * inverse_depth, 0, 1)
+        return nearness**2
 
 
 def fit_ground(
@@ -76,11 +88,12 @@ def afloat(
     camera: Intrinsics,
     islands: BoolArray,  # [H, W], surfaces that are cut off from all around
 ) -> BoolArray:
-    """Which islands [H, W] hang low over the road: wrong matches, or things that drive on before the camera.
+    """Which islands [H, W] hang low over the road: wrong matches, or things that come towards the camera.
 
-    What moves along the camera's way shifts along epipolar lines, so that it looks like a near thing up in the air.
+    These shift along epipolar lines like standing things that are nearer, so that their foot is up in the air.
     """
-    above = 1 - ground.inverse_depth(camera) / np.maximum(inverse_depth, 1e-9)  # in camera heights
+    height = ground.height
+    above = 1 - height * ground.inverse_depth(camera) / np.maximum(height * inverse_depth, 1e-9)  # in camera heights
     count, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
     hanging = np.zeros(islands.shape, dtype=bool)
     for label in range(1, count):

@@ -41,6 +41,7 @@ def refined(
     epipoles = other_from_cam[:, :3, 3] @ camera.matrix.T
     maps = infinity_from_pixel.astype(np.float32), epipoles.astype(np.float32)
     q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
+    assert all(np.isfinite(one).all() for one in (*maps, q)), "a NaN would read outside the picture"
     pull, grip, speed = _compared(q, plain[0], plain[1:], *maps)
     wanted, firm = (np.asarray(cv2.GaussianBlur(one, (0, 0), TOGETHER_PX)) for one in (pull, grip))
     if not (speed > 0).any():

@@ -14,8 +14,7 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
-GROUND_EXCESS = 40.0  # what lying on the road may cost more than the best depth, where that is below the road
-LEVEL_HEIGHTS = 4.0  # so many camera heights far the road is a plane; beyond, the allowed cost falls with the square
+GROUND_EXCESS = 40.0  # what lying on a sure road may cost more than the best depth, where that is below the road
 SPECKLE_SHARE = 0.0045  # of the picture; smaller islands of depth are wrong matches more often than things
 AFLOAT_SHARE = 0.027  # larger ones are still wrong where they hang low over the road
 SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
@@ -54,7 +53,7 @@ def sweep(
     ground = fit_ground(inverse_depth, camera) if with_ground else None
     if ground is not None:
         road = ground.inverse_depth(camera)
-        allowed = GROUND_EXCESS * np.clip(LEVEL_HEIGHTS * ground.height * road, 0, 1) ** 2
+        allowed = GROUND_EXCESS * ground.sureness(road)
         inverse_depth = lift(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
     levels = np.interp(inverse_depth, planes, np.arange(num_planes))
     islands = completion.speckles(levels, SPECKLE_SHARE)

@@ -113,11 +113,13 @@ class Traffic:
 
 @pytest.fixture(scope="session")
 def drive_behind() -> Callable[..., Traffic]:
-    """A camera that drives at 4 m/s behind a car."""
+    """A camera that drives at 4 m/s behind a car, or towards it."""
 
     @functools.cache
-    def _drive(velocity: tuple[float, float, float] = Car.velocity, unit_m: float = 1.0) -> Traffic:
-        car, times_s = Car(velocity=velocity), 0.1 * np.arange(-9, 1)
+    def _drive(
+        velocity: tuple[float, float, float] = Car.velocity, unit_m: float = 1.0, distance: float = Car.distance
+    ) -> Traffic:
+        car, times_s = Car(velocity=velocity, distance=distance), 0.1 * np.arange(-9, 1)
         poses = se3.exp(np.outer(times_s, [0, 0, 4.0, 0, 0, 0]))
         pictures, masks = zip(*(car.picture(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True)
         poses[:, :3, 3] /= unit_m

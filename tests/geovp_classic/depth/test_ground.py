@@ -55,6 +55,12 @@ def test_only_what_lies_below_is_lifted_and_only_where_allowed() -> None:
     np.testing.assert_array_equal(lifted[80, 60:90], found[80, 60:90])
 
 
+def test_a_road_is_surely_a_plane_near_by_and_ever_less_farther_away() -> None:
+    level = ground.Ground(np.array([0.0, 1.0, 0.0]), 1.5)
+    sureness = level.sureness(1 / (1.5 * np.array([0.5, 4.0, 8.0, 16.0, -3.0])))  # distances in camera heights
+    np.testing.assert_allclose(sureness, [1, 1, 1 / 4, 1 / 16, 0])
+
+
 def test_what_hangs_low_over_the_road_is_told_from_what_stands_on_it_and_from_what_hangs_high() -> None:
     plane, inverse_depth = _street(1.5, 0.0, 0.0)
     islands = np.zeros(inverse_depth.shape, dtype=bool)

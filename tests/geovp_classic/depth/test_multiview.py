@@ -10,7 +10,7 @@ from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, FloatArray, Grant
+from geovp_classic.types import BoolArray, Context, FloatArray, Grant
 
 Observe = Callable[..., tuple]
 
@@ -32,6 +32,19 @@ def test_depth_of_a_street_seen_while_driving(observe: Observe) -> None:
     assert (relative < 0.25).mean() > 0.93
     assert confidence.min() >= 0
     assert confidence.max() <= 1
+
+
+def test_a_car_that_comes_towards_the_camera_does_not_hang_over_the_road(drive_behind: Observe) -> None:
+    # At twice the street's speed past the camera it shifts like something at half its distance, in the air.
+    traffic = drive_behind(velocity=(0.0, 0.0, -4.0), distance=12.0)
+    frames = np.repeat(traffic.pictures.astype(np.uint8)[..., None], 3, axis=-1)
+    context = Context(frames, np.append(traffic.past.times_s, 0.1), traffic.camera)
+    nearness = [
+        12.0 * np.median(Multiview(with_ground=ground).inverse_depths(context, traffic.past)[0][-1][traffic.mask])
+        for ground in (False, True)
+    ]
+    assert nearness[0] > 1.8
+    assert nearness[1] < 1.0
 
 
 def test_only_the_wanted_frames_are_known(observe: Observe) -> None:

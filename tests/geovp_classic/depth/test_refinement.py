@@ -1,5 +1,6 @@
 """Refinement: finer than the hypotheses where there is texture and parallax, and hands off everywhere else."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -42,6 +43,60 @@ def _shift_px(inverse_depth: FloatArray) -> FloatArray:
         for q in (inverse_depth, _exact())
     ]
     return np.asarray(np.linalg.norm(places[0] - places[1], axis=-1))
+
+
+def _plain(picture: FloatArray) -> FloatArray:
+    """The picture less its windows' means, by their deviations; beyond the border it is mirrored."""
+    reach = refinement.WINDOW_PX // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(picture, reach, mode="reflect"), (2 * reach + 1,) * 2)
+    variance = windows.var(axis=(2, 3)) + refinement.NOISE_DEVIATION**2
+    return np.asarray((picture - windows.mean(axis=(2, 3))) / np.sqrt(variance))
+
+
+def _bilinear(picture: FloatArray, place: FloatArray) -> float:
+    column, row = np.floor(place).astype(int)
+    u, v = place - np.floor(place)
+    corners = picture[row : row + 2, column : column + 2]
+    return float(np.array([1 - v, v]) @ corners @ np.array([1 - u, u]))
+
+
+def _twin(inverse_depth: FloatArray, pictures: FloatArray, poses: FloatArray, reference: int) -> FloatArray:
+    """The refined inverse depth, pixel by pixel and frame by frame; only the blur is OpenCV's."""
+    plain = [_plain(picture.astype(np.float64)) for picture in pictures]
+    pull, grip, speed = np.zeros((3, *inverse_depth.shape))
+    matrix, rays = CAMERA.matrix, pinhole.rays(CAMERA)
+    for step in set(range(len(pictures))) - {reference}:
+        other_from_cam = se3.inverse(poses[step]) @ poses[reference]
+        for row, column in np.ndindex(*inverse_depth.shape):
+            q = float(inverse_depth[row, column])
+            point = matrix @ (other_from_cam[:3, :3] @ rays[row, column] + q * other_from_cam[:3, 3])
+            there, epipole = point[:2] / point[2], matrix @ other_from_cam[:3, 3]
+            if point[2] <= 0 or (there < 1).any() or (there > [CAMERA.width_px - 2, CAMERA.height_px - 2]).any():
+                continue
+            along = (epipole[:2] - there * epipole[2]) / point[2]
+            parallax = float(np.linalg.norm(along))
+            before, after = (_bilinear(plain[step], there + way * along / parallax) for way in (-0.5, 0.5))
+            difference, slope = plain[reference][row, column] - (before + after) / 2, (after - before) * parallax
+            say = 1 / (1 + (difference / refinement.MISFIT) ** 2)
+            pull[row, column] += say * slope * difference
+            grip[row, column] += say * slope**2
+            speed[row, column] = max(speed[row, column], parallax)
+    pull, grip = (np.asarray(cv2.GaussianBlur(one, (0, 0), refinement.TOGETHER_PX)) for one in (pull, grip))
+    stiff = np.maximum(speed, refinement.LEAST_PARALLAX * np.median(speed[speed > 0]))
+    longest = refinement.LARGEST_STEP_PX / stiff
+    step_by = np.clip(pull / (grip + refinement.STIFFNESS * stiff**2), -longest, longest)
+    return np.asarray(np.where(speed > 0, np.maximum(inverse_depth + step_by, 0), inverse_depth))
+
+
+def test_equals_the_slow_twin() -> None:
+    poses = POSES[[0, 4, 8]].copy()
+    poses[0] = poses[0] @ se3.exp(np.array([0, 0, 0, 0.01, -0.02, 0.03]))
+    noise = np.random.default_rng(7).normal(0, 8, (3, 64, 80))
+    pictures = (_pictures()[[0, 4, 8]] + noise).astype(np.float32)
+    found = refinement.refined(_exact() * np.float32(1.1), pictures, CAMERA, poses, 2)
+    expected = _twin(_exact() * np.float32(1.1), pictures, poses, 2)
+    np.testing.assert_allclose(found, expected, rtol=2e-4)
+    assert np.abs(expected / (1.1 * _exact()) - 1).max() > 0.02
 
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.0, 0.0), (0.7, 30.0)])
