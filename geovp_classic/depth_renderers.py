@@ -83,7 +83,9 @@ class DepthFusion:
         standing = billboards.without(cloud, 0, cut[-1])
         street = fusion.CloudScene(standing, used, self.fill, self.crack_px, self.grain)
         scene = billboards.Traffic(street, things, seconds[len(past) :]) if things else street
-        return scene if self.exposure == "kept" else Exposed(scene, sources[-1], light, seconds[len(past) :])
+        if self.exposure == "kept":
+            return scene
+        return Exposed(scene, sources[-1], light, seconds[len(past) :], whole=self.frames == "wide")
 
 
 def _moving_things(

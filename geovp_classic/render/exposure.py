@@ -1,9 +1,10 @@
 """How bright the coming pictures will be: cameras on vehicles set their exposure anew for every frame.
 
 What the camera has just shown comes out a fifth brighter or darker a second later, because sky or shadow has come into
-view. Two things tell: exposure goes on changing for a moment as it did in the last frames (a damped trend, Gardner &
-McKenzie 1985), and the control behind it holds the mean of the picture, so that a part of what would make the picture
-brighter or darker is taken back. How much a camera does so shows in the observed frames: a fixed exposure stays.
+view. The control behind it holds the mean of the camera's whole picture, and takes some tenths of a second for that:
+where the coming whole picture can be foretold (uncropped frames), so can its exposure. Of a square cut out of it only
+the square's own mean is known, which is held less exactly; the level that it has in the end counts as the one that is
+held. How much a camera does so shows in the observed frames: a fixed exposure stays.
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 WIDTH_PX = 128  # of the smaller pictures that are compared
 DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside say nothing
 MIN_SHARE = 0.02  # of the picture that must be comparable
-TREND_STEPS = 2  # how many steps back the trend is taken from
-MEMORY_S = 0.1  # how long a trend goes on
-HELD = 0.5  # the share of a change of the mean that exposure control takes back
+TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
+INERTIA_S = 0.15  # how long that speed goes on
+PULL_HZ = 2.4  # speed of the log exposure that the control aims at, per log step of the mean from its level
 STEADY = 0.008  # log gain from frame to frame (RMS) at which half of that is believed of a camera
 LARGEST_GAIN = 2.0
+METER_PX = 64  # height of the whole pictures that the coming mean is taken from
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,8 @@ class Exposure:
 
     log_gains: FloatArray  # [P], how much brighter the last frame shows the same things than each frame
     log_rate_hz: float  # how fast the logarithm of the brightness of things changed in the end
-    held: float  # the share of a change of the mean that is taken back
+    log_level: float  # the logarithm of the mean of a picture, on average over the observed ones
+    belief: float  # 0 for a camera whose exposure does not change, towards 1 for a lively one
 
     @classmethod
     def of(
@@ -50,7 +53,8 @@ class Exposure:
         span = float((seconds[before] ** 2).sum())
         rate = -float((seconds[before] * gains[before]).sum()) / span if span > 0 else 0.0
         variance = float((np.diff(gains) ** 2).mean()) if len(gains) > 1 else 0.0
-        return cls(gains, rate, HELD * variance / (variance + STEADY**2))
+        level = float(np.mean([_log_mean(source.frame) for source in sources]))
+        return cls(gains, rate, level, variance / (variance + STEADY**2))
 
     def matched(self, sources: Sequence[surface.Source]) -> list[surface.Source]:
         """The sources [P], each as bright as the last frame would show it."""
@@ -61,19 +65,22 @@ class Exposure:
 
     def forecast(
         self,
-        frames: ByteArray,  # [F, H, W, 3] as bright as the last observed one would show them
-        level: float,  # the mean of the last observed frame
+        log_means: FloatArray,  # [F] of the coming pictures, were they exposed as the last observed one
         seconds: FloatArray,  # [F] since then
-    ) -> ByteArray:
-        """The frames as bright as the camera will probably show them."""
-        trend = self.log_rate_hz * MEMORY_S * (1 - np.exp(-seconds / MEMORY_S))
-        exposed = np.empty_like(frames)
-        for step, (frame, log_gain) in enumerate(zip(frames, trend, strict=True)):
-            mean = float(np.mean(cv2.mean(frame)[:3]))
-            change = np.log(max(level, 1.0) / max(mean, 1.0)) - log_gain
-            gain = np.exp(log_gain + self.held * change)
-            exposed[step] = _times(frame, float(np.clip(gain, 1 / LARGEST_GAIN, LARGEST_GAIN)))
-        return exposed
+        log_now: float,  # of the last observed one
+        log_level: float,  # that the control holds
+    ) -> FloatArray:
+        """Log gains [F] of the coming pictures: a control with inertia draws the mean towards its level."""
+        gains = np.empty(len(log_means))
+        gain, speed_hz, off = 0.0, self.log_rate_hz, log_now - log_level
+        for step, (log_mean, dt_s) in enumerate(zip(log_means, np.diff(seconds, prepend=0.0), strict=True)):
+            lasting = np.exp(-dt_s / INERTIA_S)
+            pull_hz = self.belief * min(PULL_HZ, 1 / max(dt_s, 1e-9))  # not farther than to the level in one step
+            speed_hz = lasting * speed_hz - (1 - lasting) * pull_hz * off
+            gain += speed_hz * dt_s
+            off = log_mean + gain - log_level
+            gains[step] = gain
+        return np.clip(gains, -np.log(LARGEST_GAIN), np.log(LARGEST_GAIN))
 
 
 @dataclass(frozen=True)
@@ -84,14 +91,33 @@ class Exposed:
     last: surface.Source  # the last observed frame
     exposure: Exposure
     seconds: FloatArray  # [F] since the last observed frame
+    whole: bool  # whether the observed frames are the camera's whole pictures, whose mean is held
 
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4]."""
         views = self.scene.view(world_from_cam, intrinsics)
-        u, v = np.ascontiguousarray(np.moveaxis(surface.own_pixels(self.last, intrinsics), -1, 0))
-        seen = cv2.remap(self.last.frame, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         seconds = seconds_of(self.seconds, len(world_from_cam))
-        return replace(views, frames=self.exposure.forecast(views.frames, float(np.mean(seen)), seconds))
+        if self.whole:
+            coming, now, level = self._wholes(world_from_cam), _log_mean(self.last.frame), self.exposure.log_level
+        else:
+            coming, now = views.frames, _log_mean(self._seen(intrinsics))
+            level = now
+        log_means = np.array([_log_mean(frame) for frame in coming])
+        gains = np.exp(self.exposure.forecast(log_means, seconds, now, level))
+        frames = np.stack([_times(frame, gain) for frame, gain in zip(views.frames, gains, strict=True)])
+        return replace(views, frames=frames)
+
+    def _wholes(self, world_from_cam: FloatArray) -> ByteArray:
+        """The camera's whole pictures [F, h, w, 3], small."""
+        camera = self.last.camera
+        scale = min(1.0, METER_PX / camera.height_px)
+        meter = camera.resized(*(max(1, round(side * scale)) for side in (camera.width_px, camera.height_px)))
+        return self.scene.view(world_from_cam, meter).frames
+
+    def _seen(self, intrinsics: Intrinsics) -> ByteArray:
+        """What the camera would have shown of the last frame [H, W, 3]."""
+        u, v = np.ascontiguousarray(np.moveaxis(surface.own_pixels(self.last, intrinsics), -1, 0))
+        return np.asarray(cv2.remap(self.last.frame, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _log_gains(sources: Sequence[surface.Source], inverse_depth: FloatArray) -> FloatArray:
@@ -122,6 +148,10 @@ def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:
         cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY), size_px, interpolation=cv2.INTER_AREA
     )
     return np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.5))
+
+
+def _log_mean(frame: ByteArray) -> float:
+    return float(np.log(max(float(np.mean(cv2.mean(frame)[:3])), 1.0)))
 
 
 def _times(frame: ByteArray, gain: float) -> ByteArray:

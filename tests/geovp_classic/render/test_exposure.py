@@ -1,6 +1,6 @@
 """The forecast of exposure, on a painted wall that a camera drives towards with known gains."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -50,39 +50,61 @@ def test_gains_are_those_of_the_camera() -> None:
     np.testing.assert_allclose(found.log_gains, np.log(gains[-1] / gains), atol=0.01)
 
 
+def coming(brightness: float, count: int = 40) -> tuple[FloatArray, FloatArray]:
+    """Log means of pictures that would all be so bright, and their times, 0.1 s apart."""
+    return np.full(count, np.log(brightness)), 0.1 * np.arange(1, count + 1)
+
+
 def test_a_fixed_exposure_stays_as_it_is() -> None:
     sources, inverse_depth, seconds = drive(np.ones(5))
     found = Exposure.of(sources, inverse_depth, seconds)
-    frames = np.stack([paint(se3.compose(np.eye(3), np.array([0, 0, 3.0])))])
-    assert found.held < 0.05
-    assert found.forecast(frames, 60.0, np.array([0.1])).mean() == pytest.approx(frames.mean(), rel=0.03)
+    assert found.belief < 0.05
+    np.testing.assert_allclose(found.forecast(*coming(60, 1), np.log(100), np.log(100)), 0, atol=0.01)
     alone = Exposure.of(sources[-1:], inverse_depth, seconds[-1:])
-    np.testing.assert_array_equal(alone.forecast(frames, 60.0, np.array([0.1])), frames)
+    np.testing.assert_array_equal(alone.forecast(*coming(60, 1), np.log(100), np.log(100)), 0)
 
 
 def test_a_trend_goes_on_for_a_moment_and_no_longer() -> None:
     found = Exposure.of(*drive(1.05 ** np.arange(5)))
     assert found.log_rate_hz == pytest.approx(np.log(1.05) / 0.1, rel=0.1)
-    steady = Exposure(found.log_gains, found.log_rate_hz, held=0.0)
-    brightness = steady.forecast(np.full((3, 8, 8, 3), 100, np.uint8), 100.0, np.array([0.1, 1.0, 2.0])).mean((1, 2, 3))
-    whole = np.exp(found.log_rate_hz * exposure.MEMORY_S)
-    assert 100 < brightness[0] < 100 * whole
-    np.testing.assert_allclose(brightness[1:], 100 * whole, atol=0.6)
+    steady = replace(found, belief=0.0)
+    gains = steady.forecast(*coming(100), np.log(100), np.log(100))
+    lasting = np.exp(-0.1 / exposure.INERTIA_S)
+    assert 0 < gains[0] < gains[1]
+    np.testing.assert_allclose(gains[20:], found.log_rate_hz * 0.1 * lasting / (1 - lasting), rtol=0.01)
 
 
-def test_the_control_of_a_lively_camera_takes_half_of_a_change_back() -> None:
-    found = Exposure.of(*drive(np.array([1.0, 1.1, 0.95, 1.0, 1.0, 1.0])))
-    assert found.held == pytest.approx(0.5, abs=0.05)
+def test_the_control_of_a_lively_camera_takes_a_change_back() -> None:
+    found = Exposure.of(*drive(np.array([1.0, 1.2, 0.9, 1.0, 1.0, 1.0])))
+    assert found.belief > 0.9
     assert found.log_rate_hz == pytest.approx(0.0, abs=0.05)
-    (exposed,) = found.forecast(np.full((1, 8, 8, 3), 50, np.uint8), 100.0, np.array([1.0]))
-    assert exposed.mean() == pytest.approx(50 * 2**found.held, abs=1)
+    gains = found.forecast(*coming(70), np.log(100), np.log(100))
+    assert 0 <= gains[0] < 0.02  # it has not seen the change yet
+    assert 0 < gains[1] < gains[2] < gains[3] < np.log(100 / 70)
+    assert gains[-1] == pytest.approx(np.log(100 / 70), abs=0.01)
+
+
+def test_a_level_that_is_off_is_returned_to() -> None:
+    found = Exposure(np.zeros(3), 0.0, np.log(100), belief=1.0)
+    gains = found.forecast(*coming(120), np.log(120), found.log_level)
+    assert gains[0] < -0.01
+    assert gains[-1] == pytest.approx(np.log(100 / 120), abs=0.01)
+
+
+@pytest.mark.parametrize("dt_s", [1e-3, 0.03, 0.5, 1.0, 20.0])
+def test_any_frame_rate_comes_to_rest_at_the_level(dt_s: float) -> None:
+    found = Exposure(np.zeros(3), 0.0, np.log(100), belief=1.0)
+    count = max(12, int(4 / dt_s))
+    gains = found.forecast(np.full(count, np.log(70)), dt_s * np.arange(1, count + 1), np.log(70), found.log_level)
+    assert gains.max() < 1.3 * np.log(100 / 70)
+    assert gains[-1] == pytest.approx(np.log(100 / 70), abs=0.02)
 
 
 def test_black_pictures_stay_black_and_gains_bounded() -> None:
-    lively = Exposure(np.zeros(3), 50.0, 1.0)
-    assert not lively.forecast(np.zeros((1, 8, 8, 3), np.uint8), 200.0, np.array([1.0])).any()
-    dim = lively.forecast(np.full((1, 8, 8, 3), 40, np.uint8), 250.0, np.array([1.0]))
-    assert dim.max() == 40 * exposure.LARGEST_GAIN
+    lively = Exposure(np.zeros(3), 50.0, np.log(200), 1.0)
+    black = Exposed(Grey(0), surface.Source(paint(np.eye(4)), CAMERA, np.eye(4)), lively, np.array([0.1]), whole=True)
+    assert not black.view(np.eye(4)[None], CAMERA).frames.any()
+    assert lively.forecast(*coming(1), 0.0, np.log(200)).max() == np.log(exposure.LARGEST_GAIN)
 
 
 def test_frames_are_matched_to_the_last_one() -> None:
@@ -92,20 +114,29 @@ def test_frames_are_matched_to_the_last_one() -> None:
     for one, expected in zip(matched, same, strict=True):
         assert np.abs(one.frame.astype(float) - expected.frame).mean() < 1.5
     detailed = surface.Source(sources[0].frame, CAMERA, np.eye(4), sources[0].frame)
-    twice = Exposure(np.array([np.log(1.5)]), 0.0, 0.0).matched([detailed])[0]
+    twice = Exposure(np.array([np.log(1.5)]), 0.0, 0.0, 0.0).matched([detailed])[0]
     assert twice.detail is not None
     np.testing.assert_array_equal(twice.detail, twice.frame)
 
 
-def test_the_level_is_that_of_the_last_frame_in_the_view() -> None:
-    # Left half dark, right half bright: a view of the right half only is held at what that half showed.
+def test_a_part_is_held_at_what_it_showed_a_whole_at_what_all_showed() -> None:
+    # Left half dark, right half bright: a view of the right half is held at what that half showed in the end, unless
+    # the whole pictures are known: then their mean is held, at the level of all observed ones.
     frame = np.zeros((96, 128, 3), np.uint8)
     frame[:, 64:] = 120
     last = surface.Source(frame, CAMERA, np.eye(4))
     right = CAMERA.cropped(64, 0, 64, 96)
-    scene = Exposed(Grey(60), last, Exposure(np.zeros(2), 0.0, 1.0), np.array([0.1]))
-    assert scene.view(np.eye(4)[None], right).frames.mean() == pytest.approx(120, abs=1.5)
-    assert scene.view(np.eye(4)[None], CAMERA).frames.mean() == pytest.approx(60, abs=1.5)
+    control = Exposure(np.zeros(2), 0.0, np.log(90), 1.0)
+    poses, seconds = np.tile(np.eye(4), (40, 1, 1)), 0.1 * np.arange(1, 41)
+    for whole, camera, expected in ((False, right, 120), (False, CAMERA, 60), (True, right, 90), (True, CAMERA, 90)):
+        views = Exposed(Grey(70), last, control, seconds, whole).view(poses, camera)
+        assert views.frames[-1].mean() == pytest.approx(expected, abs=1.5)
+
+
+def test_the_level_is_the_mean_of_what_was_observed() -> None:
+    sources, inverse_depth, seconds = drive(np.array([1.4, 0.7, 1.0]))
+    means = [source.frame.mean() for source in sources]
+    assert Exposure.of(sources, inverse_depth, seconds).log_level == pytest.approx(np.mean(np.log(means)), abs=0.01)
 
 
 def test_an_unknown_way_is_refused() -> None:
