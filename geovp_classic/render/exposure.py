@@ -4,7 +4,8 @@ What the camera has just shown comes out a fifth brighter or darker a second lat
 view. The control behind it holds the mean of the camera's whole picture, and takes some tenths of a second for that:
 where the coming whole picture can be foretold (uncropped frames), so can its exposure. Of a square cut out of it only
 the square's own mean is known, which is held less exactly; the level that it has in the end counts as the one that is
-held. How much a camera does so shows in the observed frames: a fixed exposure stays.
+held. How much a camera does so shows in the observed frames: a fixed exposure stays. And what is white may have been
+brighter than white: it hardly darkens.
 """
 
 from __future__ import annotations
@@ -24,10 +25,13 @@ WIDTH_PX = 128  # of the smaller pictures that are compared
 DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside say nothing
 MIN_SHARE = 0.02  # of the picture that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
-INERTIA_S = 0.15  # how long that speed goes on
-PULL_HZ = 2.4  # speed of the log exposure that the control aims at, per log step of the mean from its level
+INERTIA_S = 0.11  # how long that speed goes on
+PULL_HZ = 3.3  # speed of the log exposure that the control aims at, per log step of the mean from its level
 STEADY = 0.008  # log gain from frame to frame (RMS) at which half of that is believed of a camera
-LARGEST_GAIN = 2.0
+LARGEST_LOG_GAIN = np.log(2)
+WHITE = 235.0  # grey values above this one are partly saturated
+WHITE_SHARE = 0.3  # of a darkening (in log steps) that shows in what is saturated
+WHITE_BLUR_PX = 1.5
 METER_PX = 64  # height of the whole pictures that the coming mean is taken from
 
 
@@ -59,28 +63,32 @@ class Exposure:
     def matched(self, sources: Sequence[surface.Source]) -> list[surface.Source]:
         """The sources [P], each as bright as the last frame would show it."""
         return [
-            replace(one, frame=_times(one.frame, gain), detail=None if one.detail is None else _times(one.detail, gain))
-            for one, gain in zip(sources, np.exp(self.log_gains), strict=True)
+            replace(
+                one,
+                frame=exposed(one.frame, gain),
+                detail=None if one.detail is None else exposed(one.detail, gain),
+            )
+            for one, gain in zip(sources, self.log_gains, strict=True)
         ]
 
     def forecast(
         self,
-        log_means: FloatArray,  # [F] of the coming pictures, were they exposed as the last observed one
+        histograms: FloatArray,  # [F, 256] of the coming pictures, were they exposed as the last observed one
         seconds: FloatArray,  # [F] since then
-        log_now: float,  # of the last observed one
+        log_now: float,  # of the last observed one's mean
         log_level: float,  # that the control holds
     ) -> FloatArray:
         """Log gains [F] of the coming pictures: a control with inertia draws the mean towards its level."""
-        gains = np.empty(len(log_means))
+        gains = np.empty(len(histograms))
         gain, speed_hz, off = 0.0, self.log_rate_hz, log_now - log_level
-        for step, (log_mean, dt_s) in enumerate(zip(log_means, np.diff(seconds, prepend=0.0), strict=True)):
+        for step, (histogram, dt_s) in enumerate(zip(histograms, np.diff(seconds, prepend=0.0), strict=True)):
             lasting = np.exp(-dt_s / INERTIA_S)
             pull_hz = self.belief * min(PULL_HZ, 1 / max(dt_s, 1e-9))  # not farther than to the level in one step
             speed_hz = lasting * speed_hz - (1 - lasting) * pull_hz * off
-            gain += speed_hz * dt_s
-            off = log_mean + gain - log_level
+            gain = float(np.clip(gain + speed_hz * dt_s, -LARGEST_LOG_GAIN, LARGEST_LOG_GAIN))
+            off = _log(histogram @ tones(gain)) - log_level
             gains[step] = gain
-        return np.clip(gains, -np.log(LARGEST_GAIN), np.log(LARGEST_GAIN))
+        return gains
 
 
 @dataclass(frozen=True)
@@ -98,13 +106,13 @@ class Exposed:
         views = self.scene.view(world_from_cam, intrinsics)
         seconds = seconds_of(self.seconds, len(world_from_cam))
         if self.whole:
-            coming, now, level = self._wholes(world_from_cam), _log_mean(self.last.frame), self.exposure.log_level
+            coming, now, level = self._wholes(world_from_cam), self.last.frame, self.exposure.log_level
         else:
-            coming, now = views.frames, _log_mean(self._seen(intrinsics))
-            level = now
-        log_means = np.array([_log_mean(frame) for frame in coming])
-        gains = np.exp(self.exposure.forecast(log_means, seconds, now, level))
-        frames = np.stack([_times(frame, gain) for frame, gain in zip(views.frames, gains, strict=True)])
+            coming, now = views.frames, self._seen(intrinsics)
+            level = _log_mean(now)
+        histograms = np.stack([_histogram(frame) for frame in coming])
+        gains = self.exposure.forecast(histograms, seconds, _log_mean(now), level)
+        frames = np.stack([exposed(frame, gain) for frame, gain in zip(views.frames, gains, strict=True)])
         return replace(views, frames=frames)
 
     def _wholes(self, world_from_cam: FloatArray) -> ByteArray:
@@ -150,11 +158,39 @@ def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:
     return np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.5))
 
 
+def tones(log_gain: float) -> FloatArray:
+    """What grey values 0..255 become [256], at most 255; saturated ones, brighter than they look, darken less."""
+    return np.minimum(np.arange(256.0) * np.exp(log_gain) + _whiteness() * _kept(log_gain), 255)
+
+
+def exposed(frame: ByteArray, log_gain: float) -> ByteArray:
+    """The frame with other tones; how white it is around a pixel counts, so that no texture of white is enlarged."""
+    kept = _kept(log_gain)
+    darker = np.minimum(np.arange(256.0) * np.exp(log_gain) + 0.5, 255).astype(np.uint8)
+    plain: ByteArray = np.asarray(cv2.LUT(frame, darker), np.uint8)
+    if kept < 0.5 or not (frame > WHITE).any():
+        return plain
+    white = cv2.GaussianBlur(cv2.LUT(frame, _whiteness().astype(np.float32)), (0, 0), WHITE_BLUR_PX)
+    return np.asarray(cv2.add(plain, (kept * white + 0.5).astype(np.uint8)))
+
+
+def _whiteness() -> FloatArray:
+    return np.clip((np.arange(256.0) - WHITE) / (255 - WHITE), 0, 1) ** 2
+
+
+def _kept(log_gain: float) -> float:
+    """How much brighter a saturated pixel stays than 255 times the gain."""
+    return float(255 * max(np.exp(WHITE_SHARE * log_gain) - np.exp(log_gain), 0)) if log_gain < 0 else 0.0
+
+
+def _histogram(frame: ByteArray) -> FloatArray:
+    """The shares [256] of the grey values, of all channels together."""
+    return np.bincount(frame.ravel(), minlength=256) / frame.size
+
+
 def _log_mean(frame: ByteArray) -> float:
-    return float(np.log(max(float(np.mean(cv2.mean(frame)[:3])), 1.0)))
+    return _log(np.mean(cv2.mean(frame)[:3]))
 
 
-def _times(frame: ByteArray, gain: float) -> ByteArray:
-    """The frame, brighter or darker."""
-    table = np.clip(np.arange(256) * gain + 0.5, 0, 255).astype(np.uint8)
-    return np.asarray(cv2.LUT(frame, table))
+def _log(mean: float) -> float:
+    return float(np.log(max(mean, 1.0)))

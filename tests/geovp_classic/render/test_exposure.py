@@ -50,9 +50,9 @@ def test_gains_are_those_of_the_camera() -> None:
     np.testing.assert_allclose(found.log_gains, np.log(gains[-1] / gains), atol=0.01)
 
 
-def coming(brightness: float, count: int = 40) -> tuple[FloatArray, FloatArray]:
-    """Log means of pictures that would all be so bright, and their times, 0.1 s apart."""
-    return np.full(count, np.log(brightness)), 0.1 * np.arange(1, count + 1)
+def coming(brightness: int, count: int = 40, dt_s: float = 0.1) -> tuple[FloatArray, FloatArray]:
+    """Histograms of pictures that would all be so bright, and their times."""
+    return np.tile(np.eye(256)[brightness], (count, 1)), dt_s * np.arange(1, count + 1)
 
 
 def test_a_fixed_exposure_stays_as_it_is() -> None:
@@ -94,8 +94,7 @@ def test_a_level_that_is_off_is_returned_to() -> None:
 @pytest.mark.parametrize("dt_s", [1e-3, 0.03, 0.5, 1.0, 20.0])
 def test_any_frame_rate_comes_to_rest_at_the_level(dt_s: float) -> None:
     found = Exposure(np.zeros(3), 0.0, np.log(100), belief=1.0)
-    count = max(12, int(4 / dt_s))
-    gains = found.forecast(np.full(count, np.log(70)), dt_s * np.arange(1, count + 1), np.log(70), found.log_level)
+    gains = found.forecast(*coming(70, max(12, int(4 / dt_s)), dt_s), np.log(70), found.log_level)
     assert gains.max() < 1.3 * np.log(100 / 70)
     assert gains[-1] == pytest.approx(np.log(100 / 70), abs=0.02)
 
@@ -104,7 +103,30 @@ def test_black_pictures_stay_black_and_gains_bounded() -> None:
     lively = Exposure(np.zeros(3), 50.0, np.log(200), 1.0)
     black = Exposed(Grey(0), surface.Source(paint(np.eye(4)), CAMERA, np.eye(4)), lively, np.array([0.1]), whole=True)
     assert not black.view(np.eye(4)[None], CAMERA).frames.any()
-    assert lively.forecast(*coming(1), 0.0, np.log(200)).max() == np.log(exposure.LARGEST_GAIN)
+    assert lively.forecast(*coming(1), 0.0, np.log(200)).max() == exposure.LARGEST_LOG_GAIN
+
+
+def test_white_may_have_been_brighter_than_white() -> None:
+    ramp = np.arange(256.0)
+    np.testing.assert_allclose(exposure.tones(np.log(0.7))[:230], 0.7 * ramp[:230])
+    assert exposure.tones(np.log(0.7))[255] == pytest.approx(255 * 0.7**exposure.WHITE_SHARE)
+    np.testing.assert_array_equal(exposure.tones(0.0), ramp)
+    np.testing.assert_allclose(exposure.tones(np.log(1.5)), np.minimum(1.5 * ramp, 255))
+    assert (np.diff(exposure.tones(-0.3)) > 0).all()
+
+
+@pytest.mark.parametrize("value", [0, 100, 254, 255])
+@pytest.mark.parametrize("log_gain", [-0.5, -0.01, 0.0, 0.4])
+def test_even_pictures_take_the_tones(value: int, log_gain: float) -> None:
+    frame = np.full((9, 12, 3), value, np.uint8)
+    assert np.abs(exposure.exposed(frame, log_gain) - exposure.tones(log_gain)[value]).max() <= 1
+
+
+def test_texture_of_white_is_not_enlarged() -> None:
+    noisy = np.where(np.indices((40, 40)).sum(axis=0) % 2, 255, 239).astype(np.uint8)
+    dark = exposure.exposed(np.repeat(noisy[..., None], 3, axis=-1), np.log(0.75)).astype(float)
+    assert dark[10:30, 10:30].std() < noisy.std()
+    assert dark.mean() > 0.8 * noisy.mean()
 
 
 def test_frames_are_matched_to_the_last_one() -> None:
