@@ -37,7 +37,7 @@ class Multiview:
     """
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
-    num_planes: int = 64
+    num_planes: int = 64  # of a sweep over pictures of up to 256 rows; over taller ones proportionally more
     with_ground: bool = True  # nothing lies below the road that is found under the camera
     with_completion: bool = True  # unsure pixels follow sure ones that look like them, surfaces are smooth
     with_refinement: bool = True  # depths between the planes, by least squares against all other frames
@@ -111,8 +111,8 @@ def _swept(settings: Multiview, pictures: FloatArray, camera: Intrinsics, past: 
     sources = viewpoints.choose_sources(past.world_from_cam, step, camera)
     if not sources:
         return None
-    poses = past.world_from_cam
-    return sweep(pictures, camera, poses, step, sources, settings.num_planes, settings.with_ground)
+    poses, num_planes = past.world_from_cam, round(settings.num_planes * max(1, camera.height_px / matching.TALL_PX))
+    return sweep(pictures, camera, poses, step, sources, num_planes, settings.with_ground)
 
 
 def _wanted(frames: tuple[int, ...], num_past: int) -> list[int]:

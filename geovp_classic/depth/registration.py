@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from geovp_classic.depth.matching import TALL_PX
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
@@ -21,7 +22,7 @@ MAX_CORNERS = 400  # in a square picture
 MIDDLE = 1.25  # widths of the square; poses that fit corners farther out, too, fit what is shown less well
 CORNER_QUALITY = 0.01
 CORNER_SPACING = 0.025  # of the picture's height
-WINDOW_PX = 15
+WINDOW_PX = 15  # in pictures of up to TALL_PX rows; proportionally more in taller ones
 RETURN_PX = 0.5  # a track is kept while following it back ends this near to where it came from
 MIN_CORNERS = 30  # seen by at least one other frame; with fewer the given poses stay
 ROBUST_PX = 0.5  # errors of this size count half (Cauchy)
@@ -122,7 +123,8 @@ def track(
 def _follow(before: FloatArray, after: FloatArray, pixels: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
     if not seen.any():
         return pixels, seen
-    window = (WINDOW_PX, WINDOW_PX)
+    side = int(WINDOW_PX * max(1, len(before) / TALL_PX)) | 1  # odd
+    window = (side, side)
     there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, pixels, pixels.copy(), winSize=window)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(after, before, there, pixels.copy(), winSize=window)
     close = np.linalg.norm(back - pixels, axis=-1) < RETURN_PX

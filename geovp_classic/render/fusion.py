@@ -76,7 +76,7 @@ class CloudScene:
         drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
         frames, covered = np.empty((*drawn.shape, 3), np.uint8), np.empty(drawn.shape, dtype=bool)
         depths, magnification = np.zeros(drawn.shape, np.float32), np.empty(drawn.shape, np.float32)
-        pictures = Reader.of(self.sources)
+        pictures = Reader.of(self.sources, intrinsics)
 
         def look(step: int) -> None:
             number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
@@ -88,13 +88,11 @@ class CloudScene:
 
         abreast(look, range(len(world_from_cam)))
         filled = self.fill.fill(Views(frames, covered, depths))
-        return Views(self._with_grain(filled, magnification, intrinsics), covered, depths)
+        return Views(self._with_grain(filled, magnification, pictures.observed(intrinsics)), covered, depths)
 
-    def _with_grain(self, frames: ByteArray, magnification: FloatArray, camera: Intrinsics) -> ByteArray:
+    def _with_grain(self, frames: ByteArray, magnification: FloatArray, observed: ByteArray) -> ByteArray:
         if self.grain == 0:
             return frames
-        last = self.sources[0]
-        observed = _lanczos(last.frame, surface.own_pixels(last, camera))  # what the camera would have seen from there
         channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
         grain = Grain.of(observed[..., channels])
 
@@ -140,12 +138,3 @@ def _grow(
                     found[n], whose[n] = depth[y, x], number[y, x]
         for n in range(len(rows)):
             depth[rows[n], columns[n]], number[rows[n], columns[n]] = found[n], whose[n]
-
-
-def _lanczos(frame: ByteArray, pixels: FloatArray) -> ByteArray:
-    """Colours [H, W, 3] at the pixels [H, W, 2]; outside, the colour of the border."""
-    u, v = np.moveaxis(pixels.astype(np.float32), -1, 0)
-    if not is_grey(frame):
-        return np.asarray(cv2.remap(frame, u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE))
-    read = cv2.remap(frame[..., 0], u, v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.cvtColor(read, cv2.COLOR_GRAY2RGB))  # a third of the time for grey

@@ -13,11 +13,13 @@ import cv2
 import numba
 import numpy as np
 
+from geovp_classic.geometry import pinhole
 from geovp_classic.render.quads import NEAR_SHARE, NOTHING, IndexArray
-from geovp_classic.render.surface import Source, plane_sweep_maps
+from geovp_classic.render.surface import Source, own_pixels, plane_sweep_maps
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 MARGIN_PX = 4  # around each picture, of its border's colours: as far as Lanczos' kernel of 8 x 8 reaches
+NOT_FINER = 0.95  # of the views' pixels that sources have; with fewer the sources are finer than the views
 ELSEWHERE = -1e6  # outside of every sheet, where all is black
 
 
@@ -65,17 +67,46 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Reader:
-    """The pictures of sources that were taken with one camera."""
+    """The pictures of sources that were taken with one camera, for views of one resolution."""
 
     sources: Sequence[Source]
     coarse: Sheet
+    coarse_scale: tuple[float, float]  # its pixels per pixel of the sources' camera
     fine: Sheet | None  # the pictures with more pixels, if there are such
+    fine_scale: tuple[float, float]
+    magnified: float  # by what a surface as near as in its source is larger in a view than in the coarse pictures
+    finest: float  # the magnification up to which the fine pictures hold detail
 
     @classmethod
-    def of(cls, sources: Sequence[Source]) -> Reader:
-        """A reader of at least one source; all of them have more detail, or none."""
+    def of(cls, sources: Sequence[Source], camera: Intrinsics) -> Reader:
+        """A reader of at least one source; all of them have more detail, or none.
+
+        Where the sources have more pixels than views of the camera, these are the detail of coarser pictures.
+        """
+        own, frames = sources[0].camera, [source.frame for source in sources]
         details = [source.detail for source in sources if source.detail is not None]
-        return cls(sources, Sheet.of([source.frame for source in sources]), Sheet.of(details) if details else None)
+        ratio = camera.fx_px / own.fx_px
+        if ratio < NOT_FINER:
+            details = details or frames
+            size_px = max(1, round(own.width_px * ratio)), max(1, round(own.height_px * ratio))
+            frames = [pinhole.resize(frame, size_px) for frame in frames]
+        coarse_scale, fine_scale = _scale(frames[0], own), _scale((details or frames)[0], own)
+        return cls(
+            sources,
+            Sheet.of(frames),
+            coarse_scale,
+            Sheet.of(details) if details else None,
+            fine_scale,
+            ratio / coarse_scale[0],
+            fine_scale[0] / coarse_scale[0],
+        )
+
+    def observed(self, camera: Intrinsics) -> ByteArray:
+        """What the camera would have seen [H, W, 3] in the place of the first source; the border's colours outside."""
+        pixels = own_pixels(self.sources[0], camera)
+        last = np.array([self.sources[0].camera.width_px - 1, self.sources[0].camera.height_px - 1], np.float32)
+        first = np.zeros(pixels.shape[:2], np.int32)
+        return self.coarse.read(np.clip(pixels, 0, last), first, self.coarse_scale)
 
     def read(
         self,
@@ -86,8 +117,8 @@ class Reader:
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """The view [H, W, 3], black where no source shows it; coverage [H, W]; and the magnification [H, W] float32.
 
-        The magnification is the depth ratio source / view, over what the finer pictures make up for; not a number where
-        nothing is covered.
+        The magnification is by what surfaces that face the camera are larger than in the pictures (the depth ratio
+        source / view), over what the finer pictures make up for; not a number where nothing is covered.
         """
         first = self.sources[0]
         poses = np.stack([source.world_from_source for source in self.sources])
@@ -98,14 +129,19 @@ class Reader:
         _follow(a.astype(np.float32), b.astype(np.float32), inverse_depth, number, last, pixels, ratio)
         covered = np.isfinite(ratio)
         shown = np.where(covered, number, np.int32(NOTHING))
-        frame = self.coarse.read(pixels, shown, (1.0, 1.0))
-        if self.fine is not None and first.detail is not None:
-            height, width = first.detail.shape[:2]
-            fine = self.fine.read(pixels, shown, (width / first.camera.width_px, height / first.camera.height_px))
-            share = np.clip((ratio - 1) / max(first.finest - 1, 1e-6), 0, 1).astype(np.float32)[..., None]
+        ratio *= np.float32(self.magnified)
+        frame = self.coarse.read(pixels, shown, self.coarse_scale)
+        if self.fine is not None:
+            fine = self.fine.read(pixels, shown, self.fine_scale)
+            share = np.clip((ratio - 1) / max(self.finest - 1, 1e-6), 0, 1).astype(np.float32)[..., None]
             mixed = frame + np.where(covered[..., None], share, 0) * (fine.astype(np.float32) - frame)
             frame = (mixed + 0.5).astype(np.uint8)
-        return frame, covered, ratio / np.float32(first.finest)
+        return frame, covered, ratio / np.float32(self.finest)
+
+
+def _scale(frame: ByteArray, camera: Intrinsics) -> tuple[float, float]:
+    """Pixels of the frame per pixel of the camera, along u and v."""
+    return frame.shape[1] / camera.width_px, frame.shape[0] / camera.height_px
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")

@@ -30,11 +30,6 @@ class Source:
     world_from_source: FloatArray  # [4, 4]
     detail: ByteArray | None = None  # [H', W', 3], the same picture with more pixels
 
-    @property
-    def finest(self) -> float:
-        """The magnification up to which the picture holds detail."""
-        return 1.0 if self.detail is None else self.detail.shape[1] / self.camera.width_px
-
 
 @dataclass(frozen=True)
 class Patches:

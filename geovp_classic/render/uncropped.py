@@ -1,4 +1,4 @@
-"""The uncropped frames in place of the square ones: what stands beside the square, and twice the detail."""
+"""The uncropped frames in place of the square ones: what stands beside the square, finer geometry and all detail."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Context
 
+FINER = 1.5  # at most so much finer than the square's are the pixels that depth is sought for, if there are such
+
 
 def uncropped(context: Context) -> Context:
-    """The context with the uncropped pictures as its frames, at the square's pixel size; `wide` stays as it is.
+    """The context with the uncropped pictures as its frames, up to FINER times as fine as the square; `wide` stays.
 
     Incompatible when there are none, or when recorded depth of the square should be used with them.
     """
@@ -21,7 +23,8 @@ def uncropped(context: Context) -> Context:
     if context.past_depths is not None:
         raise Incompatible("recorded depth covers the square only: with uncropped frames choose an estimating source")
     native, square = context.wide.intrinsics, context.intrinsics
-    width_px = max(1, round(native.width_px * square.fx_px / native.fx_px))
-    height_px = max(1, round(native.height_px * square.fy_px / native.fy_px))
+    finer = float(np.clip(native.fx_px / square.fx_px, 1, FINER))
+    width_px = max(1, round(native.width_px * finer * square.fx_px / native.fx_px))
+    height_px = max(1, round(native.height_px * finer * square.fy_px / native.fy_px))
     frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in context.wide.frames])
     return dataclasses.replace(context, frames=frames, intrinsics=native.resized(width_px, height_px))

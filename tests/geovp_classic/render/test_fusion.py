@@ -13,7 +13,7 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.render.detail import BAND_EDGES, Grain, _add
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import _close_cracks, _lanczos, fuse
+from geovp_classic.render.fusion import _close_cracks, fuse
 from geovp_classic.render.quads import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
@@ -92,17 +92,6 @@ def test_the_sky_turns_but_does_not_come_nearer() -> None:
     drawn, winner = surface.draw(cloud, [source], ahead[None], CAMERA)
     np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
     assert (drawn == 0).all()
-
-
-def test_grey_frames_are_read_as_each_of_three_colours_would_be() -> None:
-    rng = np.random.default_rng(3)
-    colours = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
-    pixels = rng.uniform(-3, 66, (20, 30, 2)).astype(np.float32)
-    whole = _lanczos(colours, pixels)
-    assert whole.std(axis=-1).mean() > 10
-    for channel in range(3):
-        grey = _lanczos(np.repeat(colours[..., channel : channel + 1], 3, axis=-1), pixels)
-        np.testing.assert_array_equal(grey, np.repeat(whole[..., channel : channel + 1], 3, axis=-1))
 
 
 def test_grain_is_added_only_where_magnification_took_it() -> None:

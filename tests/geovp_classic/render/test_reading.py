@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.render.quads import NOTHING
 from geovp_classic.render.reading import Reader, Sheet
@@ -46,7 +46,7 @@ def slow_read(
     if source.detail is not None:
         fine_u, fine_v = (2 * (axis + 0.5) - 0.5 for axis in (u, v))
         fine = cv2.remap(source.detail, fine_u, fine_v, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REPLICATE)
-        view += np.clip(ratio - 1, 0, 1)[..., None] * (fine - view)
+        view += np.clip(ratio * CAMERA.fx_px / SOURCE_CAMERA.fx_px - 1, 0, 1)[..., None] * (fine - view)
     return view, inside, ratio
 
 
@@ -59,7 +59,7 @@ def test_each_pixel_is_what_its_source_shows(is_grey: bool, with_detail: bool) -
     inverse_depth[:5] = 0
     number = rng.integers(NOTHING, 3, (32, 40)).astype(np.int32)
     pose = se3.exp(np.array([0.2, -0.1, 0.8, 0.05, 0.1, -0.02]))
-    frame, covered, magnification = Reader.of(seen).read(inverse_depth, number, pose, CAMERA)
+    frame, covered, magnification = Reader.of(seen, CAMERA).read(inverse_depth, number, pose, CAMERA)
     assert 0.3 < covered.mean() < 0.8  # a quarter is nowhere, some of the rest beside the sources
     assert not frame[~covered].any()
     for n, source in enumerate(seen):
@@ -67,11 +67,34 @@ def test_each_pixel_is_what_its_source_shows(is_grey: bool, with_detail: bool) -
         mine = number == n
         np.testing.assert_array_equal(covered[mine], inside[mine])
         shown = mine & inside
-        np.testing.assert_allclose(magnification[shown], ratio[shown] / (2 if with_detail else 1), rtol=1e-5)
+        larger = CAMERA.fx_px / SOURCE_CAMERA.fx_px
+        np.testing.assert_allclose(magnification[shown], ratio[shown] * larger / (2 if with_detail else 1), rtol=1e-5)
         # OpenCV reads at 32nds of a pixel, and places on the sheet round to other ones now and then
         assert np.abs(frame[shown] - view[shown]).mean() < 1
         assert np.abs(frame[shown] - view[shown]).max() < 12
     assert not covered[number == NOTHING].any()
+
+
+@pytest.mark.parametrize("is_grey", [True, False])
+def test_finer_sources_are_the_detail_of_coarser_pictures(is_grey: bool) -> None:
+    rng = np.random.default_rng(1)
+    fine_camera = SOURCE_CAMERA.resized(98, 72)
+    pose = se3.exp(np.array([0.1, 0.0, 0.9, 0.02, 0.05, 0]))
+    fine = picture(rng, (72, 98), is_grey)
+    view_camera = Intrinsics(30.0, 30.0, 19.5, 15.5, 40, 32)  # half as fine
+    inverse_depth, number = np.full((32, 40), 0.4, np.float32), np.zeros((32, 40), np.int32)
+    small = pinhole.resize(fine, (49, 36))
+    one = Reader.of([surface.Source(fine, fine_camera, np.eye(4))], view_camera)
+    same = Reader.of([surface.Source(small, SOURCE_CAMERA, np.eye(4), fine)], view_camera)
+    for part, expected in zip(*(r.read(inverse_depth, number, pose, view_camera) for r in (one, same)), strict=True):
+        np.testing.assert_allclose(part.astype(float), expected.astype(float), atol=1)
+    np.testing.assert_allclose(one.observed(view_camera).astype(float), same.observed(view_camera), atol=1)
+
+
+def test_what_was_observed_is_the_first_source_itself() -> None:
+    seen = sources(np.random.default_rng(2), is_grey=False, with_detail=True)
+    observed = Reader.of(seen, SOURCE_CAMERA).observed(SOURCE_CAMERA.cropped(10, 5, 30, 20))
+    np.testing.assert_array_equal(observed, seen[0].frame[5:25, 10:40])
 
 
 def test_many_pictures_lie_in_rows_and_none_reaches_into_another() -> None:
@@ -82,3 +105,16 @@ def test_many_pictures_lie_in_rows_and_none_reaches_into_another() -> None:
     for n in range(7):
         read = sheet.read(corners, np.full((2, 2), n, np.int32), (1.0, 1.0))
         np.testing.assert_array_equal(read, 10 * (n + 1))
+
+
+def test_grey_pictures_are_read_like_each_channel_of_colours() -> None:
+    rng = np.random.default_rng(3)
+    colours = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    pixels, number = rng.uniform(-0.5, 47.5, (20, 30, 2)).astype(np.float32), np.zeros((20, 30), np.int32)
+    whole = Sheet.of([colours]).read(pixels, number, (1.0, 1.0))
+    assert whole.std(axis=-1).mean() > 10
+    for channel in range(3):
+        grey = Sheet.of([np.repeat(colours[..., channel : channel + 1], 3, axis=-1)])
+        assert grey.picture.ndim == 2
+        read = grey.read(pixels, number, (1.0, 1.0))
+        np.testing.assert_array_equal(read, np.repeat(whole[..., channel : channel + 1], 3, axis=-1))

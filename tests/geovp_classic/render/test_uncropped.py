@@ -9,7 +9,6 @@ from geovp_classic.depth.given import Given
 from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.render import surface
 from geovp_classic.render.fill import Blank
 from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, ExtraView, Grant, Intrinsics, Trajectory
@@ -17,21 +16,27 @@ from geovp_classic.types import Context, ExtraView, Grant, Intrinsics, Trajector
 NATIVE = Intrinsics(120, 120, 99.5, 39.5, 200, 80)
 
 
-def noise_context() -> Context:
-    """Two frames of noise, 200x80, and their central 80x80 square at half the size."""
+def noise_context(side_px: int = 40) -> Context:
+    """Two frames of noise, 200x80, and their central 80x80 square, smaller."""
     native = np.random.default_rng(0).integers(0, 255, (2, 80, 200, 3), dtype=np.uint8)
-    window, camera = pinhole.square_crop(NATIVE, (40, 40))
-    square = np.stack([pinhole.resize(frame[window], (40, 40)) for frame in native])
+    window, camera = pinhole.square_crop(NATIVE, (side_px, side_px))
+    square = np.stack([pinhole.resize(frame[window], (side_px, side_px)) for frame in native])
     return Context(square, np.arange(3.0), camera, wide=ExtraView(native, NATIVE, np.eye(4)))
 
 
-def test_the_square_lies_in_the_middle_of_the_uncropped_picture() -> None:
-    context = noise_context()
+@pytest.mark.parametrize(("side_px", "height_px"), [(80, 80), (64, 80), (40, 60), (20, 30), (160, 160)])
+def test_pixels_are_finer_than_the_square_s_where_there_are_such(side_px: int, height_px: int) -> None:
+    context = noise_context(side_px)
     whole = uncropped(context)
-    assert whole.frames.shape == (2, 40, 100, 3)  # half of 80x200
-    np.testing.assert_array_equal(whole.frames[:, :, 30:70], context.frames)
-    assert whole.intrinsics.fx_px == context.intrinsics.fx_px
-    assert whole.intrinsics.cx_px - 30 == context.intrinsics.cx_px
+    assert whole.frames.shape == (2, height_px, height_px * 200 // 80, 3)
+    edge = pinhole.project(pinhole.unproject(np.array([-0.5, -0.5]), 1.0, context.intrinsics), whole.intrinsics)[0]
+    first = (whole.frames.shape[2] - height_px) / 2 - 0.5, -0.5  # the square lies in the middle
+    np.testing.assert_allclose(edge, first, atol=1e-9)
+
+
+def test_the_square_lies_in_the_middle_of_the_uncropped_picture() -> None:
+    context = noise_context(80)
+    np.testing.assert_array_equal(uncropped(context).frames[:, :, 60:140], context.frames)
 
 
 def test_what_cannot_be_done_is_refused() -> None:
@@ -76,10 +81,3 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_picture() -> None
     error = {name: np.abs(view.frames[0].astype(int) - native).mean() for name, view in views.items()}
     assert error["wide"] < 5
     assert error["crop"] > 30
-
-
-def test_detail_counts_as_less_magnification() -> None:
-    frame = np.zeros((40, 40, 3), np.uint8)
-    assert surface.Source(frame, NATIVE.resized(100, 40), np.eye(4)).finest == 1.0
-    fine = np.zeros((80, 200, 3), np.uint8)
-    assert surface.Source(frame, NATIVE.resized(100, 40), np.eye(4), fine).finest == 2.0
