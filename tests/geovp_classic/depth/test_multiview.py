@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic import registry
+from geovp_classic.depth import multiview
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
@@ -62,6 +63,24 @@ def test_the_unit_of_the_poses_is_the_unit_of_the_depth(observe: Observe) -> Non
     same = np.isclose(per_foot, 0.3048 * in_metres, rtol=0.01, atol=1e-4)
     assert same[-1].mean() > 0.999  # a tie may fall either way
     assert np.isclose(same_confidence, confidence, atol=0.02)[-1].mean() > 0.99
+
+
+@pytest.mark.parametrize(("times", "planes"), [(1, 20), (2, 20), (4, 35)])  # 112, 224 and 448 rows
+def test_sweeps_over_tall_pictures_take_more_planes(
+    times: int, planes: int, observe: Observe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    context, past, _ = observe(_drive(2))
+    counts: list[int] = []
+
+    def counted(*given: object) -> None:
+        counts.append(given[5])  # type: ignore[arg-type]
+
+    monkeypatch.setattr(multiview, "sweep", counted)
+    frames = context.frames.repeat(times, axis=1).repeat(times, axis=2)
+    camera = context.intrinsics.resized(frames.shape[2], frames.shape[1])
+    settings = Multiview(num_planes=20)
+    multiview.depths_of_frames(settings, frames, camera, past, np.zeros(frames.shape[1:3], np.float32))
+    assert counts == [planes]
 
 
 def test_settings_are_checked_and_described() -> None:
