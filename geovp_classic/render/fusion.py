@@ -23,6 +23,7 @@ from geovp_classic.render.reading import Reader, is_grey
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
+_AROUND = np.ones((3, 3), np.uint8)
 
 
 def fuse(
@@ -81,6 +82,7 @@ class CloudScene:
         def look(step: int) -> None:
             number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
             inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
+            inverse_depth = _without_dots(inverse_depth, number)
             frames[step], covered[step], times = pictures.read(inverse_depth, number, world_from_cam[step], intrinsics)
             magnification[step] = np.where(covered[step], times, np.float32(LARGEST_MAGNIFICATION))
             with np.errstate(divide="ignore"):
@@ -115,6 +117,22 @@ def _close_cracks(
     rows, columns = np.nonzero(cracks)
     _grow(depth, filled, rows, columns, 2 * crack_px)
     return np.where(np.isfinite(depth), depth, np.float32(-1)), filled
+
+
+def _without_dots(
+    inverse_depth: FloatArray,  # [H, W] float32
+    source_number: IndexArray,  # [H, W]
+) -> FloatArray:
+    """The inverse depth without pixels in which a patch sticks out of its surface; lines of two pixels stay.
+
+    Patches of one surface that differ by a hair are in front by turns, and each brings its own colour along. Pixels
+    whose neighbours come from another source, or nowhere, stay as they are.
+    """
+    number = source_number.astype(np.int16)
+    inside = cv2.erode(number, _AROUND) == cv2.dilate(number, _AROUND)
+    for _ in range(2):
+        inverse_depth = np.where(inside, cv2.medianBlur(inverse_depth, 3), inverse_depth)
+    return inverse_depth
 
 
 @numba.njit(nogil=True, cache=True)

@@ -13,7 +13,7 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.render.detail import BAND_EDGES, Grain, _add
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import _close_cracks, fuse
+from geovp_classic.render.fusion import _close_cracks, _without_dots, fuse
 from geovp_classic.render.quads import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
@@ -92,6 +92,20 @@ def test_the_sky_turns_but_does_not_come_nearer() -> None:
     drawn, winner = surface.draw(cloud, [source], ahead[None], CAMERA)
     np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
     assert (drawn == 0).all()
+
+
+def test_dots_go_and_thin_things_stay() -> None:
+    inverse_depth = np.full((20, 30), 0.1, np.float32)
+    inverse_depth[:, 20:22] = 0.4  # a pole
+    plain = inverse_depth.copy()
+    for row, column in ((5, 5), (9, 8), (10, 9), (15, 14)):
+        inverse_depth[row, column] = 0.11
+    number = np.zeros((20, 30), np.int32)
+    number[12:, 12:] = 1  # beside it all stays
+    number[:3, :3] = NOTHING
+    inverse_depth[2, 2] = plain[2, 2] = -1
+    plain[13, 12] = inverse_depth[13, 12] = 0.3
+    np.testing.assert_array_equal(_without_dots(inverse_depth, number), plain)
 
 
 def test_grain_is_added_only_where_magnification_took_it() -> None:
