@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Scene
 from geovp_classic.render import surface
 from geovp_classic.render.pace import seconds_of
@@ -110,10 +111,13 @@ class Exposed:
         else:
             coming, now = views.frames, self._seen(intrinsics)
             level = _log_mean(now)
-        histograms = np.stack([_histogram(frame) for frame in coming])
+        histograms = np.stack(abreast(_histogram, coming))
         gains = self.exposure.forecast(histograms, seconds, _log_mean(now), level)
-        frames = np.stack([exposed(frame, gain) for frame, gain in zip(views.frames, gains, strict=True)])
-        return replace(views, frames=frames)
+
+        def shown(step: int) -> ByteArray:
+            return exposed(views.frames[step], gains[step])
+
+        return replace(views, frames=np.stack(abreast(shown, range(len(gains)))))
 
     def _wholes(self, world_from_cam: FloatArray) -> ByteArray:
         """The camera's whole pictures [F, h, w, 3], small."""
@@ -185,7 +189,8 @@ def _kept(log_gain: float) -> float:
 
 def _histogram(frame: ByteArray) -> FloatArray:
     """The shares [256] of the grey values, of all channels together."""
-    return np.bincount(frame.ravel(), minlength=256) / frame.size
+    counts = cv2.calcHist([frame.reshape(len(frame), -1)], [0], None, [256], [0, 256])
+    return np.asarray(counts, np.float64).ravel() / frame.size
 
 
 def _log_mean(frame: ByteArray) -> float:
