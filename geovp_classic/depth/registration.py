@@ -19,7 +19,7 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 MAX_CORNERS = 400  # in a square picture
-MIDDLE = 1.25  # widths of the square; poses that fit corners farther out, too, fit what is shown less well
+MIDDLE = 1.6  # widths of the square; poses that fit corners farther out, too, fit what is shown less well
 CORNER_QUALITY = 0.01
 CORNER_SPACING = 0.025  # of the picture's height
 WINDOW_PX = 15  # in pictures of up to TALL_PX rows; proportionally more in taller ones
