@@ -20,6 +20,7 @@ from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Scene
 from geovp_classic.render import surface
 from geovp_classic.render.pace import seconds_of
+from geovp_classic.render.reading import Reader
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller pictures that are compared
@@ -109,7 +110,7 @@ class Exposed:
         if self.whole:
             coming, now, level = self._wholes(world_from_cam), self.last.frame, self.exposure.log_level
         else:
-            coming, now = views.frames, self._seen(intrinsics)
+            coming, now = views.frames, Reader.of([self.last], intrinsics).observed()
             level = _log_mean(now)
         histograms = np.stack(abreast(_histogram, coming))
         gains = self.exposure.forecast(histograms, seconds, _log_mean(now), level)
@@ -125,11 +126,6 @@ class Exposed:
         scale = min(1.0, METER_PX / camera.height_px)
         meter = camera.resized(*(max(1, round(side * scale)) for side in (camera.width_px, camera.height_px)))
         return self.scene.view(world_from_cam, meter).frames
-
-    def _seen(self, intrinsics: Intrinsics) -> ByteArray:
-        """What the camera would have shown of the last frame [H, W, 3]."""
-        u, v = np.ascontiguousarray(np.moveaxis(surface.own_pixels(self.last, intrinsics), -1, 0))
-        return np.asarray(cv2.remap(self.last.frame, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _log_gains(sources: Sequence[surface.Source], inverse_depth: FloatArray) -> FloatArray:

@@ -83,14 +83,14 @@ class CloudScene:
             number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
             inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
             inverse_depth = _without_dots(inverse_depth, number)
-            frames[step], covered[step], times = pictures.read(inverse_depth, number, world_from_cam[step], intrinsics)
+            frames[step], covered[step], times = pictures.read(inverse_depth, number, world_from_cam[step])
             magnification[step] = np.where(covered[step], times, np.float32(LARGEST_MAGNIFICATION))
             with np.errstate(divide="ignore"):
                 np.divide(np.float32(1), inverse_depth, out=depths[step], where=covered[step])
 
         abreast(look, range(len(world_from_cam)))
         filled = self.fill.fill(Views(frames, covered, depths))
-        return Views(self._with_grain(filled, magnification, pictures.observed(intrinsics)), covered, depths)
+        return Views(self._with_grain(filled, magnification, pictures.observed()), covered, depths)
 
     def _with_grain(self, frames: ByteArray, magnification: FloatArray, observed: ByteArray) -> ByteArray:
         if self.grain == 0:

@@ -67,9 +67,10 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Reader:
-    """The pictures of sources that were taken with one camera, for views of one resolution."""
+    """The pictures of sources that were taken with one camera, for the views of another."""
 
     sources: Sequence[Source]
+    camera: Intrinsics  # of the views
     coarse: Sheet
     coarse_scale: tuple[float, float]  # its pixels per pixel of the sources' camera
     fine: Sheet | None  # the pictures with more pixels, if there are such
@@ -93,6 +94,7 @@ class Reader:
         coarse_scale, fine_scale = _scale(frames[0], own), _scale((details or frames)[0], own)
         return cls(
             sources,
+            camera,
             Sheet.of(frames),
             coarse_scale,
             Sheet.of(details) if details else None,
@@ -101,9 +103,9 @@ class Reader:
             fine_scale[0] / coarse_scale[0],
         )
 
-    def observed(self, camera: Intrinsics) -> ByteArray:
+    def observed(self) -> ByteArray:
         """What the camera would have seen [H, W, 3] in the place of the first source; the border's colours outside."""
-        pixels = own_pixels(self.sources[0], camera)
+        pixels = own_pixels(self.sources[0], self.camera)
         last = np.array([self.sources[0].camera.width_px - 1, self.sources[0].camera.height_px - 1], np.float32)
         first = np.zeros(pixels.shape[:2], np.int32)
         return self.coarse.read(np.clip(pixels, 0, last), first, self.coarse_scale)
@@ -113,7 +115,6 @@ class Reader:
         inverse_depth: FloatArray,  # [H, W] float32 in the view, 0 = infinitely far
         number: IndexArray,  # [H, W], of the source that shows it, or NOTHING
         world_from_cam: FloatArray,  # [4, 4]
-        camera: Intrinsics,
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """The view [H, W, 3], black where no source shows it; coverage [H, W]; and the magnification [H, W] float32.
 
@@ -122,7 +123,7 @@ class Reader:
         """
         first = self.sources[0]
         poses = np.stack([source.world_from_source for source in self.sources])
-        view = Source(np.zeros((0, 0, 3), np.uint8), camera, world_from_cam)
+        view = Source(np.zeros((0, 0, 3), np.uint8), self.camera, world_from_cam)
         a, b = plane_sweep_maps(view, poses, first.camera)
         pixels, ratio = np.empty((*number.shape, 2), np.float32), np.empty(number.shape, np.float32)
         last = first.camera.width_px - 0.5, first.camera.height_px - 0.5

@@ -59,7 +59,7 @@ def test_each_pixel_is_what_its_source_shows(is_grey: bool, with_detail: bool) -
     inverse_depth[:5] = 0
     number = rng.integers(NOTHING, 3, (32, 40)).astype(np.int32)
     pose = se3.exp(np.array([0.2, -0.1, 0.8, 0.05, 0.1, -0.02]))
-    frame, covered, magnification = Reader.of(seen, CAMERA).read(inverse_depth, number, pose, CAMERA)
+    frame, covered, magnification = Reader.of(seen, CAMERA).read(inverse_depth, number, pose)
     assert 0.3 < covered.mean() < 0.8  # a quarter is nowhere, some of the rest beside the sources
     assert not frame[~covered].any()
     for n, source in enumerate(seen):
@@ -86,15 +86,22 @@ def test_finer_sources_are_the_detail_of_coarser_pictures(is_grey: bool) -> None
     small = pinhole.resize(fine, (49, 36))
     one = Reader.of([surface.Source(fine, fine_camera, np.eye(4))], view_camera)
     same = Reader.of([surface.Source(small, SOURCE_CAMERA, np.eye(4), fine)], view_camera)
-    for part, expected in zip(*(r.read(inverse_depth, number, pose, view_camera) for r in (one, same)), strict=True):
+    for part, expected in zip(*(r.read(inverse_depth, number, pose) for r in (one, same)), strict=True):
         np.testing.assert_allclose(part.astype(float), expected.astype(float), atol=1)
-    np.testing.assert_allclose(one.observed(view_camera).astype(float), same.observed(view_camera), atol=1)
+    np.testing.assert_allclose(one.observed().astype(float), same.observed(), atol=1)
 
 
 def test_what_was_observed_is_the_first_source_itself() -> None:
     seen = sources(np.random.default_rng(2), is_grey=False, with_detail=True)
-    observed = Reader.of(seen, SOURCE_CAMERA).observed(SOURCE_CAMERA.cropped(10, 5, 30, 20))
+    observed = Reader.of(seen, SOURCE_CAMERA.cropped(10, 5, 30, 20)).observed()
     np.testing.assert_array_equal(observed, seen[0].frame[5:25, 10:40])
+
+
+def test_beside_what_was_observed_the_border_goes_on() -> None:
+    seen = sources(np.random.default_rng(2), is_grey=True, with_detail=False)
+    larger = SOURCE_CAMERA.cropped(-3, -2, 55, 40)
+    framed = cv2.copyMakeBorder(seen[0].frame, 2, 2, 3, 3, cv2.BORDER_REPLICATE)
+    np.testing.assert_array_equal(Reader.of(seen, larger).observed(), framed)
 
 
 def test_many_pictures_lie_in_rows_and_none_reaches_into_another() -> None:
