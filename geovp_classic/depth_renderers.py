@@ -7,16 +7,18 @@ from typing import Literal
 
 import numpy as np
 
-from geovp_classic.depth import course, matching, registration
-from geovp_classic.depth.ground import fit_ground
+from geovp_classic.depth import course, drift, matching, registration
+from geovp_classic.depth.ground import Ground, fit_ground
 from geovp_classic.depth.movers import Movers
 from geovp_classic.depth.multiview import Multiview
+from geovp_classic.depth.road_ahead import RoadAhead
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.render import billboards, fusion, surface, volume
 from geovp_classic.render.exposure import Exposed, Exposure
 from geovp_classic.render.fill import BorrowedDetail, NearestBackground
+from geovp_classic.render.pace import seconds_of
 from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
@@ -59,16 +61,32 @@ class DepthFusion:
         recent, past = context.only(self.needs).recent(self.num_frames), past[-self.num_frames :]
         recent = uncropped(recent) if self.frames == "wide" else recent
         if not self.with_registration:
-            return self._fused(recent, past)
+            return self._fused(recent, past, *self._depths(recent, past))
         pictures = np.stack([matching.grey(frame) for frame in recent.frames])
         found = registration.registered(pictures, recent.intrinsics, past.world_from_cam, len(past) - 1)
         better = Trajectory(found.world_from_cam, past.times_s, past.is_metric)
         way = course.observed(past.world_from_cam, found.world_from_cam) if past.is_metric else None
-        return Steered(self._fused(recent, better), past.world_from_cam[-1], found.steering, way)
+        inverse_depths, confidence, ground = self._depths(recent, better)
+        road = None if ground is None else RoadAhead.seen(inverse_depths[-1], recent.intrinsics, ground)
+        scene = self._fused(recent, better, inverse_depths, confidence, ground)
+        errors = drift.observed(past.world_from_cam, found.world_from_cam, past.times_s)
+        seconds = recent.times_s[len(past) :] - past.times_s[-1]
+        return Steered(scene, past.world_from_cam[-1], errors, seconds, found.steering, way, road)
 
-    def _fused(self, recent: Context, past: Trajectory) -> Scene:
+    def _depths(self, recent: Context, past: Trajectory) -> tuple[FloatArray, FloatArray, Ground | None]:
+        """Inverse depth and confidence [P, H, W], and the ground of the last frame."""
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
-        things = _moving_things(recent, past, inverse_depths[-1]) if self.moving == "carried" else ()
+        return inverse_depths, confidence, fit_ground(inverse_depths[-1], recent.intrinsics)
+
+    def _fused(
+        self,
+        recent: Context,
+        past: Trajectory,
+        inverse_depths: FloatArray,
+        confidence: FloatArray,
+        ground: Ground | None,
+    ) -> Scene:
+        things = _moving_things(recent, past, inverse_depths[-1], ground) if self.moving == "carried" else ()
         seconds = recent.times_s - past.times_s[-1]
         inverse_depths, confidence, cut = billboards.cut_out(
             things, inverse_depths, confidence, past.world_from_cam, seconds[: len(past)]
@@ -92,10 +110,10 @@ def _moving_things(
     recent: Context,
     past: Trajectory,
     inverse_depth: FloatArray,  # [H, W] of the last frame
+    road: Ground | None,
 ) -> tuple[billboards.Billboard, ...]:
     """What moves by itself in the last frame, flat; in the unit of the past."""
     pictures = np.stack([matching.grey(frame) for frame in recent.frames])
-    road = fit_ground(inverse_depth, recent.intrinsics)
     found = Movers().find(pictures, recent.intrinsics, past, inverse_depth, road)
     taken = recent.frames[-1], recent.intrinsics, past.world_from_cam[-1]
     return tuple(billboards.Billboard(taken[0], mover.mask, *taken[1:], mover.depth, mover.velocity) for mover in found)
@@ -103,23 +121,28 @@ def _moving_things(
 
 @dataclass(frozen=True)
 class Steered:
-    """A scene for poses whose directions of motion are turned against what the pictures showed.
+    """A scene for poses that are brought into line with what the pictures showed: drift, course, and road.
 
-    Poses that are asked for together are taken for one way, in this order.
+    Poses that are asked for together are taken for one way, in this order, the k-th for the k-th future time.
     """
 
     scene: Scene
     world_from_reference: FloatArray  # [4, 4]
+    errors: drift.Drift
+    seconds: FloatArray  # [F] since the reference
     steering: FloatArray  # [3, 3], in the reference's frame
     way: course.Course | None  # of the vehicle, where lengths are metres and it moved
+    road: RoadAhead | None  # where there is one
 
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The scene from the poses [F, 4, 4], their translations from the reference turned."""
+        """The scene from the poses [F, 4, 4], mended."""
         reference_from_cam = se3.inverse(self.world_from_reference) @ world_from_cam
-        turned = reference_from_cam[:, :3, 3] @ self.steering.T
-        steered = se3.compose(reference_from_cam[:, :3, :3], turned)
+        mended = self.errors.mended(reference_from_cam, seconds_of(self.seconds, len(world_from_cam)))
+        steered = se3.compose(mended[:, :3, :3], mended[:, :3, 3] @ self.steering.T)
         if self.way is not None:
             steered = self.way.followed(steered)
+        if self.road is not None:
+            steered = self.road.carried(steered)
         return self.scene.view(self.world_from_reference @ steered, intrinsics)
 
 

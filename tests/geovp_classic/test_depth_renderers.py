@@ -8,11 +8,14 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.course import Course
+from geovp_classic.depth.drift import Drift
+from geovp_classic.depth.ground import Ground
 from geovp_classic.depth.multiview import Multiview
+from geovp_classic.depth.road_ahead import BELIEF, RoadAhead
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.depth_renderers import DepthFusion, Steered
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render.billboards import Traffic
 from geovp_classic.render.exposure import Exposed
 from geovp_classic.types import FloatArray, Grant, Intrinsics, Views
@@ -66,12 +69,27 @@ def test_ways_to_treat_moving_things_that_do_not_exist_are_refused() -> None:
         DepthFusion(moving="banned")  # type: ignore[arg-type]
 
 
+def steered(
+    scene: Recording,
+    world_from_reference: FloatArray,
+    errors: Drift | None = None,
+    steering: FloatArray | None = None,
+    way: Course | None = None,
+    road: RoadAhead | None = None,
+) -> Steered:
+    """A scene at 10 Hz for which nothing is mended but what is named."""
+    seconds = np.arange(1, 21) * 0.1
+    errors = errors or Drift(np.zeros(0), np.zeros((0, 3)))
+    steering = np.eye(3) if steering is None else steering
+    return Steered(scene, world_from_reference, errors, seconds, steering, way, road)
+
+
 def test_translations_are_turned_and_rotations_kept() -> None:
     scene = Recording()
     world_from_reference = se3.exp(np.array([3.0, 0, 5, 0, 0.4, 0]))
     quarter = se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))[:3, :3]  # z to x
     ahead = se3.exp(np.array([[0, 0, 2.0, 0, 0, 0], [0, 0, 2.0, 0, 0.1, 0]]))
-    Steered(scene, world_from_reference, quarter, None).view(world_from_reference @ ahead, CAMERA)
+    steered(scene, world_from_reference, steering=quarter).view(world_from_reference @ ahead, CAMERA)
     seen = se3.inverse(world_from_reference) @ scene.asked[0]
     np.testing.assert_allclose(seen[0, :3, 3], [2, 0, 0], atol=1e-12)
     np.testing.assert_allclose(seen[:, :3, :3], ahead[:, :3, :3], atol=1e-12)
@@ -82,6 +100,21 @@ def test_poses_are_held_to_the_vehicles_course_where_there_is_one() -> None:
     world_from_reference = se3.exp(np.array([3.0, 0, 5, 0, 0.4, 0]))
     sinking = se3.exp(np.array([[0, 0.02, 2.0, 0, 0, 0], [0, 0.04, 4.0, 0, 0, 0]]))
     level = Course(np.array([0, 0, 1.0]), given_rad=0.02, held_rad=0.0)
-    Steered(scene, world_from_reference, np.eye(3), level).view(world_from_reference @ sinking, CAMERA)
+    steered(scene, world_from_reference, way=level).view(world_from_reference @ sinking, CAMERA)
     seen = se3.inverse(world_from_reference) @ scene.asked[0]
     np.testing.assert_allclose(seen[:, :3, 3], [[0, 0, 2], [0, 0, 4]], atol=1e-3)
+
+
+def test_poses_are_carried_by_the_road_and_lose_the_drift_to_be_expected() -> None:
+    scene = Recording()
+    world_from_reference = se3.exp(np.array([3.0, 0, 5, 0, 0.4, 0]))
+    rising = se3.exp(np.arange(1, 13)[:, None] * np.array([0, -0.01, 1.0, 0, 0, 0]))
+    rays = pinhole.rays(CAMERA)
+    road = RoadAhead.seen(np.maximum(rays[..., 1] / 1.65, 0), CAMERA, Ground(np.array([0, 1.0, 0]), 1.65))
+    too_low = Drift(np.arange(-9, 0) * 0.1, np.tile([0.001, 0, 0], (9, 1)))
+    steered(scene, world_from_reference, errors=too_low, road=road).view(world_from_reference @ rising, CAMERA)
+    seen = se3.inverse(world_from_reference) @ scene.asked[0]
+    np.testing.assert_allclose(seen[-1, :3, 3], [0, -0.12 * (1 - BELIEF), 12], atol=0.01)
+    turned = se3.log(seen)[:, 3]
+    assert (turned > 1e-4).all()
+    assert (turned < 1e-3).all()
