@@ -9,7 +9,7 @@ TESTS ?=
 .PHONY: demo test lint setup clean
 
 demo: $(READY)  ## the demo matrix on the synthetic street: table, plots, pictures and report
-	$(BIN)/geovp run benchmarks/configs/demo.toml
+	$(BIN)/geovp run --fresh benchmarks/configs/demo.toml
 
 test: $(READY)  ## the whole test suite; with GEOVP_TEST_DATA=FOLDER also on real data
 	$(BIN)/python -m pytest -n auto --dist worksteal -q $(TESTS)

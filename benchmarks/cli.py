@@ -50,7 +50,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
     matrix = matrices.read(chosen.matrix).with_root(chosen.root)
     results = Results(chosen.out or Path("results") / matrix.name)
-    options = Options(chosen.limit, None if chosen.keep == "all" else chosen.keep)
+    options = Options(chosen.limit, None if chosen.keep == "all" else chosen.keep, chosen.fresh)
     with Bar(matrix.name, "predictions") as bar:
         cells = run(matrix, results, options, _executor(chosen), bar.show)
     return _conclude(results, cells, draw=not chosen.no_report)
@@ -79,6 +79,13 @@ def _conclude(results: Results, cells: Sequence[Cell], draw: bool) -> int:
         _draw(results)
         print(f"plots:  {results.plots}")
         print(f"report: {results.report}")
+    outdated = sum(cell.num_outdated > 0 for cell in cells)
+    if outdated:
+        print(
+            f"geovp: {outdated} of {len(cells)} cells hold rows that an earlier version of the code computed (named "
+            "below the table): `geovp run --fresh` computes them anew",
+            file=sys.stderr,
+        )
     left = [cell for cell in cells if cell.status != "done"]
     if left:
         print(f"geovp: {len(left)} of {len(cells)} cells are not done: see below the table", file=sys.stderr)

@@ -39,6 +39,7 @@ class Options:
 
     limit: int | None = None  # only the first clips
     keep: int | None = KEPT_BY_DEFAULT  # predictions kept of so many clips, None for all
+    fresh: bool = False  # what other code computed is computed anew
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class Plan:
     kept: frozenset[str]
     unavailable: Mapping[str, str]  # metric -> why
     shared: str  # the protocol's part of all fingerprints
+    fresh: bool = False  # what other code computed is missing
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -71,7 +73,7 @@ def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     if not clips:
         raise BadData("the data set has no clip of that length: give a longer sequence or fewer frames a clip")
     kept = spread(clips, len(clips) if options.keep is None else options.keep)
-    plan = Plan(shop, results, clips, kept, shop.measures.unavailable(matrix.size_px), _shared(shop))
+    plan = Plan(shop, results, clips, kept, shop.measures.unavailable(matrix.size_px), _shared(shop), options.fresh)
     before = results.protocol() if results.begun else {}
     if before.get("fingerprint") == plan.shared:
         if options.limit is not None and len(before["clips"]) > len(clips):

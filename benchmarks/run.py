@@ -37,7 +37,7 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
     plan = prepare(matrix, results, options)
     plans = {cell.name: cell for cell in matrix.cells}
     records = {name: _begin(plan, cell) for name, cell in plans.items()}
-    state = _State({name: _missing(plan, name) for name, record in records.items() if "fingerprint" in record})
+    state = _State({name: _missing(plan, name, record["code"]) for name, record in records.items() if "code" in record})
     chunks = plan.chunks
     total = state.left(chunks)
     progress(0, total)
@@ -68,7 +68,9 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
     if before is None or before.fingerprint != record["fingerprint"]:
         plan.results.remove_cell(cell.name)
-    plan.results.write_cell(cell.name, {**record, "status": "partial", **_tally(plan.results.parts(cell.name))})
+    record["code"] = plan.shop.code(cell)
+    tally = _tally(plan.results.parts(cell.name), record["code"])
+    plan.results.write_cell(cell.name, {**record, "status": "partial", **tally})
     return record
 
 
@@ -82,14 +84,15 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
         plan.results.write_cell(name, {**record, **nothing, "status": failure.status, "reason": failure.reason})
 
 
-def _missing(plan: Plan, name: str) -> set[int]:
-    """The chunks that a cell lacks; parts that no longer fit are removed."""
+def _missing(plan: Plan, name: str, code: str) -> set[int]:
+    """The chunks that a cell lacks; parts that no longer fit are removed, of other code only when that is asked for."""
     chunks = plan.chunks
     specs = plan.shop.measures.describe(plan.columns)
     kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
     missing = set(range(len(chunks)))
     for part in plan.results.parts(name):
-        if part.index >= len(chunks) or part.clips != tuple(chunks[part.index].values()):
+        unfit = part.index >= len(chunks) or part.clips != tuple(chunks[part.index].values())
+        if unfit or (plan.fresh and part.code != code):
             plan.results.remove_part(name, part.index)
             continue
         measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
@@ -135,17 +138,17 @@ def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> 
     if name in state.failures:
         failure = state.failures[name][1]
         verdict = {"status": failure.status, "reason": failure.reason, "traceback": failure.traceback}
-    plan.results.write_cell(name, {**record, **verdict, **_tally(plan.results.parts(name))})
+    plan.results.write_cell(name, {**record, **verdict, **_tally(plan.results.parts(name), record["code"])})
 
 
-def _tally(parts: list[Part]) -> dict[str, Any]:
-    """What the parts of a cell took together."""
+def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
+    """What the parts of a cell took together, and of how many clips they are that other code computed."""
     stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
     peak = Peak.highest(Peak(part.peak_memory_mb, part.peak_is_own) for part in parts)
-    num_clips = sum(len(part.clips) for part in parts)
     return {
-        "num_clips": num_clips,
+        "num_clips": sum(len(part.clips) for part in parts),
+        "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
         "seconds": seconds,
         "peak_memory_mb": peak.memory_mb,
         "peak_is_own": peak.is_own,

@@ -9,7 +9,8 @@
 
 protocol.json: name, dataset, clips (names in order), num_past, num_future, size_px, stride, metrics, cells, versions.
 cell.json: label, kind, pose_source and renderer (for kind "geometric"), components, grants, num_samples, status,
-reason, traceback (of a failure), num_clips, seconds per stage, peak_memory_mb, peak_is_own, fingerprint.
+reason, traceback (of a failure), num_clips, seconds per stage, peak_memory_mb, peak_is_own, fingerprint, code (a hash
+of the sources at the last run), num_outdated (clips that other code computed).
 
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
 carries in its metadata which clips these are, what they were computed with, and what that took.
@@ -105,6 +106,11 @@ class Cell:
         return dict(self.record["seconds"])
 
     @property
+    def num_outdated(self) -> int:
+        """How many clips have rows of other code than the last run found; 0 where older versions did not say."""
+        return int(self.record.get("num_outdated", 0))
+
+    @property
     def fingerprint(self) -> str:
         """A hash of the resolved components and the protocol: parts with another one are stale."""
         return str(self.record["fingerprint"])
@@ -126,6 +132,7 @@ class Part:
     seconds: Mapping[str, float]  # per stage, summed over its clips
     peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips
     peak_is_own: bool = False  # False: of the process so far, whatever it did before; so in parts of older versions
+    code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
 
 
 @dataclass(frozen=True)
@@ -242,6 +249,7 @@ class Results:
             "seconds": dict(part.seconds),
             "peak_memory_mb": part.peak_memory_mb,
             "peak_is_own": part.peak_is_own,
+            "code": part.code,
         }
         with _beside(self._part(cell, part.index)) as scratch:
             pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch.path)

@@ -205,6 +205,9 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
             notes.append(f"{cell.label}: partial: {cell.num_clips} of {len(protocol['clips'])} clips; run again.")
         elif cell.status != "done":
             notes.append(f"{cell.label}: {cell.status}: {cell.reason}.")
+    outdated = [cell.label for cell in cells if cell.num_outdated]
+    if outdated:
+        notes.append(f"Computed by an earlier version of the code, in whole or in part: {', '.join(outdated)}.")
     return notes
 
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 from benchmarks.failures import Failure, build
 from benchmarks.matrix import CellPlan, Matrix, Spec
 from benchmarks.measures import Measures
+from benchmarks.provenance import code_of
 from benchmarks.remembering import Memory, RememberingPoseSource, RememberingRenderer, Stopwatch
 from benchmarks.scoring import Case, score
 from benchmarks.store import Part, Results
@@ -67,6 +68,10 @@ class Workshop:
     def needs(self, plan: CellPlan) -> Grant:
         """What the components of a cell need together."""
         return functools.reduce(Grant.__or__, (part.needs for part in self.parts(plan).values()))
+
+    def code(self, plan: CellPlan) -> str:
+        """A hash of the sources that the rows of a cell depend on."""
+        return code_of(self.parts(plan).values())
 
     def predictor(self, plan: CellPlan, memory: Memory, watch: Stopwatch) -> FramePredictor:
         """The predictor of a cell; one made of two parts shares its motions and scenes through the memory."""
@@ -137,13 +142,14 @@ def compute(task: Task) -> Report:
             except Exception as error:  # the cell's failure is recorded and the matrix goes on
                 failures[plan.name] = Failure.of(error)
     specs = shop.measures.describe(task.columns)
-    for name in (plan.name for plan in task.cells if plan.name not in failures):
-        part = _part(task, name, specs, tallies[name].watch)
-        results.write_part(name, pa.concat_tables(tallies[name].rows), part)
+    for plan in (plan for plan in task.cells if plan.name not in failures):
+        tally = tallies[plan.name]
+        part = _part(task, plan.name, specs, tally.watch, shop.code(plan))
+        results.write_part(plan.name, pa.concat_tables(tally.rows), part)
     return Report(task, failures)
 
 
-def _part(task: Task, name: str, specs: Mapping[str, Any], watch: Stopwatch) -> Part:
+def _part(task: Task, name: str, specs: Mapping[str, Any], watch: Stopwatch, code: str) -> Part:
     """What is written beside a cell's rows; metrics take the same memory in all cells and are left out of the peak."""
     peak = watch.peak_without("metrics")
     return Part(
@@ -154,6 +160,7 @@ def _part(task: Task, name: str, specs: Mapping[str, Any], watch: Stopwatch) -> 
         seconds=watch.seconds,
         peak_memory_mb=peak.memory_mb,
         peak_is_own=peak.is_own,
+        code=code,
     )
 
 

@@ -1,0 +1,142 @@
+"""Rows say which code computed them; a change of the code is told, and nothing is lost or mixed in silence."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import matrix as matrices
+from benchmarks import provenance, tables, workshop
+from benchmarks.cli import main
+from benchmarks.executors import Serial
+from benchmarks.planning import Options
+from benchmarks.provenance import code_of
+from benchmarks.run import run
+from benchmarks.store import Cell, Results
+from geovp_classic.depth_renderers import DepthFusion
+from geovp_classic.predictors import CopyLast
+
+CLIPS = 5
+MATRIX = {
+    "protocol": {"num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1, "dataset": {"name": "toy-road"}},
+    "metrics": {"frame": ["toy-difference"]},
+    "predictors": {"still": {"name": "toy-still"}},
+}
+
+
+def go(root: Path, **options: Any) -> tuple[Cell, list[int]]:
+    """The one cell of the matrix, and how many clips were computed for it at each report."""
+    done: list[int] = []
+    (cell,) = run(matrices.parse("m", MATRIX), Results(root), Options(**options), Serial(), lambda n, _: done.append(n))
+    return cell, done
+
+
+@pytest.fixture
+def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Pretends that the sources have changed."""
+
+    def changed(code: str) -> None:
+        monkeypatch.setattr(workshop, "code_of", lambda components: code)
+
+    return changed
+
+
+@pytest.mark.usefixtures("toys")
+class TestRuns:
+    def test_rows_of_the_same_code_are_not_remarked_on(self, tmp_path: Path) -> None:
+        for _ in range(2):
+            cell, _ = go(tmp_path)
+            assert cell.num_outdated == 0
+        assert not [note for table in tables.build(Results(tmp_path)) for note in table.notes if "earlier" in note]
+
+    def test_rows_of_other_code_are_kept_and_told(self, tmp_path: Path, edit: Callable[[str], None]) -> None:
+        edit("before")
+        go(tmp_path, limit=2)
+        edit("after")
+        cell, done = go(tmp_path)
+        assert (cell.status, cell.num_clips, cell.num_outdated) == ("done", CLIPS, 2)
+        assert done[-1] == CLIPS - 2
+        (note,) = [note for note in tables.build(Results(tmp_path))[0].notes if "earlier" in note]
+        assert note == "Computed by an earlier version of the code, in whole or in part: still."
+
+    def test_fresh_computes_just_those_anew(self, tmp_path: Path, edit: Callable[[str], None]) -> None:
+        edit("before")
+        go(tmp_path, limit=2)
+        edit("after")
+        go(tmp_path)
+        cell, done = go(tmp_path, fresh=True)
+        assert (cell.num_clips, cell.num_outdated, done[-1]) == (CLIPS, 0, 2)
+        _, done = go(tmp_path, fresh=True)
+        assert done == [0]
+
+    def test_parts_that_do_not_say_are_of_other_code(self, tmp_path: Path) -> None:
+        go(tmp_path)
+        results = Results(tmp_path)
+        part = results.parts("still")[0]
+        rows = results.scores("still").slice(0, 2 * len(part.clips))
+        results.write_part("still", rows, dataclasses.replace(part, code=""))
+        assert go(tmp_path)[0].num_outdated == len(part.clips)
+
+    def test_the_command_says_so_in_one_sentence(
+        self, tmp_path: Path, edit: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        matrix = tmp_path / "m.toml"
+        matrix.write_text(
+            '[protocol]\ndataset = { name = "toy-road" }\nnum_past = 3\nnum_future = 2\nsize_px = [8, 8]\nstride = 1\n'
+            '[metrics]\nframe = ["toy-difference"]\n[predictors]\nstill = { name = "toy-still" }\n'
+        )
+        order = ["run", str(matrix), "--out", str(tmp_path / "r"), "--no-report"]
+        edit("before")
+        assert main(order) == 0
+        assert "earlier" not in capsys.readouterr().err
+        edit("after")
+        assert main(order) == 0
+        assert "geovp: 1 of 1 cells hold rows that an earlier version of the code computed" in capsys.readouterr().err
+        assert main([*order, "--fresh"]) == 0
+        assert "earlier" not in capsys.readouterr().err
+
+
+class TestCode:
+    @pytest.fixture
+    def package(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+        """A package of a user, with one component."""
+        folder = tmp_path / "somebodys_package"
+        folder.mkdir()
+        (folder / "__init__.py").write_text("")
+        (folder / "parts.py").write_text("class Hover:\n    pass\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        yield folder
+        provenance._digest.cache_clear()
+        for name in [name for name in sys.modules if name.startswith("somebodys_package")]:
+            del sys.modules[name]
+
+    def test_it_is_short_and_stays(self) -> None:
+        code = code_of([DepthFusion()])
+        assert len(code) == provenance.DIGITS
+        provenance._digest.cache_clear()
+        assert code_of([DepthFusion()]) == code == code_of([CopyLast()])
+
+    def test_a_change_in_a_users_package_is_seen_and_only_there(self, package: Path) -> None:
+        hover = importlib.import_module("somebodys_package.parts").Hover()
+        before, ours = code_of([hover]), code_of([CopyLast()])
+        assert before != ours
+        (package / "more.py").write_text("SPEED = 3\n")
+        provenance._digest.cache_clear()
+        assert code_of([hover]) != before
+        assert code_of([CopyLast()]) == ours
+
+    def test_parts_of_parts_count(self, package: Path) -> None:
+        hover = importlib.import_module("somebodys_package.parts").Hover
+
+        @dataclasses.dataclass
+        class Inner:
+            value: int = 0
+
+        Inner.__module__ = hover.__module__
+        assert code_of([DepthFusion(depth=Inner())]) != code_of([DepthFusion()])  # type: ignore[arg-type]
