@@ -31,7 +31,9 @@ class DepthFusion:
     fill: Fill = field(default_factory=BorrowedDetail)
     frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
     num_frames: int = 10  # how many of the last observed frames are used
-    with_registration: bool = True  # poses are first adjusted to what the pictures show
+    with_registration: bool = True  # poses are first adjusted to what the pictures show; needed for the next two
+    with_drift: bool = True  # coming rotations lose the errors that past ones foretell
+    with_road_ahead: bool = True  # coming poses are brought towards their height above the road in sight
     crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
@@ -67,11 +69,14 @@ class DepthFusion:
         better = Trajectory(found.world_from_cam, past.times_s, past.is_metric)
         way = course.observed(past.world_from_cam, found.world_from_cam) if past.is_metric else None
         inverse_depths, confidence, ground = self._depths(recent, better)
-        road = None if ground is None else RoadAhead.seen(inverse_depths[-1], recent.intrinsics, ground)
+        road, errors = None, None
+        if self.with_road_ahead and ground is not None:
+            road = RoadAhead.seen(inverse_depths[-1], recent.intrinsics, ground)
+        if self.with_drift:
+            errors = drift.observed(past.world_from_cam, found.world_from_cam, past.times_s)
         scene = self._fused(recent, better, inverse_depths, confidence, ground)
-        errors = drift.observed(past.world_from_cam, found.world_from_cam, past.times_s)
         seconds = recent.times_s[len(past) :] - past.times_s[-1]
-        return Steered(scene, past.world_from_cam[-1], errors, seconds, found.steering, way, road)
+        return Steered(scene, past.world_from_cam[-1], seconds, errors, found.steering, way, road)
 
     def _depths(self, recent: Context, past: Trajectory) -> tuple[FloatArray, FloatArray, Ground | None]:
         """Inverse depth and confidence [P, H, W], and the ground of the last frame."""
@@ -128,8 +133,8 @@ class Steered:
 
     scene: Scene
     world_from_reference: FloatArray  # [4, 4]
-    errors: drift.Drift
     seconds: FloatArray  # [F] since the reference
+    errors: drift.Drift | None  # of rotations
     steering: FloatArray  # [3, 3], in the reference's frame
     way: course.Course | None  # of the vehicle, where lengths are metres and it moved
     road: RoadAhead | None  # where there is one
@@ -137,8 +142,9 @@ class Steered:
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4], mended."""
         reference_from_cam = se3.inverse(self.world_from_reference) @ world_from_cam
-        mended = self.errors.mended(reference_from_cam, seconds_of(self.seconds, len(world_from_cam)))
-        steered = se3.compose(mended[:, :3, :3], mended[:, :3, 3] @ self.steering.T)
+        if self.errors is not None:
+            reference_from_cam = self.errors.mended(reference_from_cam, seconds_of(self.seconds, len(world_from_cam)))
+        steered = se3.compose(reference_from_cam[:, :3, :3], reference_from_cam[:, :3, 3] @ self.steering.T)
         if self.way is not None:
             steered = self.way.followed(steered)
         if self.road is not None:

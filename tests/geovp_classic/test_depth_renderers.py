@@ -79,9 +79,8 @@ def steered(
 ) -> Steered:
     """A scene at 10 Hz for which nothing is mended but what is named."""
     seconds = np.arange(1, 21) * 0.1
-    errors = errors or Drift(np.zeros(0), np.zeros((0, 3)))
     steering = np.eye(3) if steering is None else steering
-    return Steered(scene, world_from_reference, errors, seconds, steering, way, road)
+    return Steered(scene, world_from_reference, seconds, errors, steering, way, road)
 
 
 def test_translations_are_turned_and_rotations_kept() -> None:
@@ -103,6 +102,20 @@ def test_poses_are_held_to_the_vehicles_course_where_there_is_one() -> None:
     steered(scene, world_from_reference, way=level).view(world_from_reference @ sinking, CAMERA)
     seen = se3.inverse(world_from_reference) @ scene.asked[0]
     np.testing.assert_allclose(seen[:, :3, 3], [[0, 0, 2], [0, 0, 4]], atol=1e-3)
+
+
+def test_what_is_not_to_be_mended_stays() -> None:
+    clip = Synthetic(seed=0, num_frames=12, num_clips=1, size_px=(64, 64))[0]
+    assert clip.trajectory is not None
+    context, _ = clip.split(10, Grant.NONE)
+    past = clip.trajectory[:10]
+    scene = DepthFusion().reconstruct(context, past)
+    assert isinstance(scene, Steered)
+    assert scene.errors is not None
+    assert scene.road is not None
+    plain = DepthFusion(with_drift=False, with_road_ahead=False).reconstruct(context, past)
+    assert isinstance(plain, Steered)
+    assert (plain.errors, plain.road) == (None, None)
 
 
 def test_poses_are_carried_by_the_road_and_lose_the_drift_to_be_expected() -> None:
