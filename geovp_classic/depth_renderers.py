@@ -141,10 +141,10 @@ class Steered:
 
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4], mended."""
-        reference_from_cam = se3.inverse(self.world_from_reference) @ world_from_cam
+        mended: FloatArray = se3.inverse(self.world_from_reference) @ world_from_cam
         if self.errors is not None:
-            reference_from_cam = self.errors.mended(reference_from_cam, seconds_of(self.seconds, len(world_from_cam)))
-        steered = se3.compose(reference_from_cam[:, :3, :3], reference_from_cam[:, :3, 3] @ self.steering.T)
+            mended = self.errors.mended(mended, seconds_of(self.seconds, len(world_from_cam)))
+        steered = se3.compose(mended[:, :3, :3], mended[:, :3, 3] @ self.steering.T)
         if self.way is not None:
             steered = self.way.followed(steered)
         if self.road is not None:
