@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from geovp_classic.abreast import unhindered
 from geovp_classic.depth import course, drift, matching, registration
 from geovp_classic.depth.ground import Ground, fit_ground
 from geovp_classic.depth.movers import Movers
@@ -58,6 +59,7 @@ class DepthFusion:
         """What the depth source needs, and the uncropped frames when they are asked for."""
         return self.depth.needs | (Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE)
 
+    @unhindered
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the past."""
         recent, past = context.only(self.needs).recent(self.num_frames), past[-self.num_frames :]
@@ -139,6 +141,7 @@ class Steered:
     way: course.Course | None  # of the vehicle, where lengths are metres and it moved
     road: RoadAhead | None  # where there is one
 
+    @unhindered
     def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4], mended."""
         mended: FloatArray = se3.inverse(self.world_from_reference) @ world_from_cam
@@ -180,6 +183,7 @@ class VolumeFusion:
         """What the depth source needs."""
         return self.depth.needs
 
+    @unhindered
     def reconstruct(self, context: Context, past: Trajectory) -> volume.VolumeScene:
         """The volume of the last `num_frames` frames, in the world frame and the unit of the past."""
         recent, past = context.only(self.depth.needs).recent(self.num_frames), past[-self.num_frames :]

@@ -9,6 +9,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from geovp_classic.abreast import unhindered
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scale
@@ -60,6 +61,7 @@ class Monocular:
         """What the scale needs, and the uncropped pictures if asked for."""
         return self.scale.needs | (Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE)
 
+    @unhindered
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory [P] and which steps were tracked [P]; Incompatible when the clip lacks what it needs.
 

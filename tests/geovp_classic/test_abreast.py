@@ -4,8 +4,9 @@ import threading
 
 import numba
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from geovp_classic.abreast import abreast
+from geovp_classic.abreast import abreast, unhindered
 
 
 def test_results_keep_the_order_of_the_tasks() -> None:
@@ -22,3 +23,29 @@ def test_as_many_work_at_once_as_there_are_threads() -> None:
 def test_an_error_comes_out() -> None:
     with pytest.raises(ZeroDivisionError):
         abreast(lambda n: 1 // n, [1, 0])
+
+
+def blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_linear_algebra_has_one_thread_meanwhile_and_all_its_threads_afterwards() -> None:
+    with threadpool_limits(limits=2, user_api="blas"):
+        assert blas_threads() == {2}
+        assert unhindered(lambda: (blas_threads(), unhindered(blas_threads)()))() == ({1}, {1})
+        assert blas_threads() == {2}
+
+
+def test_it_has_them_after_an_error_too() -> None:
+    with threadpool_limits(limits=2, user_api="blas"):
+        with pytest.raises(ZeroDivisionError):
+            unhindered(lambda: 1 // 0)()
+        assert blas_threads() == {2}
+
+
+def test_work_keeps_its_name_and_its_arguments() -> None:
+    def halved(number: int, by: int = 2) -> int:
+        return number // by
+
+    assert unhindered(halved)(9, by=3) == 3
+    assert unhindered(halved).__name__ == "halved"
