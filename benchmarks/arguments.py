@@ -43,7 +43,7 @@ def _add_run(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     run.add_argument("--out", type=Path, metavar="DIR", help="results folder (default: results/<name of the file>)")
     run.add_argument("--limit", type=_positive, metavar="N", help="only the first N clips")
     run.add_argument("--keep", type=_keep, default=3, metavar="N", help="keep predictions of N clips, or of all (3)")
-    run.add_argument("--fresh", action="store_true", help="compute anew what an earlier version of the code computed")
+    run.add_argument("--fresh", action="store_true", help="compute anew what another version of the code computed")
     run.add_argument("--no-report", action="store_true", help="no plots and no report")
     where = run.add_mutually_exclusive_group()
     where.add_argument("--workers", type=_positive, metavar="N", help="processes on this machine (default: this one)")

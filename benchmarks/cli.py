@@ -82,7 +82,7 @@ def _conclude(results: Results, cells: Sequence[Cell], draw: bool) -> int:
     outdated = sum(cell.num_outdated > 0 for cell in cells)
     if outdated:
         print(
-            f"geovp: {outdated} of {len(cells)} cells hold rows that an earlier version of the code computed (named "
+            f"geovp: {outdated} of {len(cells)} cells hold rows that another version of the code computed (named "
             "below the table): `geovp run --fresh` computes them anew",
             file=sys.stderr,
         )

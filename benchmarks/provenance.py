@@ -41,8 +41,9 @@ def _digest(module: str) -> bytes:
     loaded = sys.modules[module]
     folders = [Path(folder) for folder in getattr(loaded, "__path__", [])]
     files = [(path.relative_to(folder), path) for folder in folders for path in sorted(folder.rglob("*.py"))]
-    if not folders and loaded.__file__:
-        files = [(Path(Path(loaded.__file__).name), Path(loaded.__file__))]
+    single = getattr(loaded, "__file__", None)  # what was typed in has none
+    if not folders and single:
+        files = [(Path(Path(single).name), Path(single))]
     whole = hashlib.sha256()
     for name, path in files:
         whole.update(name.as_posix().encode() + hashlib.sha256(path.read_bytes()).digest())

@@ -207,7 +207,7 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
             notes.append(f"{cell.label}: {cell.status}: {cell.reason}.")
     outdated = [cell.label for cell in cells if cell.num_outdated]
     if outdated:
-        notes.append(f"Computed by an earlier version of the code, in whole or in part: {', '.join(outdated)}.")
+        notes.append(f"Computed by another version of the code, in whole or in part: {', '.join(outdated)}.")
     return notes
 
 

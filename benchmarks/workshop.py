@@ -129,6 +129,7 @@ def workshop(matrix_json: str) -> Workshop:
 def compute(task: Task) -> Report:
     """Predict and score the clips of a task in all its cells and write a part for every cell that went through."""
     shop, results = workshop(task.matrix), Results(Path(task.root))
+    codes = {plan.name: shop.code(plan) for plan in task.cells}  # before anybody edits what is loaded by now
     tallies = {plan.name: _Tally() for plan in task.cells}
     failures: dict[str, Failure] = {}
     for index, name in task.clips.items():
@@ -144,7 +145,7 @@ def compute(task: Task) -> Report:
     specs = shop.measures.describe(task.columns)
     for plan in (plan for plan in task.cells if plan.name not in failures):
         tally = tallies[plan.name]
-        part = _part(task, plan.name, specs, tally.watch, shop.code(plan))
+        part = _part(task, plan.name, specs, tally.watch, codes[plan.name])
         results.write_part(plan.name, pa.concat_tables(tally.rows), part)
     return Report(task, failures)
 

@@ -32,7 +32,7 @@ class RoadAhead:
     """What a picture shows of the road, in the camera's frame, in units of the camera's height above it."""
 
     ground: Ground
-    points: FloatArray  # [N, 3]
+    points: FloatArray  # [N, 3], in camera heights
 
     @classmethod
     def seen(cls, inverse_depth: FloatArray, camera: Intrinsics, ground: Ground) -> RoadAhead:
