@@ -20,6 +20,7 @@ from geovp_classic.render import billboards, fusion, surface, volume
 from geovp_classic.render.exposure import Exposed, Exposure
 from geovp_classic.render.fill import BorrowedDetail, NearestBackground
 from geovp_classic.render.pace import seconds_of
+from geovp_classic.render.supersampling import Supersampled
 from geovp_classic.render.uncropped import uncropped
 from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
@@ -35,6 +36,7 @@ class DepthFusion:
     with_registration: bool = True  # poses are first adjusted to what the pictures show; needed for the next two
     with_drift: bool = True  # coming rotations lose the errors that past ones foretell
     with_road_ahead: bool = True  # coming poses are brought towards their height above the road in sight
+    samples: int = 1  # along each side of a pixel; 2 smooth the edges of things and cost four times the drawing
     crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
     agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
     grain: float = 1.0  # strength of the borrowed detail; 0 leaves magnified surfaces blurred
@@ -47,6 +49,8 @@ class DepthFusion:
             raise BadData(f"frames is {self.frames!r}, expected 'crop' or 'wide'")
         if self.num_frames < 1:
             raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
+        if self.samples < 1:
+            raise BadData(f"samples is {self.samples}, expected 1 or more along each side of a pixel")
         if not (0 < self.agreement < 1 and self.crack_px >= 0 and self.grain >= 0):
             raise BadData("agreement must lie between 0 and 1, crack_px and grain must not be negative")
         if self.moving not in ("carried", "ignored"):
@@ -106,8 +110,9 @@ class DepthFusion:
         light = Exposure.of(sources, inverse_depths[-1], seconds[: len(past)])
         cloud, used = fusion.fuse(light.matched(sources), inverse_depths, confidence, self.agreement)
         standing = billboards.without(cloud, 0, cut[-1])
-        street = fusion.CloudScene(standing, used, self.fill, self.crack_px, self.grain)
-        scene = billboards.Traffic(street, things, seconds[len(past) :]) if things else street
+        street = fusion.CloudScene(standing, used, self.fill, self.crack_px * self.samples, self.grain)
+        scene: Scene = billboards.Traffic(street, things, seconds[len(past) :]) if things else street
+        scene = Supersampled(scene, self.samples) if self.samples > 1 else scene
         if self.exposure == "kept":
             return scene
         return Exposed(scene, sources[-1], light, seconds[len(past) :], whole=self.frames == "wide")

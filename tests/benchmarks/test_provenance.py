@@ -53,7 +53,9 @@ class TestRuns:
         for _ in range(2):
             cell, _ = go(tmp_path)
             assert cell.num_outdated == 0
-        assert not [note for table in tables.build(Results(tmp_path)) for note in table.notes if "another version" in note]
+        assert not [
+            note for table in tables.build(Results(tmp_path)) for note in table.notes if "another version" in note
+        ]
 
     def test_rows_of_other_code_are_kept_and_told(self, tmp_path: Path, edit: Callable[[str], None]) -> None:
         edit("before")

@@ -69,6 +69,24 @@ def test_ways_to_treat_moving_things_that_do_not_exist_are_refused() -> None:
         DepthFusion(moving="banned")  # type: ignore[arg-type]
 
 
+def test_samples_are_counted_from_one() -> None:
+    with pytest.raises(BadData, match="samples is 0, expected 1 or more"):
+        DepthFusion(samples=0)
+
+
+def test_views_of_more_samples_are_of_the_size_asked_for_and_alike() -> None:
+    clip = Synthetic(seed=0, num_frames=12, num_clips=1, size_px=(64, 64))[0]
+    assert clip.trajectory is not None
+    context, _ = clip.split(10, Grant.NONE)
+    future = clip.trajectory.world_from_cam[10:]
+    one, four = (
+        DepthFusion(samples=count).reconstruct(context, clip.trajectory[:10]).view(future, clip.intrinsics)
+        for count in (1, 2)
+    )
+    assert four.frames.shape == one.frames.shape
+    assert 0 < np.abs(four.frames.astype(float) - one.frames).mean() < 10
+
+
 def steered(
     scene: Recording,
     world_from_reference: FloatArray,
