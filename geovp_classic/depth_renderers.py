@@ -79,7 +79,7 @@ class DepthFusion:
         if self.with_road_ahead and ground is not None:
             road = RoadAhead.seen(inverse_depths[-1], recent.intrinsics, ground)
         if self.with_drift:
-            errors = drift.observed(past.world_from_cam, found.world_from_cam, past.times_s)
+            errors = drift.observed(past, found.world_from_cam)
         scene = self._fused(recent, better, inverse_depths, confidence, ground)
         seconds = recent.times_s[len(past) :] - past.times_s[-1]
         return Steered(scene, past.world_from_cam[-1], seconds, errors, found.steering, way, road)

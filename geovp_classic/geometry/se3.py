@@ -67,6 +67,22 @@ def interpolate(
     return world_from_a @ exp(np.asarray(fraction)[..., None] * twist)
 
 
+def turn(
+    c_from_a: FloatArray,  # [..., 4, 4]
+    c_from_b: FloatArray,  # [..., 4, 4]
+) -> FloatArray:
+    """The rotation vectors [..., 3], in c, that turn the first rotations into the second ones."""
+    return _rotation_vector(c_from_b[..., :3, :3] @ np.swapaxes(c_from_a[..., :3, :3], -1, -2))
+
+
+def turned(
+    c_from_a: FloatArray,  # [..., 4, 4]
+    rotation_vector: FloatArray,  # [..., 3], in c
+) -> FloatArray:
+    """The same positions with their rotations turned."""
+    return compose(_rotation_matrix(rotation_vector) @ c_from_a[..., :3, :3], c_from_a[..., :3, 3])
+
+
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
     """The angle of the rotation part [...], right near 0 and near pi."""
     angle_rad: FloatArray = np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1)

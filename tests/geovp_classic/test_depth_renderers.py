@@ -142,7 +142,9 @@ def test_poses_are_carried_by_the_road_and_lose_the_drift_to_be_expected() -> No
     rising = se3.exp(np.arange(1, 13)[:, None] * np.array([0, -0.01, 1.0, 0, 0, 0]))
     rays = pinhole.rays(CAMERA)
     road = RoadAhead.seen(np.maximum(rays[..., 1] / 1.65, 0), CAMERA, Ground(np.array([0, 1.0, 0]), 1.65))
-    too_low = Drift(np.arange(-9, 0) * 0.1, np.tile([0.001, 0, 0], (9, 1)))
+    given = se3.exp(np.arange(-9, 1)[:, None] * np.array([0, -0.01, 1.0, 0, 0, 0]))
+    seen = np.concatenate([se3.turned(given[:-1], np.tile([0.001, 0, 0], (9, 1))), given[-1:]])
+    too_low = Drift(given, seen, np.arange(-9, 1) * 0.1, is_metric=False)
     steered(scene, world_from_reference, errors=too_low, road=road).view(world_from_reference @ rising, CAMERA)
     seen = se3.inverse(world_from_reference) @ scene.asked[0]
     np.testing.assert_allclose(seen[-1, :3, 3], [0, -0.12 * (1 - BELIEF), 12], atol=0.01)

@@ -95,3 +95,11 @@ def test_orthonormalised_mends_rounding_and_refuses_the_rest() -> None:
     for bad in (exact * 1.01, mirrored, np.full((4, 4), np.nan)):
         with pytest.raises(BadData, match="rotation matrix"):
             se3.orthonormalised(bad)
+
+
+@given(twists(), twists())
+def test_a_turn_leads_from_one_rotation_to_the_other_and_leaves_the_position(a: np.ndarray, b: np.ndarray) -> None:
+    c_from_a, c_from_b = se3.exp(a), se3.exp(b)
+    led = se3.turned(c_from_a, se3.turn(c_from_a, c_from_b))
+    np.testing.assert_allclose(led[:3, :3], c_from_b[:3, :3], atol=1e-9)
+    np.testing.assert_array_equal(led[:3, 3], c_from_a[:3, 3])

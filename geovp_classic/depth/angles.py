@@ -1,0 +1,45 @@
+"""How a vehicle's angles go in time: covariances of Gaussian processes (Rasmussen & Williams 2006)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from geovp_classic.types import FloatArray
+
+Kernel = Callable[[FloatArray], FloatArray]  # covariance of angles so many seconds apart, up to a constant
+
+
+def returning(deviation_rad: float, lasting_s: float) -> Kernel:
+    """Angles that come back to their mean (Matern 5/2; Rasmussen & Williams 2006, eq. 4.17)."""
+
+    def covariance(apart_s: FloatArray) -> FloatArray:
+        far = np.sqrt(5) * np.abs(apart_s) / lasting_s
+        return np.asarray(deviation_rad**2 * (1 + far + far**2 / 3) * np.exp(-far))
+
+    return covariance
+
+
+def wandering(deviation_rad_s: float, lasting_s: float) -> Kernel:
+    """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of what they go in that time."""
+
+    def covariance(apart_s: FloatArray) -> FloatArray:
+        lasts = np.abs(apart_s) / lasting_s
+        return np.asarray(-((deviation_rad_s * lasting_s) ** 2) * (lasts + np.expm1(-lasts)))
+
+    return covariance
+
+
+def of_differences(
+    kernel: Kernel,
+    one_s: FloatArray,  # [N]
+    one_from_s: FloatArray | float,  # [N]
+    other_s: FloatArray,  # [M]
+    other_from_s: FloatArray | float,  # [M]
+) -> FloatArray:
+    """Covariance [N, M] of angles at some times against those at others."""
+    ones = one_s, np.broadcast_to(one_from_s, one_s.shape)
+    others = other_s, np.broadcast_to(other_from_s, other_s.shape)
+    (to_to, to_from), (from_to, from_from) = ([kernel(one[:, None] - other) for other in others] for one in ones)
+    return np.asarray(to_to - to_from - from_to + from_from)
