@@ -22,7 +22,7 @@ from geovp_classic.types import BoolArray, FloatArray
 
 LEVER_M, LEVER_DEVIATION_M = 1.0, 0.4  # cameras sit so far before the axle that doesn't steer
 MODEL_RAD = np.radians(0.1)  # tyres slip, roads tilt: no course is surer than this
-FAR = 10.0  # standard deviations at which a given direction is believed as much as not; far beyond it is meant so
+FAR = 15.0  # standard deviations at which a given direction is believed as much as not; far beyond it is meant so
 LEAST_M = 1e-6
 
 
