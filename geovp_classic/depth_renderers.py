@@ -34,7 +34,7 @@ class DepthFusion:
     frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
     num_frames: int = 10  # how many of the last observed frames are used
     with_registration: bool = True  # poses are first adjusted to what the pictures show; needed for the next two
-    with_drift: bool = True  # coming rotations lose the errors that past ones foretell
+    with_drift: bool = True  # coming poses are brought into step and lose the errors that past ones foretell
     with_road_ahead: bool = True  # coming poses are brought towards their height above the road in sight
     samples: int = 1  # along each side of a pixel; 2 smooth the edges of things and cost four times the drawing
     crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import splat
+from geovp_classic.render.supersampling import Supersampled
 from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(20.0, 22.0, 11.6, 7.3, 24, 16)
@@ -118,3 +119,55 @@ def test_neighbouring_patches_leave_no_crack_and_do_not_overlap_wrongly() -> Non
     whole, _ = splat.draw(np.stack([plane[0, 0], plane[0, -1], plane[-1, -1], plane[-1, 0]])[None], CAMERA)
     np.testing.assert_allclose(drawn, whole, atol=1e-9)
     assert (whole > 0).sum() > 100
+
+
+def squares(points: FloatArray, sizes: FloatArray, camera: Intrinsics) -> FloatArray:
+    """Corners [N, 4, 4] of squares that face the camera at the origin."""
+    half = sizes[:, None, None] / 2 * np.array([[-1, -1, 0, 0], [1, -1, 0, 0], [1, 1, 0, 0], [-1, 1, 0, 0]])
+    return points[:, None] + half
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.01, 0.5))
+def test_nearly_equal_depths_are_blended_as_by_the_slow_twin(seed: int, softness: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([rng.uniform([-2, -1.5, 3], [2, 1.5, 4], (12, 3)), np.ones((12, 1))], axis=1)
+    colours, sizes = rng.integers(0, 256, (12, 3), dtype=np.uint8), rng.uniform(0.5, 2, 12)
+    views = splat.splat(points, colours, sizes, IDENTITY, CAMERA, softness)
+    alone = np.stack([splat.draw(square[None], CAMERA)[0] for square in squares(points, sizes, CAMERA)])  # [12, H, W]
+    nearest = alone.max(axis=0)
+    weight = np.where(alone > 0, np.maximum(1 - (1 - alone / nearest) / softness, 0), 0)
+    with np.errstate(invalid="ignore"):
+        mean = (weight[..., None] * colours[:, None, None]).sum(axis=0) / weight.sum(axis=0)[..., None]
+    np.testing.assert_array_equal(views.covered[0], nearest > 0)
+    np.testing.assert_allclose(views.frames[0][nearest > 0], mean[nearest > 0], atol=0.5 + 1e-9)
+    assert (views.frames[0][nearest < 0] == 0).all()
+    np.testing.assert_allclose(views.depths[0][nearest > 0], 1 / nearest[nearest > 0], rtol=1e-6)
+
+
+def test_what_lies_clearly_behind_is_not_blended_and_the_sky_is() -> None:
+    near, little, far = point(0, 0, 4), point(0, 0, 4.2), point(0, 0, 6)
+    colours, sizes = np.stack([RED, GREEN, [0, 0, 200]]).astype(np.uint8), np.ones(3)
+    frame = splat.splat(np.concatenate([near, little, far]), colours, sizes, IDENTITY, CAMERA, 0.1).frames[0, 7, 12]
+    # 4 / 4.2 is smaller by 4.8 %: weight 0.524 beside 1.
+    np.testing.assert_array_equal(frame, [np.round(200 / 1.524), np.round(200 * 0.524 / 1.524), 0])
+    sky = np.concatenate([point(0, 0, 1, w=0.0), point(0, 0, 1, w=0.0)])
+    views = splat.splat(sky, np.stack([RED, GREEN]), np.ones(2), IDENTITY, CAMERA, 0.1)
+    np.testing.assert_array_equal(views.frames[0, 7, 12], [100, 100, 0])
+    assert np.isinf(views.depths[0, 7, 12])
+
+
+def test_points_are_a_scene_whose_edges_can_be_smooth() -> None:
+    white = np.full((1, 3), 240, np.uint8)
+    scene = splat.PointScene(point(0, 0, 10), white, np.array([2.0]))  # 4 x 4.4 pixels, 9.6 to 13.6 across
+    hard = scene.view(IDENTITY, CAMERA)
+    smooth = Supersampled(scene, 5).view(IDENTITY, CAMERA)
+    assert set(np.unique(hard.frames)) == {0, 240}
+    row = smooth.frames[0, 7, :, 0]
+    assert row[11] == 240  # inside
+    # The column 10 covers 9.5 to 10.5, of which 9.6 on is the square's: 0.9, four or five of five samples.
+    assert row[10] in (192, 240)
+    # The column 14 covers 13.5 to 14.5: 0.1 of it, none or one of five samples.
+    assert row[14] in (0, 48)
+    assert 0 < row[[10, 14]].astype(int).sum() < 480
+    np.testing.assert_array_equal(smooth.covered, hard.covered)
