@@ -52,6 +52,9 @@ class Folder:
 
     def __post_init__(self) -> None:
         """Raise BadData unless the pictures, times and poses fit together and give at least one clip."""
+        for name in ("path", "times", "trajectory"):  # scripts give text
+            given = getattr(self, name)
+            object.__setattr__(self, name, None if given is None else Path(given))
         windows.check_protocol(self.num_frames, self.stride, self.size_px)
         if self.frame_rate_hz is not None and not 0 < self.frame_rate_hz < np.inf:
             raise BadData(f"frame_rate_hz is {self.frame_rate_hz}, expected a positive number")

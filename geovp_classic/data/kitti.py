@@ -39,6 +39,7 @@ class Kitti:
 
     def __post_init__(self) -> None:
         """Raise BadData unless every sequence that is named can be used."""
+        object.__setattr__(self, "root", Path(self.root))  # scripts give text
         windows.check_protocol(self.num_frames, self.stride, self.size_px)
         if self.split is not None and self.sequences is not None:
             raise BadData(f"both split {self.split!r} and sequences {list(self.sequences)} are given: keep one of them")

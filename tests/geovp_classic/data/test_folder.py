@@ -65,6 +65,12 @@ def test_pictures_become_clips_in_the_order_of_their_numbers(pictures: Path) -> 
     assert clip.camera_height_m == 1.2
 
 
+def test_paths_may_be_text(pictures: Path, tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_text("\n".join(str(0.2 * step) for step in range(12)))
+    data = Folder(str(pictures), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24))  # type: ignore[arg-type]
+    np.testing.assert_allclose(data[0].times_s, [0.0, 0.2, 0.4, 0.6])
+
+
 def test_a_video_has_its_own_rate(video: Path) -> None:
     data = folder(video)
     clip = data[1]

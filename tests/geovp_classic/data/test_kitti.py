@@ -160,6 +160,10 @@ def test_wrong_settings_are_refused_on_construction(
         kitti(kitti_root, **settings)
 
 
+def test_a_root_may_be_text(kitti_root: Path) -> None:
+    assert Kitti(str(kitti_root), num_frames=4).clip_names == Kitti(kitti_root, num_frames=4).clip_names  # type: ignore[arg-type]
+
+
 def test_a_root_that_is_none_says_what_a_root_is(kitti_root: Path, tmp_path: Path) -> None:
     with pytest.raises(BadData, match="does not exist: give the folder that holds KITTI's 'sequences'"):
         Kitti(tmp_path / "none")
