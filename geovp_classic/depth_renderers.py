@@ -165,7 +165,8 @@ class VolumeFusion:
     """All observed frames in one truncated signed distance volume that is ray-cast (Curless & Levoy 1996).
 
     Depths are in median depths of the last frame, so that any unit of the poses will do. Surfaces are averaged over
-    frames and smooth over voxels; colours are the last frame's where it shows them, else the voxels'.
+    frames and smooth over voxels; colours are the last frame's where it shows them, else the voxels'. Open3D's threads
+    take blocks in any order: up to one pixel in ten thousand differs from run to run.
     """
 
     depth: DepthSource = field(default_factory=Multiview)
