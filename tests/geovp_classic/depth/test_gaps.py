@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from geovp_classic.depth import gaps
+from geovp_classic.data.kitti import Kitti
+from geovp_classic.depth import gaps, matching
 from geovp_classic.depth.gaps import Gap
+from geovp_classic.depth.registration import registered
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
@@ -110,3 +115,24 @@ def test_nothing_is_known_of_a_gap_without_end() -> None:
 def test_the_world_s_axes_do_not_matter(turned: FloatArray) -> None:
     world = se3.exp(np.concatenate([[1.0, 2.0, 3.0], turned]))
     assert gaps.found(world @ recorded(), TIMES_S) == [Gap(FIRST, LAST)]
+
+
+def test_kitti_s_recording_of_00_has_a_gap_that_pictures_bridge() -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if not root:
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti/sequences/00")
+    data = Kitti(Path(root) / "kitti", sequences=("00[341:371)",), size_px=(128, 128), with_wide=True)
+    clip = data[0]
+    assert clip.trajectory is not None
+    assert clip.wide is not None
+    given, times_s = clip.trajectory.world_from_cam, clip.times_s - clip.times_s[NOW]
+    assert gaps.found(given, times_s) == [Gap(5, 21)]  # frames 346 to 362
+    grey = np.stack([matching.grey(frame) for frame in clip.wide.frames[:24]])
+    seen, witness = (
+        registered(grey[:count], clip.wide.intrinsics, given[:count], NOW).world_from_cam for count in (NOW + 1, 24)
+    )
+    given, seen, witness = (se3.inverse(given[NOW]) @ poses for poses in (given, seen, witness))
+    err = np.degrees(se3.turn(given[22], witness[22]))
+    left = err - np.degrees(Gap(5, 21).errors(given, seen, times_s)[22 - NOW - 1])
+    assert np.linalg.norm(err) > 1
+    assert np.linalg.norm(left) < 0.3
