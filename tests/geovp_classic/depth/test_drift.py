@@ -152,8 +152,15 @@ def test_a_gap_in_the_past_says_nothing_of_what_is_measured() -> None:
 def test_poses_that_the_pictures_agree_with_stay() -> None:
     past = se3.exp(np.arange(10)[:, None] * np.array([0.1, 0, 1.0, 0, 0.02, 0]))
     future = se3.exp(np.arange(1, 21)[:, None] * np.array([0.1, 0, 1.0, 0, 0.02, 0]))
-    agreeing = drift.observed(Trajectory(past, np.arange(10) * 0.1, is_metric=True), past)
+    times_s = np.arange(10) * 0.1
+    agreeing = drift.observed(Trajectory(past, times_s, is_metric=True), past)
     np.testing.assert_allclose(agreeing.mended(future, FUTURE_S), future, atol=1e-12)
+    # Where only the last rotation errs, and no rate of turn, there is no lag: positions stay.
+    wrong = past.copy()
+    wrong[-1] = past[-1] @ se3.exp(np.array([0, 0, 0, np.radians(0.1), 0, 0]))
+    erring = drift.observed(Trajectory(wrong, times_s, is_metric=True), past @ se3.inverse(past[-1]) @ wrong[-1])
+    mended = erring.mended(se3.inverse(wrong[-1]) @ past[-1] @ future, FUTURE_S)
+    np.testing.assert_allclose(mended[:, :3, 3], (se3.inverse(wrong[-1]) @ past[-1] @ future)[:, :3, 3], atol=1e-4)
 
 
 def test_errors_are_those_of_the_given_rotations() -> None:
