@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth import registration
-from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
 Picture = Callable[..., FloatArray]
@@ -16,17 +16,6 @@ CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
 
 def straight(num: int = 6, step: float = 0.8) -> FloatArray:
     return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, 0, 0]))
-
-
-def seen_corners(poses: FloatArray, given: FloatArray, noise_px: float = 0.1) -> registration.Corners:
-    """Exact corners of random points, in the true poses [S, 4, 4] (source from reference), and the given ones."""
-    rng = np.random.default_rng(3)
-    pixels = rng.uniform([5, 5], [122, 106], (150, 2))
-    points = pinhole.unproject(pixels, rng.uniform(5, 40, 150), CAMERA)
-    there, _ = pinhole.project(se3.transform(poses, points), CAMERA)
-    there += rng.normal(0, noise_px, there.shape)
-    rays = pinhole.unproject(pixels, np.ones(150), CAMERA)
-    return registration.Corners(rays, there, np.ones(there.shape[:2], dtype=bool), CAMERA, given)
 
 
 def test_a_pose_that_is_off_by_a_degree_is_found_again(picture: Picture) -> None:
@@ -38,44 +27,6 @@ def test_a_pose_that_is_off_by_a_degree_is_found_again(picture: Picture) -> None
     off = se3.inverse(found.world_from_cam) @ truth
     assert np.rad2deg(se3.rotation_angle_rad(off)).max() < 0.15
     np.testing.assert_array_equal(found.world_from_cam[5], given[5])
-
-
-def test_poses_that_fit_stay_nearly_where_they_are() -> None:
-    truth = se3.inverse(straight()[:5]) @ straight()[5]
-    adjusted = registration.adjust(seen_corners(truth, truth))
-    moved = se3.log(adjusted @ se3.inverse(truth))
-    assert np.rad2deg(np.abs(moved[:, 3:])).max() < 0.02
-    assert np.abs(moved[:, :3]).max() < 0.01
-
-
-def test_the_unit_is_that_of_the_given_poses() -> None:
-    # Poses half as long fit the same pictures: nothing says that they are wrong.
-    truth = se3.inverse(straight()[:5]) @ straight()[5]
-    half = truth.copy()
-    half[:, :3, 3] /= 2
-    moved = se3.log(registration.adjust(seen_corners(truth, half)) @ se3.inverse(half))
-    assert np.abs(moved[:, :3]).max() < 0.01
-
-
-def test_derivatives_are_those_of_the_errors() -> None:
-    poses = se3.inverse(straight()[:2]) @ straight()[5]
-    corners = seen_corners(poses, poses, noise_px=1.0)
-    depth = registration._triangulated(corners)
-    off, points = corners.errors(depth, poses)
-    by_twist, by_depth = registration._derivatives(corners, points, depth, poses)
-    tiny = 1e-6
-    for axis in range(6):
-        moved, _ = corners.errors(depth, se3.exp(tiny * np.eye(6)[axis]) @ poses)
-        np.testing.assert_allclose((moved - off) / tiny, by_twist[..., axis], rtol=1e-3, atol=1e-3)
-    deeper, _ = corners.errors(depth + tiny, poses)
-    np.testing.assert_allclose((deeper - off) / tiny, by_depth, rtol=1e-3, atol=0.2)
-
-
-def test_corners_without_error_give_their_depth() -> None:
-    poses = se3.inverse(straight()[:5]) @ straight()[5]
-    corners = seen_corners(poses, poses, noise_px=0.0)
-    off, _ = corners.errors(registration._triangulated(corners), poses)
-    assert np.abs(off).max() < 1e-6
 
 
 def test_directions_that_all_err_alike_give_the_steering() -> None:
