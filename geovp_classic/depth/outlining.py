@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import unexplained
+from geovp_classic.depth.epipolar import IN_FRONT
 from geovp_classic.depth.ground import Ground
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
@@ -123,7 +124,7 @@ def _difference(inverse_depth: FloatArray, velocity: FloatArray, step: int, box:
     other_from_last = unexplained.cam_from_last(sight.past.world_from_cam, step)
     shift = other_from_last[:3, 3] - sight.seconds(step) * other_from_last[:3, :3] @ velocity
     points = pinhole.rays(sight.camera)[box] @ other_from_last[:3, :3].T + inverse_depth[..., None] * shift
-    points[..., 2] = np.maximum(points[..., 2], unexplained.IN_FRONT)
+    points[..., 2] = np.maximum(points[..., 2], IN_FRONT)
     place = np.asarray(pinhole.project(points, sight.camera)[0], np.float32)
     return unexplained.difference(sight.pictures[-1][box], sight.pictures[-1 - step], place, WINDOW_PX)
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
 
 from geovp_classic.abreast import abreast
+from geovp_classic.depth.epipolar import Epipolar
 from geovp_classic.depth.ground import HORIZON_HEIGHTS, Ground
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
@@ -23,7 +25,6 @@ EXPOSURE_ROUNDS = 3
 GREY_NOISE = 4.0  # difference of grey values 0..255 that says nothing
 SMOOTHING_PX = 5  # of the flow that the search begins with
 BELOW_ROAD = 0.85  # a standing thing has at least this share of the road's inverse depth: the road isn't quite flat
-IN_FRONT = 1e-3  # smallest z, relative to the ray
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def unexplained(
     standing = np.maximum(inverse_depth, lowest).astype(np.float32)
     tests = abreast(lambda step: _against(step, pictures, camera, world_from_cam, standing, lowest), steps)
     strengths, shifts_px, places = (np.stack(maps) for maps in zip(*tests, strict=True))
-    return Unexplained(np.median(strengths, axis=0), np.median(shifts_px, axis=0), places, steps)
+    return Unexplained(_medians(strengths), _medians(shifts_px), places, steps)
 
 
 def equally_exposed(
@@ -65,22 +66,32 @@ def equally_exposed(
     """
     equal = pictures.copy()
     some = (slice(None, None, EXPOSURE_STRIDE_PX),) * 2
-    grid = pinhole.pixel_grid(camera)[some]
     last = pictures[-1][some].ravel()
 
     def equalise(step: int) -> None:
-        stood = _seen_at(*_epipolar(grid, camera, cam_from_last(world_from_cam, step)), inverse_depth[some])
+        between = Epipolar.of(camera, cam_from_last(world_from_cam, step))
+        stood = between.seen_at(inverse_depth[some], EXPOSURE_STRIDE_PX)
         warped = _sampled(pictures[-1 - step], stood).ravel()
         kept = np.ones(len(last), dtype=bool)
         gain, offset = 1.0, 0.0
         for _ in range(EXPOSURE_ROUNDS):
             residual = np.abs(gain * warped + offset - last)
             kept = residual <= 2 * np.median(residual) + 1
-            gain, offset = np.polyfit(warped[kept], last[kept], 1) if np.ptp(warped[kept]) > 1 else (1.0, 0.0)
+            gain, offset = _line(warped[kept], last[kept])
         equal[-1 - step] = gain * pictures[-1 - step] + offset
 
     abreast(equalise, steps)
     return equal
+
+
+def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Slope and offset of y over x by least squares; 1 and 0 where x is all the same."""
+    if np.ptp(x) <= 1:
+        return 1.0, 0.0
+    x_mean, y_mean = x.mean(dtype=np.float64), y.mean(dtype=np.float64)
+    away = x - x_mean
+    slope = float(away @ (y - y_mean) / (away @ away))
+    return slope, float(y_mean - slope * x_mean)
 
 
 def cam_from_last(world_from_cam: FloatArray, step: int) -> FloatArray:
@@ -107,15 +118,14 @@ def _against(
     """Strength and shift [H, W] and place [H, W, 2] by the frame `step` frames before the last one."""
     pair = pictures[[-1, -1 - step]]
     last, earlier = pair
-    grid = pinhole.pixel_grid(camera).astype(np.float32)
-    origin, epipole = _epipolar(grid, camera, cam_from_last(world_from_cam, step))
-    stood = _seen_at(origin, epipole, standing)
-    place, remaining = _flow(pair, grid, stood)
-    nearest = _seen_at(origin, epipole, np.maximum(_triangulated(origin, epipole, place), lowest))
-    excess = np.minimum(difference(last, earlier, stood), difference(last, earlier, nearest)) - remaining
-    shift_px = np.minimum(*(np.linalg.norm(one - place, axis=-1) for one in (stood, nearest)))
-    shown = inside(place, camera)
-    return np.where(shown, excess / (remaining + GREY_NOISE), 0), np.where(shown, shift_px, 0), place
+    between = Epipolar.of(camera, cam_from_last(world_from_cam, step))
+    stood = between.seen_at(standing)
+    place, remaining = _flow(pair, pinhole.pixel_grid(camera).astype(np.float32), stood)
+    nearest = between.seen_at(np.maximum(between.triangulated(place), lowest))
+    differences = difference(last, earlier, stood), difference(last, earlier, nearest)
+    strength, shift_px = np.empty(standing.shape, np.float32), np.empty(standing.shape, np.float32)
+    _compare((stood, nearest, place), differences, remaining, strength, shift_px)
+    return strength, shift_px, place
 
 
 def _flow(pair: FloatArray, grid: FloatArray, stood: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -147,33 +157,49 @@ def _sampled(picture: FloatArray, place: FloatArray) -> FloatArray:
     return np.asarray(cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _triangulated(origin: FloatArray, epipole: FloatArray, place: FloatArray) -> FloatArray:
-    """The inverse depth [H, W] whose place in the earlier frame is nearest: linear least squares."""
-    along = epipole[:2] - place * epipole[2]
-    missing = place * origin[..., 2:] - origin[..., :2]
-    inverse_depth: FloatArray = (along * missing).sum(axis=-1) / ((along * along).sum(axis=-1) + 1e-3)
-    return inverse_depth
-
-
-def _seen_at(origin: FloatArray, epipole: FloatArray, inverse_depth: FloatArray) -> FloatArray:
-    """Pixels [H, W, 2] float32 of the earlier frame where things of these inverse depths are."""
-    points = origin + inverse_depth[..., None] * epipole
-    return np.asarray(points[..., :2] / np.maximum(points[..., 2:], IN_FRONT), np.float32)
-
-
-def _epipolar(
-    grid: FloatArray,  # [H, W, 2], pixels of the last frame
-    camera: Intrinsics,
-    other_from_last: FloatArray,  # [4, 4]
-) -> tuple[FloatArray, FloatArray]:
-    """The other camera's picture of the ends at infinity of all rays [H, W, 3], and the epipole [3]; float32."""
-    infinity = (camera.matrix @ other_from_last[:3, :3] @ np.linalg.inv(camera.matrix)).astype(np.float32)
-    origin = grid.astype(np.float32) @ infinity[:, :2].T + infinity[:, 2]
-    return origin, (camera.matrix @ other_from_last[:3, 3]).astype(np.float32)
-
-
 def inside(place: FloatArray, camera: Intrinsics) -> BoolArray:
     """Which pixels [..., 2] lie in the picture."""
     u, v = place[..., 0], place[..., 1]
     within: BoolArray = (u >= 0) & (u <= camera.width_px - 1) & (v >= 0) & (v <= camera.height_px - 1)
     return within
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _compare(
+    places: tuple[FloatArray, FloatArray, FloatArray],  # [H, W, 2] each: if it stood, standing and nearest, by flow
+    differences: tuple[FloatArray, FloatArray],  # [H, W] of grey values, at the first two
+    remaining: FloatArray,  # [H, W], at the third
+    strength: FloatArray,  # [H, W], written
+    shift_px: FloatArray,  # [H, W], written
+) -> None:
+    """Strength and shift; 0 where flow leads out of the picture."""
+    stood, nearest, found = places
+    height, width = remaining.shape
+    for row in range(height):
+        for column in range(width):
+            u, v = found[row, column, 0], found[row, column, 1]
+            strength[row, column] = shift_px[row, column] = 0
+            if u >= 0 and v >= 0 and u <= width - 1 and v <= height - 1:
+                one_u, one_v = stood[row, column, 0] - u, stood[row, column, 1] - v
+                other_u, other_v = nearest[row, column, 0] - u, nearest[row, column, 1] - v
+                square = min(one_u * one_u + one_v * one_v, other_u * other_u + other_v * other_v)
+                excess = min(differences[0][row, column], differences[1][row, column]) - remaining[row, column]
+                strength[row, column] = excess / (remaining[row, column] + np.float32(GREY_NOISE))
+                shift_px[row, column] = np.sqrt(square)
+
+
+@numba.njit(nogil=True, cache=True)
+def _medians(values: FloatArray) -> FloatArray:
+    """The median [H, W] of [K, H, W]."""
+    count, height, width = values.shape
+    medians, ordered = np.empty((height, width), values.dtype), np.empty(count, values.dtype)
+    for row in range(height):
+        for column in range(width):
+            for k in range(count):
+                place = k
+                while place > 0 and ordered[place - 1] > values[k, row, column]:
+                    ordered[place] = ordered[place - 1]
+                    place -= 1
+                ordered[place] = values[k, row, column]
+            medians[row, column] = (ordered[count // 2] + ordered[(count - 1) // 2]) / 2
+    return medians

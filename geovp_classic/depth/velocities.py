@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import unexplained
+from geovp_classic.depth.epipolar import IN_FRONT
 from geovp_classic.depth.outlining import Sight
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, FloatArray
@@ -100,7 +101,7 @@ def _equations(
     camera, other_from_last = sight.camera, unexplained.cam_from_last(sight.past.world_from_cam, step)
     rotation, seconds = other_from_last[:3, :3], sight.seconds(step)
     moved = (points - seconds * velocity) @ rotation.T + other_from_last[:3, 3]
-    moved[:, 2] = np.maximum(moved[:, 2], unexplained.IN_FRONT)
+    moved[:, 2] = np.maximum(moved[:, 2], IN_FRONT)
     place, _ = pinhole.project(moved, camera)
     shown = unexplained.inside(place, camera)
     u, v = place.T[:, None].astype(np.float32)

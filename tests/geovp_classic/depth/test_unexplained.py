@@ -93,3 +93,17 @@ def test_inside_is_up_to_the_centres_of_the_last_pixels(drive_behind: Callable[.
     corner = np.array([camera.width_px - 1.0, camera.height_px - 1.0])
     places = np.stack([np.zeros(2), corner, corner + np.array([0.1, 0]), [-0.1, 3]])
     np.testing.assert_array_equal(unexplained.inside(places, camera), [True, True, False, False])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_medians_are_those_of_numpy(count: int) -> None:
+    values = np.random.default_rng(count).integers(0, 4, (count, 5, 7)).astype(np.float32)
+    np.testing.assert_array_equal(unexplained._medians(values), np.median(values, axis=0))
+
+
+def test_gain_and_offset_are_those_of_a_straight_line() -> None:
+    x = np.random.default_rng(0).uniform(0, 255, 200).astype(np.float32)
+    assert unexplained._line(x, 0.8 * x + 12) == pytest.approx((0.8, 12), abs=1e-4)
+    noisy = 0.8 * x + np.random.default_rng(1).normal(0, 20, 200)
+    assert unexplained._line(x, noisy) == pytest.approx(tuple(np.polyfit(x, noisy, 1)), rel=1e-6)
+    assert unexplained._line(np.full(9, 80.0), np.arange(9.0)) == (1, 0)

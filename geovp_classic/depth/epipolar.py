@@ -1,0 +1,81 @@
+"""Where what one frame shows was in another frame, and from there back to its distance; compiled, pixel by pixel.
+
+A pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole (Hartley
+& Zisserman 2004, eq. 13.2): its way from infinity towards the camera is a piece of its epipolar line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from geovp_classic.types import FloatArray, Intrinsics
+
+IN_FRONT = 1e-3  # smallest z, relative to the ray
+STIFFNESS = 1e-3  # beside squared pixels per unit of inverse depth: infinity, where nothing tells the distance
+_IN_FRONT, _STIFFNESS = np.float32(IN_FRONT), np.float32(STIFFNESS)
+
+
+@dataclass(frozen=True)
+class Epipolar:
+    """Two frames of one camera: the other one's picture of this one's pixels."""
+
+    infinity: FloatArray  # A [3, 3] float32
+    epipole: FloatArray  # b [3] float32
+
+    @classmethod
+    def of(cls, camera: Intrinsics, other_from_this: FloatArray) -> Epipolar:
+        """The geometry of a motion [4, 4]."""
+        infinity = camera.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
+        return cls(infinity.astype(np.float32), (camera.matrix @ other_from_this[:3, 3]).astype(np.float32))
+
+    def seen_at(
+        self,
+        inverse_depth: FloatArray,  # [H, W] of this frame, or of every `stride_px`-th pixel of it each way
+        stride_px: int = 1,
+    ) -> FloatArray:
+        """Pixels [H, W, 2] float32 of the other frame; what is behind it is far outside."""
+        q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
+        places = np.empty((*q.shape, 2), np.float32)
+        _seen_at(self.infinity, self.epipole, q, np.float32(stride_px), places)
+        return places
+
+    def triangulated(
+        self,
+        places: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
+    ) -> FloatArray:
+        """The inverse depth [H, W] float32 that is seen nearest to the places, by linear least squares."""
+        inverse_depth = np.empty(places.shape[:2], np.float32)
+        _triangulated(self.infinity, self.epipole, np.ascontiguousarray(places, dtype=np.float32), inverse_depth)
+        return inverse_depth
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _seen_at(
+    a: FloatArray, b: FloatArray, inverse_depth: FloatArray, stride_px: np.float32, places: FloatArray
+) -> None:
+    for row in range(inverse_depth.shape[0]):
+        v = stride_px * np.float32(row)
+        x0, y0, z0 = a[0, 1] * v + a[0, 2], a[1, 1] * v + a[1, 2], a[2, 1] * v + a[2, 2]
+        for column in range(inverse_depth.shape[1]):
+            u, q = stride_px * np.float32(column), inverse_depth[row, column]
+            z = max(a[2, 0] * u + z0 + q * b[2], _IN_FRONT)
+            places[row, column, 0] = (a[0, 0] * u + x0 + q * b[0]) / z
+            places[row, column, 1] = (a[1, 0] * u + y0 + q * b[1]) / z
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _triangulated(a: FloatArray, b: FloatArray, places: FloatArray, inverse_depth: FloatArray) -> None:
+    """The place times z is x and y: (b_xy - p b_z) q = p a_z - a_xy."""
+    for row in range(places.shape[0]):
+        v = np.float32(row)
+        x0, y0, z0 = a[0, 1] * v + a[0, 2], a[1, 1] * v + a[1, 2], a[2, 1] * v + a[2, 2]
+        for column in range(places.shape[1]):
+            u, p_u, p_v = np.float32(column), places[row, column, 0], places[row, column, 1]
+            z = a[2, 0] * u + z0
+            along_u, along_v = b[0] - p_u * b[2], b[1] - p_v * b[2]
+            missing_u, missing_v = p_u * z - (a[0, 0] * u + x0), p_v * z - (a[1, 0] * u + y0)
+            square = along_u * along_u + along_v * along_v + _STIFFNESS
+            inverse_depth[row, column] = (along_u * missing_u + along_v * missing_v) / square

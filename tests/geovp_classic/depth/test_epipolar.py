@@ -1,0 +1,55 @@
+"""Places along epipolar lines against points that are moved and projected one after the other."""
+
+import numpy as np
+import pytest
+
+from geovp_classic.depth.epipolar import Epipolar
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import FloatArray, Intrinsics
+
+CAMERA = Intrinsics(60.0, 66.0, 23.0, 20.0, 48, 40)
+MOTION = se3.exp(np.array([0.3, -0.1, 0.8, 0.03, -0.05, 0.02]))
+
+
+@pytest.fixture
+def inverse_depth() -> FloatArray:
+    return np.random.default_rng(0).uniform(0, 0.5, (40, 48)).astype(np.float32)
+
+
+def slowly_seen(inverse_depth: FloatArray) -> FloatArray:
+    """Pixels [H, W, 2] in the other camera, by points in space; infinity as very far."""
+    points = pinhole.rays(CAMERA) / np.maximum(inverse_depth, 1e-7)[..., None]
+    return pinhole.project(se3.transform(MOTION, points.reshape(-1, 3)), CAMERA)[0].reshape(40, 48, 2)
+
+
+def test_places_are_those_of_points_in_space(inverse_depth: FloatArray) -> None:
+    places = Epipolar.of(CAMERA, MOTION).seen_at(inverse_depth)
+    np.testing.assert_allclose(places, slowly_seen(inverse_depth), atol=2e-3)
+
+
+def test_some_of_the_pixels_are_where_they_are_among_all(inverse_depth: FloatArray) -> None:
+    between = Epipolar.of(CAMERA, MOTION)
+    np.testing.assert_array_equal(
+        between.seen_at(inverse_depth[::4, ::4], stride_px=4), between.seen_at(inverse_depth)[::4, ::4]
+    )
+
+
+def test_what_is_behind_is_far_outside() -> None:
+    backward = se3.exp(np.array([0, 0, -10.0, 0, 0, 0]))
+    places = Epipolar.of(CAMERA, backward).seen_at(np.full((40, 48), 0.2, np.float32))  # at z = 5 - 10
+    assert ((places < -100) | (places > 100)).any(axis=-1).all()
+
+
+def test_places_on_their_lines_give_the_inverse_depth_back(inverse_depth: FloatArray) -> None:
+    between = Epipolar.of(CAMERA, MOTION)
+    found = between.triangulated(slowly_seen(inverse_depth))
+    np.testing.assert_allclose(found, inverse_depth, atol=6e-3)  # near the epipole a place says little
+    assert np.median(np.abs(found - inverse_depth)) < 1e-5
+
+
+def test_beside_its_line_the_nearest_place_counts() -> None:
+    # Sideways motion: lines are rows, so what lies above or below its row changes nothing.
+    between = Epipolar.of(CAMERA, se3.exp(np.array([1.0, 0, 0, 0, 0, 0])))
+    places = between.seen_at(np.full((40, 48), 0.1, np.float32))
+    places[..., 1] += 3
+    np.testing.assert_allclose(between.triangulated(places), 0.1, atol=1e-5)
