@@ -113,11 +113,16 @@ def track(
 
 
 def _follow(before: FloatArray, after: FloatArray, pixels: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Where the seen ones of the pixels [N, 2] went, and which of them [N] are found back near where they came from."""
     if not seen.any():
         return pixels, seen
     side = int(WINDOW_PX * max(1, len(before) / TALL_PX)) | 1  # odd
-    window = (side, side)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, pixels, pixels.copy(), winSize=window)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(after, before, there, pixels.copy(), winSize=window)
-    close = np.linalg.norm(back - pixels, axis=-1) < RETURN_PX
-    return np.asarray(there), seen & close & (np.asarray(found)[:, 0] > 0) & (np.asarray(returned)[:, 0] > 0)
+    window, start = (side, side), pixels[seen]
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start, start.copy(), winSize=window)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(
+        after, before, there, start.copy(), winSize=window, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    close = np.linalg.norm(back - start, axis=-1) < RETURN_PX
+    places, still = pixels.copy(), seen.copy()
+    places[seen], still[seen] = there, close & (np.asarray(found)[:, 0] > 0) & (np.asarray(returned)[:, 0] > 0)
+    return places, still

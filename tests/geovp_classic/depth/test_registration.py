@@ -71,9 +71,9 @@ def test_windows_of_tracks_grow_with_tall_pictures(rows: int, side: int, monkeyp
     sides: list[tuple[int, int]] = []
     follow = cv2.calcOpticalFlowPyrLK
 
-    def noted(*given: object, winSize: tuple[int, int]) -> object:  # noqa: N803
+    def noted(*given: object, winSize: tuple[int, int], **named: object) -> object:  # noqa: N803
         sides.append(winSize)
-        return follow(*given, winSize=winSize)  # type: ignore[call-overload]
+        return follow(*given, winSize=winSize, **named)  # type: ignore[call-overload]
 
     monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", noted)
     registration.track(np.random.default_rng(5).uniform(0, 255, (2, rows, 80)).astype(np.float32), reference=0)
