@@ -7,9 +7,10 @@ product with the processor busy, for some hundredths of a second after each, and
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-from typing import ParamSpec, TypeVar
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any, ParamSpec, TypeVar
 
 import numba
 from threadpoolctl import ThreadpoolController
@@ -20,9 +21,39 @@ Given = ParamSpec("Given")
 
 
 def abreast(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
-    """The results in the order of the tasks; the work must not start compiled code that is parallel itself."""
-    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        return list(pool.map(work, tasks))
+    """The results in the order of the tasks; the work must not start compiled code that is parallel itself.
+
+    Whoever asks works, too, beside helpers that wait from one call to the next. After an error no task is begun.
+    """
+    todo = list(tasks)
+    results: list[Any] = [None] * len(todo)
+    numbers = iter(range(len(todo)))  # shared: each thread takes the next one
+
+    def work_on() -> None:
+        try:
+            for number in numbers:
+                results[number] = work(todo[number])
+        except BaseException:
+            for _ in numbers:
+                pass
+            raise
+
+    num_helpers = max(0, min(numba.get_num_threads(), len(todo)) - 1)
+    helpers = [_helpers(os.getpid()).submit(work_on) for _ in range(num_helpers)]
+    try:
+        work_on()
+    finally:
+        begun = [helper for helper in helpers if not helper.cancel()]  # others may keep all helpers busy
+        wait(begun)
+    for helper in begun:
+        helper.result()
+    return results
+
+
+@functools.cache
+def _helpers(process: int) -> ThreadPoolExecutor:
+    """Threads of this process; a fork of it needs its own."""
+    return ThreadPoolExecutor(os.cpu_count())
 
 
 def unhindered(work: Callable[Given, Result]) -> Callable[Given, Result]:

@@ -1,5 +1,6 @@
 """Side by side means: same results, same order, the same errors."""
 
+import os
 import threading
 
 import numba
@@ -23,6 +24,37 @@ def test_as_many_work_at_once_as_there_are_threads() -> None:
 def test_an_error_comes_out() -> None:
     with pytest.raises(ZeroDivisionError):
         abreast(lambda n: 1 // n, [1, 0])
+
+
+def test_no_task_begins_after_an_error() -> None:
+    begun = []
+
+    def work(n: int) -> None:
+        begun.append(n)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        abreast(work, range(100))
+    assert len(begun) <= numba.get_num_threads()
+
+
+def test_work_may_call_for_work_abreast_itself() -> None:
+    # Helpers that wait for helpers would wait for ever.
+    assert abreast(lambda n: sum(abreast(lambda m: n * m, range(5))), range(8)) == [10 * n for n in range(8)]
+
+
+def test_a_fork_has_helpers_of_its_own() -> None:
+    count = numba.get_num_threads()
+    abreast(str, range(count))  # the helpers are there
+    child = os.fork()
+    if child == 0:
+        try:
+            meeting = threading.Barrier(count, timeout=10)
+            abreast(lambda _: meeting.wait(), range(count))
+            os._exit(0)
+        finally:
+            os._exit(1)
+    assert os.waitpid(child, 0)[1] == 0
 
 
 def blas_threads() -> set[int]:
