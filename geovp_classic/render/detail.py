@@ -28,22 +28,22 @@ LARGEST_GAIN = 1.0
 _LOST = (
     np.array([(1.0, fine) for fine in BAND_EDGES[:-1]], np.float32) / np.diff(BAND_EDGES).astype(np.float32)[:, None]
 )
+_NUM_BANDS, _LARGEST_GAIN = len(_LOST), np.float32(LARGEST_GAIN)
+_ZERO, _HALF, _ONE, _WHITE = np.float32(0), np.float32(0.5), np.float32(1), np.float32(255)
 
 
 @dataclass(frozen=True)
 class Grain:
-    """The frequency bands of an observed frame, finest first, and its local contrast."""
+    """The frequency bands of an observed frame, finest first, and its local contrast, channel by channel."""
 
-    bands: FloatArray  # [B, H, W, C] float32
-    contrast: FloatArray  # [H, W, C]
+    bands: FloatArray  # [C, B, H, W] float32
+    contrast: FloatArray  # [C, H, W] float32
 
     @classmethod
     def of(cls, frame: ByteArray) -> Grain:
         """The grain of a frame [H, W, C], in colour or in grey."""
-        picture = frame.astype(np.float32)
-        levels = [picture] + [_blurred(picture, BLUR_PX * edge) for edge in BAND_EDGES[1:]]
-        bands = np.stack([fine - coarse for fine, coarse in itertools.pairwise(levels)])
-        return cls(bands, _contrast(picture))
+        pictures = _planes(frame)
+        return cls(np.stack([_bands(one) for one in pictures]), np.stack([_contrast(one) for one in pictures]))
 
     def added_to(
         self,
@@ -52,45 +52,49 @@ class Grain:
         strength: float = 1.0,
     ) -> ByteArray:
         """The frame with the bands that magnification took, at the contrast of what is there."""
-        picture = frame.astype(np.float32)
-        gain = np.minimum(_contrast(picture) / self.contrast, np.float32(LARGEST_GAIN))
-        added = np.empty(frame.shape, np.uint8)
-        _add(picture, self.bands, magnification.astype(np.float32), np.float32(strength) * gain, added)
-        return added
+        pictures, times = _planes(frame), magnification.astype(np.float32)
+        added = np.empty(pictures.shape, np.uint8)
+        for picture, bands, contrast, result in zip(pictures, self.bands, self.contrast, added, strict=True):
+            _add(picture, bands, times, np.float32(strength), (_contrast(picture), contrast), result)
+        return np.moveaxis(added, 0, -1)
+
+
+def _planes(frame: ByteArray) -> FloatArray:
+    """The channels of a frame [H, W, C] one by one [C, H, W], float32."""
+    return np.ascontiguousarray(np.moveaxis(frame, -1, 0), dtype=np.float32)
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _add(
-    picture: FloatArray,  # [H, W, C] float32
-    bands: FloatArray,  # [B, H, W, C] float32
+    picture: FloatArray,  # [H, W] float32
+    bands: FloatArray,  # [B, H, W] float32
     magnification: FloatArray,  # [H, W] float32
-    gain: FloatArray,  # [H, W, C] float32
-    added: ByteArray,  # [H, W, C], written
+    strength: np.float32,
+    contrasts: tuple[FloatArray, FloatArray],  # [H, W] float32, of the picture and of the frame with the bands
+    added: ByteArray,  # [H, W], written
 ) -> None:
     """Add to every pixel the share of each band that its magnification took."""
-    height, width, colours = picture.shape
-    share, zero, one, most = np.empty(len(bands), np.float32), np.float32(0), np.float32(1), np.float32(255)
+    height, width = picture.shape
+    own, other = contrasts
     for row in range(height):
         for column in range(width):
-            times = magnification[row, column]
-            for b in range(len(bands)):
-                share[b] = min(max(_LOST[b, 0] * times - _LOST[b, 1], zero), one)
-            for colour in range(colours):
-                missing = zero
-                for b in range(len(bands)):
-                    missing += share[b] * bands[b, row, column, colour]
-                value = picture[row, column, colour] + gain[row, column, colour] * missing + np.float32(0.5)
-                added[row, column, colour] = np.uint8(min(max(value, zero), most))
+            times, missing = magnification[row, column], _ZERO
+            for b in range(_NUM_BANDS):
+                missing += min(max(_LOST[b, 0] * times - _LOST[b, 1], _ZERO), _ONE) * bands[b, row, column]
+            gain = strength * min(own[row, column] / other[row, column], _LARGEST_GAIN)
+            added[row, column] = np.uint8(min(max(picture[row, column] + gain * missing + _HALF, _ZERO), _WHITE))
+
+
+def _bands(picture: FloatArray) -> FloatArray:
+    """Frequency bands [B, H, W] of a picture [H, W], finest first."""
+    levels = [picture] + [
+        np.asarray(cv2.GaussianBlur(picture, (0, 0), BLUR_PX * edge), np.float32) for edge in BAND_EDGES[1:]
+    ]
+    return np.stack([fine - coarse for fine, coarse in itertools.pairwise(levels)])
 
 
 def _contrast(picture: FloatArray) -> FloatArray:
-    """The local root mean square of detail [H, W, C]."""
-    detail = picture - broad(picture, COARSE_PX).reshape(picture.shape)
-    power = broad(detail * detail, CONTRAST_PX).reshape(picture.shape)
-    contrast: FloatArray = np.sqrt(power + np.float32(FLOOR**2))
+    """The local root mean square of detail [H, W]."""
+    detail = picture - broad(picture, COARSE_PX)
+    contrast: FloatArray = np.sqrt(broad(detail * detail, CONTRAST_PX) + np.float32(FLOOR**2))
     return contrast
-
-
-def _blurred(picture: FloatArray, sigma_px: float) -> FloatArray:
-    blurred: FloatArray = np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px), np.float32)
-    return blurred.reshape(picture.shape)  # OpenCV drops a single channel

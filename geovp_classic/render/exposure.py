@@ -20,7 +20,7 @@ from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Scene
 from geovp_classic.render import surface
 from geovp_classic.render.pace import seconds_of
-from geovp_classic.render.reading import Reader
+from geovp_classic.render.reading import Reader, is_grey
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller pictures that are compared
@@ -165,6 +165,12 @@ def tones(log_gain: float) -> FloatArray:
 
 def exposed(frame: ByteArray, log_gain: float) -> ByteArray:
     """The frame with other tones; how white it is around a pixel counts, so that no texture of white is enlarged."""
+    if is_grey(frame):  # takes a third of the time
+        return np.asarray(cv2.cvtColor(_exposed(frame[..., 0], log_gain), cv2.COLOR_GRAY2RGB), np.uint8)
+    return _exposed(frame, log_gain)
+
+
+def _exposed(frame: ByteArray, log_gain: float) -> ByteArray:
     kept = _kept(log_gain)
     darker = np.minimum(np.arange(256.0) * np.exp(log_gain) + 0.5, 255).astype(np.uint8)
     plain: ByteArray = np.asarray(cv2.LUT(frame, darker), np.uint8)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import cv2
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Fill
@@ -80,7 +79,7 @@ class CloudScene:
         pictures = Reader.of(self.sources, intrinsics)
 
         def look(step: int) -> None:
-            number = np.where(winner[step] == NOTHING, np.int32(NOTHING), self.cloud.source[winner[step]])
+            number = _sources(winner[step], self.cloud.source)
             inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
             inverse_depth = _without_dots(inverse_depth, number)
             frames[step], covered[step], times = pictures.read(inverse_depth, number, world_from_cam[step])
@@ -96,12 +95,14 @@ class CloudScene:
         if self.grain == 0:
             return frames
         channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
-        grain = Grain.of(observed[..., channels])
+        grain, added = Grain.of(observed[..., channels]), np.empty_like(frames)
 
-        def added(step: int) -> ByteArray:
-            return grain.added_to(frames[step, ..., channels], magnification[step], self.grain)
+        def add(step: int) -> None:
+            result = grain.added_to(frames[step, ..., channels], magnification[step], self.grain)
+            added[step] = result if result.shape[-1] == 3 else cv2.cvtColor(result, cv2.COLOR_GRAY2RGB)
 
-        return np.ascontiguousarray(np.broadcast_to(np.stack(abreast(added, range(len(frames)))), frames.shape))
+        abreast(add, range(len(frames)))
+        return added
 
 
 def _close_cracks(
@@ -110,13 +111,11 @@ def _close_cracks(
     crack_px: int,
 ) -> tuple[FloatArray, IndexArray]:
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
-    seen = source_number != NOTHING
+    seen = (source_number != NOTHING).view(np.uint8)
     kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
-    cracks = (cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0) & ~seen
-    depth, filled = np.where(seen, inverse_depth, np.float32(np.inf)), source_number.copy()
-    rows, columns = np.nonzero(cracks)
-    _grow(depth, filled, rows, columns, 2 * crack_px)
-    return np.where(np.isfinite(depth), depth, np.float32(-1)), filled
+    depth, filled = inverse_depth.copy(), source_number.copy()
+    _grow(np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel)), depth, filled, 2 * crack_px)
+    return depth, filled
 
 
 def _without_dots(
@@ -136,23 +135,42 @@ def _without_dots(
 
 
 @numba.njit(nogil=True, cache=True)
+def _sources(winner: IndexArray, source: IndexArray) -> IndexArray:
+    """Which source [H, W] the winning patches [H, W] come from."""
+    number = np.full(winner.shape, NOTHING, source.dtype)
+    for row in range(winner.shape[0]):
+        for column in range(winner.shape[1]):
+            if winner[row, column] != NOTHING:
+                number[row, column] = source[winner[row, column]]
+    return number
+
+
+@numba.njit(nogil=True, cache=True)
 def _grow(
-    depth: FloatArray,  # [H, W] float32, drawn into; inf where unknown
+    wanted: ByteArray,  # [H, W], not 0 where a gap is to be closed
+    depth: FloatArray,  # [H, W] float32, drawn into; -1 where it stays unknown
     number: IndexArray,  # [H, W], drawn into
-    rows: npt.NDArray[np.intp],  # [N], of the pixels to do
-    columns: npt.NDArray[np.intp],  # [N]
     rounds: int,
 ) -> None:
-    """In each round the pixels to do take the farthest of their four neighbours, where one is known."""
+    """In each round the wanted pixels take the farthest of their four neighbours, where one is known."""
+    rows, columns = np.nonzero((number == NOTHING) & (wanted > 0))
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if number[row, column] == NOTHING:
+                depth[row, column] = np.inf
     found, whose = np.empty(len(rows), np.float32), np.empty(len(rows), number.dtype)
     for _ in range(rounds):
         for n in range(len(rows)):
             row, column = rows[n], columns[n]
             found[n], whose[n] = depth[row, column], number[row, column]
-            if np.isfinite(found[n]):
+            if whose[n] != NOTHING:
                 continue
             for y, x in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
                 if 0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and depth[y, x] < found[n]:
                     found[n], whose[n] = depth[y, x], number[y, x]
         for n in range(len(rows)):
             depth[rows[n], columns[n]], number[rows[n], columns[n]] = found[n], whose[n]
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if number[row, column] == NOTHING:
+                depth[row, column] = -1

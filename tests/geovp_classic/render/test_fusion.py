@@ -127,12 +127,14 @@ def test_grain_is_added_only_where_magnification_took_it() -> None:
 
 def test_grain_is_added_as_the_slow_way_does() -> None:
     rng = np.random.default_rng(2)
-    picture, bands = rng.uniform(0, 255, (9, 7, 3)), rng.normal(0, 40, (len(BAND_EDGES) - 1, 9, 7, 3))
-    times, gain = rng.uniform(0.5, 8, (9, 7)), rng.uniform(0, 1, (9, 7, 3))
+    picture, bands = rng.uniform(0, 255, (9, 7)), rng.normal(0, 40, (len(BAND_EDGES) - 1, 9, 7))
+    times, own, other = rng.uniform(0.5, 8, (9, 7)), rng.uniform(2, 20, (9, 7)), rng.uniform(2, 20, (9, 7))
     added = np.empty(picture.shape, np.uint8)
-    _add(*(maps.astype(np.float32) for maps in (picture, bands, times, gain)), added)
+    maps = [one.astype(np.float32) for one in (picture, bands, times, own, other)]
+    _add(*maps[:3], np.float32(0.7), (maps[3], maps[4]), added)
+    gain = 0.7 * np.minimum(own / other, 1)
     for n, (first, last) in enumerate(itertools.pairwise(BAND_EDGES)):
-        picture += gain * np.clip((times - first) / (last - first), 0, 1)[..., None] * bands[n]
+        picture += gain * np.clip((times - first) / (last - first), 0, 1) * bands[n]
     expected = np.clip(np.floor(picture + 0.5), 0, 255)
     assert np.abs(added - expected).max() <= 1  # a half may be rounded either way
     assert (added == expected).mean() > 0.99
