@@ -50,19 +50,32 @@ def fill_from_background(
 
     What one eye alone sees lies behind the thing that hides it from the other. Where nothing is known all is at 0.
     """
-    filled = np.where(known, inverse_depth, np.nan).astype(np.float32)
-    for axis in (1, 0):
-        before = _carried(filled, axis)
-        after = np.flip(_carried(np.flip(filled, axis), axis), axis)
-        filled = np.where(np.isnan(filled), np.fmin(before, after), filled)
-    return np.nan_to_num(filled, nan=0.0)
+    filled, done = np.array(inverse_depth, dtype=np.float32), np.array(known, dtype=np.bool_)
+    _fill_lines(filled, done)
+    _fill_lines(filled.T, done.T)
+    return np.where(done, filled, np.float32(0))
 
 
-def _carried(values: FloatArray, axis: int) -> FloatArray:
-    """Each NaN replaced by the last number before it along the axis."""
-    steps = np.arange(values.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
-    last = np.maximum.accumulate(np.where(np.isnan(values), 0, steps), axis=axis)
-    return np.take_along_axis(values, last, axis=axis)
+@numba.njit(nogil=True, cache=True)
+def _fill_lines(
+    values: FloatArray,  # [H, W], written
+    known: BoolArray,  # [H, W], written
+) -> None:
+    """Unknown values become the smaller of the next known ones on both sides in their row, and known."""
+    height, width = values.shape
+    for row in range(height):
+        before = -1  # the last known column
+        for column in range(width + 1):
+            if column < width and not known[row, column]:
+                continue
+            for gap in range(before + 1, column):
+                if before >= 0 and column < width:
+                    values[row, gap] = min(values[row, before], values[row, column])
+                elif before >= 0 or column < width:
+                    values[row, gap] = values[row, before if before >= 0 else column]
+            before = column
+        if known[row].any():
+            known[row] = True
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)

@@ -10,6 +10,7 @@ import cv2
 import numba
 import numpy as np
 
+from geovp_classic.abreast import abreast
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
@@ -35,7 +36,7 @@ def refined(
 ) -> FloatArray:
     """The inverse depth [H, W] moved by at most LARGEST_STEP_PX to where the pictures agree better, never negative."""
     others = [step for step in range(len(pictures)) if step != reference]
-    plain = np.stack([_without_exposure(pictures[step]) for step in (reference, *others)])
+    plain = np.stack(abreast(lambda step: _without_exposure(pictures[step]), (reference, *others)))
     other_from_cam = se3.inverse(world_from_cam[others]) @ world_from_cam[reference]
     infinity_from_pixel = camera.matrix @ other_from_cam[:, :3, :3] @ np.linalg.inv(camera.matrix)
     epipoles = other_from_cam[:, :3, 3] @ camera.matrix.T

@@ -27,7 +27,7 @@ def choose_sources(
     """
     source_from_reference = se3.inverse(world_from_cam) @ world_from_cam[reference]
     baseline = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
-    usable = np.array([_overlap(one, camera) >= MIN_OVERLAP for one in source_from_reference]) & (baseline > 0)
+    usable = (_overlap(source_from_reference, camera) >= MIN_OVERLAP) & (baseline > 0)
     usable[reference] = False
     steps = np.flatnonzero(usable)
     chosen: list[int] = []
@@ -97,11 +97,11 @@ def _parallax_px(source_from_reference: FloatArray, camera: Intrinsics, inverse_
     return np.quantile(bounded, TYPICAL, axis=-1, method="nearest")
 
 
-def _overlap(source_from_reference: FloatArray, camera: Intrinsics) -> float:
-    """The share of the picture that the source sees of points at infinity."""
+def _overlap(source_from_reference: FloatArray, camera: Intrinsics) -> FloatArray:
+    """The share [S] of the picture that the sources see of points at infinity."""
     edge_u, edge_v = np.linspace(0, camera.width_px - 1, GRID), np.linspace(0, camera.height_px - 1, GRID)
-    pixels = np.stack(np.meshgrid(edge_u, edge_v), axis=-1)
-    rays = pinhole.unproject(pixels, np.ones(pixels.shape[:2]), camera)
-    there, _ = pinhole.project(rays @ source_from_reference[:3, :3].T, camera)
+    pixels = np.stack(np.meshgrid(edge_u, edge_v), axis=-1).reshape(-1, 2)
+    rays = pinhole.unproject(pixels, np.ones(len(pixels)), camera)
+    there, _ = pinhole.project(rays @ np.swapaxes(source_from_reference[:, :3, :3], -1, -2), camera)
     last = np.array([camera.width_px - 1, camera.height_px - 1])
-    return float(((there >= 0) & (there <= last)).all(axis=-1).mean())
+    return np.asarray(((there >= 0) & (there <= last)).all(axis=-1).mean(axis=-1))

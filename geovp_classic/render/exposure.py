@@ -135,19 +135,21 @@ def _log_gains(sources: Sequence[surface.Source], inverse_depth: FloatArray) -> 
     width, height = (max(1, round(side * scale)) for side in (last.camera.width_px, last.camera.height_px))
     camera = last.camera.resized(width, height)
     depth = cv2.resize(inverse_depth.astype(np.float32), (width, height), interpolation=cv2.INTER_NEAREST)
-    pictures = [_small(source.frame, (width, height)) for source in sources]
-    gains = np.zeros(len(sources))
-    for step, source in enumerate(sources[:-1]):
-        small = replace(source, camera=camera)
+    pictures = abreast(lambda source: _small(source.frame, (width, height)), sources)
+
+    def gain(step: int) -> float:
+        small = replace(sources[step], camera=camera)
         pixels, ratio = surface.source_pixels(small, np.asarray(depth), last.world_from_source, camera)
         u, v = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
         was = np.asarray(cv2.remap(pictures[step], u, v, cv2.INTER_LINEAR))  # outside: 0, too dark
         comparable = ratio > 0
         for one in (was, pictures[-1]):
             comparable &= (one > DARKEST) & (one < BRIGHTEST)
-        if comparable.mean() >= MIN_SHARE:
-            gains[step] = np.median(np.log(pictures[-1][comparable] / was[comparable]))
-    return gains
+        if comparable.mean() < MIN_SHARE:
+            return 0.0
+        return float(np.median(np.log(pictures[-1][comparable] / was[comparable])))
+
+    return np.array([*abreast(gain, range(len(sources) - 1)), 0.0])
 
 
 def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:

@@ -54,11 +54,28 @@ def _hidden_from(
     What would stand in front of the later frame's surfaces would have been seen there: it is wrong, so not hidden.
     """
     pixels, ratio = surface.source_pixels(later, inverse_depth, source.world_from_source, source.camera)
-    column, row = np.round(pixels[..., 0]).astype(int), np.round(pixels[..., 1]).astype(int)
-    inside = (ratio > 0) & (column >= 0) & (column < later_depth.shape[1]) & (row >= 0) & (row < later_depth.shape[0])
-    there = later_depth[np.where(inside, row, 0), np.where(inside, column, 0)]
-    own = inverse_depth / np.where(inside, ratio, 1)
-    return ~inside | (own < there * (1 - agreement))
+    hidden = np.empty(ratio.shape, np.bool_)
+    _compare(pixels, ratio, np.asarray(inverse_depth, np.float32), later_depth, 1 - agreement, hidden)
+    return hidden
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _compare(
+    pixels: FloatArray,  # [H, W, 2] of the later frame
+    ratio: FloatArray,  # [H, W], depth in the later frame over own depth
+    inverse_depth: FloatArray,  # [H, W]
+    later_depth: FloatArray,  # [H', W'], inverse
+    share: float,
+    hidden: BoolArray,  # [H, W], written: whether the later frame shows it neither in nor before its surfaces
+) -> None:
+    for row in range(ratio.shape[0]):
+        for column in range(ratio.shape[1]):
+            u, v = np.rint(pixels[row, column, 0]), np.rint(pixels[row, column, 1])
+            within = u >= 0 and v >= 0 and u < later_depth.shape[1] and v < later_depth.shape[0]
+            hidden[row, column] = True
+            if ratio[row, column] > 0 and within:
+                own = inverse_depth[row, column] / ratio[row, column]
+                hidden[row, column] = own < later_depth[int(v), int(u)] * share
 
 
 @dataclass(frozen=True)

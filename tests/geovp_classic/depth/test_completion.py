@@ -1,9 +1,10 @@
 """Completion: a weighted median that follows the picture."""
 
 import numpy as np
+import pytest
 
 from geovp_classic.depth import completion
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
 
 def _twin(values: FloatArray, confidence: FloatArray, picture: FloatArray, row: int, column: int) -> float:
@@ -53,6 +54,28 @@ def test_gaps_show_what_lies_behind() -> None:
     filled = completion.fill_from_background(values, values > 0)
     np.testing.assert_allclose(filled, [[0.5, 0.1, 0.1, 0.1, 0.1], [0.5, 0.1, 0.1, 0.1, 0.1]])
     assert not completion.fill_from_background(values, np.zeros(values.shape, dtype=bool)).any()
+
+
+def _filled_slowly(values: FloatArray, known: BoolArray) -> FloatArray:
+    filled = np.where(known, values, np.nan)
+    for _ in range(2):  # rows, then columns, turned back by the second turn
+        before = filled.copy()
+        for row, column in np.argwhere(np.isnan(before)):
+            beside = [line[np.isfinite(line)] for line in (before[row, :column][::-1], before[row, column:])]
+            nearest = [line[0] for line in beside if len(line)]
+            filled[row, column] = min(nearest) if nearest else np.nan
+        filled = filled.T
+    return np.nan_to_num(filled)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.2, 0.7, 1.0])
+def test_gaps_are_filled_as_the_slow_twin_says(share: float) -> None:
+    rng = np.random.default_rng(int(100 * share))
+    values = rng.uniform(size=(13, 17)).astype(np.float32)
+    known = rng.uniform(size=values.shape) < share
+    before = values.copy()
+    np.testing.assert_array_equal(completion.fill_from_background(values, known), _filled_slowly(values, known))
+    np.testing.assert_array_equal(values, before)
 
 
 def test_islands_are_found_by_their_size() -> None:

@@ -13,7 +13,7 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import surface
 from geovp_classic.render.detail import BAND_EDGES, Grain, _add
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import _close_cracks, _without_dots, fuse
+from geovp_classic.render.fusion import _close_cracks, _hidden_from, _without_dots, fuse
 from geovp_classic.render.quads import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
@@ -92,6 +92,23 @@ def test_the_sky_turns_but_does_not_come_nearer() -> None:
     drawn, winner = surface.draw(cloud, [source], ahead[None], CAMERA)
     np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
     assert (drawn == 0).all()
+
+
+def test_what_a_later_frame_hides_is_what_the_slow_twin_says() -> None:
+    rng = np.random.default_rng(4)
+    one, other = (
+        surface.Source(np.zeros((48, 64, 3), np.uint8), CAMERA, se3.exp(np.array(twist)))
+        for twist in ([0, 0, 0, 0, 0, 0], [0.4, 0.1, 0.9, 0.02, -0.1, 0.05])
+    )
+    own, there = rng.uniform(0, 0.5, (2, 48, 64)).astype(np.float32)
+    pixels, ratio = surface.source_pixels(other, own, one.world_from_source, one.camera)
+    expected = np.ones((48, 64), dtype=bool)
+    for row, column in np.ndindex(48, 64):
+        u, v = np.round(pixels[row, column]).astype(int)
+        if ratio[row, column] > 0 and 0 <= u < 64 and 0 <= v < 48:
+            expected[row, column] = own[row, column] / ratio[row, column] < there[v, u] * 0.9
+    assert 0.2 < expected.mean() < 0.8
+    np.testing.assert_array_equal(_hidden_from(other, there, one, own, 0.1), expected)
 
 
 def test_dots_go_and_thin_things_stay() -> None:
