@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
+import cv2
 import numba
 import numpy as np
 
@@ -21,8 +21,6 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 MARGIN_PX = 4  # around each picture, of its border's colours: as far as Lanczos' kernel of 8 x 8 reaches
 PHASES = 256  # places between two pixels that the kernel is tabulated for
 NOT_FINER = 0.95  # of the views' pixels that sources have; with fewer the sources are finer than the views
-Index = np.unsignedinteger[Any]
-
 _FIRST = np.float32(MARGIN_PX - 3.5)  # from a picture's border to the middle of the kernel's first pixel there
 _ZERO, _HALF, _WHITE, _PHASES = np.float32(0), np.float32(0.5), np.float32(255), np.float32(PHASES)
 _TWO, _THREE, _FOUR = np.uint64(2), np.uint64(3), np.uint64(4)  # unsigned, so that no negative index is looked for
@@ -67,9 +65,10 @@ class Pictures:
         scale: tuple[float, float],  # how many pixels a picture has to each that is meant
     ) -> ByteArray:
         """Colours [H, W, 3] by Lanczos' kernel of 8 x 8, its place rounded to a 256th of a pixel."""
-        frame = np.zeros((*number.shape, 3), np.uint8)
-        _read(self.channels, pixels, number, np.array(scale, np.float32), WEIGHTS, frame)
-        return frame
+        planes = np.zeros((self.channels.shape[1], *number.shape), np.uint8)
+        for channel, plane in enumerate(planes):
+            _read(self.channels, channel, pixels, number, np.array(scale, np.float32), WEIGHTS, plane)
+        return np.asarray(cv2.merge([planes[0]] * 3 if len(planes) == 1 else list(planes)), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -183,14 +182,20 @@ def _follow(
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
 def _read(
     channels: FloatArray,  # [S, C, H', W'] float32 with margins
+    channel: int,
     pixels: FloatArray,  # [H, W, 2] float32
     number: IndexArray,  # [H, W]
     scale: FloatArray,  # [2] float32
     weights: FloatArray,  # [PHASES + 1, 8] float32
-    frame: ByteArray,  # [H, W, 3], written where a picture is named
+    plane: ByteArray,  # [H, W], written where a picture is named
 ) -> None:
-    flat, num_channels = channels.reshape(-1), np.uint64(channels.shape[1])
-    rows, stride = np.uint64(channels.shape[2]), np.uint64(channels.shape[3])
+    """The weighted sum of 8 x 8 values at every pixel.
+
+    Several columns at a time: the compiler makes vectors of the innermost loop, whose length it does not know; a loop
+    of known length, or one more loop around, it would take apart.
+    """
+    flat, taps = channels.reshape(-1), np.uint64(weights.shape[1])
+    count, rows, stride = np.uint64(channels.shape[1]), np.uint64(channels.shape[2]), np.uint64(channels.shape[3])
     shift_u, shift_v = _HALF * scale[0] + _FIRST, _HALF * scale[1] + _FIRST
     for row in range(number.shape[0]):
         for column in range(number.shape[1]):
@@ -198,34 +203,17 @@ def _read(
             if n == NOTHING:
                 continue
             u, v = pixels[row, column, 0] * scale[0] + shift_u, pixels[row, column, 1] * scale[1] + shift_v
-            left, top = np.uint64(np.int32(u)), np.uint64(np.int32(v))
-            phase_u = np.uint64(np.int32((u - np.float32(np.int32(u))) * _PHASES + _HALF))
-            phase_v = np.uint64(np.int32((v - np.float32(np.int32(v))) * _PHASES + _HALF))
-            for channel in range(num_channels):
-                start = ((np.uint64(n) * num_channels + channel) * rows + top) * stride + left
-                value = _weighted(flat, start, stride, weights, phase_u, phase_v)
-                frame[row, column, channel] = np.uint8(min(max(value + _HALF, _ZERO), _WHITE))
-            if num_channels == np.uint64(1):
-                frame[row, column, 1] = frame[row, column, 2] = frame[row, column, 0]
-
-
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-def _weighted(
-    flat: FloatArray, start: Index, stride: Index, weights: FloatArray, phase_u: Index, phase_v: Index
-) -> np.float32:
-    """The weighted sum of 8 x 8 values from `start` on.
-
-    Several columns at a time: the compiler makes vectors of this loop, whose length it does not know; it would take a
-    loop of known length apart.
-    """
-    d0, d1, d2, d3 = weights[phase_v, 0], weights[phase_v, 1], weights[phase_v, 2], weights[phase_v, 3]
-    d4, d5, d6, d7 = weights[phase_v, 4], weights[phase_v, 5], weights[phase_v, 6], weights[phase_v, 7]
-    r1, r2, r3 = start + stride, start + _TWO * stride, start + _THREE * stride
-    r4 = start + _FOUR * stride
-    r5, r6, r7 = r1 + _FOUR * stride, r2 + _FOUR * stride, r3 + _FOUR * stride
-    total = _ZERO
-    for i in range(np.uint64(weights.shape[1])):
-        upper = d0 * flat[start + i] + d1 * flat[r1 + i] + d2 * flat[r2 + i] + d3 * flat[r3 + i]
-        lower = d4 * flat[r4 + i] + d5 * flat[r5 + i] + d6 * flat[r6 + i] + d7 * flat[r7 + i]
-        total += weights[phase_u, i] * (upper + lower)
-    return total
+            left, top = np.int32(u), np.int32(v)
+            phase_u = np.uint64(np.int32((u - np.float32(left)) * _PHASES + _HALF))
+            phase_v = np.uint64(np.int32((v - np.float32(top)) * _PHASES + _HALF))
+            d0, d1, d2, d3 = weights[phase_v, 0], weights[phase_v, 1], weights[phase_v, 2], weights[phase_v, 3]
+            d4, d5, d6, d7 = weights[phase_v, 4], weights[phase_v, 5], weights[phase_v, 6], weights[phase_v, 7]
+            r0 = ((np.uint64(n) * count + np.uint64(channel)) * rows + np.uint64(top)) * stride + np.uint64(left)
+            r1, r2, r3, r4 = r0 + stride, r0 + _TWO * stride, r0 + _THREE * stride, r0 + _FOUR * stride
+            r5, r6, r7 = r4 + stride, r4 + _TWO * stride, r4 + _THREE * stride
+            value = _HALF
+            for i in range(taps):
+                upper = d0 * flat[r0 + i] + d1 * flat[r1 + i] + d2 * flat[r2 + i] + d3 * flat[r3 + i]
+                lower = d4 * flat[r4 + i] + d5 * flat[r5 + i] + d6 * flat[r6 + i] + d7 * flat[r7 + i]
+                value += weights[phase_u, i] * (upper + lower)
+            plane[row, column] = np.uint8(min(max(value, _ZERO), _WHITE))
