@@ -110,7 +110,8 @@ class Exposed:
         if self.whole:
             coming, now, level = self._wholes(world_from_cam), self.last.frame, self.exposure.log_level
         else:
-            coming, now = views.frames, Reader.of([self.last], intrinsics).observed()
+            same = self.last.camera == intrinsics
+            coming, now = views.frames, self.last.frame if same else Reader.of([self.last], intrinsics).observed()
             level = _log_mean(now)
         histograms = np.stack(abreast(_histogram, coming))
         gains = self.exposure.forecast(histograms, seconds, _log_mean(now), level)

@@ -111,6 +111,8 @@ class Reader:
 
     def observed(self) -> ByteArray:
         """What the camera would have seen [H, W, 3] in the place of the first source; the border's colours outside."""
+        if self.sources[0].camera == self.camera:
+            return self.sources[0].frame
         pixels = own_pixels(self.sources[0], self.camera)
         last = np.array([self.sources[0].camera.width_px - 1, self.sources[0].camera.height_px - 1], np.float32)
         first = np.zeros(pixels.shape[:2], np.int32)
