@@ -15,10 +15,11 @@ import numpy as np
 
 from geovp_classic.depth import matching, viewpoints
 from geovp_classic.depth.completion import complete
+from geovp_classic.depth.confirmation import agreement
 from geovp_classic.depth.ground import Ground
 from geovp_classic.depth.refinement import refined
 from geovp_classic.depth.smoothing import flattened
-from geovp_classic.depth.sweep import Swept, agreement, sweep
+from geovp_classic.depth.sweep import Swept, sweep
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory

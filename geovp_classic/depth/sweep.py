@@ -63,26 +63,3 @@ def sweep(
     seen = ~(costs == matching.UNSEEN).all(axis=-1)
     confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
     return Swept(inverse_depth.astype(np.float32), confidence, ground)
-
-
-def agreement(
-    inverse_depth: FloatArray,  # [H, W], of the frame in question
-    camera: Intrinsics,
-    witness: FloatArray,  # [H', W'] float32, inverse depth of another frame
-    witness_camera: Intrinsics,
-    witness_from_cam: FloatArray,  # [4, 4]
-    tolerance: float,
-) -> FloatArray:
-    """How well [H, W] another frame's depth confirms this one's: 1 when equal, exp(-1/2) at `tolerance`, 0 unseen.
-
-    Differences are relative to the larger inverse depth.
-    """
-    there, inverse_there = viewpoints.seen_from(inverse_depth, camera, witness_camera, witness_from_cam)
-    last = np.array([witness_camera.width_px - 1, witness_camera.height_px - 1])
-    inside = ((there >= -0.5) & (there <= last + 0.5)).all(axis=-1)  # outermost pixels count as far as their borders
-    u, v = np.moveaxis(np.clip(there, 0, last).astype(np.float32), -1, 0)
-    found = np.asarray(cv2.remap(witness, u, v, cv2.INTER_LINEAR))
-    floor = np.float32(0.01 * np.quantile(witness, 0.99) + 1e-12)  # below it, far is far
-    difference = np.abs(found - inverse_there) / np.maximum(np.maximum(found, inverse_there), floor)
-    confirmed = np.where(inside, np.exp(-0.5 * (difference / tolerance) ** 2), 0)
-    return confirmed.astype(np.float32)

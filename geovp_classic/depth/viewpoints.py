@@ -12,7 +12,6 @@ GRID = 8  # pixels along each side at which parallax is worked out
 HALVINGS = 4  # baselines that are sought: the longest, a half, a quarter, an eighth of it
 NEAREST_SHIFT = 0.125  # of the picture's shorter side, that the shortest baseline gives the nearest things
 MIN_PARALLAX_PX = 1.0  # less is noise, of the pictures or of the poses
-OUTSIDE_PX = -1e4  # stands for "not seen"
 TYPICAL = 0.75  # the quantile of the pixels' parallax that counts: forward motion has none at its centre
 
 
@@ -65,18 +64,6 @@ def shows_parallax(
 ) -> bool:
     """Whether the camera moved, as far as pictures tell: the quarter of the pixels that moved most did so visibly."""
     return bool(np.quantile(parallax_px, TYPICAL) >= MIN_PARALLAX_PX)
-
-
-def seen_from(
-    inverse_depth: FloatArray,  # [H, W]
-    camera: Intrinsics,
-    other_camera: Intrinsics,
-    other_from_cam: FloatArray,  # [4, 4]
-) -> tuple[FloatArray, FloatArray]:
-    """Pixels [H, W, 2] and inverse depths [H, W] of the points in another camera; far outside when behind it."""
-    points = pinhole.rays(camera) @ other_from_cam[:3, :3].T + inverse_depth[..., None] * other_from_cam[:3, 3]
-    pixels, z = pinhole.project(points, other_camera)
-    return np.where(z[..., None] > 0, pixels, OUTSIDE_PX), inverse_depth / np.where(z > 0, z, 1)
 
 
 def _parallax_px(source_from_reference: FloatArray, camera: Intrinsics, inverse_depths: FloatArray) -> FloatArray:

@@ -2,12 +2,50 @@
 
 import numpy as np
 
-from geovp_classic.depth.sweep import agreement
-from geovp_classic.geometry import se3
-from geovp_classic.types import Intrinsics
+from geovp_classic.depth.confirmation import agreement
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(100.0, 100.0, 31.5, 31.5, 64, 64)
 HALF = CAMERA.resized(32, 32)
+
+
+def slow_agreement(inverse_depth: FloatArray, witness: FloatArray, witness_from_cam: FloatArray) -> FloatArray:
+    """Point by point through space, at a tolerance of 0.1."""
+    points = pinhole.rays(CAMERA) @ witness_from_cam[:3, :3].T + inverse_depth[..., None] * witness_from_cam[:3, 3]
+    pixels, z = pinhole.project(points, HALF)
+    confirmed = np.zeros(inverse_depth.shape)
+    for row, column in np.argwhere(z > 0):
+        u, v = pixels[row, column]
+        if -0.5 <= u <= 31.5 and -0.5 <= v <= 31.5:
+            u, v = np.clip((u, v), 0, 31)
+            left, top = min(int(u), 30), min(int(v), 30)
+            across, down = np.array([left + 1 - u, u - left]), np.array([top + 1 - v, v - top])
+            found, there = (
+                down @ witness[top : top + 2, left : left + 2] @ across,
+                inverse_depth[row, column] / z[row, column],
+            )
+            off = abs(found - there) / max(found, there, 0.01 * np.quantile(witness, 0.99))
+            confirmed[row, column] = np.exp(-0.5 * (off / 0.1) ** 2)
+    return confirmed
+
+
+def test_equals_the_slow_twin() -> None:
+    rng = np.random.default_rng(0)
+    own, witness = (
+        rng.uniform(0.1, 0.14, (64, 64)).astype(np.float32),
+        rng.uniform(0.1, 0.14, (32, 32)).astype(np.float32),
+    )
+    motion = se3.exp(np.array([0.5, -0.3, -1.0, 0.02, 0.1, -0.03]))
+    expected = slow_agreement(own, witness, motion)
+    assert 0.2 < (expected > 0.1).mean() < 0.9
+    np.testing.assert_allclose(agreement(own, CAMERA, witness, HALF, motion, 0.1), expected, atol=1e-3)
+
+
+def test_nothing_behind_the_witness_is_confirmed() -> None:
+    ahead = se3.compose(np.eye(3), np.array([0, 0, -20.0]))  # the wall is 10 behind it
+    wall = np.full((64, 64), 0.1, np.float32)
+    assert not agreement(wall, CAMERA, np.full((32, 32), 0.1, np.float32), HALF, ahead, 0.1).any()
 
 
 def test_a_wall_is_confirmed_from_farther_away() -> None:

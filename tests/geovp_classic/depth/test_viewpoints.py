@@ -55,17 +55,3 @@ def test_hypotheses_of_a_sideways_step_are_even() -> None:
     planes, step_px = viewpoints.hypotheses(aside, CAMERA, 33)
     np.testing.assert_allclose(np.diff(planes) * 490 * 0.5, step_px, rtol=1e-6)
     assert 32 <= planes[-1] * 245 <= 36  # an eighth of the width, rounded up to the grid
-
-
-def test_points_seen_from_the_side() -> None:
-    # 1 to the right, a point at depth 10 moves left by 490 / 10 px and stays as deep
-    other_from_cam = se3.compose(np.eye(3), np.array([-1.0, 0, 0]))
-    pixels, inverse_depth = viewpoints.seen_from(np.full((256, 256), 0.1), CAMERA, CAMERA, other_from_cam)
-    np.testing.assert_allclose(pixels[100, 200], [151, 100])
-    np.testing.assert_allclose(inverse_depth, 0.1)
-
-
-def test_points_behind_are_outside() -> None:
-    other_from_cam = se3.compose(np.eye(3), np.array([0, 0, -20.0]))
-    pixels, _ = viewpoints.seen_from(np.full((256, 256), 0.1), CAMERA, CAMERA, other_from_cam)
-    assert (pixels < -1000).all()
