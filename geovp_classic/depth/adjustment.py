@@ -44,15 +44,15 @@ class Corners:
         shift = SHIFT_SHARE * np.maximum(distance, SHIFT_SHARE * distance.max())
         return np.concatenate([np.tile(1 / shift[:, None], 3), np.full((len(shift), 3), 1 / ROTATION_RAD)], axis=1)
 
-    def cost(self, inverse_depth: FloatArray, poses: FloatArray) -> float:
+    def cost(self, inverse_depth: FloatArray, poses: FloatArray, departure: FloatArray) -> float:
         """The sum to be made small: Cauchy's function of the errors in units of ROBUST_PX, and of the departure."""
-        departure = (self.departure(poses) ** 2).sum()
-        return float(_misfit(*self._observed, poses, inverse_depth) + TRUST * np.log1p(departure / TRUST))
+        squared = (departure**2).sum()
+        return float(_misfit(*self._observed, poses, inverse_depth) + TRUST * np.log1p(squared / TRUST))
 
-    def equations(self, inverse_depth: FloatArray, poses: FloatArray) -> Equations:
+    def equations(self, inverse_depth: FloatArray, poses: FloatArray, departure: FloatArray) -> Equations:
         """The cost near the poses and inverse depths, as a quadratic function of their changes."""
         h_twist, g_twist, h_depth, g_depth, mixed = _equations(*self._observed, poses, inverse_depth)
-        departure, precision = self.departure(poses), self.precision
+        precision = self.precision
         held = 1 / (1 + (departure**2).sum() / TRUST)
         h_twist += held * precision[:, :, None] ** 2 * np.eye(6)
         return Equations(h_twist, g_twist + held * precision * departure, h_depth, g_depth, mixed)
@@ -96,16 +96,19 @@ class Equations:
 
 def adjust(corners: Corners) -> FloatArray:
     """The poses [S, 4, 4] of least cost (Levenberg 1944, Marquardt 1963)."""
-    poses, inverse_depth, damping = corners.given, corners.triangulated(), START_DAMPING
-    cost, equations = corners.cost(inverse_depth, poses), corners.equations(inverse_depth, poses)
+    poses, inverse_depth = corners.given, corners.triangulated()
+    departure = corners.departure(poses)
+    cost, damping = corners.cost(inverse_depth, poses, departure), START_DAMPING
+    equations = corners.equations(inverse_depth, poses, departure)
     for _ in range(NUM_ROUNDS):
         twists, deeper = equations.solved(damping)
         trial_poses, trial_depth = se3.exp(twists) @ poses, np.maximum(inverse_depth + deeper, 0)
-        trial_cost = corners.cost(trial_depth, trial_poses)
+        departure = corners.departure(trial_poses)
+        trial_cost = corners.cost(trial_depth, trial_poses, departure)
         damping = damping / 5 if trial_cost < cost else damping * 10
         if trial_cost < cost:
             poses, inverse_depth, cost = trial_poses, trial_depth, trial_cost
-            equations = corners.equations(inverse_depth, poses)
+            equations = corners.equations(inverse_depth, poses, departure)
     return poses
 
 
