@@ -38,7 +38,8 @@ def bundle_adjust(
     summary = pycolmap.create_default_bundle_adjuster(_options(robust_px), config, model).solve()
     if not summary.is_solution_usable():
         return cam_from_world, points
-    moved = np.array([model.points3D[j + 1].xyz for j in range(len(points))]).reshape(-1, 3)
+    found = model.points3D
+    moved = np.array([found[j + 1].xyz for j in range(len(points))]).reshape(-1, 3)
     poses = np.tile(np.eye(4), (len(cam_from_world), 1, 1))
     for k in range(len(cam_from_world)):
         poses[k, :3] = model.images[k + 1].cam_from_world().matrix()
@@ -58,10 +59,12 @@ def _model(cam_from_world: FloatArray, points: FloatArray, pixels: FloatArray, l
     for k, pose in enumerate(cam_from_world):
         image = pycolmap.Image(name=str(k), keypoints=ideal[k], camera_id=1, image_id=k + 1)
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3]))
-    seen = np.isfinite(pixels[..., 0])
-    for j, point in enumerate(points):
-        elements = [pycolmap.TrackElement(int(k) + 1, j) for k in np.flatnonzero(seen[:, j])]
-        model.add_point3D(point, pycolmap.Track(elements=elements))
+    tracks = [pycolmap.Track() for _ in points]
+    image_ids, indices = np.nonzero(np.isfinite(pixels[..., 0]))
+    for image_id, j in zip((image_ids + 1).tolist(), indices.tolist(), strict=True):
+        tracks[j].add_element(image_id, j)
+    for point, track in zip(points, tracks, strict=True):
+        model.add_point3D(point, track)
     return model
 
 
