@@ -10,10 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import cv2
+import numba
 import numpy as np
+import numpy.typing as npt
 
 from geovp_classic.geometry.two_view import homogeneous
-from geovp_classic.poses.lens import Lens
+from geovp_classic.poses.lens import Lens, pixel
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 NEAREST, FARTHEST, HALF_WIDTH = 2.5, 10.0, 1.4  # the road that is looked at, in camera heights
@@ -61,10 +63,10 @@ def agreement(
     plane: FloatArray,  # [3] in the camera `now`
 ) -> float:
     """Normalised cross-correlation of the road in both pictures, if it lies on this plane; -1 when out of sight."""
-    there, seen = _elsewhere(homogeneous(lens.rays(pixels)), before_from_now, lens, plane)
-    if seen.mean() < MIN_SHARE_SEEN:
+    there, index = _elsewhere(lens.rays(pixels), before_from_now, plane, *_numbers(lens))
+    if len(index) < MIN_SHARE_SEEN * len(pixels):
         return -1.0
-    return _correlation(_sample(now, pixels[seen]), _sample(before, there[seen]))
+    return _correlation(_sample(now, pixels[index].astype(np.float32)), _sample(before, there))
 
 
 def align(
@@ -81,23 +83,17 @@ def align(
     Gauss-Newton on the difference of grey values (Lucas & Kanade 1981; the plane as parameter: Irani & Anandan 1999),
     with Geman-McClure weights against what is not road, and one offset for a change of brightness.
     """
-    rays, wanted = homogeneous(lens.rays(pixels)), _sample(now, pixels)
+    rays, wanted = lens.rays(pixels), _sample(now, pixels.astype(np.float32))
     slopes = [cv2.Scharr(before, cv2.CV_32F, 1, 0, scale=1 / 32), cv2.Scharr(before, cv2.CV_32F, 0, 1, scale=1 / 32)]
     fields = np.asarray(cv2.merge([before, *slopes]), dtype=np.float32)  # [H, W, 3]
-    start, information = plane, np.zeros((3, 3))
+    start = plane
+    information: FloatArray = np.zeros((3, 3))
     for _ in range(NUM_ROUNDS):
-        there, seen = _elsewhere(rays, before_from_now, lens, plane)
-        if seen.mean() < MIN_SHARE_SEEN:
+        there, index = _elsewhere(rays, before_from_now, plane, *_numbers(lens))
+        if len(index) < MIN_SHARE_SEEN * len(pixels):
             return None
-        values = _sample(fields, there[seen])
-        by_plane = (values[:, 1:] * _speed(rays[seen], before_from_now, lens, plane)).sum(axis=1)[:, None] * rays[seen]
-        difference = values[:, 0] - wanted[seen]
-        difference = difference - np.median(difference)
-        spread = max(GREY_NOISE, 1.4826 * float(np.median(np.abs(difference))))
-        weight = 1 / (1 + (difference / (2 * spread)) ** 2) ** 2
-        by_plane = by_plane - weight @ by_plane / weight.sum()
-        information = by_plane.T @ (weight[:, None] * by_plane) / spread**2
-        moment = by_plane.T @ (weight * difference) / spread**2
+        speed = _speed(rays[index], before_from_now, plane, lens.camera.fx_px, lens.camera.fy_px)
+        information, moment = _equations(rays[index], speed, _sample(fields, there), wanted[index])
         step = -np.linalg.solve(information + trust, moment + trust @ (plane - start))
         plane = plane + step
         if np.abs(step).max() < 1e-3 * np.linalg.norm(plane):
@@ -128,35 +124,111 @@ def _is_ahead(rays: FloatArray, normal: FloatArray) -> BoolArray:
     return inside
 
 
-def _elsewhere(
-    rays: FloatArray, before_from_now: FloatArray, lens: Lens, plane: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Where the road's points on rays [N, 3] are seen by the other camera: pixels [N, 2], and whether they are [N]."""
-    points = rays @ before_from_now[:3, :3].T + (rays @ plane)[:, None] * before_from_now[:3, 3]
-    front = points[:, 2] > 1e-3
-    pixels = lens.pixels(points[:, :2] / np.where(front, points[:, 2], 1.0)[:, None])
-    limit = (lens.camera.width_px - 2, lens.camera.height_px - 2)
-    return pixels, front & (pixels > 1).all(axis=1) & (pixels < limit).all(axis=1)
+def _numbers(lens: Lens) -> tuple[tuple[float, float], tuple[float, float], float, tuple[int, int]]:
+    """Focal lengths, principal point, `radial` and the picture's size."""
+    camera = lens.camera
+    size_px = (camera.width_px, camera.height_px)
+    return (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px), float(lens.radial), size_px
 
 
-def _speed(rays: FloatArray, before_from_now: FloatArray, lens: Lens, plane: FloatArray) -> FloatArray:
-    """Derivative [N, 2] of the pixels seen elsewhere by m . r."""
-    translation = before_from_now[:3, 3]
-    points = rays @ before_from_now[:3, :3].T + (rays @ plane)[:, None] * translation
-    across = translation[:2] * points[:, 2:] - points[:, :2] * translation[2]
-    focal = np.array([lens.camera.fx_px, lens.camera.fy_px])
-    speed: FloatArray = focal * across / points[:, 2:] ** 2
-    return speed
-
-
-def _sample(picture: FloatArray, pixels: FloatArray) -> FloatArray:
-    """Values [N] or [N, C] of a picture [H, W] or [H, W, C] between pixels, bilinear."""
-    at = pixels.astype(np.float32)
-    values = np.asarray(cv2.remap(picture, at[:, :1], at[:, 1:], cv2.INTER_LINEAR), dtype=np.float64)
+def _sample(
+    picture: FloatArray,  # [H, W] or [H, W, C], float32
+    pixels: FloatArray,  # [N, 2], float32
+) -> FloatArray:
+    """Values [N] or [N, C] of a picture between pixels, bilinear, float32."""
+    values = np.asarray(cv2.remap(picture, pixels[:, :1], pixels[:, 1:], cv2.INTER_LINEAR), dtype=np.float32)
     return values.reshape(len(pixels), *picture.shape[2:])
 
 
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _elsewhere(
+    rays: FloatArray,  # [N, 2]
+    before_from_now: FloatArray,  # [4, 4]
+    plane: FloatArray,  # [3]
+    focal: tuple[float, float],
+    centre: tuple[float, float],
+    radial: float,
+    size_px: tuple[int, int],
+) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Where the road's points on rays are seen by the other camera: pixels [M, 2] float32, and which are seen [M]."""
+    there, index, count = np.empty((len(rays), 2), dtype=np.float32), np.empty(len(rays), dtype=np.int64), 0
+    for n in range(len(rays)):
+        x, y, z = _point(rays[n], before_from_now, plane)
+        if not z > 1e-3:
+            continue
+        u, v = pixel(x / z, y / z, focal, centre, radial)
+        if u > 1 and v > 1 and u < size_px[0] - 2 and v < size_px[1] - 2:
+            there[count, 0], there[count, 1], index[count] = u, v, n
+            count += 1
+    return there[:count], index[:count]
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _speed(
+    rays: FloatArray,  # [N, 2]
+    before_from_now: FloatArray,  # [4, 4]
+    plane: FloatArray,  # [3]
+    focal_x: float,
+    focal_y: float,
+) -> FloatArray:
+    """Derivative [N, 2] of the pixels seen elsewhere by m . r."""
+    speed = np.empty_like(rays)
+    for n in range(len(rays)):
+        x, y, z = _point(rays[n], before_from_now, plane)
+        speed[n, 0] = focal_x * (before_from_now[0, 3] * z - x * before_from_now[2, 3]) / (z * z)
+        speed[n, 1] = focal_y * (before_from_now[1, 3] * z - y * before_from_now[2, 3]) / (z * z)
+    return speed
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _point(ray: FloatArray, pose: FloatArray, plane: FloatArray) -> tuple[float, float, float]:
+    """The road's point on a ray (x, y) in the other camera, over its depth in this one."""
+    below = ray[0] * plane[0] + ray[1] * plane[1] + plane[2]
+    x = pose[0, 0] * ray[0] + pose[0, 1] * ray[1] + pose[0, 2] + below * pose[0, 3]
+    y = pose[1, 0] * ray[0] + pose[1, 1] * ray[1] + pose[1, 2] + below * pose[1, 3]
+    z = pose[2, 0] * ray[0] + pose[2, 1] * ray[1] + pose[2, 2] + below * pose[2, 3]
+    return x, y, z
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _equations(
+    rays: FloatArray,  # [N, 2]
+    speed: FloatArray,  # [N, 2]
+    values: FloatArray,  # [N, 3] of the other picture: grey value and slopes
+    wanted: FloatArray,  # [N]
+) -> tuple[FloatArray, FloatArray]:
+    """Second [3, 3] and first derivative [3] of half the weighted squared differences by the plane."""
+    difference = values[:, 0].astype(np.float64) - wanted
+    difference -= np.median(difference)
+    spread = max(GREY_NOISE, 1.4826 * np.median(np.abs(difference)))
+    weight, by_plane, total, mean = np.empty(len(rays)), np.empty((len(rays), 3)), 0.0, np.zeros(3)
+    for n in range(len(rays)):
+        weight[n] = 1 / (1 + (difference[n] / (2 * spread)) ** 2) ** 2
+        along = values[n, 1] * speed[n, 0] + values[n, 2] * speed[n, 1]
+        by_plane[n, 0], by_plane[n, 1], by_plane[n, 2] = along * rays[n, 0], along * rays[n, 1], along
+        total += weight[n]
+        mean += weight[n] * by_plane[n]
+    information, moment = np.zeros((3, 3)), np.zeros(3)
+    for n in range(len(rays)):
+        for i in range(3):
+            weighted = weight[n] * (by_plane[n, i] - mean[i] / total)
+            moment[i] += weighted * difference[n]
+            for j in range(3):
+                information[i, j] += weighted * (by_plane[n, j] - mean[j] / total)
+    return information / spread**2, moment / spread**2
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _correlation(a: FloatArray, b: FloatArray) -> float:
-    a, b = a - a.mean(), b - b.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 1e-6 else 0.0
+    """Normalised cross-correlation of values [N], 0 where one of them does not vary."""
+    mean_a, mean_b = 0.0, 0.0
+    for n in range(len(a)):
+        mean_a += a[n] / len(a)
+        mean_b += b[n] / len(a)
+    square_a, square_b, mixed = 0.0, 0.0, 0.0
+    for n in range(len(a)):
+        square_a += (a[n] - mean_a) ** 2
+        square_b += (b[n] - mean_b) ** 2
+        mixed += (a[n] - mean_a) * (b[n] - mean_b)
+    size = np.sqrt(square_a * square_b)
+    return mixed / size if size > 1e-6 else 0.0
