@@ -1,4 +1,4 @@
-"""How a camera moved between two pictures, from points seen in both; and where those points are.
+"""How a camera moved between two pictures, from points seen in both; and how deep those points are.
 
 Rays are [..., 2] = (x, y) on the plane z = 1 of the camera that saw them. The essential matrix maps a ray of camera a
 to its epipolar line in camera b: E = [t]x R with b_from_a = (R, t).
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import cv2
+import numba
 import numpy as np
 
 from geovp_classic.geometry import se3
@@ -111,29 +112,65 @@ def refine(
     b_from_a: FloatArray,  # [4, 4], |t| = 1
     noise: float,
     num_rounds: int = 8,
+    enough: float = 1e-8,  # a step below which no round follows
 ) -> FloatArray:
     """b_from_a with the smallest robust Sampson distances: Gauss-Newton over rotation and direction, Cauchy weights."""
-    a, b = homogeneous(rays_a), homogeneous(rays_b)
+    a, b = np.ascontiguousarray(rays_a), np.ascontiguousarray(rays_b)
     for _ in range(num_rounds):
         rotation, direction = b_from_a[:3, :3], b_from_a[:3, 3]
         across = np.linalg.svd(direction[None])[2][1:]  # [2, 3], two directions square to t
-        turned = a @ rotation.T
-        essential = se3.cross_matrix(direction) @ rotation
-        line_b, line_a = a @ essential.T, b @ essential
-        gradient = np.sqrt((line_a[:, :2] ** 2).sum(axis=1) + (line_b[:, :2] ** 2).sum(axis=1)) + 1e-12
-        residual = (b * line_b).sum(axis=1) / gradient
-        by_rotation = np.cross(turned, np.cross(b, direction))  # b . (t x (w x Ra)) = w . (Ra x (b x t))
-        by_direction = np.cross(turned, b) @ across.T  # b . (dt x Ra) = dt . (Ra x b)
-        jacobian = np.concatenate([by_rotation, by_direction], axis=1) / gradient[:, None]
-        weighted = jacobian / (1 + (residual / noise) ** 2)[:, None]
-        normal = weighted.T @ jacobian + 1e-9 * np.eye(5)
-        step = -np.linalg.solve(normal, weighted.T @ residual)
+        normal, moment = _equations(a, b, b_from_a, se3.cross_matrix(direction) @ rotation, across, noise)
+        step = -np.linalg.solve(normal + 1e-9 * np.eye(5), moment)
         direction = direction + step[3:] @ across
         turn = se3.exp(np.concatenate([np.zeros(3), step[:3]]))[:3, :3]
         b_from_a = se3.compose(turn @ rotation, direction / np.linalg.norm(direction))
-        if np.abs(step).max() < 1e-8:
+        if np.abs(step).max() < enough:
             break
     return b_from_a
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _image(matrix: FloatArray, x: float, y: float) -> tuple[float, float, float]:
+    """The matrix [3, 3] times (x, y, 1)."""
+    return (
+        matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2],
+        matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2],
+        matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2],
+    )
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _equations(
+    rays_a: FloatArray,  # [N, 2]
+    rays_b: FloatArray,  # [N, 2]
+    b_from_a: FloatArray,  # [4, 4]
+    essential: FloatArray,  # [3, 3]
+    across: FloatArray,  # [2, 3]
+    noise: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Second [5, 5] and first derivative [5] of half the weighted squared distances, by rotation and direction."""
+    r, e, t = b_from_a[:3, :3], essential, b_from_a[:3, 3]
+    normal, moment, slope = np.zeros((5, 5)), np.zeros(5), np.empty(5)
+    for n in range(len(rays_a)):
+        ax, ay, bx, by = rays_a[n, 0], rays_a[n, 1], rays_b[n, 0], rays_b[n, 1]
+        x, y, z = _image(r, ax, ay)
+        line_x, line_y, line_z = _image(e, ax, ay)
+        back_x, back_y = bx * e[0, 0] + by * e[1, 0] + e[2, 0], bx * e[0, 1] + by * e[1, 1] + e[2, 1]
+        gradient = np.sqrt(line_x**2 + line_y**2 + back_x**2 + back_y**2) + 1e-12
+        residual = (bx * line_x + by * line_y + line_z) / gradient
+        # b . (t x (w x Ra)) = w . (Ra x (b x t)) and b . (dt x Ra) = dt . (Ra x b)
+        u, v, w = by * t[2] - t[1], t[0] - bx * t[2], bx * t[1] - by * t[0]
+        slope[0], slope[1], slope[2] = y * w - z * v, z * u - x * w, x * v - y * u
+        u, v, w = y - z * by, z * bx - x, x * by - y * bx
+        slope[3] = u * across[0, 0] + v * across[0, 1] + w * across[0, 2]
+        slope[4] = u * across[1, 0] + v * across[1, 1] + w * across[1, 2]
+        weight = 1 / (1 + (residual / noise) ** 2)
+        for i in range(5):
+            weighted = weight * slope[i] / gradient
+            moment[i] += weighted * residual
+            for j in range(5):
+                normal[i, j] += weighted * slope[j] / gradient
+    return normal, moment
 
 
 def decompose(essential: FloatArray) -> FloatArray:
@@ -156,37 +193,6 @@ def depths(
     dt, et = d @ b_from_a[:3, 3], e @ b_from_a[:3, 3]
     determinant = np.maximum(dd * ee - de**2, 1e-15)
     return (de * et - ee * dt) / determinant, (dd * et - de * dt) / determinant
-
-
-def triangulate(
-    rays: FloatArray,  # [V, N, 2]; NaN where a view does not see the point
-    cam_from_world: FloatArray,  # [V, 4, 4]
-    num_rounds: int = 3,
-) -> FloatArray:
-    """Points [N, 3] with the least squared distances on z = 1: linear, reweighted by depth (Hartley & Sturm 1997).
-
-    NaN for points that fewer than two views see or that the views cannot place.
-    """
-    seen = np.isfinite(rays[..., 0])
-    sights = np.where(seen[..., None], rays, 0.0)
-    rotation, translation = cam_from_world[:, None, :3, :3], cam_from_world[:, None, :3, 3]
-    rows = rotation[..., :2, :] - sights[..., None] * rotation[..., 2:, :]  # [V, N, 2, 3]
-    right = sights * translation[..., 2:] - translation[..., :2]  # [V, N, 2]
-    num_views, num_points = seen.shape
-    rows = np.ascontiguousarray(rows.transpose(1, 0, 2, 3)).reshape(num_points, 2 * num_views, 3)
-    right = np.ascontiguousarray(right.transpose(1, 0, 2)).reshape(num_points, 2 * num_views, 1)
-    weight: FloatArray = np.repeat(seen.T.astype(np.float64), 2, axis=1)[..., None]  # [N, 2 V, 1]
-    points: FloatArray = np.zeros((num_points, 3))
-    for _ in range(num_rounds):
-        weighted = np.swapaxes(rows * weight**2, 1, 2)
-        normal = weighted @ rows
-        size = normal[:, 0, 0] + normal[:, 1, 1] + normal[:, 2, 2]
-        damping = (1e-15 * size + 1e-300)[:, None, None] * np.eye(3)
-        points = np.linalg.solve(normal + damping, weighted @ right)[..., 0]
-        depth = points @ cam_from_world[:, 2, :3].T + cam_from_world[:, 2, 3]  # [N, V]
-        weight = np.repeat(np.where(seen.T, 1 / np.maximum(np.abs(depth), 1e-6), 0.0), 2, axis=1)[..., None]
-    placed = (seen.sum(axis=0) >= 2) & np.isfinite(points).all(axis=-1)
-    return np.where(placed[:, None], points, np.nan)
 
 
 def _general(rays_a: FloatArray, rays_b: FloatArray, noise: float, seed: int) -> TwoView:

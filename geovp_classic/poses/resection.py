@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cv2
+import numba
 import numpy as np
 
 from geovp_classic.geometry import se3
@@ -49,17 +50,11 @@ def polish(
     """
     kernel = np.inf
     for _ in range(num_rounds):
-        cam = se3.transform(cam_from_world, points)
-        front = cam[:, 2] > 1e-6
-        inverse_depth = 1 / np.where(front, cam[:, 2], 1.0)
-        seen = cam[:, :2] * inverse_depth[:, None]
-        residual = seen - rays
-        distance = np.where(front, np.linalg.norm(residual, axis=1), np.inf)
-        kernel = max(noise, min(float(np.median(distance)), kernel / 2))
-        weight = np.where(front, 1 / (1 + (distance / kernel) ** 2), 0.0)
-        step, shift = _step(seen, inverse_depth, residual, weight)
+        normal, moment, kernel = _equations(points, rays, cam_from_world, kernel, noise)
+        step = _step(normal, moment)
         turn = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
-        cam_from_world = se3.compose(turn, step[:3]) @ cam_from_world
+        moved = se3.compose(turn, step[:3]) @ cam_from_world
+        shift, cam_from_world = _mean_shift(points, cam_from_world, step), moved
         if shift < noise / 50 and kernel == noise:
             break
     return cam_from_world, misses(points, rays, cam_from_world) < INLIER * noise
@@ -71,29 +66,90 @@ def misses(
     cam_from_world: FloatArray,  # [..., 4, 4]
 ) -> FloatArray:
     """Distances [..., N] on z = 1 between rays and where points appear; inf for points behind, NaN for NaN."""
-    cam = se3.transform(cam_from_world, points)
-    front = cam[..., 2] > 1e-6
-    difference = cam[..., :2] / np.where(front, cam[..., 2], 1.0)[..., None] - rays
-    distance = np.sqrt((difference**2).sum(axis=-1))
-    return np.where(~front & np.isfinite(distance), np.inf, distance)
+    flat = np.ascontiguousarray(rays).reshape(-1, len(points), 2)
+    return _misses(points, flat, cam_from_world.reshape(-1, 4, 4)).reshape(rays.shape[:-1])
 
 
-def _step(
-    seen: FloatArray, inverse_depth: FloatArray, residual: FloatArray, weight: FloatArray
-) -> tuple[FloatArray, float]:
-    """The translation and rotation [6] that lower the weighted squared residuals most, and the mean shift of rays."""
-    x, y = seen.T
-    zero = np.zeros_like(x)
-    by_x = np.stack([inverse_depth, zero, -x * inverse_depth, -x * y, 1 + x * x, -y], axis=1)
-    by_y = np.stack([zero, inverse_depth, -y * inverse_depth, -1 - y * y, x * y, x], axis=1)
-    jacobian = np.concatenate([by_x, by_y])
-    weighted = jacobian * np.concatenate([weight, weight])[:, None]
-    normal, moment = weighted.T @ jacobian, weighted.T @ residual.T.ravel()
+def _step(normal: FloatArray, moment: FloatArray) -> FloatArray:
+    """The translation and rotation [6] that lower the weighted squared residuals most; 0 where nothing tells."""
     damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
     step = -np.linalg.solve(normal + damping, moment)
-    if not np.isfinite(step).all():
-        return np.zeros(6), 0.0
-    return step, float(np.abs(jacobian @ step).mean())
+    return step if np.isfinite(step).all() else np.zeros(6)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _misses(points: FloatArray, rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+    """See `misses`, with one leading axis: rays [K, N, 2], poses [K, 4, 4] to [K, N]."""
+    distance = np.empty(rays.shape[:2])
+    for k in range(len(rays)):
+        for n in range(len(points)):
+            x, y, _, front = _seen(points[n], cam_from_world[k])
+            miss = np.sqrt((x - rays[k, n, 0]) ** 2 + (y - rays[k, n, 1]) ** 2)
+            distance[k, n] = np.inf if not front and np.isfinite(miss) else miss
+    return distance
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _equations(
+    points: FloatArray,  # [N, 3]
+    rays: FloatArray,  # [N, 2]
+    cam_from_world: FloatArray,  # [4, 4]
+    kernel: float,  # of the round before
+    noise: float,
+) -> tuple[FloatArray, FloatArray, float]:
+    """Second [6, 6] and first derivative [6] of half the weighted squared residuals by the pose, and the kernel."""
+    distance = _misses(points, rays.reshape((1, -1, 2)), cam_from_world.reshape((1, 4, 4)))[0]
+    kernel = max(noise, min(np.median(distance), kernel / 2))
+    normal, moment, by_pose = np.zeros((6, 6)), np.zeros(6), np.empty((2, 6))
+    for n in range(len(points)):
+        x, y, inverse_depth, front = _seen(points[n], cam_from_world)
+        if not front:
+            continue
+        _derivatives(x, y, inverse_depth, by_pose)
+        weight = 1 / (1 + (distance[n] / kernel) ** 2)
+        for axis in range(2):
+            residual = x - rays[n, 0] if axis == 0 else y - rays[n, 1]
+            for i in range(6):
+                weighted = weight * by_pose[axis, i]
+                moment[i] += weighted * residual
+                for j in range(6):
+                    normal[i, j] += weighted * by_pose[axis, j]
+    return normal, moment, kernel
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _mean_shift(points: FloatArray, cam_from_world: FloatArray, step: FloatArray) -> float:
+    """How far a step [6] shifts the rays to the points [N, 3], in the mean over their coordinates."""
+    total, by_pose = 0.0, np.empty((2, 6))
+    for n in range(len(points)):
+        x, y, inverse_depth, _ = _seen(points[n], cam_from_world)
+        _derivatives(x, y, inverse_depth, by_pose)
+        for axis in range(2):
+            shift = 0.0
+            for i in range(6):
+                shift += by_pose[axis, i] * step[i]
+            total += abs(shift)
+    return total / (2 * len(points))
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _seen(point: FloatArray, pose: FloatArray) -> tuple[float, float, float, bool]:
+    """The point's ray (x, y), one over its depth, and whether it is in front; as if at depth 1 where it is not."""
+    x = pose[0, 0] * point[0] + pose[0, 1] * point[1] + pose[0, 2] * point[2] + pose[0, 3]
+    y = pose[1, 0] * point[0] + pose[1, 1] * point[1] + pose[1, 2] * point[2] + pose[1, 3]
+    z = pose[2, 0] * point[0] + pose[2, 1] * point[1] + pose[2, 2] * point[2] + pose[2, 3]
+    front = z > 1e-6
+    inverse_depth = 1 / z if front else 1.0
+    return x * inverse_depth, y * inverse_depth, inverse_depth, front
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _derivatives(x: float, y: float, inverse_depth: float, by_pose: FloatArray) -> None:
+    """Of a ray by translation and rotation from the left, written into `by_pose` [2, 6]."""
+    by_pose[0, 0], by_pose[0, 1], by_pose[0, 2] = inverse_depth, 0.0, -x * inverse_depth
+    by_pose[0, 3], by_pose[0, 4], by_pose[0, 5] = -x * y, 1 + x * x, -y
+    by_pose[1, 0], by_pose[1, 1], by_pose[1, 2] = 0.0, inverse_depth, -y * inverse_depth
+    by_pose[1, 3], by_pose[1, 4], by_pose[1, 5] = -1 - y * y, x * y, x
 
 
 def _from_samples(points: FloatArray, rays: FloatArray, threshold: float, seed: int) -> FloatArray | None:

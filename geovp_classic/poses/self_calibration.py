@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.two_view import homogeneous
+from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.types import FloatArray
 
 MIN_TURN_RAD = np.radians(1.5)  # between two keyframes; straight drives cannot tell distortion from a bias of tracking
@@ -40,14 +40,8 @@ class RadialEstimate:
         if len(seen_a) < MIN_POINTS or length < 1e-6 or se3.rotation_angle_rad(b_from_a) < MIN_TURN_RAD:
             return self
         b_from_a = se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / length)
-        for _ in range(3):
-            residual, by_motion, by_radial, across = _linearised(seen_a, seen_b, b_from_a, self.mean)
-            weighted = by_motion / (1 + (residual / (KERNEL * noise)) ** 2)[:, None]
-            normal = weighted.T @ by_motion + 1e-9 * np.eye(5)
-            step = -np.linalg.solve(normal, weighted.T @ residual)
-            turn = se3.exp(np.concatenate([np.zeros(3), step[:3]]))[:3, :3]
-            direction = b_from_a[:3, 3] + step[3:] @ across
-            b_from_a = se3.compose(turn @ b_from_a[:3, :3], direction / np.linalg.norm(direction))
+        a, b = (seen * (1 + self.mean * (seen**2).sum(axis=1))[:, None] for seen in (seen_a, seen_b))
+        b_from_a = refine(a, b, b_from_a, KERNEL * noise, num_rounds=3, enough=0.0)
         residual, by_motion, by_radial, _ = _linearised(seen_a, seen_b, b_from_a, self.mean)
         weight = 1 / (1 + (residual / (KERNEL * noise)) ** 2)
         # what the motion can explain as well says nothing about the lens: Schur complement

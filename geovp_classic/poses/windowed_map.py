@@ -10,6 +10,7 @@ from geovp_classic.geometry import se3, two_view
 from geovp_classic.poses.bundle import bundle_adjust
 from geovp_classic.poses.lens import Lens
 from geovp_classic.poses.resection import misses
+from geovp_classic.poses.triangulation import triangulate
 from geovp_classic.types import BoolArray, FloatArray
 
 IndexArray = npt.NDArray[np.int64]
@@ -154,7 +155,7 @@ class WindowedMap:
     def _triangulated(self, index: IndexArray) -> FloatArray:
         """Points [M, 3]; NaN where parallax is missing, the error is large or the point is behind a camera."""
         rays = self.lens.rays(self.seen[:, index])
-        points = two_view.triangulate(rays, self.cam_from_world)
+        points = triangulate(rays, self.cam_from_world)
         miss = np.where(np.isfinite(rays[..., 0]), misses(points, rays, self.cam_from_world), 0.0)
         good = (miss < MAX_MISS * self.noise).all(axis=0) & (self._spread(rays) > MIN_PARALLAX * self.noise)
         return np.where(good[:, None], points, np.nan)

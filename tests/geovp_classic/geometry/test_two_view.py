@@ -1,4 +1,4 @@
-"""Two pictures of known points: the motion between them, what it cannot be told from, and where the points are."""
+"""Two pictures of known points: the motion between them, what it cannot be told from, and how deep the points are."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geovp_classic.geometry import se3, two_view
+from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.types import FloatArray
 
 NOISE = 0.25 / 700  # a quarter of a pixel at 700 px focal length
@@ -106,23 +107,40 @@ def test_refinement_finds_the_motion_again_from_nearby() -> None:
     np.testing.assert_allclose(found, truth, atol=1e-6)
 
 
+def slow_equations(
+    rays_a: FloatArray, rays_b: FloatArray, b_from_a: FloatArray, across: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Of Sampson distances with Cauchy weights; slopes are those of the algebraic distances, over the gradients."""
+    a, b, rotation, direction = homogeneous(rays_a), homogeneous(rays_b), b_from_a[:3, :3], b_from_a[:3, 3]
+    essential, turned = se3.cross_matrix(direction) @ rotation, a @ rotation.T
+    line_b, line_a = (a @ essential.T)[:, :2], (b @ essential)[:, :2]
+    gradient = np.linalg.norm(np.concatenate([line_a, line_b], axis=1), axis=1)[:, None]
+    residual = two_view.sampson(rays_a, rays_b, b_from_a)
+    by_rotation = np.cross(turned, np.cross(b, direction))  # b . (t x (w x Ra)) = w . (Ra x (b x t))
+    by_direction = np.cross(turned, b) @ across.T  # b . (dt x Ra) = dt . (Ra x b)
+    slopes = np.concatenate([by_rotation, by_direction], axis=1) / gradient
+    weighted = slopes / (1 + (residual / NOISE) ** 2)[:, None]
+    return weighted.T @ slopes, weighted.T @ residual
+
+
+def test_equations_of_the_refinement_are_those_of_the_slow_twin() -> None:
+    truth = se3.exp(np.array([0.1, -0.05, -1.0, 0.01, 0.02, -0.005]))
+    truth[:3, 3] /= np.linalg.norm(truth[:3, 3])
+    across = np.linalg.svd(truth[None, :3, 3])[2][1:]
+    a, b = sights(truth, noise=NOISE)
+    essential = se3.cross_matrix(truth[:3, 3]) @ truth[:3, :3]
+    normal, moment = two_view._equations(a, b, truth, essential, across, NOISE)
+    expected_normal, expected_moment = slow_equations(a, b, truth, across)
+    np.testing.assert_allclose(normal, expected_normal, rtol=1e-6, atol=1e-9 * np.abs(expected_normal).max())
+    np.testing.assert_allclose(moment, expected_moment, rtol=1e-6, atol=1e-9 * np.abs(expected_moment).max())
+
+
 def test_depths_of_one_point_by_hand() -> None:
     # a point 10 ahead; b has moved 2 forward, so that it is 8 ahead there
     b_from_a = se3.compose(np.eye(3), np.array([0.0, 0, -2]))
     depth_a, depth_b = two_view.depths(np.array([[0.1, 0.0]]), np.array([[1 / 8, 0.0]]), b_from_a)
     assert depth_a[0] == pytest.approx(10)
     assert depth_b[0] == pytest.approx(8)
-
-
-def test_triangulation_is_exact_without_noise_and_says_what_it_cannot_place() -> None:
-    points = scene(3, 50)
-    poses = np.stack([se3.exp(np.array([0, 0, -0.7 * i, 0, 0.01 * i, 0])) for i in range(4)])
-    seen = np.stack([rays(points, pose) for pose in poses])
-    seen[1:, 0] = np.nan  # point 0 is seen once, point 1 twice
-    seen[2:, 1] = np.nan
-    found = two_view.triangulate(seen, poses)
-    assert np.isnan(found[0]).all()
-    np.testing.assert_allclose(found[1:], points[1:], rtol=1e-6, atol=1e-6)
 
 
 def test_rays_that_leave_the_front_are_nan() -> None:

@@ -59,6 +59,45 @@ def test_misses_by_hand_and_behind() -> None:
     np.testing.assert_allclose(missed, [0.03, np.inf])
 
 
+def slow_equations(
+    points: FloatArray, rays: FloatArray, pose: FloatArray, kernel: float
+) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+    """Normal equations with Cauchy weights, the kernel, and slopes [N, 2, 6] of the rays; all by differences."""
+    tiny = 1e-6
+
+    def places(twist: FloatArray) -> FloatArray:
+        cam = se3.transform(se3.exp(twist) @ pose, points)
+        return cam[:, :2] / cam[:, 2:]
+
+    slopes = np.stack([(places(tiny * axis) - places(-tiny * axis)) / (2 * tiny) for axis in np.eye(6)], axis=-1)
+    front = se3.transform(pose, points)[:, 2] > 0
+    residual = places(np.zeros(6)) - rays
+    distance = np.where(front, np.linalg.norm(residual, axis=1), np.inf)
+    kernel = max(NOISE, min(float(np.median(distance)), kernel / 2))
+    weight = 1 / (1 + (distance / kernel) ** 2)
+    normal = np.einsum("n,nki,nkj->ij", weight, slopes, slopes)
+    return normal, np.einsum("n,nki,nk->i", weight, slopes, residual), kernel, slopes
+
+
+@pytest.mark.parametrize("kernel", [np.inf, 1e-3])
+def test_equations_of_the_resection_are_those_of_the_slow_twin(kernel: float) -> None:
+    points, truth = scene(), se3.exp(np.array([0.2, -0.1, -12.0, 0.02, -0.05, 0.01]))
+    pose = se3.exp(np.array([0.01, 0.02, 0.0, 0.004, 0, -0.003])) @ truth
+    rays = LENS.rays(seen(points, truth))
+    assert 0 < (se3.transform(pose, points)[:, 2] < 0).mean() < 0.5
+    normal, moment, used = resection._equations(points, rays, pose, kernel, NOISE)
+    expected_normal, expected_moment, expected, _ = slow_equations(points, rays, pose, kernel)
+    assert used == pytest.approx(expected, rel=1e-9)
+    np.testing.assert_allclose(normal, expected_normal, rtol=1e-4, atol=1e-6 * np.abs(expected_normal).max())
+    np.testing.assert_allclose(moment, expected_moment, rtol=1e-4, atol=1e-6 * np.abs(expected_moment).max())
+
+
+def test_the_mean_shift_is_that_of_the_slow_twin() -> None:
+    points, pose, step = scene(), path(3)[2], np.array([0.1, -0.2, 0.3, 0.01, 0.02, -0.03])
+    slopes = slow_equations(points, np.zeros((len(points), 2)), pose, 1.0)[3]
+    assert resection._mean_shift(points, pose, step) == pytest.approx(np.abs(slopes @ step).mean(), rel=1e-6)
+
+
 def test_bundle_adjustment_mends_poses_and_points_and_keeps_what_is_fixed() -> None:
     points, poses, rng = scene(), path(5), np.random.default_rng(2)
     pixels = np.stack([seen(points, pose) for pose in poses])
