@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import cv2
+import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -194,15 +195,12 @@ def strongest_corners(grey: ByteArray, taken: FloatArray, count: int) -> FloatAr
     strength = cv2.cornerMinEigenVal(small, 3) * (255 / spread) ** 2
     border = 8 // shrink
     strength[:border], strength[-border:], strength[:, :border], strength[:, -border:] = 0, 0, 0, 0
-    peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > MIN_CORNER)
-    rows, columns = np.nonzero(peaks)
-    pixels = (np.stack([columns, rows], axis=1) + 0.5) * shrink - 0.5
+    highest = np.asarray(cv2.dilate(strength, np.ones((5, 5), np.uint8)), dtype=np.float32)
     side_px = np.sqrt(grey.size / max(count, 1))
-    per_row = int(grey.shape[1] // side_px) + 1
-    order = np.argsort(-strength[rows, columns], kind="stable")
-    cells, first = np.unique(_cell(pixels[order], side_px, per_row), return_index=True)
-    free = ~np.isin(cells, _cell(taken, side_px, per_row))
-    return pixels[order][first[free]]
+    per_row, per_column = int(grey.shape[1] // side_px) + 1, int(grey.shape[0] // side_px) + 1
+    corners = _strongest(strength, highest, shrink, float(side_px), (per_column, per_row))
+    cells = np.flatnonzero(np.isfinite(corners[:, 0]))
+    return corners[cells[~np.isin(cells, _cell(taken, side_px, per_row))]]
 
 
 def inside(pixels: FloatArray, grey: ByteArray, margin_px: float = 2.0) -> BoolArray:
@@ -220,3 +218,25 @@ def _spread(grey: ByteArray) -> float:
 def _cell(pixels: FloatArray, side_px: float, per_row: int) -> FloatArray:
     column, row = np.floor(np.reshape(pixels, (-1, 2)) / side_px).astype(np.int64).T
     return row * per_row + column
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _strongest(
+    strength: FloatArray,  # [H, W] float32
+    highest: FloatArray,  # [H, W] float32, of the neighbours
+    shrink: int,
+    side_px: float,
+    num_cells: tuple[int, int],  # rows, columns
+) -> FloatArray:
+    """The strongest corner of every cell, the first of those alike [C, 2]; NaN where there is none."""
+    corners = np.full((num_cells[0] * num_cells[1], 2), np.nan)
+    best = np.full(len(corners), np.float32(MIN_CORNER))
+    for row in range(strength.shape[0]):
+        for column in range(strength.shape[1]):
+            here = strength[row, column]
+            if here > np.float32(MIN_CORNER) and here >= highest[row, column]:
+                u, v = (column + 0.5) * shrink - 0.5, (row + 0.5) * shrink - 0.5
+                cell = int(v / side_px) * num_cells[1] + int(u / side_px)
+                if here > best[cell]:
+                    best[cell], corners[cell, 0], corners[cell, 1] = here, u, v
+    return corners

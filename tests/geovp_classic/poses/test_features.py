@@ -93,6 +93,33 @@ def test_corners_are_spread_one_a_cell_and_keep_away_from_those_taken() -> None:
     assert not cells & {tuple(cell) for cell in np.floor(again / 20).astype(int)}
 
 
+def slow_corners(grey: ByteArray, taken: FloatArray, count: int) -> FloatArray:
+    """All peaks, the strongest first; of each cell the first."""
+    shrink = 2 if grey.shape[1] >= features.HALF_FROM_WIDTH_PX else 1
+    small = grey if shrink == 1 else cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    strength = cv2.cornerMinEigenVal(small, 3) * (255 / float(np.std(grey[::4, ::4]))) ** 2
+    border = 8 // shrink
+    strength[:border], strength[-border:], strength[:, :border], strength[:, -border:] = 0, 0, 0, 0
+    peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > features.MIN_CORNER)
+    rows, columns = np.nonzero(peaks)
+    pixels = (np.stack([columns, rows], axis=1) + 0.5) * shrink - 0.5
+    side_px = np.sqrt(grey.size / count)
+    order = np.argsort(-strength[rows, columns], kind="stable")
+    cell_of = (pixels[order] // side_px) @ [1, grey.shape[1] // side_px + 1]
+    cells, first = np.unique(cell_of, return_index=True)
+    free = ~np.isin(cells, (taken // side_px) @ [1, grey.shape[1] // side_px + 1])
+    return pixels[order][first[free]]
+
+
+@pytest.mark.parametrize("size", [(180, 240), (181, 243), (301, 700)])
+def test_corners_are_those_of_the_slow_twin(size: tuple[int, int]) -> None:
+    grey = speckle(4, size) // 16 * 16  # few grey values: some corners are alike
+    taken = np.random.default_rng(1).uniform(0, size[::-1], (60, 2))
+    expected = slow_corners(grey, taken, 300)
+    assert len(expected) > 100
+    np.testing.assert_array_equal(features.strongest_corners(grey, taken, 300), expected)
+
+
 def test_wide_pictures_are_searched_at_half_size_with_the_same_pixel_convention() -> None:
     wide = np.zeros((200, 800), dtype=np.uint8)
     wide[80:120, 300:340] = 255  # its corners lie at 299.5 and 339.5
