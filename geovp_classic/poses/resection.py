@@ -51,7 +51,8 @@ def polish(
     kernel = np.inf
     for _ in range(num_rounds):
         normal, moment, kernel = _equations(points, rays, cam_from_world, kernel, noise)
-        step = _step(normal, moment)
+        step = -np.linalg.solve(normal, moment)
+        step = step if np.isfinite(step).all() else np.zeros(6)  # nothing tells
         turn = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
         moved = se3.compose(turn, step[:3]) @ cam_from_world
         shift, cam_from_world = _mean_shift(points, cam_from_world, step), moved
@@ -68,13 +69,6 @@ def misses(
     """Distances [..., N] on z = 1 between rays and where points appear; inf for points behind, NaN for NaN."""
     flat = np.ascontiguousarray(rays).reshape(-1, len(points), 2)
     return _misses(points, flat, cam_from_world.reshape(-1, 4, 4)).reshape(rays.shape[:-1])
-
-
-def _step(normal: FloatArray, moment: FloatArray) -> FloatArray:
-    """The translation and rotation [6] that lower the weighted squared residuals most; 0 where nothing tells."""
-    damping = 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.eye(6)
-    step = -np.linalg.solve(normal + damping, moment)
-    return step if np.isfinite(step).all() else np.zeros(6)
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -97,7 +91,7 @@ def _equations(
     kernel: float,  # of the round before
     noise: float,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Second [6, 6] and first derivative [6] of half the weighted squared residuals by the pose, and the kernel."""
+    """Normal equations [6, 6], barely damped, and [6] of the weighted residuals by the pose, and the kernel."""
     distance = _misses(points, rays.reshape((1, -1, 2)), cam_from_world.reshape((1, 4, 4)))[0]
     kernel = max(noise, min(np.median(distance), kernel / 2))
     normal, moment, by_pose = np.zeros((6, 6)), np.zeros(6), np.empty((2, 6))
@@ -114,6 +108,8 @@ def _equations(
                 moment[i] += weighted * residual
                 for j in range(6):
                     normal[i, j] += weighted * by_pose[axis, j]
+    for i in range(6):
+        normal[i, i] += 1e-9 * normal[i, i] + 1e-12
     return normal, moment, kernel
 
 

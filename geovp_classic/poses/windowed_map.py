@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
-from geovp_classic.geometry import se3, two_view
+from geovp_classic.geometry import se3
 from geovp_classic.poses.bundle import bundle_adjust
-from geovp_classic.poses.lens import Lens
+from geovp_classic.poses.lens import Lens, pixel
 from geovp_classic.poses.resection import misses
 from geovp_classic.poses.triangulation import triangulate
 from geovp_classic.types import BoolArray, FloatArray
@@ -136,12 +136,10 @@ class WindowedMap:
         pixels, depth = self.pixels[index], np.full(len(index), 1e9)  # so far that only rotation shifts them
         depth[known] = np.maximum(se3.transform(cam_from_world_before, self.points[index[known]])[:, 2], 1e-3)
         if known.sum() >= 3 and not known.all():
-            near = cKDTree(pixels[known]).query(pixels[~known], k=3)[1]
-            depth[~known] = 1 / (1 / depth[known])[near].mean(axis=1)
-        points = two_view.homogeneous(self.lens.rays(pixels)) * depth[:, None]
-        ahead = se3.transform(cam_from_world @ se3.inverse(cam_from_world_before), points)
-        front = ahead[:, 2:] > 1e-6
-        return np.where(front, self.lens.pixels(ahead[:, :2] / np.where(front, ahead[:, 2:], 1.0)), pixels)
+            depth[~known] = 1 / _mean_nearby(pixels[~known], pixels[known], 1 / depth[known])
+        ahead_from_before, camera = cam_from_world @ se3.inverse(cam_from_world_before), self.lens.camera
+        focal, centre = (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px)
+        return _ahead(pixels, self.lens.rays(pixels), depth, ahead_from_before, focal, centre, float(self.lens.radial))
 
     def parallax(self, cam_from_world: FloatArray) -> float:
         """Median shift on z = 1 of the followed points since the newest keyframe, beyond what rotation explains."""
@@ -149,25 +147,98 @@ class WindowedMap:
         if not shared.any():
             return 0.0
         rotation = (cam_from_world @ se3.inverse(self.cam_from_world[-1]))[:3, :3]
-        before = two_view.rotate_rays(rotation, self.lens.rays(self.seen[-1, shared]))
-        return float(np.nanmedian(np.linalg.norm(self.lens.rays(self.pixels[shared]) - before, axis=1)))
+        return float(_shift(rotation, self.lens.rays(self.seen[-1, shared]), self.lens.rays(self.pixels[shared])))
 
     def _triangulated(self, index: IndexArray) -> FloatArray:
         """Points [M, 3]; NaN where parallax is missing, the error is large or the point is behind a camera."""
         rays = self.lens.rays(self.seen[:, index])
         points = triangulate(rays, self.cam_from_world)
         miss = np.where(np.isfinite(rays[..., 0]), misses(points, rays, self.cam_from_world), 0.0)
-        good = (miss < MAX_MISS * self.noise).all(axis=0) & (self._spread(rays) > MIN_PARALLAX * self.noise)
+        good = (miss < MAX_MISS * self.noise).all(axis=0) & (
+            _spread(rays, self.cam_from_world) > MIN_PARALLAX * self.noise
+        )
         return np.where(good[:, None], points, np.nan)
-
-    def _spread(self, rays: FloatArray) -> FloatArray:
-        """How far the rays [K, M] of one point lie apart once turned into one orientation, as an angle [M]."""
-        turned = two_view.homogeneous(rays) @ self.cam_from_world[:, :3, :3]  # into the world's axes
-        turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-        first = turned[np.isfinite(turned[..., 0]).argmax(axis=0), np.arange(turned.shape[1])]
-        spread: FloatArray = np.nanmax(np.linalg.norm(turned - first, axis=-1), axis=0)
-        return spread
 
     def _keep(self, mask: BoolArray) -> None:
         self.seen, self.pixels, self.points = self.seen[:, mask], self.pixels[mask], self.points[mask]
         self.followed, self.ids = self.followed[mask], self.ids[mask]
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _mean_nearby(places: FloatArray, pixels: FloatArray, values: FloatArray) -> FloatArray:
+    """Means [M] of the values [N] at the three of the pixels [N, 2] nearest to each place [M, 2]."""
+    means = np.empty(len(places))
+    for m in range(len(places)):
+        first, second, third = (np.inf, 0.0), (np.inf, 0.0), (np.inf, 0.0)  # squared distances and values
+        for n in range(len(pixels)):
+            square = (places[m, 0] - pixels[n, 0]) ** 2 + (places[m, 1] - pixels[n, 1]) ** 2
+            if square < first[0]:
+                first, second, third = (square, values[n]), first, second
+            elif square < second[0]:
+                second, third = (square, values[n]), second
+            elif square < third[0]:
+                third = (square, values[n])
+        means[m] = (first[1] + second[1] + third[1]) / 3
+    return means
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _ahead(
+    pixels: FloatArray,  # [N, 2]
+    rays: FloatArray,  # [N, 2]
+    depth: FloatArray,  # [N]
+    ahead_from_before: FloatArray,  # [4, 4]
+    focal: tuple[float, float],
+    centre: tuple[float, float],
+    radial: float,
+) -> FloatArray:
+    """Where points on rays are seen after a motion [N, 2]; those behind stay where they are."""
+    there = pixels.copy()
+    for n in range(len(pixels)):
+        x, y, z = _turned(ahead_from_before, rays[n, 0] * depth[n], rays[n, 1] * depth[n], depth[n])
+        z += ahead_from_before[2, 3]
+        if z > 1e-6:
+            x, y = (x + ahead_from_before[0, 3]) / z, (y + ahead_from_before[1, 3]) / z
+            there[n, 0], there[n, 1] = pixel(x, y, focal, centre, radial)
+    return there
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _shift(rotation: FloatArray, before: FloatArray, now: FloatArray) -> float:
+    """Median distance of rays [N, 2] from the turned ones before [N, 2], of those that stay in front; else NaN."""
+    distance, count = np.empty(len(now)), 0
+    for n in range(len(now)):
+        x, y, z = _turned(rotation, before[n, 0], before[n, 1], 1.0)
+        if z > 1e-6:
+            distance[count] = np.sqrt((now[n, 0] - x / z) ** 2 + (now[n, 1] - y / z) ** 2)
+            count += 1
+    return np.median(distance[:count]) if count else np.nan
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _spread(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+    """How far the rays [K, M, 2] of one point lie apart once turned into one orientation, as an angle [M]."""
+    spread, first = np.zeros(rays.shape[1]), np.zeros((rays.shape[1], 3))
+    for k in range(len(rays)):
+        world_from_cam = cam_from_world[k].T
+        for m in range(rays.shape[1]):
+            if not np.isfinite(rays[k, m, 0]):
+                continue
+            x, y, z = _turned(world_from_cam, rays[k, m, 0], rays[k, m, 1], 1.0)
+            size = np.sqrt(x * x + y * y + z * z)
+            x, y, z = x / size, y / size, z / size
+            if not first[m].any():
+                first[m, 0], first[m, 1], first[m, 2] = x, y, z
+            distance = np.sqrt((x - first[m, 0]) ** 2 + (y - first[m, 1]) ** 2 + (z - first[m, 2]) ** 2)
+            spread[m] = max(spread[m], distance)
+    return spread
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _turned(rotation: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector, turned by the matrix's first three rows and columns."""
+    return (
+        rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
