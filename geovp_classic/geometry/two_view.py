@@ -119,7 +119,7 @@ def refine(
     for _ in range(num_rounds):
         rotation, direction = b_from_a[:3, :3], b_from_a[:3, 3]
         across = np.linalg.svd(direction[None])[2][1:]  # [2, 3], two directions square to t
-        normal, moment = _equations(a, b, b_from_a, se3.cross_matrix(direction) @ rotation, across, noise)
+        normal, moment = _equations(a, b, b_from_a, across, noise)
         step = -np.linalg.solve(normal + 1e-9 * np.eye(5), moment)
         direction = direction + step[3:] @ across
         turn = se3.exp(np.concatenate([np.zeros(3), step[:3]]))[:3, :3]
@@ -130,8 +130,18 @@ def refine(
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _image(matrix: FloatArray, x: float, y: float) -> tuple[float, float, float]:
-    """The matrix [3, 3] times (x, y, 1)."""
+def essential_of(b_from_a: FloatArray) -> FloatArray:
+    """E = [t]x R [3, 3]."""
+    matrix = np.empty((3, 3))
+    for i, k, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        for j in range(3):
+            matrix[i, j] = b_from_a[k, 3] * b_from_a[m, j] - b_from_a[m, 3] * b_from_a[k, j]
+    return matrix
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def image(matrix: FloatArray, x: float, y: float) -> tuple[float, float, float]:
+    """The matrix [3, 3] times (x, y, 1); compiled, like `essential_of`, for the loops of others, too."""
     return (
         matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2],
         matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2],
@@ -144,17 +154,16 @@ def _equations(
     rays_a: FloatArray,  # [N, 2]
     rays_b: FloatArray,  # [N, 2]
     b_from_a: FloatArray,  # [4, 4]
-    essential: FloatArray,  # [3, 3]
     across: FloatArray,  # [2, 3]
     noise: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Second [5, 5] and first derivative [5] of half the weighted squared distances, by rotation and direction."""
-    r, e, t = b_from_a[:3, :3], essential, b_from_a[:3, 3]
+    r, e, t = b_from_a[:3, :3], essential_of(b_from_a), b_from_a[:3, 3]
     normal, moment, slope = np.zeros((5, 5)), np.zeros(5), np.empty(5)
     for n in range(len(rays_a)):
         ax, ay, bx, by = rays_a[n, 0], rays_a[n, 1], rays_b[n, 0], rays_b[n, 1]
-        x, y, z = _image(r, ax, ay)
-        line_x, line_y, line_z = _image(e, ax, ay)
+        x, y, z = image(r, ax, ay)
+        line_x, line_y, line_z = image(e, ax, ay)
         back_x, back_y = bx * e[0, 0] + by * e[1, 0] + e[2, 0], bx * e[0, 1] + by * e[1, 1] + e[2, 1]
         gradient = np.sqrt(line_x**2 + line_y**2 + back_x**2 + back_y**2) + 1e-12
         residual = (bx * line_x + by * line_y + line_z) / gradient

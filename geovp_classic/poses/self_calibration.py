@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.two_view import homogeneous, refine
+from geovp_classic.geometry.two_view import essential_of, image, refine
 from geovp_classic.types import FloatArray
 
 MIN_TURN_RAD = np.radians(1.5)  # between two keyframes; straight drives cannot tell distortion from a bias of tracking
@@ -60,21 +61,36 @@ def _linearised(
     """Sampson distances [N], their derivatives by rotation and direction [N, 5] and by `radial` [N], and the plane
     [2, 3] in which the direction moves.
     """
-    square_a, square_b = (seen_a**2).sum(axis=1), (seen_b**2).sum(axis=1)
-    a = homogeneous(seen_a * (1 + radial * square_a)[:, None])
-    b = homogeneous(seen_b * (1 + radial * square_b)[:, None])
-    rotation, direction = b_from_a[:3, :3], b_from_a[:3, 3]
-    across = np.linalg.svd(direction[None])[2][1:]
-    turned, essential = a @ rotation.T, se3.cross_matrix(direction) @ rotation
-    line_b, line_a = (a @ essential.T)[:, :2], (b @ essential)[:, :2]
-    steep_a, steep_b = (line_a**2).sum(axis=1), (line_b**2).sum(axis=1)
-    gradient = np.sqrt(steep_a + steep_b) + 1e-12
-    residual = (b @ essential * a).sum(axis=1) / gradient
-    by_rotation = np.cross(turned, np.cross(b, direction))
-    by_direction = np.cross(turned, b) @ across.T
-    by_motion = np.concatenate([by_rotation, by_direction], axis=1) / gradient[:, None]
-    along_a, along_b = (seen_a * line_a).sum(axis=1), (seen_b * line_b).sum(axis=1)
-    # the second term keeps a smaller picture from passing for a better fit: distances are those of the pixels seen
-    stretched = square_a * steep_a + 2 * along_a**2 + square_b * steep_b + 2 * along_b**2
-    by_radial = (square_a * along_a + square_b * along_b) / gradient - residual * stretched / gradient**2
-    return residual, by_motion, by_radial, across
+    across = np.linalg.svd(b_from_a[None, :3, 3])[2][1:]
+    given = np.ascontiguousarray(seen_a), np.ascontiguousarray(seen_b), np.ascontiguousarray(b_from_a)
+    return *_distances(*given, across, float(radial)), across
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _distances(
+    seen_a: FloatArray, seen_b: FloatArray, b_from_a: FloatArray, across: FloatArray, radial: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """See `_linearised`."""
+    e, r, t = essential_of(b_from_a), b_from_a[:3, :3], b_from_a[:3, 3]
+    residual, by_motion, by_radial = np.empty(len(seen_a)), np.empty((len(seen_a), 5)), np.empty(len(seen_a))
+    for n in range(len(seen_a)):
+        square_a, square_b = seen_a[n, 0] ** 2 + seen_a[n, 1] ** 2, seen_b[n, 0] ** 2 + seen_b[n, 1] ** 2
+        ax, ay = seen_a[n, 0] * (1 + radial * square_a), seen_a[n, 1] * (1 + radial * square_a)
+        bx, by = seen_b[n, 0] * (1 + radial * square_b), seen_b[n, 1] * (1 + radial * square_b)
+        (x, y, z), (line_x, line_y, line_z) = image(r, ax, ay), image(e, ax, ay)
+        back_x, back_y, _ = image(e.T, bx, by)
+        steep_a, steep_b = back_x**2 + back_y**2, line_x**2 + line_y**2
+        gradient = np.sqrt(steep_a + steep_b) + 1e-12
+        residual[n] = (bx * line_x + by * line_y + line_z) / gradient
+        u, v, w = by * t[2] - t[1], t[0] - bx * t[2], bx * t[1] - by * t[0]
+        by_motion[n, 0], by_motion[n, 1], by_motion[n, 2] = y * w - z * v, z * u - x * w, x * v - y * u
+        u, v, w = y - z * by, z * bx - x, x * by - y * bx
+        by_motion[n, 3] = u * across[0, 0] + v * across[0, 1] + w * across[0, 2]
+        by_motion[n, 4] = u * across[1, 0] + v * across[1, 1] + w * across[1, 2]
+        by_motion[n] /= gradient
+        along_a = seen_a[n, 0] * back_x + seen_a[n, 1] * back_y
+        along_b = seen_b[n, 0] * line_x + seen_b[n, 1] * line_y
+        # the second term keeps a smaller picture from passing for a better fit: distances are those of the pixels seen
+        stretched = square_a * steep_a + 2 * along_a**2 + square_b * steep_b + 2 * along_b**2
+        by_radial[n] = (square_a * along_a + square_b * along_b) / gradient - residual[n] * stretched / gradient**2
+    return residual, by_motion, by_radial

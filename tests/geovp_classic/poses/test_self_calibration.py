@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.poses.lens import Lens
 from geovp_classic.poses.self_calibration import RadialEstimate, _linearised
 from geovp_classic.types import FloatArray, Intrinsics
@@ -50,6 +51,37 @@ def test_few_points_or_no_motion_teach_nothing() -> None:
     assert RadialEstimate().updated(a[:40], b[:40], now_from_before, NOISE) == RadialEstimate()
     still = se3.compose(now_from_before[:3, :3], np.zeros(3))
     assert RadialEstimate().updated(a, b, still, NOISE) == RadialEstimate()
+
+
+def slow_linearised(
+    seen_a: FloatArray, seen_b: FloatArray, b_from_a: FloatArray, across: FloatArray, radial: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sampson distances of all pairs at once, and their derivatives by motion and lens."""
+    square_a, square_b = (seen_a**2).sum(axis=1), (seen_b**2).sum(axis=1)
+    a = homogeneous(seen_a * (1 + radial * square_a)[:, None])
+    b = homogeneous(seen_b * (1 + radial * square_b)[:, None])
+    rotation, direction = b_from_a[:3, :3], b_from_a[:3, 3]
+    turned, essential = a @ rotation.T, se3.cross_matrix(direction) @ rotation
+    line_b, line_a = (a @ essential.T)[:, :2], (b @ essential)[:, :2]
+    steep_a, steep_b = (line_a**2).sum(axis=1), (line_b**2).sum(axis=1)
+    gradient = np.sqrt(steep_a + steep_b)
+    residual = (b @ essential * a).sum(axis=1) / gradient
+    by_rotation = np.cross(turned, np.cross(b, direction))
+    by_motion = np.concatenate([by_rotation, np.cross(turned, b) @ across.T], axis=1) / gradient[:, None]
+    along_a, along_b = (seen_a * line_a).sum(axis=1), (seen_b * line_b).sum(axis=1)
+    stretched = square_a * steep_a + 2 * along_a**2 + square_b * steep_b + 2 * along_b**2
+    by_radial = (square_a * along_a + square_b * along_b) / gradient - residual * stretched / gradient**2
+    return residual, by_motion, by_radial
+
+
+def test_distances_and_derivatives_are_those_of_the_slow_twin() -> None:
+    now_from_before = se3.inverse(se3.exp(np.array([0.1, 0.05, 1.0, 0.01, 0.07, -0.02])))
+    a, b = sights(0.01, now_from_before, 0)
+    *fast, across = _linearised(a, b, now_from_before, 0.02)
+    np.testing.assert_allclose(across @ now_from_before[:3, 3], 0, atol=1e-12)
+    np.testing.assert_allclose(across @ across.T, np.eye(2), atol=1e-12)
+    for found, expected in zip(fast, slow_linearised(a, b, now_from_before, across, 0.02), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
 
 
 def test_derivatives_are_those_of_differences() -> None:
