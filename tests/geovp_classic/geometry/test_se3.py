@@ -5,7 +5,6 @@ import pytest
 import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -104,22 +103,3 @@ def test_a_turn_leads_from_one_rotation_to_the_other_and_leaves_the_position(a: 
     led = se3.turned(c_from_a, se3.turn(c_from_a, c_from_b))
     np.testing.assert_allclose(led[:3, :3], c_from_b[:3, :3], atol=1e-9)
     np.testing.assert_array_equal(led[:3, 3], c_from_a[:3, 3])
-
-
-@pytest.mark.parametrize("angle_rad", [0.0, 1e-9, 5e-4, 0.1, 1.5, 2.0, 2.2, 3.0, np.pi, 4.0])
-def test_rotations_are_those_of_scipy(angle_rad: float) -> None:
-    axes = np.random.default_rng(0).normal(size=(20, 3))
-    vectors = angle_rad * axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    motions, expected = se3.exp(np.concatenate([axes, vectors], axis=1)), Rotation.from_rotvec(vectors)
-    np.testing.assert_allclose(motions[:, :3, :3], expected.as_matrix(), rtol=0, atol=2e-15)
-    np.testing.assert_allclose(se3.log(motions)[:, 3:], expected.as_rotvec(), rtol=0, atol=1e-14)
-
-
-def test_a_rotation_that_is_not_quite_one_turns_as_the_nearest_does_and_a_mirror_is_none() -> None:
-    rotation = Rotation.from_rotvec([0.1, 0.2, 0.3])
-    bent = se3.compose(rotation.as_matrix(), np.zeros(3))
-    bent[0, 1] += 1e-5
-    expected = Rotation.from_matrix(bent[:3, :3]).magnitude()
-    assert se3.rotation_angle_rad(bent) == pytest.approx(expected, rel=1e-14)
-    with pytest.raises(ValueError, match="determinant"):
-        se3.log(np.diag([1.0, 1.0, -1.0, 1.0]))
