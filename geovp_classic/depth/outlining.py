@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import unexplained
-from geovp_classic.depth.epipolar import IN_FRONT
 from geovp_classic.depth.ground import Ground
 from geovp_classic.geometry import pinhole
+from geovp_classic.geometry.epipolar import IN_FRONT
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
 WINDOW_PX = 3  # over which differences of grey values are averaged

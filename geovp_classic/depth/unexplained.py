@@ -14,9 +14,9 @@ import numba
 import numpy as np
 
 from geovp_classic.abreast import abreast
-from geovp_classic.depth.epipolar import Epipolar
 from geovp_classic.depth.ground import HORIZON_HEIGHTS, Ground
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 WINDOW_PX = 5  # over which differences of grey values are averaged
@@ -70,7 +70,7 @@ def equally_exposed(
 
     def equalise(step: int) -> None:
         between = Epipolar.of(camera, cam_from_last(world_from_cam, step))
-        stood = between.seen_at(inverse_depth[some], EXPOSURE_STRIDE_PX)
+        stood, _ = between.seen_at(inverse_depth[some], EXPOSURE_STRIDE_PX)
         warped = _sampled(pictures[-1 - step], stood).ravel()
         kept = np.ones(len(last), dtype=bool)
         gain, offset = 1.0, 0.0
@@ -119,9 +119,9 @@ def _against(
     pair = pictures[[-1, -1 - step]]
     last, earlier = pair
     between = Epipolar.of(camera, cam_from_last(world_from_cam, step))
-    stood = between.seen_at(standing)
+    stood, _ = between.seen_at(standing)
     place, remaining = _flow(pair, pinhole.pixel_grid(camera).astype(np.float32), stood)
-    nearest = between.seen_at(np.maximum(between.triangulated(place), lowest))
+    nearest, _ = between.seen_at(np.maximum(between.triangulated(place), lowest))
     differences = difference(last, earlier, stood), difference(last, earlier, nearest)
     strength, shift_px = np.empty(standing.shape, np.float32), np.empty(standing.shape, np.float32)
     _compare((stood, nearest, place), differences, remaining, strength, shift_px)

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import unexplained
-from geovp_classic.depth.epipolar import IN_FRONT
 from geovp_classic.depth.outlining import Sight
 from geovp_classic.geometry import pinhole
+from geovp_classic.geometry.epipolar import IN_FRONT
 from geovp_classic.types import BoolArray, FloatArray
 
 NUM_ROUNDS = 3

@@ -20,7 +20,7 @@ from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Scene
 from geovp_classic.render import surface
 from geovp_classic.render.pace import seconds_of
-from geovp_classic.render.reading import Reader, is_grey
+from geovp_classic.render.reading import is_grey, observed
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller pictures that are compared
@@ -110,8 +110,7 @@ class Exposed:
         if self.whole:
             coming, now, level = self._wholes(world_from_cam), self.last.frame, self.exposure.log_level
         else:
-            same = self.last.camera == intrinsics
-            coming, now = views.frames, self.last.frame if same else Reader.of([self.last], intrinsics).observed()
+            coming, now = views.frames, observed(self.last, intrinsics)
             level = _log_mean(now)
         histograms = np.stack(abreast(_histogram, coming))
         gains = self.exposure.forecast(histograms, seconds, _log_mean(now), level)

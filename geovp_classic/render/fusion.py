@@ -18,7 +18,7 @@ from geovp_classic.interfaces import Fill
 from geovp_classic.render import surface
 from geovp_classic.render.detail import Grain
 from geovp_classic.render.quads import NOTHING, IndexArray
-from geovp_classic.render.reading import Reader, is_grey
+from geovp_classic.render.reading import Reader, is_grey, observed
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
@@ -106,7 +106,7 @@ class CloudScene:
 
         abreast(look, range(len(world_from_cam)))
         filled = self.fill.fill(Views(frames, covered, depths))
-        return Views(self._with_grain(filled, magnification, pictures.observed()), covered, depths)
+        return Views(self._with_grain(filled, magnification, observed(self.sources[0], intrinsics)), covered, depths)
 
     def _with_grain(self, frames: ByteArray, magnification: FloatArray, observed: ByteArray) -> ByteArray:
         if self.grain == 0:

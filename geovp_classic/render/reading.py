@@ -109,15 +109,6 @@ class Reader:
             fine_scale[0] / coarse_scale[0],
         )
 
-    def observed(self) -> ByteArray:
-        """What the camera would have seen [H, W, 3] in the place of the first source; the border's colours outside."""
-        if self.sources[0].camera == self.camera:
-            return self.sources[0].frame
-        pixels = own_pixels(self.sources[0], self.camera)
-        last = np.array([self.sources[0].camera.width_px - 1, self.sources[0].camera.height_px - 1], np.float32)
-        first = np.zeros(pixels.shape[:2], np.int32)
-        return self.coarse.read(np.clip(pixels, 0, last), first, self.coarse_scale)
-
     def read(
         self,
         inverse_depth: FloatArray,  # [H, W] float32 in the view, 0 = infinitely far
@@ -146,6 +137,16 @@ class Reader:
             fine = self.fine.read(pixels, np.where(magnified > 0, shown, np.int32(NOTHING)), self.fine_scale)
             frame = (frame + share * (fine.astype(np.float32) - frame) + np.float32(0.5)).astype(np.uint8)
         return frame, covered, ratio / np.float32(self.finest)
+
+
+def observed(source: Source, camera: Intrinsics) -> ByteArray:
+    """What a camera in the source's place would have seen [H, W, 3]; the border's colours outside of the source."""
+    if source.camera == camera:
+        return source.frame
+    reader = Reader.of([source], camera)
+    last = np.array([source.camera.width_px - 1, source.camera.height_px - 1], np.float32)
+    pixels = np.clip(own_pixels(source, camera), 0, last)
+    return reader.coarse.read(pixels, np.zeros(pixels.shape[:2], np.int32), reader.coarse_scale)
 
 
 def _scale(frame: ByteArray, camera: Intrinsics) -> tuple[float, float]:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.render.quads import NEAR_SHARE, NOTHING, IndexArray, draw_views
+from geovp_classic.geometry.epipolar import Epipolar
+from geovp_classic.render.quads import NOTHING, IndexArray, draw_views
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
@@ -104,33 +104,14 @@ def source_pixels(
 
     The ratio is the magnification of surfaces that face the camera; it is not positive for what lies behind the source.
     """
-    view = Source(np.zeros((0, 0, 3), np.uint8), camera, world_from_cam)
-    a, b = plane_sweep_maps(view, source.world_from_source[None], source.camera)
-    q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
-    pixels, ratio = np.empty((*q.shape, 2), np.float32), np.empty(q.shape, np.float32)
-    _follow(a[0].astype(np.float32), b[0].astype(np.float32), q, pixels, ratio)
-    return pixels, ratio
+    source_from_cam = se3.inverse(source.world_from_source) @ world_from_cam
+    return Epipolar.of(camera, source_from_cam, source.camera).seen_at(inverse_depth)
 
 
 def own_pixels(source: Source, camera: Intrinsics) -> FloatArray:
     """Where the source shows what another camera in its place would show, [H, W, 2] float32."""
     infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
     return source_pixels(source, infinity, source.world_from_source, camera)[0]
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _follow(a: FloatArray, b: FloatArray, inverse_depth: FloatArray, pixels: FloatArray, ratio: FloatArray) -> None:
-    """Pixels [H, W, 2] and ratios [H, W], written: A (u, v, 1) + q b."""
-    height, width = inverse_depth.shape
-    for row in range(height):
-        start = a[:, 1] * np.float32(row) + a[:, 2]
-        for column in range(width):
-            u, q = np.float32(column), inverse_depth[row, column]
-            z = start[2] + a[2, 0] * u + q * b[2]
-            share = np.float32(1) / z if z > np.float32(NEAR_SHARE) else np.float32(0)
-            pixels[row, column, 0] = (start[0] + a[0, 0] * u + q * b[0]) * share
-            pixels[row, column, 1] = (start[1] + a[1, 0] * u + q * b[1]) * share
-            ratio[row, column] = z
 
 
 def slopes(inverse_depth: FloatArray) -> FloatArray:

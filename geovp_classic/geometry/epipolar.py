@@ -20,27 +20,31 @@ _IN_FRONT, _STIFFNESS = np.float32(IN_FRONT), np.float32(STIFFNESS)
 
 @dataclass(frozen=True)
 class Epipolar:
-    """Two frames of one camera: the other one's picture of this one's pixels."""
+    """Two frames: the other one's picture of this one's pixels."""
 
     infinity: FloatArray  # A [3, 3] float32
     epipole: FloatArray  # b [3] float32
 
     @classmethod
-    def of(cls, camera: Intrinsics, other_from_this: FloatArray) -> Epipolar:
-        """The geometry of a motion [4, 4]."""
-        infinity = camera.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
-        return cls(infinity.astype(np.float32), (camera.matrix @ other_from_this[:3, 3]).astype(np.float32))
+    def of(cls, camera: Intrinsics, other_from_this: FloatArray, other_camera: Intrinsics | None = None) -> Epipolar:
+        """The geometry of a motion [4, 4]; the other camera is the same one unless it is given."""
+        other = camera if other_camera is None else other_camera
+        infinity = other.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
+        return cls(infinity.astype(np.float32), (other_from_this[:3, 3] @ other.matrix.T).astype(np.float32))
 
     def seen_at(
         self,
         inverse_depth: FloatArray,  # [H, W] of this frame, or of every `stride_px`-th pixel of it each way
         stride_px: int = 1,
-    ) -> FloatArray:
-        """Pixels [H, W, 2] float32 of the other frame; what is behind it is far outside."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Pixels [H, W, 2] float32 of the other frame, and the depth there over the depth here [H, W].
+
+        What is behind the other camera, where this ratio is not positive, is far outside.
+        """
         q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
-        places = np.empty((*q.shape, 2), np.float32)
-        _seen_at(self.infinity, self.epipole, q, np.float32(stride_px), places)
-        return places
+        places, ratio = np.empty((*q.shape, 2), np.float32), np.empty(q.shape, np.float32)
+        _seen_at(self.infinity, self.epipole, q, np.float32(stride_px), places, ratio)
+        return places, ratio
 
     def triangulated(
         self,
@@ -54,16 +58,23 @@ class Epipolar:
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _seen_at(
-    a: FloatArray, b: FloatArray, inverse_depth: FloatArray, stride_px: np.float32, places: FloatArray
+    a: FloatArray,  # [3, 3] float32
+    b: FloatArray,  # [3] float32
+    inverse_depth: FloatArray,  # [H, W] float32
+    stride_px: np.float32,
+    places: FloatArray,  # [H, W, 2] float32, written
+    ratio: FloatArray,  # [H, W] float32, written
 ) -> None:
     for row in range(inverse_depth.shape[0]):
         v = stride_px * np.float32(row)
         x0, y0, z0 = a[0, 1] * v + a[0, 2], a[1, 1] * v + a[1, 2], a[2, 1] * v + a[2, 2]
         for column in range(inverse_depth.shape[1]):
             u, q = stride_px * np.float32(column), inverse_depth[row, column]
-            z = max(a[2, 0] * u + z0 + q * b[2], _IN_FRONT)
-            places[row, column, 0] = (a[0, 0] * u + x0 + q * b[0]) / z
-            places[row, column, 1] = (a[1, 0] * u + y0 + q * b[1]) / z
+            z = z0 + a[2, 0] * u + q * b[2]
+            share = np.float32(1) / max(z, _IN_FRONT)
+            places[row, column, 0] = (x0 + a[0, 0] * u + q * b[0]) * share
+            places[row, column, 1] = (y0 + a[1, 0] * u + q * b[1]) * share
+            ratio[row, column] = z
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
