@@ -18,7 +18,7 @@ def parser() -> argparse.ArgumentParser:
     data = verbs.add_parser("data", help="look after data sets").add_subparsers(metavar="VERB", required=True)
     doctor = data.add_parser("doctor", help="what is there, and what is wrong with it, line by line")
     doctor.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
-    doctor.add_argument("--deep", action="store_true", help="decode every picture as well")
+    doctor.add_argument("--deep", action="store_true", help="decode every image as well")
     doctor.set_defaults(verb="doctor")
     _add_predict(verbs)
     _add_poses(verbs)
@@ -53,10 +53,10 @@ def _add_run(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def _add_predict(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     predict = verbs.add_parser("predict", help="one clip in; predicted frames, poses, cloud, film strip and film out")
-    predict.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of pictures")
-    of_pictures = "in pixels of the pictures as they are stored, (0, 0) the centre of the top-left one"
+    predict.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of images")
+    of_images = "in pixels of the images as they are stored, (0, 0) the centre of the top-left one"
     predict.add_argument(
-        "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_pictures
+        "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_images
     )
     predict.add_argument("--fps", type=float, metavar="HZ", help="frames a second; needed for a folder")
     predict.add_argument("--camera-height", type=float, metavar="M", help="above the road: poses and cloud in metres")
@@ -66,7 +66,7 @@ def _add_predict(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     predict.add_argument("--past", type=_positive, default=10, metavar="N", help="observed frames (10)")
     predict.add_argument("--future", type=_positive, default=20, metavar="N", help="predicted frames (20)")
     predict.add_argument("--size", type=_positive, default=256, metavar="PX", help="side of the square middle (256)")
-    predict.add_argument("--wide", action="store_true", help="see the whole pictures, not only their middle")
+    predict.add_argument("--wide", action="store_true", help="see the whole images, not only their middle")
     predict.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
     predict.set_defaults(verb="predict")
 

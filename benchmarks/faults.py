@@ -1,4 +1,4 @@
-"""What spoilt pictures do to an odometry: error and share of bridged poses against the strength of each fault.
+"""What spoilt images do to an odometry: error and share of bridged poses against the strength of each fault.
 
 `python -m benchmarks.faults kitti ROOT` (or `synthetic`) prints the table for the default odometry.
 """
@@ -24,7 +24,7 @@ SWING_DEG = 8.0  # how far a camera that turns on the spot looks to each side
 
 @dataclass(frozen=True)
 class Spoilt:
-    """A clip's pictures after a fault, and what is then true."""
+    """A clip's images after a fault, and what is then true."""
 
     frames: ByteArray  # [T, H, W, 3]
     world_from_cam: FloatArray  # [T, 4, 4]
@@ -86,24 +86,24 @@ def table(rows: Sequence[FaultRow], faults: Sequence[Fault]) -> str:
 
 
 def blur(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """Three pictures in the middle smeared sideways by `strength` pixels."""
+    """Three images in the middle smeared sideways by `strength` pixels."""
     length = max(1, round(strength))
     return _changed(clip, _middle(clip, 3), lambda frame: _blurred(frame, length))
 
 
 def exposure(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """From the middle on, pictures 2 ** strength times as bright."""
+    """From the middle on, images 2 ** strength times as bright."""
     later = range(len(clip) // 2, len(clip))
     return _changed(clip, later, lambda frame: np.asarray(cv2.convertScaleAbs(frame, alpha=2.0**strength), np.uint8))
 
 
 def black(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """`strength` pictures in the middle are black."""
+    """`strength` images in the middle are black."""
     return _changed(clip, _middle(clip, round(strength)), np.zeros_like)
 
 
 def flat(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """All pictures lose this share of their contrast, in fog."""
+    """All images lose this share of their contrast, in fog."""
 
     def spoil(frame: ByteArray) -> ByteArray:
         return np.asarray(cv2.addWeighted(frame, 1 - strength, frame, 0, 128 * strength), np.uint8)
@@ -122,21 +122,21 @@ def noise(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
 
 
 def dropped(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """`strength` pictures in the middle are missing; the first ones are seen again at the end of the queue, unmoved."""
+    """`strength` images in the middle are missing; the first ones are seen again at the end of the queue, unmoved."""
     gone = _middle(clip, round(strength))
     kept = [i for i in range(len(clip)) if i not in gone]
     return _picked(clip, [kept[0]] * len(gone) + kept)
 
 
 def repeated(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """The middle picture comes `strength` more times."""
+    """The middle image comes `strength` more times."""
     middle = len(clip) // 2
     picks = [*range(middle + 1), *[middle] * round(strength), *range(middle + 1, len(clip))]
     return _picked(clip, picks[: len(clip)])
 
 
 def occluded(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """Another car, always at the same place, fills this share of the picture from the middle of the clip on."""
+    """Another car, always at the same place, fills this share of the image from the middle of the clip on."""
     height_px, width_px = clip.frames.shape[1:3]
     tall, broad = round(height_px * np.sqrt(strength)), round(width_px * np.sqrt(strength))
     paint = cv2.GaussianBlur(rng.uniform(0, 255, (height_px, width_px)), (0, 0), 2.0)
@@ -153,12 +153,12 @@ def occluded(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
 
 
 def standing(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """The first picture all the time, with noise of this standard deviation."""
+    """The first image all the time, with noise of this standard deviation."""
     return noise(_with(clip, _picked(clip, [0] * len(clip))), strength, rng)
 
 
 def turning(clip: Clip, strength: float, rng: np.random.Generator) -> Spoilt:
-    """The camera looks to and fro on the spot, by up to `strength` degrees a picture: the first one, warped."""
+    """The camera looks to and fro on the spot, by up to `strength` degrees an image: the first one, warped."""
     matrix, frames, poses = clip.intrinsics.matrix, [], []
     size_px = (clip.intrinsics.width_px, clip.intrinsics.height_px)
     for i in range(len(clip)):

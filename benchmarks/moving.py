@@ -16,11 +16,9 @@ import numpy as np
 
 from benchmarks.commands import command, watched
 from geovp_classic import registry
-from geovp_classic.depth_renderers import DepthFusion, Steered
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import FrameMetric, Scene
-from geovp_classic.render.billboards import Billboard, Traffic
-from geovp_classic.render.exposure import Exposed
+from geovp_classic.interfaces import FrameMetric
+from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Trajectory, Views
 
 NUM_PAST = 10
@@ -47,21 +45,14 @@ def measure(clips: Iterable[Clip], metrics: Mapping[str, FrameMetric]) -> list[M
     return [_row(clip, metrics) for clip in clips]
 
 
-def carried(scene: Scene) -> tuple[Billboard, ...]:
-    """The moving things of a scene that depth fusion built."""
-    inner = scene
-    while isinstance(inner, Steered | Exposed):
-        inner = inner.scene
-    return inner.billboards if isinstance(inner, Traffic) else ()
-
-
 def _row(clip: Clip, metrics: Mapping[str, FrameMetric]) -> MovingRow:
     if clip.trajectory is None:
         raise BadData(f"{clip.name} has no poses: moving things are measured with recorded ones")
     context, target = clip.split(NUM_PAST, Grant.NONE)
     past, future = clip.trajectory[:NUM_PAST], clip.trajectory.world_from_cam[NUM_PAST:]
-    ignored, _, ignored_s = _shown(DepthFusion(moving="ignored"), context, past, future)
-    views, things, carried_s = _shown(DepthFusion(moving="carried"), context, past, future)
+    ignored, ignored_s = _shown(DepthFusion(dynamic_objects=None), context, past, future)
+    views, carried_s = _shown(DepthFusion(), context, past, future)
+    things = DepthFusion().sprites(context, past)
     found = np.any([thing.mask for thing in things], axis=0) if things else np.zeros(clip.frames.shape[1:3], bool)
     true = np.zeros_like(found) if clip.moving is None else clip.moving[NUM_PAST - 1]
     scored = [step for step in SCORED if step < len(target.frames)]
@@ -74,13 +65,10 @@ def _row(clip: Clip, metrics: Mapping[str, FrameMetric]) -> MovingRow:
     return MovingRow(clip.name, len(things), *counts, scores, np.array([ignored_s, carried_s]))
 
 
-def _shown(
-    renderer: DepthFusion, context: Context, past: Trajectory, future: FloatArray
-) -> tuple[Views, tuple[Billboard, ...], float]:
+def _shown(renderer: DepthFusion, context: Context, past: Trajectory, future: FloatArray) -> tuple[Views, float]:
     start_s = time.process_time()
-    scene = renderer.reconstruct(context, past)
-    views = scene.view(future, context.intrinsics)
-    return views, carried(scene), time.process_time() - start_s
+    views = renderer.reconstruct(context, past).view(future, context.times_s[NUM_PAST:], context.intrinsics)
+    return views, time.process_time() - start_s
 
 
 def _scores(metric: FrameMetric, pairs: Sequence[tuple[ByteArray, ByteArray]], mask: BoolArray | None) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Short clips through an odometry, each from nothing: how far off its steps from picture to picture are."""
+"""Short clips through an odometry, each from nothing: how far off its steps from image to image are."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Cut:
 class Steps:
     """Errors of the steps [N] of one clip, or of many clips joined."""
 
-    tracked: BoolArray  # [N], of the picture that a step leads to
+    tracked: BoolArray  # [N], of the image that a step leads to
     rotation_deg: FloatArray  # [N]
     direction_deg: FloatArray  # [N], NaN where the camera hardly moved
     length_percent: FloatArray  # [clips], estimated by true length of the path - 1; NaN without metres or motion
@@ -92,7 +92,7 @@ def joined(clips: Sequence[Steps]) -> Steps:
 
 
 def _steps(trajectory: Trajectory) -> FloatArray:
-    """Motion [T - 1, 4, 4] from picture to picture, before_from_now."""
+    """Motion [T - 1, 4, 4] from image to image, before_from_now."""
     poses = trajectory.world_from_cam
     return se3.inverse(poses[:-1]) @ poses[1:]
 

@@ -72,8 +72,8 @@ def _dataset(root: Path, frames: Sequence[str], camera: int | None) -> dict[str,
 def _tracked(odometry: Any, recording: Recording, frames: FrameRange, watch: Watch) -> Tracked:
     steps = slice(frames.first, frames.last)
     times_s = recording.times_s[steps]
-    pictures = _watched(recording, frames, watch)
-    estimate, marks = odometry.track_sequence(pictures, times_s, recording.intrinsics, recording.camera_height_m)
+    images = _watched(recording, frames, watch)
+    estimate, marks = odometry.track_sequence(images, times_s, recording.intrinsics, recording.camera_height_m)
     truth = None if recording.trajectory is None else recording.trajectory[steps]
     return Tracked(frames, estimate, marks, truth)
 

@@ -1,4 +1,4 @@
-"""One clip all the way: from a folder of pictures or a video to predicted frames, poses, cloud, strip and film."""
+"""One clip all the way: from a folder of images or a video to predicted frames, poses, cloud, strip and film."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ STRIP_HORIZONS = (1, 5, 10, 15, 20)
 class Wanted:
     """What the user asks for."""
 
-    path: Path  # a folder of pictures or a video
-    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of the pictures as they are stored
+    path: Path  # a folder of images or a video
+    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of the images as they are stored
     rate_hz: float | None = None
     camera_height_m: float | None = None
     first: int | None = None  # the first observed frame; None: as late as possible
     num_past: int = 10
     num_future: int = 20
     size_px: int = 256
-    with_wide: bool = False  # see the whole pictures, not their middle only
+    with_wide: bool = False  # see the whole images, not their middle only
 
     def predictor(self) -> GeometricPredictor:
         """The best we have: chained odometry and forecast, depth fusion; metres only where the height gives them."""
@@ -72,8 +72,9 @@ def predict(wanted: Wanted, watch: Watch) -> Predicted:
     watch(2, NUM_STAGES)
     scene: Scene = predictor.reconstruct(context, motion.past)
     watch(3, NUM_STAGES)
-    views = scene.view(motion.futures[0], context.intrinsics)
-    seen_again = scene.view(motion.past.world_from_cam, context.intrinsics)
+    past_s, future_s = np.split(context.times_s, [context.num_past])
+    views = scene.view(motion.futures[0], future_s, context.intrinsics)
+    seen_again = scene.view(motion.past.world_from_cam, past_s, context.intrinsics)
     watch(4, NUM_STAGES)
     return Predicted(context, motion, views, seen_again, first, _came(wanted, recording, first))
 
@@ -81,7 +82,7 @@ def predict(wanted: Wanted, watch: Watch) -> Predicted:
 def write(predicted: Predicted, folder: Path) -> list[Path]:
     """Everything, into a folder that appears only when all of it is written; the paths, in order of interest."""
     with _whole(folder) as place:
-        _write_pictures(predicted, place)
+        _write_images(predicted, place)
         _write_film(predicted, place)
         path, camera = _path(predicted), predicted.context.intrinsics
         pose_files.write_kitti(place / "poses.kitti.txt", path)
@@ -103,7 +104,7 @@ def check_free(folder: Path) -> None:
 
 def _recording(wanted: Wanted) -> Recording:
     if wanted.path.is_dir() and wanted.rate_hz is None:
-        raise BadData(f"{wanted.path} is a folder of pictures, which do not say when they were taken: give --fps")
+        raise BadData(f"{wanted.path} is a folder of images, which do not say when they were taken: give --fps")
     spec = {
         "name": "folder",
         "path": wanted.path,
@@ -163,7 +164,7 @@ def _path(predicted: Predicted) -> Trajectory:
     return Trajectory(poses, predicted.context.times_s, past.is_metric)
 
 
-def _write_pictures(predicted: Predicted, place: Path) -> None:
+def _write_images(predicted: Predicted, place: Path) -> None:
     """Observed and predicted frames, and the depth of the predicted ones with a word on its scale."""
     numbers, num_past = _numbers(predicted), predicted.context.num_past
     is_metric = predicted.motion.past.is_metric
@@ -194,8 +195,8 @@ def _write_film(predicted: Predicted, place: Path) -> None:
     (place / "film.gif").write_bytes(film.gif(frames, rate_hz))
 
 
-def _write_png(path: Path, picture: ByteArray) -> None:
-    path.write_bytes(cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))[1].tobytes())
+def _write_png(path: Path, image: ByteArray) -> None:
+    path.write_bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes())
 
 
 @contextmanager

@@ -124,10 +124,10 @@ class TimedScene:
     scene: Scene
     watch: Stopwatch
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The views of the wrapped one."""
         with self.watch.time("view"):
-            return self.scene.view(world_from_cam, intrinsics)
+            return self.scene.view(world_from_cam, times_s, intrinsics)
 
 
 def _outcome(make: Callable[[], Any]) -> Outcome:

@@ -96,11 +96,11 @@ def _values(case: Case, prediction: Prediction, sample: int, metrics: Metrics) -
         masks["@covered"] = covered
         yield COVERAGE, covered.mean(axis=(1, 2))
     masks.update({f"@{name}": mask for name, mask in case.pixel_sets.items()})
-    pictures = hashlib.sha256(predicted.tobytes() + (b"" if covered is None else covered.tobytes())).digest()
+    images = hashlib.sha256(predicted.tobytes() + (b"" if covered is None else covered.tobytes())).digest()
     for name, frame_metric in metrics.frame.items():
-        if (name, pictures) not in case.scored:
-            case.scored[name, pictures] = _over(frame_metric, predicted, target, list(masks.values()))
-        for suffix, values in zip(masks, case.scored[name, pictures], strict=True):
+        if (name, images) not in case.scored:
+            case.scored[name, images] = _over(frame_metric, predicted, target, list(masks.values()))
+        for suffix, values in zip(masks, case.scored[name, images], strict=True):
             yield name + suffix, values
     future = _future(case, prediction, sample)
     if future is not None and case.future is not None:

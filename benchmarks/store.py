@@ -266,7 +266,7 @@ class Results:
         _write_npz(self.root / cell / "predictions" / _file(clip), arrays)
 
     def write_clip(self, clip: Clip) -> None:
-        """Keep a clip, so that pictures and new scores need no data set."""
+        """Keep a clip, so that images and new scores need no data set."""
         camera = clip.intrinsics
         numbers = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.width_px, camera.height_px)
         arrays: dict[str, Any] = {"frames": clip.frames, "times_s": clip.times_s, "intrinsics": np.array(numbers)}

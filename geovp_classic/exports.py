@@ -57,14 +57,14 @@ def write_ply(path: Path, points: FloatArray, colours: ByteArray) -> None:
 def write_colmap(
     folder: Path,
     camera: Intrinsics,
-    names: Sequence[str],  # T, of the pictures
+    names: Sequence[str],  # T, of the images
     world_from_cam: FloatArray,  # [T, 4, 4]
     points: FloatArray,  # [N, 3]
     colours: ByteArray,  # [N, 3]
 ) -> None:
-    """A COLMAP model, binary and, beside it, as text: one pinhole camera, a pose for every picture, the points.
+    """A COLMAP model, binary and, beside it, as text: one pinhole camera, a pose for every image, the points.
 
-    COLMAP's principal point counts from the picture's corner, half a pixel beside ours. Points have no tracks: they
+    COLMAP's principal point counts from the image's corner, half a pixel beside ours. Points have no tracks: they
     come from dense depth, not from matched features.
     """
     import pycolmap

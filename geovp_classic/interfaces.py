@@ -21,7 +21,7 @@ from geovp_classic.types import (
 
 @runtime_checkable
 class Odometry(Protocol):
-    """Says where the camera was, from what it saw; never raises on hard pictures but bridges and marks the step."""
+    """Says where the camera was, from what it saw; never raises on hard images but bridges and marks the step."""
 
     @property
     def needs(self) -> Grant:
@@ -35,7 +35,7 @@ class Odometry(Protocol):
 
 @runtime_checkable
 class Gauge(Protocol):
-    """Learns from picture to picture how long an odometry's unit of length is."""
+    """Learns from image to image how long an odometry's unit of length is."""
 
     @property
     def unit(self) -> float:
@@ -48,7 +48,7 @@ class Gauge(Protocol):
         ...
 
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
-        """Take two grey pictures [H, W] and the motion between them [4, 4], in units of the odometry.
+        """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry.
 
         `radial` is what the odometry found of distortion: ideal ray = seen ray * (1 + radial * |seen ray|^2).
         """
@@ -102,6 +102,23 @@ class PoseSource(Protocol):
 
 
 @runtime_checkable
+class PoseRefinement(Protocol):
+    """Says better where the camera was and will be, from the images and from what the poses themselves show."""
+
+    @property
+    def needs(self) -> Grant:
+        """What it must be granted."""
+        ...
+
+    def refine(self, context: Context, motion: Motion) -> Motion:
+        """The motion, corrected, in the same world frame; unchanged where there is nothing to say.
+
+        Incompatible when the clip or the refinements before it lack what it needs.
+        """
+        ...
+
+
+@runtime_checkable
 class DepthSource(Protocol):
     """Says how far away the observed pixels are."""
 
@@ -117,10 +134,13 @@ class DepthSource(Protocol):
 
 @runtime_checkable
 class Scene(Protocol):
-    """What was reconstructed from the past; can be seen from anywhere, any number of times."""
+    """What was reconstructed from the past; can be seen from anywhere, at any time, any number of times."""
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The scene from the poses [F, 4, 4], in the world frame of the past it was built with."""
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The scene from the poses [F, 4, 4] at the times [F], in the world frame and on the clock of its past.
+
+        Row k depends on pose k and time k alone: not on the other rows, their order or their number.
+        """
         ...
 
 
@@ -142,8 +162,11 @@ class Renderer(Protocol):
 class Fill(Protocol):
     """Invents the pixels that a scene does not cover."""
 
-    def fill(self, views: Views) -> ByteArray:
-        """Frames [F, H, W, 3], unchanged where `views.covered`."""
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
+        """Frames [F, H, W, 3], unchanged where `views.covered`; each from its own view alone.
+
+        `last` [H, W, 3] is what the views' camera would have seen in the last observed frame's place.
+        """
         ...
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
-from geovp_classic.types import BoolArray, ByteArray, Context, Grant, Intrinsics, Motion, Prediction, Trajectory
+from geovp_classic.types import BoolArray, ByteArray, Context, Grant, Motion, Prediction, Trajectory
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
 
@@ -35,7 +35,7 @@ class GeometricPredictor:
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Frames [S, F, H, W, 3] with coverage and motion; S = 1 when the pose source is deterministic."""
         motion = self.estimate(context, num_samples)
-        return show(self.reconstruct(context, motion.past), motion, context.intrinsics)
+        return show(self.reconstruct(context, motion.past), motion, context)
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The first step: the motion."""
@@ -46,9 +46,10 @@ class GeometricPredictor:
         return self.renderer.reconstruct(context.only(self.renderer.needs), past)
 
 
-def show(scene: Scene, motion: Motion, camera: Intrinsics) -> Prediction:
-    """The third step: the scene seen from every sampled future of the motion."""
-    samples = [scene.view(future, camera) for future in motion.futures]
+def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
+    """The third step: the scene seen from every sampled future of the motion, at the times to predict."""
+    times_s = context.times_s[context.num_past :]
+    samples = [scene.view(future, times_s, context.intrinsics) for future in motion.futures]
     covered = np.stack([views.covered for views in samples])
     return Prediction(np.stack([views.frames for views in samples]), covered, motion)
 
@@ -95,17 +96,17 @@ class Recorded:
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """The recorded frames; BadData names a file that is missing or has other sizes than the clip."""
         path = self._find(context.name)
-        pictures, covered = _read_npz(path) if path.suffix == ".npz" else (_read_pictures(path), None)
-        if pictures.ndim == 4:
-            pictures, covered = pictures[None], None if covered is None else covered[None]
-        samples = num_samples if len(pictures) > 1 else 1
+        images, covered = _read_npz(path) if path.suffix == ".npz" else (_read_images(path), None)
+        if images.ndim == 4:
+            images, covered = images[None], None if covered is None else covered[None]
+        samples = num_samples if len(images) > 1 else 1
         expected = (samples, context.num_future, *context.frames.shape[1:])
-        if len(pictures) < samples or pictures.shape[1:] != expected[1:] or pictures.dtype != np.uint8:
-            raise BadData(f"{path}: {pictures.dtype} frames of shape {pictures.shape}, expected uint8 of {expected}")
-        if covered is not None and (covered.shape != pictures.shape[:4] or covered.dtype != bool):
-            raise BadData(f"{path}: {covered.dtype} covered of {covered.shape}, expected bool of {pictures.shape[:4]}")
+        if len(images) < samples or images.shape[1:] != expected[1:] or images.dtype != np.uint8:
+            raise BadData(f"{path}: {images.dtype} frames of shape {images.shape}, expected uint8 of {expected}")
+        if covered is not None and (covered.shape != images.shape[:4] or covered.dtype != bool):
+            raise BadData(f"{path}: {covered.dtype} covered of {covered.shape}, expected bool of {images.shape[:4]}")
         motion = None if self.poses is None else self._motion(self.poses / f"{context.name}.txt", context)
-        return Prediction(pictures[:samples], None if covered is None else covered[:samples], motion)
+        return Prediction(images[:samples], None if covered is None else covered[:samples], motion)
 
     def _find(self, name: str) -> Path:
         if not name:
@@ -138,20 +139,20 @@ def _read_npz(path: Path) -> tuple[ByteArray, BoolArray | None]:
         raise BadData(f"{path} cannot be read ({error}): expected an npz file with an array 'frames'") from error
 
 
-def _read_pictures(path: Path) -> ByteArray:
+def _read_images(path: Path) -> ByteArray:
     """Frames [F, H, W, 3] of a video or a folder of images, [S, F, H, W, 3] of a folder of such folders."""
     if path.is_file():
         video = frames.VideoFrames.open(path)
         return _stack(path, [video.read(index) for index in range(len(video))])
     samples = sorted(child for child in path.iterdir() if child.is_dir())
     if samples:
-        return _stack(path, [_read_pictures(sample) for sample in samples])
-    return _stack(path, [frames.read_picture(picture) for picture in frames.picture_files(path)])
+        return _stack(path, [_read_images(sample) for sample in samples])
+    return _stack(path, [frames.read_image(image) for image in frames.image_files(path)])
 
 
-def _stack(path: Path, pictures: list[ByteArray]) -> ByteArray:
-    shapes = {picture.shape for picture in pictures}
+def _stack(path: Path, images: list[ByteArray]) -> ByteArray:
+    shapes = {image.shape for image in images}
     if len(shapes) != 1:
         told = " and ".join(map(str, sorted(shapes))) or "nothing"
-        raise BadData(f"{path} holds {told}, expected pictures of one size, as many in every sample")
-    return np.stack(pictures)
+        raise BadData(f"{path} holds {told}, expected images of one size, as many in every sample")
+    return np.stack(images)

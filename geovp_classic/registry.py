@@ -20,6 +20,7 @@ from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownCompo
 
 ROLES = (
     "pose_sources",
+    "pose_refinements",
     "odometries",
     "forecasters",
     "scales",
@@ -34,6 +35,7 @@ ROLES = (
 )
 PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
+    "pose_refinements": interfaces.PoseRefinement,
     "odometries": interfaces.Odometry,
     "forecasters": interfaces.Forecaster,
     "scales": interfaces.Scale,
@@ -45,6 +47,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
     "trajectory_metrics": interfaces.TrajectoryMetric,
     "datasets": interfaces.Dataset,
 }
+NO_PART = "none"  # what TOML has in place of None: a part that is left out
 EXTRA_OF_MODULE = {
     "torch": "learned",
     "safetensors": "learned",
@@ -114,8 +117,18 @@ def describe(component: Any) -> dict[str, Any]:
     """The table that `build` makes this component of, every field spelled out; its inverse."""
     if not dataclasses.is_dataclass(component):
         raise BadData(f"{component!r} is not a dataclass, so its settings cannot be described")
-    fields = {f.name: _plain(getattr(component, f.name)) for f in dataclasses.fields(component) if f.init}
-    return {"name": name_of(component), **{key: value for key, value in fields.items() if value is not None}}
+    return {"name": name_of(component), **_settings(component)}
+
+
+def _settings(owner: Any) -> dict[str, Any]:
+    """The fields of a dataclass as plain values; None is told where it is not the default."""
+    told = {f.name: _plain(getattr(owner, f.name)) for f in dataclasses.fields(owner) if f.init}
+    left_out = {f.name for f in dataclasses.fields(owner) if f.default is not None}
+    return {
+        name: NO_PART if value is None else value
+        for name, value in told.items()
+        if value is not None or name in left_out
+    }
 
 
 def name_of(component: Any) -> str:
@@ -164,7 +177,7 @@ def _field_types(component: type) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """A field's value as TOML and JSON have it."""
     if dataclasses.is_dataclass(value):
-        return describe(value)
+        return describe(value) if any(_fits(role, value) for role in PROTOCOL_OF_ROLE) else _settings(value)
     if isinstance(value, pathlib.Path):
         return str(value)
     if isinstance(value, (tuple, list)):
@@ -176,6 +189,8 @@ def _value(value: Any, wanted: Any, where: str) -> Any:
     """A TOML value as the field's type; BadData when it is of another type."""
     origin = typing.get_origin(wanted)
     if origin in (typing.Union, types.UnionType):
+        if value == NO_PART and type(None) in typing.get_args(wanted):
+            return None
         return _first_that_fits(value, typing.get_args(wanted), where)
     role = next((role for role, protocol in PROTOCOL_OF_ROLE.items() if protocol is wanted), None)
     if role is not None:

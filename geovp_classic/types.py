@@ -67,13 +67,13 @@ class Intrinsics:
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], dtype=np.float64)
 
     def cropped(self, left_px: int, top_px: int, width_px: int, height_px: int) -> Intrinsics:
-        """The camera of picture[top : top + height, left : left + width]."""
+        """The camera of image[top : top + height, left : left + width]."""
         return replace(
             self, cx_px=self.cx_px - left_px, cy_px=self.cy_px - top_px, width_px=width_px, height_px=height_px
         )
 
     def resized(self, width_px: int, height_px: int) -> Intrinsics:
-        """The camera of the picture resized to width x height, edges kept on edges."""
+        """The camera of the image resized to width x height, edges kept on edges."""
         sx, sy = width_px / self.width_px, height_px / self.height_px
         cx_px, cy_px = (self.cx_px + 0.5) * sx - 0.5, (self.cy_px + 0.5) * sy - 0.5
         return Intrinsics(self.fx_px * sx, self.fy_px * sy, cx_px, cy_px, width_px, height_px)
@@ -115,6 +115,7 @@ class Motion:
     past: Trajectory  # [P]
     futures: FloatArray  # [S, F, 4, 4]; S = 1 when deterministic
     tracked: BoolArray  # [P]; False where a pose was bridged instead of measured
+    unrefined: Motion | None = None  # as the pose source said it, where refinements have corrected it since
 
     def __post_init__(self) -> None:
         """Raise BadData unless shapes agree and all poses are finite and rigid."""
@@ -124,14 +125,18 @@ class Motion:
         _store(self, "futures", _rigid("futures", futures))
         _store(self, "tracked", _array("tracked", self.tracked, bool, (len(self.past),)))
 
+    def refined(self, past: Trajectory, futures: FloatArray) -> Motion:
+        """The same motion with better poses; what the pose source said is kept beside it."""
+        return Motion(past, futures, self.tracked, self.unrefined or self)
+
 
 @dataclass(frozen=True)
 class ExtraView:
-    """Another picture of the same instants: the uncropped one ("wide"), or the right camera's; native resolution."""
+    """Another image of the same instants: the uncropped one ("wide"), or the right camera's; native resolution."""
 
     frames: ByteArray  # [T, H', W', 3]
     intrinsics: Intrinsics
-    view_from_cam: FloatArray  # [4, 4]; the identity for the wide picture
+    view_from_cam: FloatArray  # [4, 4]; the identity for the wide image
 
     def __post_init__(self) -> None:
         """Raise BadData unless the frames fit the intrinsics and the transform is rigid."""
@@ -277,7 +282,7 @@ class Views:
     """A scene seen from several poses."""
 
     frames: ByteArray  # [F, H, W, 3]
-    covered: BoolArray  # [F, H, W]; False where the picture was invented
+    covered: BoolArray  # [F, H, W]; False where the image was invented
     depths: FloatArray  # [F, H, W] float32; 0 = unknown, inf = infinitely far
 
     def __post_init__(self) -> None:

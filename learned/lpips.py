@@ -3,7 +3,7 @@
 Weights are not part of the package. They come from the `weights` field, or else from what the environment variable
 GEOVP_LPIPS_WEIGHTS names (both: an npz file, or a folder with `lpips_alex_v0.1.npz` and `lpips_squeeze_v0.1.npz`), or
 else from the cache (GEOVP_CACHE, or the user's own), which is filled from torchvision's and the LPIPS authors' servers
-and checked by SHA-256. Wherever they come from, they must give a known score to a known pair of pictures first.
+and checked by SHA-256. Wherever they come from, they must give a known score to a known pair of images first.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ REMOTES = {  # url and SHA-256 of the backbone, then of the linear layers
         ),
     ),
 }
-CHECK_SCORES = {"alex": 0.389235, "squeeze": 0.443713}  # of `check_pictures`, under the weights above
+CHECK_SCORES = {"alex": 0.389235, "squeeze": 0.443713}  # of `check_images`, under the weights above
 CHECK_TOLERANCE = 1e-4
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of RGB in [-1, 1]: ImageNet's mean and deviation
 SMALLEST_PX = 32  # below it the deepest layers have no pixel left
@@ -196,21 +196,21 @@ def load_weights(net: Net, file: Path) -> Weights:
     try:
         with np.load(file) as arrays:
             weights = {name: torch.from_numpy(arrays[name].astype(np.float32)) for name in arrays.files}
-        score = float(distances(net, weights, *check_pictures(), [None])[0, 0])
+        score = float(distances(net, weights, *check_images(), [None])[0, 0])
     except (OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
         raise MissingExtra(f"LPIPS weights {file} are not a readable npz file ({error}): get them anew") from error
     except (KeyError, ValueError, RuntimeError) as error:
         raise MissingExtra(f"{file} does not hold LPIPS weights for {net!r} ({error}): get them anew") from error
     if not abs(score - CHECK_SCORES[net]) < CHECK_TOLERANCE:
         raise MissingExtra(
-            f"{file} does not hold LPIPS v0.1's weights for {net!r}: the check pictures score {score:.6f}, "
+            f"{file} does not hold LPIPS v0.1's weights for {net!r}: the check images score {score:.6f}, "
             f"expected {CHECK_SCORES[net]:.6f}: get them anew"
         )
     return weights
 
 
-def check_pictures() -> tuple[ByteArray, ByteArray]:
-    """A pair of pictures [1, 64, 64, 3] that every version of every library makes alike."""
+def check_images() -> tuple[ByteArray, ByteArray]:
+    """A pair of images [1, 64, 64, 3] that every version of every library makes alike."""
     v, u, channel = np.mgrid[:64, :64, :3]
     waves = (u * (3 + channel) + v * v // 5) % 256
     return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)

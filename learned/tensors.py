@@ -12,7 +12,7 @@ from torch import Tensor
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 
-def pictures_from_frames(frames: ByteArray) -> Tensor:
+def images_from_frames(frames: ByteArray) -> Tensor:
     """Frames [..., H, W, 3] as float32 [..., 3, H, W] in [0, 1]."""
     return torch.from_numpy(frames.astype(np.float32)).movedim(-1, -3) / 255.0
 
@@ -20,7 +20,7 @@ def pictures_from_frames(frames: ByteArray) -> Tensor:
 def shrunk(frames: Sequence[ByteArray], camera: Intrinsics, wanted: Intrinsics) -> tuple[list[ByteArray], Intrinsics]:
     """Frames [H, W, 3] brought to the focal lengths of another camera where that makes them smaller, and their camera.
 
-    Area averages: what comes after may then sample the pictures without aliasing.
+    Area averages: what comes after may then sample the images without aliasing.
     """
     width_px = round(camera.width_px * min(1.0, wanted.fx_px / camera.fx_px))
     height_px = round(camera.height_px * min(1.0, wanted.fy_px / camera.fy_px))

@@ -10,9 +10,10 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = [
     {"errors"},
     {"types"},
-    {"geometry", "interfaces", "abreast"},
-    {"poses", "depth", "render", "data", "metrics", "registry"},
-    {"predictors", "contracts", "commanded", "depth_renderers", "exports"},
+    {"geometry", "interfaces", "parallel"},
+    {"odometry", "forecasting", "pose_refinement", "depth", "dynamic_objects", "render", "data", "metrics", "registry"},
+    {"pose_sources", "renderers", "exports"},
+    {"predictors", "contracts"},
 ]
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SOURCES = sorted(

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.forecasting.histories import Examples
-from geovp_classic.poses import motion_prior
-from geovp_classic.poses.motion_network import Coefficients
-from geovp_classic.poses.planar_forecast import PlanarForecast
+from geovp_classic.forecasting import motion_prior
+from geovp_classic.forecasting.motion_network import Coefficients
+from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.types import FloatArray
 
 HELD = 0.9  # what the region is to hold

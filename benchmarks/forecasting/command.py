@@ -83,7 +83,7 @@ def _fit_prior(chosen: argparse.Namespace, watch: Watch) -> Iterator[str]:
     import numpy as np
 
     from benchmarks.forecasting import prior_fit, windows
-    from geovp_classic.poses import motion_prior
+    from geovp_classic.forecasting import motion_prior
 
     others = windows.read(chosen.poses, chosen.calibrate)
     coefficients = prior_fit.fit(windows.read(chosen.poses, chosen.sequences), prior_fit.Plan(), others, watch)

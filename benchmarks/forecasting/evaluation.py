@@ -13,11 +13,11 @@ from benchmarks.forecasting.scores import Scores, Spoil, measure
 from benchmarks.forecasting.watching import Watch, unwatched
 from benchmarks.forecasting.windows import Cut, Window
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
+from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, TurnRateUnscented
+from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
-from geovp_classic.poses.forecast import ConstantTurn, ConstantVelocity, Hold
-from geovp_classic.poses.motion_prior import MotionPrior
-from geovp_classic.poses.turn_rate import AccelerationKalman, TurnRateKalman, TurnRateUnscented
 from geovp_classic.types import FloatArray, Trajectory
 
 REGIONS = (0.5, 0.9)

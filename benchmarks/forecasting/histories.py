@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from geovp_classic.forecasting import past_motion
+from geovp_classic.forecasting.motion_network import MIRRORED_RATES, MIRRORED_STATES
+from geovp_classic.forecasting.motion_prior import NUM_PAST_STEPS
 from geovp_classic.geometry import planar, se3
-from geovp_classic.poses import past_motion
-from geovp_classic.poses.motion_network import MIRRORED_RATES, MIRRORED_STATES
-from geovp_classic.poses.motion_prior import NUM_PAST_STEPS
 from geovp_classic.types import BoolArray, FloatArray, IntArray, Trajectory
 
 STEP_S = 0.1037  # KITTI's frame interval

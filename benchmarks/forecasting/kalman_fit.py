@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.forecasting.windows import Window
+from geovp_classic.forecasting import kalman_filters, past_motion
+from geovp_classic.forecasting.kalman_filters import KalmanConstants
+from geovp_classic.forecasting.motion_models import NUM_STATES, YAW, VehicleModel
 from geovp_classic.geometry import planar
-from geovp_classic.poses import kalman_filters, past_motion
-from geovp_classic.poses.kalman_filters import KalmanConstants
-from geovp_classic.poses.motion_models import NUM_STATES, YAW, VehicleModel
 from geovp_classic.types import FloatArray
 
 HORIZONS = (1, 3, 5, 10, 15, 20)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.special import expit
 
-from geovp_classic.poses.motion_network import Network
+from geovp_classic.forecasting.motion_network import Network
 from geovp_classic.types import FloatArray
 
 Batch = tuple[FloatArray, Any]  # features [M, B, in] and what the loss wants to know

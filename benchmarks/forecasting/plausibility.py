@@ -11,8 +11,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
+from geovp_classic.forecasting.motion_network import FORWARD, YAW_RATE
 from geovp_classic.geometry import se3
-from geovp_classic.poses.motion_network import FORWARD, YAW_RATE
 from geovp_classic.types import BoolArray, FloatArray, Trajectory
 
 ACROSS_M_S = 0.25  # over AVERAGED steps; bumps in the road cancel out within half a second

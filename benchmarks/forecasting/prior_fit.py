@@ -18,8 +18,8 @@ from benchmarks.forecasting.histories import NUM_FUTURE_STEPS, STEP_S, Examples
 from benchmarks.forecasting.network_training import Schedule
 from benchmarks.forecasting.watching import Watch, unwatched
 from geovp_classic.errors import BadData
-from geovp_classic.poses import motion_network
-from geovp_classic.poses.motion_network import MIRRORED_RATES, MIRRORED_STATES, Coefficients, Network, Standard
+from geovp_classic.forecasting import motion_network
+from geovp_classic.forecasting.motion_network import MIRRORED_RATES, MIRRORED_STATES, Coefficients, Network, Standard
 from geovp_classic.types import FloatArray, Trajectory
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from benchmarks.forecasting.windows import Window
+from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
 from geovp_classic.interfaces import Forecaster
-from geovp_classic.poses.planar_forecast import PlanarForecast
 from geovp_classic.types import FloatArray, Trajectory
 
 Spoil = Callable[[Trajectory], Trajectory]  # what a past goes through before the forecaster sees it

@@ -19,10 +19,10 @@ import numpy as np
 from benchmarks.commands import command, whole_numbers
 from geovp_classic import registry
 from geovp_classic.depth.multiview import Multiview
-from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import DepthSource
-from geovp_classic.poses.sources import Chained
+from geovp_classic.pose_sources import Chained
+from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import Clip, Context, FloatArray, Grant, Trajectory, Views
 
 NUM_PAST = 10
@@ -83,7 +83,7 @@ def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
     (past, _), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
     scene, built = timed(lambda: renderer.reconstruct(context.only(renderer.needs), past))
-    views, shown = timed(lambda: scene.view(futures[0], context.intrinsics))
+    views, shown = timed(lambda: scene.view(futures[0], context.times_s[context.num_past :], context.intrinsics))
     own = depth.taken[0]
     return views, [odometry, forecast, own, (built[0] - own[0], built[1] - own[1]), shown]
 

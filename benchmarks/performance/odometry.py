@@ -1,7 +1,7 @@
 """How fast the odometry is, with bundle adjustment and scale, beside a plain ORB + findEssentialMat loop.
 
-`python -m benchmarks.performance.odometry PICTURES CALIB [COUNT]`: a folder of pictures and KITTI's calib.txt (its
-first line is taken). Both loops get the same pictures from memory, in turns, so that a busy machine slows both.
+`python -m benchmarks.performance.odometry IMAGES CALIB [COUNT]`: a folder of images and KITTI's calib.txt (its
+first line is taken). Both loops get the same images from memory, in turns, so that a busy machine slows both.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ import numpy as np
 from benchmarks.commands import command, whole_numbers
 from geovp_classic.data import kitti_layout
 from geovp_classic.data.findings import raise_first
-from geovp_classic.data.frames import read_picture
+from geovp_classic.data.frames import read_image
 from geovp_classic.errors import BadData
-from geovp_classic.poses.odometry import Monocular
+from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What one run over the pictures took."""
+    """What one run over the images took."""
 
-    odometry_s: FloatArray  # [T], every picture's push
+    odometry_s: FloatArray  # [T], every image's push
     plain_s: FloatArray  # [T - 1], every pair
     growth_mb: float  # of peak memory in the second half
 
@@ -46,7 +46,7 @@ class Timing:
 
 
 def measure(frames: Sequence[ByteArray], camera: Intrinsics, camera_height_m: float = 1.65) -> Timing:
-    """Time both loops picture by picture, in turns."""
+    """Time both loops image by image, in turns."""
     stream = Monocular().stream(camera, camera_height_m)
     odometry_s, plain_s, peaks_mb = [], [], []
     for i, frame in enumerate(frames):
@@ -76,14 +76,14 @@ def plain_step(before: ByteArray, now: ByteArray, camera: Intrinsics) -> FloatAr
 
 
 def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrinsics]:
-    """The first pictures of a folder, grey, and the first camera of a calib.txt; BadData says which file is wrong."""
+    """The first images of a folder, grey, and the first camera of a calib.txt; BadData says which file is wrong."""
     projections, findings = kitti_layout.scan_calibration(calib)
     raise_first(findings)
     paths = sorted(folder.iterdir())[:count] if folder.is_dir() else []
     if len(paths) < 2 or not projections:
-        raise BadData(f"{folder} and {calib}: expected a folder of two or more pictures, and a line such as 'P0:'")
-    pictures = [cv2.cvtColor(read_picture(path), cv2.COLOR_RGB2GRAY) for path in paths]
-    frames = [np.asarray(picture, dtype=np.uint8) for picture in pictures]
+        raise BadData(f"{folder} and {calib}: expected a folder of two or more images, and a line such as 'P0:'")
+    images = [cv2.cvtColor(read_image(path), cv2.COLOR_RGB2GRAY) for path in paths]
+    frames = [np.asarray(image, dtype=np.uint8) for image in images]
     height_px, width_px = frames[0].shape
     return frames, projections[min(projections)].intrinsics(width_px, height_px)
 
@@ -92,8 +92,8 @@ def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrin
 def main(arguments: Sequence[str]) -> str:
     """The timing in words."""
     if len(arguments) < 2:
-        raise BadData(f"arguments {' '.join(arguments)!r}: expected PICTURES CALIB [COUNT]")
-    (count,) = whole_numbers(arguments[2:], (200,), "PICTURES CALIB [COUNT]")
+        raise BadData(f"arguments {' '.join(arguments)!r}: expected IMAGES CALIB [COUNT]")
+    (count,) = whole_numbers(arguments[2:], (200,), "IMAGES CALIB [COUNT]")
     frames, camera = read(Path(arguments[0]), Path(arguments[1]), count)
     return "\n".join(measure(frames, camera).lines())
 

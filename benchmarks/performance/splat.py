@@ -21,15 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.commands import command, whole_numbers
-from geovp_classic.abreast import unhindered
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.render import surface
+from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.render import patches
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 CAMERA = Intrinsics(480.0, 480.0, 127.5, 127.5, 256, 256)
 NUM_SOURCES, NUM_VIEWS, STEP_M = 3, 20, 1.0
 HEIGHT_M, HALF_WIDTH_M, FARTHEST_M = 1.65, 6.0, 80.0
-FIRST_PICTURES = """
+FIRST_IMAGES = """
 import time
 from benchmarks.performance import splat
 scene, poses = splat.street()
@@ -43,8 +43,8 @@ print(time.perf_counter() - start)
 class Street:
     """A cloud in the three shapes that the three ways of drawing need."""
 
-    patches: surface.Patches
-    sources: list[surface.Source]
+    cloud: patches.Patches
+    sources: list[patches.Source]
     points_world: FloatArray  # [N, 3]
     colours: ByteArray  # [N, 3]
 
@@ -78,9 +78,9 @@ def street() -> tuple[Street, FloatArray]:
     road, wall = rays[..., 1] / HEIGHT_M, np.abs(rays[..., 0]) / HALF_WIDTH_M
     inverse_depth = np.maximum(np.maximum(road, wall), 1 / FARTHEST_M).astype(np.float32)
     colours = np.random.default_rng(0).integers(0, 256, (*inverse_depth.shape, 3), dtype=np.uint8)
-    sources = [surface.Source(colours, CAMERA, pose) for pose in track[:NUM_SOURCES]]
+    sources = [patches.Source(colours, CAMERA, pose) for pose in track[:NUM_SOURCES]]
     known = np.ones(inverse_depth.shape, dtype=bool)
-    cloud = surface.joined([surface.patches(inverse_depth, known, number) for number in range(NUM_SOURCES)])
+    cloud = patches.joined([patches.patches(inverse_depth, known, number) for number in range(NUM_SOURCES)])
     points_cam = (rays / inverse_depth[..., None]).reshape(-1, 3)
     points_world = np.concatenate([se3.transform(pose, points_cam) for pose in track[:NUM_SOURCES]])
     return Street(cloud, sources, points_world, np.tile(colours.reshape(-1, 3), (NUM_SOURCES, 1))), track[NUM_SOURCES:]
@@ -88,7 +88,7 @@ def street() -> tuple[Street, FloatArray]:
 
 def draw_splat(scene: Street, world_from_cam: FloatArray) -> FloatArray:
     """Inverse depth [F, H, W] by our splat."""
-    return surface.draw(scene.patches, scene.sources, world_from_cam, CAMERA)[0]
+    return patches.draw(scene.cloud, scene.sources, world_from_cam, CAMERA)[0]
 
 
 def draw_numpy(scene: Street, world_from_cam: FloatArray) -> FloatArray:
@@ -115,8 +115,8 @@ def draw_open3d(scene: Street, world_from_cam: FloatArray) -> FloatArray:
     for cam_from_world in se3.inverse(world_from_cam):
         extrinsic = o3d.core.Tensor.from_numpy(cam_from_world)
         size = (CAMERA.width_px, CAMERA.height_px)
-        picture = cloud.project_to_rgbd_image(*size, matrix, extrinsic, depth_scale=1.0, depth_max=10 * FARTHEST_M)
-        depth = picture.depth.as_tensor().numpy()[..., 0]
+        image = cloud.project_to_rgbd_image(*size, matrix, extrinsic, depth_scale=1.0, depth_max=10 * FARTHEST_M)
+        depth = image.depth.as_tensor().numpy()[..., 0]
         drawn.append(np.where(depth > 0, 1 / np.where(depth > 0, depth, 1), -1.0))
     return np.stack(drawn)
 
@@ -128,7 +128,7 @@ WAYS: dict[str, Callable[[Street, FloatArray], FloatArray]] = {
 }
 
 
-@unhindered
+@single_threaded_blas
 def measure(rounds: int) -> Timing:
     """Time all ways in turns, once each before the clock runs."""
     scene, world_from_cam = street()
@@ -146,7 +146,7 @@ def measure(rounds: int) -> Timing:
 
 def _first_s(cache: str) -> float:
     """Seconds of the first drawing of a process that keeps compiled code in the folder."""
-    command, environment = [sys.executable, "-c", FIRST_PICTURES], {**os.environ, "NUMBA_CACHE_DIR": cache}
+    command, environment = [sys.executable, "-c", FIRST_IMAGES], {**os.environ, "NUMBA_CACHE_DIR": cache}
     return float(subprocess.run(command, check=True, env=environment, capture_output=True, text=True).stdout)
 
 

@@ -32,7 +32,7 @@ Points = tuple[Tensor, Tensor, Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Timing:
-    """What both ways took for one picture."""
+    """What both ways took for one image."""
 
     side_px: int
     forward_s: float  # median of REPEATS
@@ -85,12 +85,12 @@ def measure(side_px: int = 256, device: str = "cpu") -> Timing:
     forward_s, backward_s = [], []
     for _ in range(REPEATS):
         start = _now(device)
-        picture, _ = splatter(positions, points[1], points[2], features, (side_px, side_px))
+        image, _ = splatter(positions, points[1], points[2], features, (side_px, side_px))
         middle = _now(device)
-        picture.square().sum().backward()
+        image.square().sum().backward()
         forward_s.append(middle - start)
         backward_s.append(_now(device) - middle)
-    flat = picture.detach()[0].flatten(1).T
+    flat = image.detach()[0].flatten(1).T
     strips = torch.arange(side_px**2, device=device).split(STRIP_PX)
     timed = strips[:: max(len(strips) // STRIPS, 1)]
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""A predicted clip as moving and still pictures: a film strip, an mp4 and a gif."""
+"""A predicted clip as moving and still images: a film strip, an mp4 and a gif."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FOURCC = "mp4v"
 
 
 def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]) -> ByteArray:
-    """One picture [H, W, 3]: a row of frames for every (name, frames), a label above each column, white between.
+    """One image [H, W, 3]: a row of frames for every (name, frames), a label above each column, white between.
 
     A row may have fewer frames than there are columns.
     """
@@ -65,8 +65,8 @@ def gif(frames: ByteArray, rate_hz: float) -> bytes:
     """The frames [N, H, W, 3] as an endless gif."""
     from PIL import Image
 
-    pictures = [Image.fromarray(frame) for frame in frames]
+    images = [Image.fromarray(frame) for frame in frames]
     buffer = io.BytesIO()
     step_ms = max(20, round(1000 / rate_hz))
-    pictures[0].save(buffer, "GIF", save_all=True, append_images=pictures[1:], duration=step_ms, loop=0)
+    images[0].save(buffer, "GIF", save_all=True, append_images=images[1:], duration=step_ms, loop=0)
     return buffer.getvalue()

@@ -53,7 +53,7 @@ class Material:
 
     @classmethod
     def read(cls, results: Results) -> Material:
-        """Everything but pictures; BadData when the folder holds no results."""
+        """Everything but images; BadData when the folder holds no results."""
         protocol = results.protocol()
         ran = [cell for cell in results.cells() if cell.status in ("done", "partial")]
         rows = {cell.name: results.scores(cell.name) for cell in ran}

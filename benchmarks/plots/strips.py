@@ -17,7 +17,7 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 MOST_ROWS = 10
 MARGINS = style.Margins(left_in=0.22, right_in=0.08, top_in=0.7, bottom_in=0.08)
-TILE_IN = 1.14  # width of a picture: six of them fill a page
+TILE_IN = 1.14  # width of an image: six of them fill a page
 LEAST_DPI = 220
 LABEL_CHARACTERS = 21
 NAME_PT, NOTE_PT = 8.0, 6.5
@@ -32,7 +32,7 @@ class Row:
     label: str
     note: str  # small lines under the label: its scores on this clip
     frames: ByteArray  # [K, H, W, 3]; the frames of the horizons shown
-    covered: BoolArray | None = None  # [K, H, W]; False where the picture was invented
+    covered: BoolArray | None = None  # [K, H, W]; False where the image was invented
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _enlarged(sheet: ByteArray, width_px: int) -> tuple[ByteArray, float]:
 
 
 def _mosaic(truth: Truth, rows: Sequence[Row], gap_px: int) -> ByteArray:
-    """All pictures on one white sheet; the first column holds the last observed frame, then names."""
+    """All images on one white sheet; the first column holds the last observed frame, then names."""
     height_px, width_px = truth.last_seen.shape[:2]
     down_px, right_px = height_px + gap_px, width_px + gap_px
     sheet = np.full(

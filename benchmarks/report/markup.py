@@ -81,7 +81,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> Html:
 
 
 def image(content: bytes, kind: str, description: str) -> Html:
-    """A picture inside the page itself."""
+    """An image inside the page itself."""
     data = base64.b64encode(content).decode()
     return tag("figure", tag("img", src=f"data:{MEDIA[kind]};base64,{data}", alt=description, title=description))
 

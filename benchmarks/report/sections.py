@@ -34,7 +34,7 @@ class Facts:
 
     @classmethod
     def read(cls, results: Results) -> Facts:
-        """Everything but pictures."""
+        """Everything but images."""
         return cls(results.protocol(), results.cells(), tables.build(results))
 
     @property
@@ -102,9 +102,9 @@ def horizon(figures: Sequence[Drawn]) -> Html:
 
 def clips(figures: Sequence[Drawn]) -> Html:
     """Film strip and paths of each kept clip; what was invented behind a click."""
-    pictures = [figure for figure in figures if figure.kind not in CURVES]
+    images = [figure for figure in figures if figure.kind not in CURVES]
     parts = []
-    for clip, group in itertools.groupby(pictures, lambda figure: figure.group):
+    for clip, group in itertools.groupby(images, lambda figure: figure.group):
         of_kind: dict[str, list[Html]] = {"strip": [], "paths": [], "invented": []}
         for figure in group:
             of_kind[figure.kind].append(figure.element)

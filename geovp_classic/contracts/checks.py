@@ -17,10 +17,10 @@ from geovp_classic.registry import nearest
 from geovp_classic.types import Clip, Context, Grant
 
 NUM_PAST = 6
-FROM_FRAMES = ("pose_sources", "odometries", "depth_sources", "renderers", "predictors")
+FROM_FRAMES = ("pose_sources", "pose_refinements", "odometries", "depth_sources", "renderers", "predictors")
 SAMPLED = ("pose_sources", "forecasters", "predictors")
 FROM_MOTION = (*FROM_FRAMES, "forecasters")
-FROM_UNIT = ("depth_sources", "renderers")
+FROM_UNIT = ("pose_refinements", "depth_sources", "renderers")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.errors import GeovpError
+from geovp_classic.geometry import se3
 from geovp_classic.types import (
     ByteArray,
     Clip,
@@ -25,6 +26,7 @@ from geovp_classic.types import (
 
 Outputs = dict[str, npt.NDArray[Any]]
 EVERYTHING = ~Grant.NONE
+SHAKEN_RAD = 2e-4  # by how much past poses are off that a refinement is tried on
 
 
 class Broken(GeovpError):
@@ -87,6 +89,24 @@ def pose_source(component: Any, trial: Trial, context: Context) -> Outputs:
     return {"past": motion.past.world_from_cam, "futures": motion.futures, "tracked": motion.tracked}
 
 
+def pose_refinement(component: Any, trial: Trial, context: Context) -> Outputs:
+    """A motion for the recorded one, registered: as many poses and futures, with what was recorded kept beside it."""
+    given = Motion(trial.past, trial.futures[None], np.ones(trial.num_past, dtype=bool))
+    shaken = trial.past.world_from_cam @ se3.exp(
+        SHAKEN_RAD * np.sin(np.arange(trial.num_past))[::-1, None] * np.eye(6)[4]
+    )
+    before = given.refined(replace(trial.past, world_from_cam=shaken), given.futures)
+    motion = component.refine(context, before)
+    demand(isinstance(motion, Motion), f"refine gave {type(motion).__name__}, expected Motion")
+    _demand_past(motion.past, motion.tracked, trial)
+    demand(
+        motion.futures.shape == given.futures.shape, f"futures {motion.futures.shape}, expected {given.futures.shape}"
+    )
+    kept = motion.unrefined is not None and (motion.unrefined.futures == given.futures).all()
+    demand(kept, "what the pose source said was not kept: use Motion.refined")
+    return {"past": motion.past.world_from_cam, "futures": motion.futures}
+
+
 def odometry(component: Any, trial: Trial, context: Context) -> Outputs:
     """The past trajectory and which steps were tracked."""
     past, tracked = component.track(context)
@@ -113,14 +133,23 @@ def depth_source(component: Any, trial: Trial, context: Context) -> Outputs:
 
 
 def renderer(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Views from the recorded futures, twice the same, and again from where nothing is to be seen."""
-    scene = component.reconstruct(context, trial.past)
-    ahead = _views(scene, trial.futures, trial)
+    """Views from past and future poses, and from where nothing is to be seen; each row of its pose and time alone."""
+    scene, times_s = component.reconstruct(context, trial.past), trial.clip.times_s
+    poses = np.concatenate([trial.past.world_from_cam, trial.futures])
+    path = _views(scene, poses, times_s, trial)
     behind = trial.futures @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    away = _views(scene, behind, trial)
-    again = _views(scene, trial.futures, trial)
-    demand(same_bytes(ahead, again), "the same scene looks different when viewed a second time")
-    return {**ahead, **{f"behind {name}": array for name, array in away.items()}}
+    away = _views(scene, behind, times_s[trial.num_past :], trial)
+    order = np.random.default_rng(0).permutation(len(poses))
+    repeated = np.full(3, len(poses) - 1)
+    for rows, how in (
+        (order, "in another order"),
+        (repeated, "three times"),
+        *((order[k : k + 1], "alone") for k in order),
+    ):
+        again = _views(scene, poses[rows], times_s[rows], trial)
+        same = same_bytes(again, {name: array[rows] for name, array in path.items()})
+        demand(same, f"poses look different when asked {how}: a view depends on its own pose and time alone")
+    return {**path, **{f"behind {name}": array for name, array in away.items()}}
 
 
 def predictor(component: Any, trial: Trial, context: Context) -> Outputs:
@@ -145,7 +174,7 @@ def fill(component: Any, trial: Trial, context: Context) -> Outputs:
     covered[-1] = False
     depths = np.where(covered, np.linspace(2, 20, trial.clip.intrinsics.width_px), 0).astype(np.float32)
     views = Views(np.where(covered[..., None], trial.frames, np.uint8(0)), covered, depths)
-    filled = component.fill(views)
+    filled = component.fill(views, trial.clip.frames[trial.num_past - 1])
     _demand_array("filled frames", filled, np.uint8, trial.frames.shape)
     changed = int((filled[covered] != trial.frames[covered]).any(axis=-1).sum())
     demand(changed == 0, f"{changed} covered pixels were changed")
@@ -207,6 +236,7 @@ def dataset(component: Any, trial: Trial, context: Context) -> Outputs:
 
 RUN: dict[str, Callable[[Any, Trial, Context], Outputs]] = {
     "pose_sources": pose_source,
+    "pose_refinements": pose_refinement,
     "odometries": odometry,
     "forecasters": forecaster,
     "depth_sources": depth_source,
@@ -226,10 +256,10 @@ def same_bytes(first: Outputs, second: Outputs) -> bool:
     )
 
 
-def _views(scene: Any, world_from_cam: FloatArray, trial: Trial) -> Outputs:
-    views = scene.view(world_from_cam, trial.clip.intrinsics)
+def _views(scene: Any, world_from_cam: FloatArray, times_s: FloatArray, trial: Trial) -> Outputs:
+    views = scene.view(world_from_cam, times_s, trial.clip.intrinsics)
     demand(isinstance(views, Views), f"view gave {type(views).__name__}, expected Views")
-    _demand_array("frames", views.frames, np.uint8, trial.frames.shape)
+    _demand_array("frames", views.frames, np.uint8, (len(times_s), *trial.frames.shape[1:]))
     demand(bool((views.depths >= 0).all()), "views have depths that are negative or NaN, expected 0 where unknown")
     return {"frames": views.frames, "covered": views.covered, "depths": views.depths}
 

@@ -46,7 +46,7 @@ def _film(start_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, Fl
 
 
 def _draw(start_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, FloatArray]:
-    """Picture [H, W, 3] and depth [H, W]: every ray meets the road, a wall 6 m high, or the sky."""
+    """Image [H, W, 3] and depth [H, W]: every ray meets the road, a wall 6 m high, or the sky."""
     rays, eye = pinhole.rays(camera) @ start_from_cam[:3, :3].T, start_from_cam[:3, 3]
     with np.errstate(divide="ignore"):
         road = np.where(rays[..., 1] > 0, (CAMERA_HEIGHT_M - eye[1]) / rays[..., 1], np.inf)

@@ -13,7 +13,7 @@ import numpy as np
 
 from geovp_classic.data import kitti_layout, pose_files, splits
 from geovp_classic.data.findings import Finding, error
-from geovp_classic.data.frames import picture_size, scan_numbered
+from geovp_classic.data.frames import image_size, scan_numbered
 from geovp_classic.data.pose_files import IndexArray, PoseTable
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -22,7 +22,7 @@ from geovp_classic.types import FloatArray
 MAX_SPEED_M_S = 60.0  # 216 km/h: no car of KITTI came near it (26 m/s at most)
 MAX_TURN_DEG = 20.0  # between two frames; 5 degrees at most in KITTI
 MAX_STEP_RATIO = 1.8  # a longer time step, in medians, is a dropped frame
-PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the picture's width and height
+PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the image's width and height
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Examination:
 
 
 def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter) -> Examination:
-    """Everything under a root; headers and ends of pictures are read, with `deep` every picture is decoded as well.
+    """Everything under a root; headers and ends of images are read, with `deep` every image is decoded as well.
 
     The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does). BadData only when the
     root holds no sequences at all.
@@ -103,9 +103,7 @@ def _sequence(root: Path, name: str, deep: bool) -> tuple[SequenceSummary, list[
     findings: list[Finding] = []
     seen = [_camera(folder, camera, deep, findings) for camera in kitti_layout.cameras(folder)]
     if not seen:
-        findings.append(
-            error(folder, None, "holds no pictures: expected a folder image_0, image_1, image_2 or image_3")
-        )
+        findings.append(error(folder, None, "holds no images: expected a folder image_0, image_1, image_2 or image_3"))
     calibrated = _calibration(folder / "calib.txt", seen, findings)
     num_frames = max((camera.num_frames for camera in seen), default=0)
     findings += _uneven(folder, seen)
@@ -126,13 +124,13 @@ def _sequence(root: Path, name: str, deep: bool) -> tuple[SequenceSummary, list[
 
 
 def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> CameraSummary:
-    """The pictures of one camera: numbering, sizes, damage."""
+    """The images of one camera: numbering, sizes, damage."""
     paths, found = scan_numbered(folder / f"image_{camera}")
     findings += found
     sizes_px: dict[tuple[int, int], int] = {}
     for path in paths:
         try:
-            size_px = picture_size(path, deep=deep)
+            size_px = image_size(path, deep=deep)
         except BadData as problem:
             findings.append(error(path, None, str(problem).removeprefix(f"{path} ")))
             continue
@@ -145,7 +143,7 @@ def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> C
 
 
 def _calibration(path: Path, seen: list[CameraSummary], findings: list[Finding]) -> tuple[int, ...]:
-    """Whether every camera with pictures has a projection that fits them."""
+    """Whether every camera with images has a projection that fits them."""
     projections, found = kitti_layout.scan_calibration(path)
     findings += found
     for camera in seen:
@@ -160,7 +158,7 @@ def _calibration(path: Path, seen: list[CameraSummary], findings: list[Finding])
                 told = (
                     f"P{camera.camera} puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
                 )
-                hint = f"of {width_px}x{height_px} pictures: were they resized or cropped without it?"
+                hint = f"of {width_px}x{height_px} images: were they resized or cropped without it?"
                 findings.append(Finding(path, projection.line, "warning", f"{told} {hint}"))
     return tuple(sorted(projections))
 
@@ -232,7 +230,7 @@ def _steps(table: PoseTable) -> FloatArray:
 def _orphaned_poses(root: Path, names: list[str]) -> Iterator[Finding]:
     for path in sorted((root / "poses").glob("*.txt")):
         if path.stem not in names:
-            yield Finding(path, None, "note", f"there is no sequence {path.stem!r} with pictures for these poses")
+            yield Finding(path, None, "note", f"there is no sequence {path.stem!r} with images for these poses")
 
 
 def _usable_splits(summaries: list[SequenceSummary]) -> tuple[str, ...]:

@@ -17,21 +17,21 @@ from geovp_classic.data.frames import (
     FrameReader,
     Remembered,
     VideoFrames,
-    picture_files,
-    read_picture,
+    image_files,
+    read_image,
 )
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, FloatArray, Intrinsics, Trajectory
 
-FOLDER_RATE_HZ = 10.0  # as KITTI; pictures don't say when they were taken
+FOLDER_RATE_HZ = 10.0  # as KITTI; images don't say when they were taken
 
 
 @dataclass(frozen=True)
 class Folder:
-    """The pictures of a folder in the order of their names (2 before 10), or the frames of a video.
+    """The images of a folder in the order of their names (2 before 10), or the frames of a video.
 
-    `intrinsics` are (fx, fy, cx, cy) in pixels of the pictures as they are stored, (0, 0) the top-left one's centre.
+    `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored, (0, 0) the top-left one's centre.
     Times come from the file `times` (one number a line) or from `frame_rate_hz`; with neither, from a TUM trajectory if
     there is one, else from the video's own rate, else 10 Hz is taken. `trajectory` is a KITTI or TUM file with one pose
     a frame; `is_metric` says whether its unit is the metre. `frames` limits the clips to [first, last).
@@ -51,7 +51,7 @@ class Folder:
     with_wide: bool = False
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the pictures, times and poses fit together and give at least one clip."""
+        """Raise BadData unless the images, times and poses fit together and give at least one clip."""
         for name in ("path", "times", "trajectory"):  # scripts give text
             given = getattr(self, name)
             object.__setattr__(self, name, None if given is None else Path(given))
@@ -97,7 +97,7 @@ class Folder:
         return len(self._starts)
 
     def __getitem__(self, index: int) -> Clip:
-        """One clip; BadData names the picture that is wrong."""
+        """One clip; BadData names the image that is wrong."""
         first = self._starts[index]
         return windows.cut(self.recording, first, self.num_frames, self.size_px, with_wide=self.with_wide)
 
@@ -112,10 +112,10 @@ class Folder:
             return Remembered(video, FrameMemory(video.read)), video.size_px, video.rate_hz
         if not self.path.is_dir():
             raise BadData(f"{self.path} does not exist: give a folder of images or a video file")
-        paths = tuple(picture_files(self.path))
+        paths = tuple(image_files(self.path))
         if not paths:
-            raise BadData(f"{self.path} holds no pictures (png, jpg, webp, bmp, tif, ppm, jp2)")
-        load = FrameMemory(read_picture)
+            raise BadData(f"{self.path} holds no images (png, jpg, webp, bmp, tif, ppm, jp2)")
+        load = FrameMemory(read_image)
         height_px, width_px = load(paths[0]).shape[:2]
         return FrameFiles(paths, (width_px, height_px), load), (width_px, height_px), FOLDER_RATE_HZ
 
@@ -123,8 +123,8 @@ class Folder:
         camera = Intrinsics(*self.intrinsics, *size_px)
         if not (0 <= camera.cx_px < size_px[0] and 0 <= camera.cy_px < size_px[1]):
             raise BadData(
-                f"intrinsics {list(self.intrinsics)} put the principal point outside the pictures of "
-                f"{size_px[0]}x{size_px[1]}: give (fx, fy, cx, cy) in pixels of the pictures as they are stored"
+                f"intrinsics {list(self.intrinsics)} put the principal point outside the images of "
+                f"{size_px[0]}x{size_px[1]}: give (fx, fy, cx, cy) in pixels of the images as they are stored"
             )
         return camera
 

@@ -1,4 +1,4 @@
-"""The frames of one camera, read one at a time: a list of picture files, or a video."""
+"""The frames of one camera, read one at a time: a list of image files, or a video."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MEMORY_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
 
 
 class FrameReader(Protocol):
-    """Frames by number, all of one size; the same number gives the same picture."""
+    """Frames by number, all of one size; the same number gives the same image."""
 
     def __len__(self) -> int:
         """The number of frames."""
@@ -35,21 +35,21 @@ class FrameReader(Protocol):
         ...
 
 
-def read_picture(path: Path) -> ByteArray:
-    """The picture [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is not a whole one."""
+def read_image(path: Path) -> ByteArray:
+    """The image [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is not a whole one."""
     try:
         data = path.read_bytes()
     except OSError as problem:
         raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
     _inspected(path, data)
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise BadData(f"{path} cannot be decoded as a picture: restore the file")
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise BadData(f"{path} cannot be decoded as an image: restore the file")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-def picture_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
-    """(width, height) from the header, or of the decoded picture when `deep` or the format's header is not known.
+def image_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
+    """(width, height) from the header, or of the decoded image when `deep` or the format's header is not known.
 
     BadData when the file is damaged; without `deep`, damage in the middle is not seen.
     """
@@ -63,7 +63,7 @@ def picture_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
         raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
     if size_px is not None and not deep:
         return size_px
-    height_px, width_px = read_picture(path).shape[:2]
+    height_px, width_px = read_image(path).shape[:2]
     return width_px, height_px
 
 
@@ -76,11 +76,11 @@ def _inspected(path: Path, data: image_headers.Buffer) -> tuple[int, int] | None
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """One picture file a frame."""
+    """One image file a frame."""
 
     paths: tuple[Path, ...]
     size_px: tuple[int, int]  # (width, height) that every file must have
-    load: Callable[[Path], ByteArray] = read_picture
+    load: Callable[[Path], ByteArray] = read_image
 
     def __len__(self) -> int:
         """The number of files."""
@@ -88,12 +88,12 @@ class FrameFiles:
 
     def read(self, index: int) -> ByteArray:
         """One frame; BadData when its file is damaged or of another size."""
-        picture = self.load(self.paths[index])
-        height_px, width_px = picture.shape[:2]
+        image = self.load(self.paths[index])
+        height_px, width_px = image.shape[:2]
         if (width_px, height_px) != self.size_px:
             expected = f"{self.size_px[0]}x{self.size_px[1]} as the first frame"
             raise BadData(f"{self.paths[index]} is {width_px}x{height_px} pixels, expected {expected}")
-        return picture
+        return image
 
 
 @dataclass
@@ -136,11 +136,11 @@ class VideoFrames:
             self._capture, self._next = cv2.VideoCapture(str(self.path)), 0
         while self._next < index and self._capture.grab():
             self._next += 1
-        good, picture = self._capture.read() if self._next == index else (False, None)
-        if not good or picture is None:
+        good, image = self._capture.read() if self._next == index else (False, None)
+        if not good or image is None:
             raise BadData(f"{self.path}: frame {index} of {self.count} cannot be decoded: leave it out of the range")
         self._next += 1
-        return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 class FrameMemory:
@@ -185,8 +185,8 @@ class Remembered:
         return self.memory(index)
 
 
-def picture_files(folder: Path) -> list[Path]:
-    """The pictures of a folder by name, numbers in names counted as numbers (2 before 10)."""
+def image_files(folder: Path) -> list[Path]:
+    """The images of a folder by name, numbers in names counted as numbers (2 before 10)."""
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
     except OSError as problem:
@@ -195,13 +195,13 @@ def picture_files(folder: Path) -> list[Path]:
 
 
 def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
-    """The pictures 000000, 000001, ... of a folder, and a finding for every gap, doublet and foreign file."""
+    """The images 000000, 000001, ... of a folder, and a finding for every gap, doublet and foreign file."""
     found: dict[int, Path] = {}
     findings = []
     for path in sorted(folder.iterdir()):
         if path.suffix.lower() not in SUFFIXES or not path.stem.isdecimal():
             if not path.name.startswith("."):
-                findings.append(Finding(path, None, "note", "is not a numbered picture and is left out"))
+                findings.append(Finding(path, None, "note", "is not a numbered image and is left out"))
         elif int(path.stem) in found:
             findings.append(
                 error(path, None, f"is frame {int(path.stem)} as {found[int(path.stem)].name} is: keep one")
@@ -209,7 +209,7 @@ def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
         else:
             found[int(path.stem)] = path
     if not found:
-        findings.append(error(folder, None, "holds no pictures, expected 000000.png (or jpg, webp, ...) and so on"))
+        findings.append(error(folder, None, "holds no images, expected 000000.png (or jpg, webp, ...) and so on"))
     expected = 0
     for number in sorted(found):
         if number > expected:

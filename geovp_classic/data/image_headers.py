@@ -1,4 +1,4 @@
-"""The size of a PNG, JPEG or WebP picture from its header, and whether the file is whole, without decoding it.
+"""The size of a PNG, JPEG or WebP image from its header, and whether the file is whole, without decoding it.
 
 OpenCV 4 decodes a file that was cut short without a word, its lower part grey; hence the check.
 """

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_classic.data import kitti_layout, splits, windows
-from geovp_classic.data.frames import FrameMemory, read_picture
+from geovp_classic.data.frames import FrameMemory, read_image
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
@@ -23,7 +23,7 @@ class Kitti:
     sequences are used. Without `camera`, each sequence shows image_2 if it has it, else image_0, else what it has.
     Poses are those of the camera shown, or None for a sequence without a pose file. Frames are the central square at
     `size_px`; the uncropped ones and the right camera's come when asked for, the latter only where there are any.
-    Everything but the pictures is read and checked on construction.
+    Everything but the images is read and checked on construction.
     """
 
     root: Path
@@ -75,7 +75,7 @@ class Kitti:
     @cached_property
     def recordings(self) -> dict[str, Recording]:
         """The sequences in use, by name."""
-        load = FrameMemory(read_picture)
+        load = FrameMemory(read_image)
         return {
             name: kitti_layout.read_recording(
                 self.root, name, self.camera, load, self.camera_height_m, with_right=self.with_right
@@ -88,7 +88,7 @@ class Kitti:
         return len(self._starts)
 
     def __getitem__(self, index: int) -> Clip:
-        """One clip; BadData names the picture that is wrong."""
+        """One clip; BadData names the image that is wrong."""
         sequence, first = self._starts[index]
         recording = self.recordings[sequence]
         return windows.cut(recording, first, self.num_frames, self.size_px, with_wide=self.with_wide)

@@ -42,7 +42,7 @@ class Projection:
         return se3.compose(np.eye(3), np.linalg.solve(self.matrix[:, :3], self.matrix[:, 3]))
 
     def intrinsics(self, width_px: int, height_px: int) -> Intrinsics:
-        """The camera of pictures of that size."""
+        """The camera of images of that size."""
         k = self.matrix
         return Intrinsics(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width_px, height_px)
 
@@ -82,7 +82,7 @@ def choose_camera(folder: Path, camera: int | None) -> int:
     """The camera asked for, or the preferred one of those there; BadData when it is not there."""
     there = cameras(folder)
     if not there:
-        raise BadData(f"{folder} holds no pictures: expected a folder image_0, image_1, image_2 or image_3")
+        raise BadData(f"{folder} holds no images: expected a folder image_0, image_1, image_2 or image_3")
     if camera is None:
         return next(preferred for preferred in PREFERRED_CAMERAS if preferred in there)
     if camera not in there:
@@ -111,8 +111,8 @@ def scan_calibration(path: Path) -> tuple[dict[int, Projection], list[Finding]]:
 
 
 def missing_projection(path: Path, camera: int) -> Finding:
-    """The finding for a camera that has pictures but no line in calib.txt."""
-    return error(path, None, f"has no line 'P{camera}:' for the pictures of image_{camera}")
+    """The finding for a camera that has images but no line in calib.txt."""
+    return error(path, None, f"has no line 'P{camera}:' for the images of image_{camera}")
 
 
 def read_trajectory(path: Path, times_s: FloatArray, cam_from_cam0: FloatArray) -> Trajectory | None:
@@ -144,7 +144,7 @@ def read_recording(
     *,
     with_right: bool,
 ) -> Recording:
-    """One sequence seen by one camera, everything but the pictures read and checked."""
+    """One sequence seen by one camera, everything but the images read and checked."""
     folder = sequence_folder(root, name)
     camera = choose_camera(folder, camera)
     projections, findings = scan_calibration(folder / "calib.txt")

@@ -1,4 +1,4 @@
-"""Clips cut from long recordings: which frames, which square of the picture, with which camera."""
+"""Clips cut from long recordings: which frames, which square of the image, with which camera."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def cut(
     identity = np.eye(4)
     return Clip(
         name=clip_name(recording.name, first),
-        frames=np.stack([pinhole.resize(picture[window], size_px) for picture in native]),
+        frames=np.stack([pinhole.resize(image[window], size_px) for image in native]),
         times_s=recording.times_s[steps],
         intrinsics=intrinsics,
         trajectory=None if recording.trajectory is None else recording.trajectory[steps],

@@ -1,7 +1,7 @@
 """Smooth depth out of noisy matching costs: semi-global aggregation (Hirschmueller 2008) along eight directions.
 
 Neighbouring pixels may differ by one hypothesis at a small price and by more at a large one, which is lower across
-edges of the picture.
+edges of the image.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PER_PATH = np.float32(1 / (2 * len(FROM)))
 
 def aggregate(
     costs: CostArray,  # [H, W, N]
-    picture: FloatArray,  # [H, W] float32 grey 0..255
+    image: FloatArray,  # [H, W] float32 grey 0..255
     small_step: float,
     large_step: float,
     edge_contrast: float,
@@ -36,9 +36,9 @@ def aggregate(
     A step between neighbours costs `small_step` for one hypothesis and `large_step` / (1 + contrast / `edge_contrast`)
     for more, where contrast is the difference of their grey values.
     """
-    # The upward pass is the downward one on a picture turned by 180 degrees.
-    turned = np.ascontiguousarray(picture[::-1, ::-1])
-    steps = np.stack([_large_steps(one, small_step, large_step, edge_contrast) for one in (picture, turned)])
+    # The upward pass is the downward one on an image turned by 180 degrees.
+    turned = np.ascontiguousarray(image[::-1, ::-1])
+    steps = np.stack([_large_steps(one, small_step, large_step, edge_contrast) for one in (image, turned)])
     sums: SumArray = _passes(costs, np.float32(small_step), steps)
     return sums
 
@@ -68,11 +68,11 @@ def excess(
     return judged
 
 
-def _large_steps(picture: FloatArray, small_step: float, large_step: float, edge_contrast: float) -> FloatArray:
+def _large_steps(image: FloatArray, small_step: float, large_step: float, edge_contrast: float) -> FloatArray:
     """[4, H, W]: the price of a jump from the neighbour in each direction of FROM (wrapped around where none is)."""
-    steps = np.empty((len(FROM), *picture.shape), np.float32)
+    steps = np.empty((len(FROM), *image.shape), np.float32)
     for price, (du, dv) in zip(steps, FROM, strict=True):
-        contrast = np.abs(picture - np.roll(picture, (-dv, -du), axis=(0, 1)))
+        contrast = np.abs(image - np.roll(image, (-dv, -du), axis=(0, 1)))
         np.maximum(small_step, large_step / (1 + contrast / edge_contrast), out=price)
     return steps
 

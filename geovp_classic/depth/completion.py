@@ -1,7 +1,7 @@
-"""Depth that follows the picture: unsure pixels take over the depth of sure neighbours that look like them.
+"""Depth that follows the image: unsure pixels take over the depth of sure neighbours that look like them.
 
 A weighted median (Ma 2013) only ever picks depths that are there, so that it moves the edge of a thing to where the
-picture has one, and never makes up a depth between a thing and its background.
+image has one, and never makes up a depth between a thing and its background.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ SIMILAR = 20.0  # grey values 0..255 by which a neighbour's say falls to 1 / e
 def complete(
     inverse_depth: FloatArray,  # [H, W] float32
     confidence: FloatArray,  # [H, W] float32 in [0, 1]
-    picture: FloatArray,  # [H, W] float32 grey 0..255
+    image: FloatArray,  # [H, W] float32 grey 0..255
 ) -> FloatArray:
     """The inverse depth [H, W] by the weighted median of every other pixel (a chequer) of windows of 7 x 7."""
     trust = (LEAST_TRUST + (1 - LEAST_TRUST) * confidence).astype(np.float32)
     likeness = np.exp(-np.arange(256) / SIMILAR).astype(np.float32)
-    values = [np.ascontiguousarray(one, dtype=np.float32) for one in (inverse_depth, picture)]
+    values = [np.ascontiguousarray(one, dtype=np.float32) for one in (inverse_depth, image)]
     completed: FloatArray = _weighted_median(values[0], trust, values[1], likeness)
     return completed
 
@@ -35,7 +35,7 @@ def speckles(
     levels: FloatArray,  # [H, W], depth counted in hypotheses
     largest_share: float,
 ) -> BoolArray:
-    """Islands [H, W] of at most that share of the picture, cut off by steps of more than SPECKLE_STEP hypotheses."""
+    """Islands [H, W] of at most that share of the image, cut off by steps of more than SPECKLE_STEP hypotheses."""
     sixteenths = np.round(16 * levels).astype(np.int16)
     marked = cv2.filterSpeckles(sixteenths, -1, int(largest_share * levels.size), int(16 * SPECKLE_STEP))[0]
     islands: BoolArray = np.asarray(marked) == -1
@@ -79,7 +79,7 @@ def _fill_lines(
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True)
-def _weighted_median(values: FloatArray, trust: FloatArray, picture: FloatArray, likeness: FloatArray) -> FloatArray:
+def _weighted_median(values: FloatArray, trust: FloatArray, image: FloatArray, likeness: FloatArray) -> FloatArray:
     height, width = values.shape
     result = np.empty((height, width), np.float32)
     for row in numba.prange(height):
@@ -91,7 +91,7 @@ def _weighted_median(values: FloatArray, trust: FloatArray, picture: FloatArray,
                 for x in range(max(column - RADIUS_PX, 0), min(column + RADIUS_PX + 1, width)):
                     if (x - column + y - row) % 2 != 0:
                         continue
-                    contrast = int(abs(picture[y, x] - picture[row, column]))
+                    contrast = int(abs(image[y, x] - image[row, column]))
                     near[count] = values[y, x]
                     say[count] = trust[y, x] * likeness[min(255, contrast)]
                     whole += say[count]

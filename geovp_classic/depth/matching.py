@@ -1,4 +1,4 @@
-"""How badly pictures agree with a reference picture if its pixels lay at given inverse depths: a plane sweep's costs.
+"""How badly images agree with a reference image if its pixels lay at given inverse depths: a plane sweep's costs.
 
 The measure is one minus the zero-mean normalised cross-correlation (ZNCC) of small windows, which neither gain nor
 offset of the exposure changes. Planes face the reference camera (Collins 1996).
@@ -11,11 +11,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.types import ByteArray, FloatArray
+from geovp_classic.types import FloatArray
 
 CostArray = npt.NDArray[np.uint8]
 
-TALL_PX = 256  # rows; in taller pictures there are more pixels to a surface, more hypotheses, larger windows of tracks
+TALL_PX = 256  # rows; in taller images there are more pixels to a surface, more hypotheses, larger windows of tracks
 RADIUS_PX = 2  # of the window; the row sums below are written out for it
 WORST = 255  # the cost of windows that don't correlate
 UNSEEN = 128  # the cost where no source sees the point: neither good nor bad
@@ -25,11 +25,6 @@ BAND_ENTRIES = 2**19  # costs that a thread works on at a time, so that they sta
 
 _WINDOW = np.float32(1 / (2 * RADIUS_PX + 1) ** 2)
 _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
-
-
-def grey(frame: ByteArray) -> FloatArray:
-    """The picture [H, W, 3] in grey, float32 0..255."""
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)).astype(np.float32)
 
 
 def sweep_costs(
@@ -47,7 +42,7 @@ def sweep_costs(
     width, num = reference.shape[1], len(inverse_depths)
     num_rows = int(np.clip(BAND_ENTRIES // (width * num), 8, 32))
     maps = infinity_from_pixel.astype(np.float32), epipoles.astype(np.float32), inverse_depths.astype(np.float32)
-    assert all(np.isfinite(one).all() for one in maps), "a NaN would read outside the picture"
+    assert all(np.isfinite(one).all() for one in maps), "a NaN would read outside the image"
     costs: CostArray = _sweep(reference, mean, inverse_deviation, sources, *maps, num_rows)
     return costs
 

@@ -16,12 +16,12 @@ import numpy as np
 from geovp_classic.depth import matching, viewpoints
 from geovp_classic.depth.completion import complete
 from geovp_classic.depth.confirmation import agreement
-from geovp_classic.depth.ground import Ground
 from geovp_classic.depth.refinement import refined
 from geovp_classic.depth.smoothing import flattened
 from geovp_classic.depth.sweep import Swept, sweep
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.ground_plane import Ground
 from geovp_classic.types import ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory
 
 WITNESS_STEPS = 3  # how far from a frame the one is whose depth must confirm it
@@ -38,7 +38,7 @@ class Multiview:
     """
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
-    num_planes: int = 64  # of a sweep over pictures of up to 256 rows; over taller ones proportionally more
+    num_planes: int = 64  # of a sweep over images of up to 256 rows; over taller ones proportionally more
     with_ground: bool = True  # nothing lies below the road that is found under the camera
     with_completion: bool = True  # unsure pixels follow sure ones that look like them, surfaces are smooth
     with_refinement: bool = True  # depths between the planes, by least squares against all other frames
@@ -74,7 +74,7 @@ class Multiview:
 
 def depths_of_frames(
     settings: Multiview,
-    frames: ByteArray,  # [P, H, W, 3], of any size: the crop or the wide picture
+    frames: ByteArray,  # [P, H, W, 3], of any size: the crop or the wide image
     camera: Intrinsics,
     past: Trajectory,  # [P]
     still: FloatArray,  # [H, W], the inverse depth where there is no parallax
@@ -83,14 +83,14 @@ def depths_of_frames(
 
     BadData when a wanted frame was not observed.
     """
-    pictures = np.stack([matching.grey(frame) for frame in frames])
+    images = np.stack([pinhole.grey(frame) for frame in frames])
     half = camera.resized(*(max(1, int(side * WITNESS_SCALE)) for side in (camera.width_px, camera.height_px)))
-    small = np.stack([cv2.resize(p, (half.width_px, half.height_px), interpolation=cv2.INTER_AREA) for p in pictures])
+    small = np.stack([cv2.resize(p, (half.width_px, half.height_px), interpolation=cv2.INTER_AREA) for p in images])
     plain = dataclasses.replace(settings, num_planes=max(4, 2 * settings.num_planes // 3), with_ground=False)
     find_witness = functools.cache(lambda step: _swept(plain, small, half, past, step))
-    inverse_depths, confidence = np.zeros((2, *pictures.shape), np.float32)
+    inverse_depths, confidence = np.zeros((2, *images.shape), np.float32)
     for step in _wanted(settings.frames, len(frames)):
-        swept = _swept(settings, pictures, camera, past, step)
+        swept = _swept(settings, images, camera, past, step)
         if swept is None:
             inverse_depths[step] = still
             continue
@@ -101,19 +101,19 @@ def depths_of_frames(
             other_from_cam = se3.inverse(past.world_from_cam[other]) @ past.world_from_cam[step]
             trust = trust * agreement(inverse_depth, camera, witness.inverse_depth, half, other_from_cam, AGREEMENT)
         if settings.with_completion:
-            inverse_depth = flattened(complete(inverse_depth, trust, pictures[step]), trust, pictures[step])
+            inverse_depth = flattened(complete(inverse_depth, trust, images[step]), trust, images[step])
         if settings.with_refinement:
-            inverse_depth = refined(inverse_depth, pictures, camera, past.world_from_cam, step)
+            inverse_depth = refined(inverse_depth, images, camera, past.world_from_cam, step)
         inverse_depths[step], confidence[step] = inverse_depth, trust
     return inverse_depths, confidence
 
 
-def _swept(settings: Multiview, pictures: FloatArray, camera: Intrinsics, past: Trajectory, step: int) -> Swept | None:
+def _swept(settings: Multiview, images: FloatArray, camera: Intrinsics, past: Trajectory, step: int) -> Swept | None:
     sources = viewpoints.choose_sources(past.world_from_cam, step, camera)
     if not sources:
         return None
     poses, num_planes = past.world_from_cam, round(settings.num_planes * max(1, camera.height_px / matching.TALL_PX))
-    return sweep(pictures, camera, poses, step, sources, num_planes, settings.with_ground)
+    return sweep(images, camera, poses, step, sources, num_planes, settings.with_ground)
 
 
 def _wanted(frames: tuple[int, ...], num_past: int) -> list[int]:

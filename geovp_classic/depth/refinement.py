@@ -1,7 +1,7 @@
 """Depth finer than a sweep's hypotheses: one step of least squares against all other frames (Lucas & Kanade 1981).
 
 Along its epipolar line a pixel has a single unknown. Its neighbours say together where it should have been seen; their
-pictures are compared without brightness and contrast, as in the sweep, and what fits nowhere has little say.
+images are compared without brightness and contrast, as in the sweep, and what fits nowhere has little say.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ import cv2
 import numba
 import numpy as np
 
-from geovp_classic.abreast import abreast
 from geovp_classic.geometry import se3
+from geovp_classic.parallel import parallel_map
 from geovp_classic.types import FloatArray, Intrinsics
 
 WINDOW_PX = 5  # over which brightness and contrast are taken out
@@ -20,7 +20,7 @@ TOGETHER_PX = 2.0  # standard deviation of the neighbourhood that moves together
 MISFIT = 0.5  # in units of contrast, at which a pixel's say falls to a half
 STIFFNESS = 0.5  # of the depth found before, in squared contrasts per pixel
 LARGEST_STEP_PX = 0.5  # in the frame that sees the most parallax
-LEAST_PARALLAX = 0.5  # of the picture's median; with less, near the epipole, a pixel is as stiff as with so much
+LEAST_PARALLAX = 0.5  # of the image's median; with less, near the epipole, a pixel is as stiff as with so much
 
 _EDGE_PX = np.float32(1)
 _ZERO, _HALF, _ONE, _TINY = np.float32(0), np.float32(0.5), np.float32(1), np.float32(1e-12)
@@ -29,20 +29,20 @@ _IN_FRONT = np.float32(1e-6)  # smallest z, relative to the ray
 
 def refined(
     inverse_depth: FloatArray,  # [H, W] float32 of the reference frame
-    pictures: FloatArray,  # [P, H, W] float32 grey 0..255
+    images: FloatArray,  # [P, H, W] float32 grey 0..255
     camera: Intrinsics,
     world_from_cam: FloatArray,  # [P, 4, 4]
     reference: int,
 ) -> FloatArray:
-    """The inverse depth [H, W] moved by at most LARGEST_STEP_PX to where the pictures agree better, never negative."""
-    others = [step for step in range(len(pictures)) if step != reference]
-    plain = np.stack(abreast(lambda step: _without_exposure(pictures[step]), (reference, *others)))
+    """The inverse depth [H, W] moved by at most LARGEST_STEP_PX to where the images agree better, never negative."""
+    others = [step for step in range(len(images)) if step != reference]
+    plain = np.stack(parallel_map(lambda step: _without_exposure(images[step]), (reference, *others)))
     other_from_cam = se3.inverse(world_from_cam[others]) @ world_from_cam[reference]
     infinity_from_pixel = camera.matrix @ other_from_cam[:, :3, :3] @ np.linalg.inv(camera.matrix)
     epipoles = other_from_cam[:, :3, 3] @ camera.matrix.T
     maps = infinity_from_pixel.astype(np.float32), epipoles.astype(np.float32)
     q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
-    assert all(np.isfinite(one).all() for one in (*maps, q)), "a NaN would read outside the picture"
+    assert all(np.isfinite(one).all() for one in (*maps, q)), "a NaN would read outside the image"
     pull, grip, speed = _compared(q, plain[0], plain[1:], *maps)
     wanted, firm = (np.asarray(cv2.GaussianBlur(one, (0, 0), TOGETHER_PX)) for one in (pull, grip))
     if not (speed > 0).any():
@@ -53,11 +53,11 @@ def refined(
     return np.where(speed > 0, np.maximum(q + np.clip(step, -most, most), 0), q).astype(np.float32)
 
 
-def _without_exposure(picture: FloatArray) -> FloatArray:
+def _without_exposure(image: FloatArray) -> FloatArray:
     window = (WINDOW_PX, WINDOW_PX)
-    mean = np.asarray(cv2.boxFilter(picture, -1, window))
-    variance = np.maximum(cv2.boxFilter(picture * picture, -1, window) - mean * mean, 0)
-    return ((picture - mean) / np.sqrt(variance + NOISE_DEVIATION**2)).astype(np.float32)
+    mean = np.asarray(cv2.boxFilter(image, -1, window))
+    variance = np.maximum(cv2.boxFilter(image * image, -1, window) - mean * mean, 0)
+    return ((image - mean) / np.sqrt(variance + NOISE_DEVIATION**2)).astype(np.float32)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")

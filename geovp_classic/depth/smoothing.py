@@ -1,6 +1,6 @@
 """Depth without grain: a pixel lies on the plane through those neighbours that are of one surface with it.
 
-In inverse depth every plane is linear in the picture (Hartley & Zisserman 2004, section 13.1), so that roads and walls
+In inverse depth every plane is linear in the image (Hartley & Zisserman 2004, section 13.1), so that roads and walls
 keep their slopes and lose the steps between hypotheses. Neighbours have a say by how sure they are, how much they look
 like the pixel and how near their depth is to its own: across the edge of a thing they have none.
 """
@@ -26,18 +26,18 @@ _PER_CONTRAST = np.float32(1 / (32 * SIMILAR))  # exp(-c) is ((1 - c / 32) / (1 
 def flattened(
     inverse_depth: FloatArray,  # [H, W] float32
     confidence: FloatArray,  # [H, W] float32 in [0, 1]
-    picture: FloatArray,  # [H, W] float32 grey 0..255
+    image: FloatArray,  # [H, W] float32 grey 0..255
 ) -> FloatArray:
     """The inverse depth [H, W] by a weighted least-squares plane around every pixel, never negative."""
     q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
     trust = (LEAST_TRUST + (1 - LEAST_TRUST) * confidence).astype(np.float32)
     same = (SAME_SURFACE * np.maximum(q, 0.01 * np.quantile(q, 0.99)) + 1e-12).astype(np.float32)  # far is far
-    flat: FloatArray = _flattened(q, trust, np.ascontiguousarray(picture, dtype=np.float32), 1 / same)
+    flat: FloatArray = _flattened(q, trust, np.ascontiguousarray(image, dtype=np.float32), 1 / same)
     return flat
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def _flattened(q: FloatArray, trust: FloatArray, picture: FloatArray, sharpness: FloatArray) -> FloatArray:
+def _flattened(q: FloatArray, trust: FloatArray, image: FloatArray, sharpness: FloatArray) -> FloatArray:
     height, width = q.shape
     result = np.empty((height, width), np.float32)
     for row in numba.prange(height):
@@ -47,12 +47,12 @@ def _flattened(q: FloatArray, trust: FloatArray, picture: FloatArray, sharpness:
             if start >= stop:
                 continue
             there = slice(start + STEP_PX * i, stop + STEP_PX * i)
-            here = q[row, start:stop], picture[row, start:stop], sharpness[row, start:stop]
+            here = q[row, start:stop], image[row, start:stop], sharpness[row, start:stop]
             column = np.zeros((5, stop - start), np.float32)  # of w, wv, wvv, wd, wdv
             for j in range(-REACH, REACH + 1):
                 y = row + STEP_PX * j
                 if 0 <= y < height:
-                    _add(column, q[y, there], trust[y, there], picture[y, there], here, np.float32(j))
+                    _add(column, q[y, there], trust[y, there], image[y, there], here, np.float32(j))
             _join(sums[:, start:stop], column, np.float32(i))
         _heights(sums, q[row], result[row])
     return result
@@ -63,13 +63,13 @@ def _add(
     sums: FloatArray,  # [5, N], added to: w, wv, wvv, wd, wdv
     q: FloatArray,  # [N], of the neighbours
     trust: FloatArray,  # [N]
-    picture: FloatArray,  # [N]
-    here: tuple[FloatArray, FloatArray, FloatArray],  # [N] each: inverse depth, picture and sharpness of the pixels
+    image: FloatArray,  # [N]
+    here: tuple[FloatArray, FloatArray, FloatArray],  # [N] each: inverse depth, image and sharpness of the pixels
     v: np.float32,
 ) -> None:
     own, looks, sharpness = here
     for x in range(sums.shape[1]):
-        contrast = abs(picture[x] - looks[x]) * _PER_CONTRAST
+        contrast = abs(image[x] - looks[x]) * _PER_CONTRAST
         near, far = _to_the_sixteenth(_ONE - contrast), _to_the_sixteenth(_ONE + contrast)  # their ratio: a falling exp
         off = q[x] - own[x]
         apart = _ONE + (off * sharpness[x]) * (off * sharpness[x])

@@ -1,4 +1,4 @@
-"""Depth from a second eye: what the last frames' right pictures show is the yardstick for depth from one camera."""
+"""Depth from a second eye: what the last frames' right images show is the yardstick for depth from one camera."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.depth import matching
 from geovp_classic.depth.completion import complete, fill_from_background
 from geovp_classic.depth.smoothing import flattened
 from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
 BLOCK_PX = 5
@@ -20,7 +20,7 @@ UNIT_PX = 1 / 16  # OpenCV's disparities count sixteenths
 
 @dataclass(frozen=True)
 class Stereo:
-    """Semi-global block matching (Hirschmueller 2008, OpenCV's) of frames with the right pictures of their instants."""
+    """Semi-global block matching (Hirschmueller 2008, OpenCV's) of frames with the right images of their instants."""
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
     nearest_m: float = 4.0  # nearer things are not searched for
@@ -32,16 +32,16 @@ class Stereo:
 
     @property
     def needs(self) -> Grant:
-        """The right pictures."""
+        """The right images."""
         return Grant.RIGHT_FRAMES
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0 where filled or not wanted.
 
-        Incompatible without right pictures, with unrectified ones, or when the poses are not in metres.
+        Incompatible without right images, with unrectified ones, or when the poses are not in metres.
         """
         if context.right is None:
-            raise Incompatible("stereo needs right pictures, the clip has none: choose depth from one camera")
+            raise Incompatible("stereo needs right images, the clip has none: choose depth from one camera")
         if not past.is_metric:
             raise Incompatible("stereo depth is in metres, the poses are not: give the odometry a scale")
         baseline_m, num_past = _baseline_m(context.right), context.num_past
@@ -53,8 +53,8 @@ class Stereo:
             disparity_px, matched = self._disparity_px(context.frames[step], context.right, step, camera, baseline_m)
             found = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
             filled, trust = fill_from_background(found, matched), matched.astype(np.float32)
-            picture = matching.grey(context.frames[step])
-            inverse_depths[step] = flattened(complete(filled, trust, picture), trust, picture)
+            image = pinhole.grey(context.frames[step])
+            inverse_depths[step] = flattened(complete(filled, trust, image), trust, image)
             confidence[step] = trust
         return inverse_depths, confidence
 
@@ -76,7 +76,7 @@ class Stereo:
             mode=cv2.STEREO_SGBM_MODE_HH,
         )
         other = right_at_scale(right, step, camera, num)
-        found = matcher.compute(matching.grey(left).astype(np.uint8), matching.grey(other).astype(np.uint8))[:, num:]
+        found = matcher.compute(pinhole.grey(left).astype(np.uint8), pinhole.grey(other).astype(np.uint8))[:, num:]
         return found.astype(np.float32) * np.float32(UNIT_PX), np.asarray(found >= 0)
 
 
@@ -86,9 +86,9 @@ def right_at_scale(
     camera: Intrinsics,
     left_px: int,
 ) -> ByteArray:
-    """The right picture [H, left_px + W, 3] as `camera` would see it from there, with columns added on its left.
+    """The right image [H, left_px + W, 3] as `camera` would see it from there, with columns added on its left.
 
-    Rows then match those of the camera's own picture, and columns differ by the disparity alone.
+    Rows then match those of the camera's own image, and columns differ by the disparity alone.
     """
     own = right.intrinsics
     width_px = max(1, round(own.width_px * camera.fx_px / own.fx_px))
@@ -109,5 +109,5 @@ def _baseline_m(right: ExtraView) -> float:
     baseline_m = float(-shift[0])
     tilted = np.abs(rotation - np.eye(3)).max() > LEVEL or np.abs(shift[1:]).max() > LEVEL * abs(baseline_m)
     if baseline_m <= 0 or tilted:
-        raise Incompatible("stereo needs rectified pictures with the second camera to the right: rectify them first")
+        raise Incompatible("stereo needs rectified images with the second camera to the right: rectify them first")
     return baseline_m

@@ -7,11 +7,11 @@ import numpy as np
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import FloatArray, Intrinsics
 
-MIN_OVERLAP = 0.4  # of the picture, at infinity
+MIN_OVERLAP = 0.4  # of the image, at infinity
 GRID = 8  # pixels along each side at which parallax is worked out
 HALVINGS = 4  # baselines that are sought: the longest, a half, a quarter, an eighth of it
-NEAREST_SHIFT = 0.125  # of the picture's shorter side, that the shortest baseline gives the nearest things
-MIN_PARALLAX_PX = 1.0  # less is noise, of the pictures or of the poses
+NEAREST_SHIFT = 0.125  # of the image's shorter side, that the shortest baseline gives the nearest things
+MIN_PARALLAX_PX = 1.0  # less is noise, of the images or of the poses
 TYPICAL = 0.75  # the quantile of the pixels' parallax that counts: forward motion has none at its centre
 
 
@@ -22,7 +22,7 @@ def choose_sources(
 ) -> list[int]:
     """Steps whose distances from the reference step are near the longest one, a half, a quarter and an eighth of it.
 
-    Steps that see less than MIN_OVERLAP of the picture are left out. Empty when no step has any distance.
+    Steps that see less than MIN_OVERLAP of the image are left out. Empty when no step has any distance.
     """
     source_from_reference = se3.inverse(world_from_cam) @ world_from_cam[reference]
     baseline = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
@@ -46,7 +46,7 @@ def hypotheses(
     """Increasing inverse depths [count], 0 (infinitely far) first, evenly spaced in parallax, and their spacing in px.
 
     Between two neighbours the source that sees most change sees the same number of pixels. The last one shifts the
-    picture of the nearest source by NEAREST_SHIFT of its shorter side.
+    image of the nearest source by NEAREST_SHIFT of its shorter side.
     """
     baseline = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
     closest = source_from_reference[[int(np.argmin(baseline))]]
@@ -62,14 +62,14 @@ def hypotheses(
 def shows_parallax(
     parallax_px: FloatArray,  # [H, W], as found for each pixel
 ) -> bool:
-    """Whether the camera moved, as far as pictures tell: the quarter of the pixels that moved most did so visibly."""
+    """Whether the camera moved, as far as images tell: the quarter of the pixels that moved most did so visibly."""
     return bool(np.quantile(parallax_px, TYPICAL) >= MIN_PARALLAX_PX)
 
 
 def _parallax_px(source_from_reference: FloatArray, camera: Intrinsics, inverse_depths: FloatArray) -> FloatArray:
     """How far [S, N] points at the inverse depths are shifted from where they'd be at infinity, at a TYPICAL pixel.
 
-    Typical of the central square, so that what lies beside it does not coarsen what lies in it. At most the picture's
+    Typical of the central square, so that what lies beside it does not coarsen what lies in it. At most the image's
     width, which also stands for points that come to lie behind the source.
     """
     around = (min(camera.width_px, camera.height_px) - 1) * np.linspace(-0.5, 0.5, GRID)
@@ -85,7 +85,7 @@ def _parallax_px(source_from_reference: FloatArray, camera: Intrinsics, inverse_
 
 
 def _overlap(source_from_reference: FloatArray, camera: Intrinsics) -> FloatArray:
-    """The share [S] of the picture that the sources see of points at infinity."""
+    """The share [S] of the image that the sources see of points at infinity."""
     edge_u, edge_v = np.linspace(0, camera.width_px - 1, GRID), np.linspace(0, camera.height_px - 1, GRID)
     pixels = np.stack(np.meshgrid(edge_u, edge_v), axis=-1).reshape(-1, 2)
     rays = pinhole.unproject(pixels, np.ones(len(pixels)), camera)

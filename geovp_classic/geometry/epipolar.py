@@ -20,7 +20,7 @@ _IN_FRONT, _STIFFNESS = np.float32(IN_FRONT), np.float32(STIFFNESS)
 
 @dataclass(frozen=True)
 class Epipolar:
-    """Two frames: the other one's picture of this one's pixels."""
+    """Two frames: the other one's image of this one's pixels."""
 
     infinity: FloatArray  # A [3, 3] float32
     epipole: FloatArray  # b [3] float32

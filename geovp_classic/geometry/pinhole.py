@@ -1,4 +1,4 @@
-"""Points to pixels and back, and the cameras of cropped and resized pictures."""
+"""Points to pixels and back, and the cameras of cropped and resized images."""
 
 from __future__ import annotations
 
@@ -50,19 +50,24 @@ def rays(camera: Intrinsics) -> FloatArray:
 
 
 def square_crop(camera: Intrinsics, size_px: tuple[int, int]) -> tuple[tuple[slice, slice], Intrinsics]:
-    """The centred square (rows, columns) of a picture, and its camera once resized to size_px = (width, height)."""
+    """The centred square (rows, columns) of an image, and its camera once resized to size_px = (width, height)."""
     side_px = min(camera.width_px, camera.height_px)
     left_px, top_px = (camera.width_px - side_px) // 2, (camera.height_px - side_px) // 2
     window = (slice(top_px, top_px + side_px), slice(left_px, left_px + side_px))
     return window, camera.cropped(left_px, top_px, side_px, side_px).resized(*size_px)
 
 
-def resize(picture: ByteArray, size_px: tuple[int, int]) -> ByteArray:
-    """The picture [H, W, 3] at size_px = (width, height): area average when shrinking, bicubic when growing."""
-    height_px, width_px = picture.shape[:2]
+def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
+    """The image [H, W, 3] at size_px = (width, height): area average when shrinking, bicubic when growing."""
+    height_px, width_px = image.shape[:2]
     if (width_px, height_px) == tuple(size_px):
-        return picture
+        return image
     if min(*size_px, width_px, height_px) < 1:
-        raise BadData(f"cannot resize a picture of {width_px}x{height_px} to {size_px}: sizes must be positive")
+        raise BadData(f"cannot resize an image of {width_px}x{height_px} to {size_px}: sizes must be positive")
     shrinking = size_px[0] < width_px or size_px[1] < height_px
-    return np.asarray(cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC))
+    return np.asarray(cv2.resize(image, size_px, interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC))
+
+
+def grey(frame: ByteArray) -> FloatArray:
+    """The image [H, W, 3] in grey, float32 0..255."""
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""How a camera moved between two pictures, from points seen in both; and how deep those points are.
+"""How a camera moved between two images, from points seen in both; and how deep those points are.
 
 Rays are [..., 2] = (x, y) on the plane z = 1 of the camera that saw them. The essential matrix maps a ray of camera a
 to its epipolar line in camera b: E = [t]x R with b_from_a = (R, t).
@@ -27,7 +27,7 @@ Kind = Literal["unknown", "still", "rotation", "general"]
 
 @dataclass(frozen=True)
 class TwoView:
-    """The motion between two pictures, as far as points tell."""
+    """The motion between two images, as far as points tell."""
 
     kind: Kind
     b_from_a: FloatArray  # [4, 4]; the translation has length 1 when `kind` is "general", else 0
@@ -140,7 +140,7 @@ def essential_of(b_from_a: FloatArray) -> FloatArray:
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def image(matrix: FloatArray, x: float, y: float) -> tuple[float, float, float]:
+def product(matrix: FloatArray, x: float, y: float) -> tuple[float, float, float]:
     """The matrix [3, 3] times (x, y, 1); compiled, like `essential_of`, for the loops of others, too."""
     return (
         matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2],
@@ -162,8 +162,8 @@ def _equations(
     normal, moment, slope = np.zeros((5, 5)), np.zeros(5), np.empty(5)
     for n in range(len(rays_a)):
         ax, ay, bx, by = rays_a[n, 0], rays_a[n, 1], rays_b[n, 0], rays_b[n, 1]
-        x, y, z = image(r, ax, ay)
-        line_x, line_y, line_z = image(e, ax, ay)
+        x, y, z = product(r, ax, ay)
+        line_x, line_y, line_z = product(e, ax, ay)
         back_x, back_y = bx * e[0, 0] + by * e[1, 0] + e[2, 0], bx * e[0, 1] + by * e[1, 1] + e[2, 1]
         gradient = np.sqrt(line_x**2 + line_y**2 + back_x**2 + back_y**2) + 1e-12
         residual = (bx * line_x + by * line_y + line_z) / gradient

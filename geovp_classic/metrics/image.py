@@ -1,6 +1,6 @@
 """How close predicted frames come to the real ones: per pixel (PSNR) and per neighbourhood (SSIM).
 
-The same pictures score several dB and .15 SSIM apart under the definitions in use, so each metric states its own in
+The same images score several dB and .15 SSIM apart under the definitions in use, so each metric states its own in
 `protocol`, and tables print it. All take uint8 RGB frames [F, H, W, 3] and give one float64 per frame [F]; with a mask
 [F, H, W] only its pixels count, and a frame with none scores NaN.
 """

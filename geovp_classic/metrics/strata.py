@@ -16,7 +16,7 @@ def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[st
     """Masks [F, H, W] by name, {} for a clip without depth or without metric poses; `context` needs every grant.
 
     "seen": static, and the surface point was visible in at least one observed frame; "disoccluded": static and visible
-    in none, be it hidden or outside the picture; "static", "moving": as the clip marks things, absent where it marks
+    in none, be it hidden or outside the image; "static", "moving": as the clip marks things, absent where it marks
     nothing (then all counts as static). Pixels of unknown depth are neither seen nor disoccluded. Visible means:
     projected into the observed frame, its inverse depth is the recorded one within the fraction `tolerance`; sky
     (depth inf) is compared by direction alone.

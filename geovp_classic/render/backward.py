@@ -1,4 +1,4 @@
-"""Backward sampling: for every pixel of a new view, find where a source picture shows it, and read the colour there.
+"""Backward sampling: for every pixel of a new view, find where a source image shows it, and read the colour there.
 
 Reading the source with one interpolation keeps it sharp where a splat of colours would blur or tear it.
 """
@@ -33,7 +33,7 @@ def inside(
     pixels: FloatArray,  # [H, W, 2]
     camera: Intrinsics,
 ) -> BoolArray:
-    """Which pixels [H, W] lie on the picture, borders of the outermost pixels included."""
+    """Which pixels [H, W] lie on the image, borders of the outermost pixels included."""
     u, v = pixels[..., 0], pixels[..., 1]
     return (u >= -0.5) & (u <= camera.width_px - 0.5) & (v >= -0.5) & (v <= camera.height_px - 0.5)
 

@@ -1,8 +1,8 @@
-"""How bright the coming pictures will be: cameras on vehicles set their exposure anew for every frame.
+"""How bright the coming images will be: cameras on vehicles set their exposure anew for every frame.
 
 What the camera has just shown comes out a fifth brighter or darker a second later, because sky or shadow has come into
-view. The control behind it holds the mean of the camera's whole picture, and takes some tenths of a second for that:
-where the coming whole picture can be foretold (uncropped frames), so can its exposure. Of a square cut out of it only
+view. The control behind it holds the mean of the camera's whole image, and takes some tenths of a second for that:
+where the coming whole image can be foretold (uncropped frames), so can its exposure. Of a square cut out of it only
 the square's own mean is known, which is held less exactly; the level that it has in the end counts as the one that is
 held. How much a camera does so shows in the observed frames: a fixed exposure stays. And what is white may have been
 brighter than white: it hardly darkens.
@@ -16,40 +16,40 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from geovp_classic.abreast import abreast
+from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Scene
-from geovp_classic.render import surface
-from geovp_classic.render.pace import seconds_of
-from geovp_classic.render.reading import is_grey, observed
+from geovp_classic.parallel import parallel_map
+from geovp_classic.render import patches
+from geovp_classic.render.image_sampler import is_grey, observed
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
-WIDTH_PX = 128  # of the smaller pictures that are compared
+WIDTH_PX = 128  # of the smaller images that are compared
 DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside say nothing
-MIN_SHARE = 0.02  # of the picture that must be comparable
+MIN_SHARE = 0.02  # of the image that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
-INERTIA_S = 0.11  # how long that speed goes on
-PULL_HZ = 3.3  # speed of the log exposure that the control aims at, per log step of the mean from its level
 STEADY = 0.008  # log gain from frame to frame (RMS) at which half of that is believed of a camera
 LARGEST_LOG_GAIN = np.log(2)
 WHITE = 235.0  # grey values above this one are partly saturated
 WHITE_SHARE = 0.3  # of a darkening (in log steps) that shows in what is saturated
 WHITE_BLUR_PX = 1.5
-METER_PX = 64  # height of the whole pictures that the coming mean is taken from
+CONTROL_STEP_S = 0.1  # between two steps of the control, as between two frames
+METER_PX = 64  # height of the whole images that the coming mean is taken from
 
 
 @dataclass(frozen=True)
 class Exposure:
     """What the observed frames tell about the camera's exposure."""
 
+    seconds: FloatArray  # [P] since the last frame
     log_gains: FloatArray  # [P], how much brighter the last frame shows the same things than each frame
     log_rate_hz: float  # how fast the logarithm of the brightness of things changed in the end
-    log_level: float  # the logarithm of the mean of a picture, on average over the observed ones
+    log_level: float  # the logarithm of the mean of an image, on average over the observed ones
     belief: float  # 0 for a camera whose exposure does not change, towards 1 for a lively one
 
     @classmethod
     def of(
         cls,
-        sources: Sequence[surface.Source],  # P, the last observed frame last
+        sources: Sequence[patches.Source],  # P, the last observed frame last
         inverse_depth: FloatArray,  # [H, W] of the last one
         seconds: FloatArray,  # [P], 0 for the last one
     ) -> Exposure:
@@ -60,9 +60,9 @@ class Exposure:
         rate = -float((seconds[before] * gains[before]).sum()) / span if span > 0 else 0.0
         variance = float((np.diff(gains) ** 2).mean()) if len(gains) > 1 else 0.0
         level = float(np.mean([_log_mean(source.frame) for source in sources]))
-        return cls(gains, rate, level, variance / (variance + STEADY**2))
+        return cls(seconds, gains, rate, level, variance / (variance + STEADY**2))
 
-    def matched(self, sources: Sequence[surface.Source]) -> list[surface.Source]:
+    def matched(self, sources: Sequence[patches.Source]) -> list[patches.Source]:
         """The sources [P], each as bright as the last frame would show it."""
         return [
             replace(
@@ -73,83 +73,102 @@ class Exposure:
             for one, gain in zip(sources, self.log_gains, strict=True)
         ]
 
-    def forecast(
+
+@dataclass(frozen=True)
+class ExposureControl:
+    """How a camera sets its exposure: with inertia, towards the level at which it holds the mean of its image."""
+
+    inertia_s: float = 0.11  # how long the speed of the log exposure goes on
+    pull_hz: float = 3.3  # the speed that the control aims at, per log step of the mean from its level
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless both are positive."""
+        if not (self.inertia_s > 0 and self.pull_hz > 0):
+            raise BadData(f"exposure: inertia_s {self.inertia_s} and pull_hz {self.pull_hz} must be positive")
+
+    def log_gain(
         self,
-        histograms: FloatArray,  # [F, 256] of the coming pictures, were they exposed as the last observed one
-        seconds: FloatArray,  # [F] since then
-        log_now: float,  # of the last observed one's mean
-        log_level: float,  # that the control holds
-    ) -> FloatArray:
-        """Log gains [F] of the coming pictures: a control with inertia draws the mean towards its level."""
-        gains = np.empty(len(histograms))
-        gain, speed_hz, off = 0.0, self.log_rate_hz, log_now - log_level
-        for step, (histogram, dt_s) in enumerate(zip(histograms, np.diff(seconds, prepend=0.0), strict=True)):
-            lasting = np.exp(-dt_s / INERTIA_S)
-            pull_hz = self.belief * min(PULL_HZ, 1 / max(dt_s, 1e-9))  # not farther than to the level in one step
-            speed_hz = lasting * speed_hz - (1 - lasting) * pull_hz * off
+        measured: Exposure,
+        since_s: float,  # the last observed frame; negative before it
+        histogram: FloatArray,  # [256] of the image then, were it exposed as the last observed one
+        last: FloatArray,  # [256] of the last observed one
+        log_level: float,  # the logarithm of the mean that the control holds
+    ) -> float:
+        """By how much brighter the image is than the last frame's exposure would show it.
+
+        Of past times as it was measured. Of coming ones by a control with inertia that draws the mean towards its
+        level, while what is in view changes evenly from the last frame to the image then.
+        """
+        if since_s <= 0:
+            return float(-np.interp(since_s, measured.seconds, measured.log_gains))
+        gain, speed_hz, off = 0.0, measured.log_rate_hz, _log(float(last @ tones(0.0))) - log_level
+        num_steps = max(1, round(since_s / CONTROL_STEP_S))
+        dt_s = since_s / num_steps
+        lasting = np.exp(-dt_s / self.inertia_s)
+        for share in np.arange(1, num_steps + 1) / num_steps:
+            speed_hz = lasting * speed_hz - (1 - lasting) * measured.belief * min(self.pull_hz, 1 / dt_s) * off
             gain = float(np.clip(gain + speed_hz * dt_s, -LARGEST_LOG_GAIN, LARGEST_LOG_GAIN))
-            off = _log(histogram @ tones(gain)) - log_level
-            gains[step] = gain
-        return gains
+            off = _log(float((last + share * (histogram - last)) @ tones(gain))) - log_level
+        return gain
 
 
 @dataclass(frozen=True)
 class Exposed:
-    """A scene as the camera will show it; the k-th pose is taken to be the camera's at the k-th future time."""
+    """A scene as bright as the camera shows it at the time asked for."""
 
     scene: Scene
-    last: surface.Source  # the last observed frame
+    last: patches.Source  # the last observed frame
     exposure: Exposure
-    seconds: FloatArray  # [F] since the last observed frame
-    whole: bool  # whether the observed frames are the camera's whole pictures, whose mean is held
+    control: ExposureControl
+    last_s: float  # the time of the last observed frame
+    whole: bool  # whether the observed frames are the camera's whole images, whose mean is held
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The scene from the poses [F, 4, 4]."""
-        views = self.scene.view(world_from_cam, intrinsics)
-        seconds = seconds_of(self.seconds, len(world_from_cam))
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The scene from the poses [F, 4, 4] at the times [F]."""
+        views = self.scene.view(world_from_cam, times_s, intrinsics)
         if self.whole:
-            coming, now, level = self._wholes(world_from_cam), self.last.frame, self.exposure.log_level
+            metered, now = self._metered(world_from_cam, times_s), self.last.frame
         else:
-            coming, now = views.frames, observed(self.last, intrinsics)
-            level = _log_mean(now)
-        histograms = np.stack(abreast(_histogram, coming))
-        gains = self.exposure.forecast(histograms, seconds, _log_mean(now), level)
+            metered, now = views.frames, observed(self.last, intrinsics)
+        level, last = self.exposure.log_level if self.whole else _log_mean(now), _histogram(now)
 
         def shown(step: int) -> ByteArray:
-            return exposed(views.frames[step], gains[step])
+            since_s = float(times_s[step]) - self.last_s
+            gain = self.control.log_gain(self.exposure, since_s, _histogram(metered[step]), last, level)
+            return exposed(views.frames[step], gain)
 
-        return replace(views, frames=np.stack(abreast(shown, range(len(gains)))))
+        return replace(views, frames=np.stack(parallel_map(shown, range(len(times_s)))))
 
-    def _wholes(self, world_from_cam: FloatArray) -> ByteArray:
-        """The camera's whole pictures [F, h, w, 3], small."""
+    def _metered(self, world_from_cam: FloatArray, times_s: FloatArray) -> ByteArray:
+        """The camera's whole images [F, h, w, 3], small: their means are what its control holds."""
         camera = self.last.camera
         scale = min(1.0, METER_PX / camera.height_px)
         meter = camera.resized(*(max(1, round(side * scale)) for side in (camera.width_px, camera.height_px)))
-        return self.scene.view(world_from_cam, meter).frames
+        return self.scene.view(world_from_cam, times_s, meter).frames
 
 
-def _log_gains(sources: Sequence[surface.Source], inverse_depth: FloatArray) -> FloatArray:
+def _log_gains(sources: Sequence[patches.Source], inverse_depth: FloatArray) -> FloatArray:
     """The median over what is neither black nor white in both frames; 0 where too little is comparable."""
     last = sources[-1]
     scale = min(1.0, WIDTH_PX / last.camera.width_px)
     width, height = (max(1, round(side * scale)) for side in (last.camera.width_px, last.camera.height_px))
     camera = last.camera.resized(width, height)
     depth = cv2.resize(inverse_depth.astype(np.float32), (width, height), interpolation=cv2.INTER_NEAREST)
-    pictures = abreast(lambda source: _small(source.frame, (width, height)), sources)
+    images = parallel_map(lambda source: _small(source.frame, (width, height)), sources)
 
     def gain(step: int) -> float:
         small = replace(sources[step], camera=camera)
-        pixels, ratio = surface.source_pixels(small, np.asarray(depth), last.world_from_source, camera)
+        pixels, ratio = patches.source_pixels(small, np.asarray(depth), last.world_from_source, camera)
         u, v = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
-        was = np.asarray(cv2.remap(pictures[step], u, v, cv2.INTER_LINEAR))  # outside: 0, too dark
+        was = np.asarray(cv2.remap(images[step], u, v, cv2.INTER_LINEAR))  # outside: 0, too dark
         comparable = ratio > 0
-        for one in (was, pictures[-1]):
+        for one in (was, images[-1]):
             comparable &= (one > DARKEST) & (one < BRIGHTEST)
         if comparable.mean() < MIN_SHARE:
             return 0.0
-        return float(np.median(np.log(pictures[-1][comparable] / was[comparable])))
+        return float(np.median(np.log(images[-1][comparable] / was[comparable])))
 
-    return np.array([*abreast(gain, range(len(sources) - 1)), 0.0])
+    return np.array([*parallel_map(gain, range(len(sources) - 1)), 0.0])
 
 
 def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:

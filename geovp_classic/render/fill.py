@@ -11,9 +11,9 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.abreast import abreast
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Fill
+from geovp_classic.parallel import parallel_map
 from geovp_classic.render.blur import broad
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
@@ -26,7 +26,7 @@ FREQUENCY_SELECTIVE = {"fast": cv2.xphoto.INPAINT_FSR_FAST, "best": cv2.xphoto.I
 class Blank:
     """Uncovered pixels stay black."""
 
-    def fill(self, views: Views) -> ByteArray:
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3], black where nothing is known."""
         return np.where(views.covered[..., None], views.frames, np.uint8(0))
 
@@ -36,12 +36,12 @@ class NearestBackground:
     """An uncovered pixel takes the colour of the farther one of the covered pixels left and right of it in its row.
 
     What a moving camera uncovers lies behind what hid it. Equally far ones: the nearer pixel. Rows without any covered
-    pixel take the row above or below in the same manner; a frame without any repeats the one before (the first: black).
+    pixel take the row above or below in the same manner; a frame without any is the last observed one.
     """
 
-    def fill(self, views: Views) -> ByteArray:
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        return _fill_each(views, self._fill_one)
+        return _fill_each(views, last, self._fill_one)
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         far = np.where(covered & (depth > 0), depth, np.float32(0))
@@ -64,9 +64,9 @@ class Telea:
         """Raise BadData unless the radius is positive."""
         _check_radius(self.radius_px)
 
-    def fill(self, views: Views) -> ByteArray:
-        """Frames [F, H, W, 3]; a frame without any covered pixel repeats the one before, the first is black."""
-        return _fill_each(views, _inpainting(self.radius_px, cv2.INPAINT_TELEA))
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
+        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
+        return _fill_each(views, last, _inpainting(self.radius_px, cv2.INPAINT_TELEA))
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ class NavierStokes:
         """Raise BadData unless the radius is positive."""
         _check_radius(self.radius_px)
 
-    def fill(self, views: Views) -> ByteArray:
-        """Frames [F, H, W, 3]; a frame without any covered pixel repeats the one before, the first is black."""
-        return _fill_each(views, _inpainting(self.radius_px, cv2.INPAINT_NS))
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
+        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
+        return _fill_each(views, last, _inpainting(self.radius_px, cv2.INPAINT_NS))
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,9 @@ class FrequencySelective:
 
     quality: Literal["fast", "best"] = "fast"
 
-    def fill(self, views: Views) -> ByteArray:
-        """Frames [F, H, W, 3]; a frame without any covered pixel repeats the one before, the first is black."""
-        return _fill_each(views, self._fill_one)
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
+        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
+        return _fill_each(views, last, self._fill_one)
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         filled = np.zeros_like(frame)
@@ -106,11 +106,11 @@ class FrequencySelective:
 
 @dataclass(frozen=True)
 class BorrowedDetail:
-    """Another fill's colours with the detail that the best covered of the views has at the same place of the picture.
+    """Another fill's colours with the detail that the last observed frame has at the same place of the image.
 
-    A camera that turns keeps seeing road below, walls and trees beside and the sky above: what is where in the picture
+    A camera that turns keeps seeing road below, walls and trees beside and the sky above: what is where in the image
     changes less than what it is. So the broad colours go on from the border of what is known (`colours`), and what is
-    finer than `coarse_share` of the picture's width is borrowed, at `strength` of its contrast.
+    finer than `coarse_share` of the image's width is borrowed, at `strength` of its contrast.
     """
 
     colours: Fill = field(default_factory=NearestBackground)
@@ -123,40 +123,36 @@ class BorrowedDetail:
             given = f"coarse_share {self.coarse_share} and strength {self.strength}"
             raise BadData(f"borrowed-detail: {given}, expected a share between 0 and 1 and no negative strength")
 
-    def fill(self, views: Views) -> ByteArray:
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled = self.colours.fill(views).copy()
-        richest = filled[np.argmax(views.covered.mean(axis=(1, 2)))].astype(np.float32)
-        detail = richest - self._broad(richest)
+        filled = self.colours.fill(views, last).copy()
+        seen = last.astype(np.float32)
+        detail = seen - self._broad(seen)
 
         def borrow(step: int) -> None:
             colours = self._broad(filled[step].astype(np.float32))
             _borrow(views.covered[step], colours, detail, float(self.strength), filled[step])
 
-        abreast(borrow, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
+        parallel_map(borrow, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
         return filled
 
-    def _broad(self, picture: FloatArray) -> FloatArray:
-        return broad(picture, self.coarse_share * picture.shape[1])
+    def _broad(self, image: FloatArray) -> FloatArray:
+        return broad(image, self.coarse_share * image.shape[1])
 
 
-def _fill_each(views: Views, fill_one: FillOne) -> ByteArray:
+def _fill_each(views: Views, last: ByteArray, fill_one: FillOne) -> ByteArray:
     """Fill view by view; covered pixels stay as they are, whatever `fill_one` does to them."""
     filled = views.frames.copy()
-    some = np.asarray(views.covered.any(axis=(1, 2)))
 
     def fill_step(step: int) -> None:
         covered = views.covered[step]
         if covered.all():
             return
         _put(covered, np.zeros_like(filled[step]), filled[step])
-        if some[step]:
-            _put(covered, np.asarray(fill_one(filled[step], covered, views.depths[step])), filled[step])
+        invented = fill_one(filled[step], covered, views.depths[step]) if covered.any() else last
+        _put(covered, np.asarray(invented), filled[step])
 
-    abreast(fill_step, range(len(filled)))
-    for step in np.flatnonzero(~some):
-        if step > 0:
-            filled[step] = filled[step - 1]
+    parallel_map(fill_step, range(len(filled)))
     return filled
 
 

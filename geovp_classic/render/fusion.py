@@ -1,7 +1,7 @@
 """Fuse the observed frames into one cloud of surface patches and show it from each future pose.
 
 The last frame shows what lies ahead at the best resolution, so all its pixels are kept; an earlier frame adds only what
-no later one could see: behind things, or beside the picture. Depths of one surface from two frames must agree, or
+no later one could see: behind things, or beside the image. Depths of one surface from two frames must agree, or
 neither is trusted. Colours are read backward from the frame that a patch came from, once, and stay sharp.
 """
 
@@ -13,12 +13,12 @@ import cv2
 import numba
 import numpy as np
 
-from geovp_classic.abreast import abreast
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import surface
-from geovp_classic.render.detail import Grain
-from geovp_classic.render.quads import NOTHING, IndexArray
-from geovp_classic.render.reading import Reader, is_grey, observed
+from geovp_classic.parallel import parallel_map
+from geovp_classic.render import patches
+from geovp_classic.render.detail_transfer import FrameDetail
+from geovp_classic.render.image_sampler import Reader, is_grey, observed
+from geovp_classic.render.rasterizer import NOTHING, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
@@ -26,34 +26,49 @@ _AROUND = np.ones((3, 3), np.uint8)
 
 
 def fuse(
-    sources: list[surface.Source],
+    sources: list[patches.Source],
     inverse_depths: FloatArray,  # [P, H, W]
     confidence: FloatArray,  # [P, H, W]
     agreement: float,
-) -> tuple[surface.Patches, list[surface.Source]]:
+) -> tuple[patches.Patches, list[patches.Source]]:
     """The last frame's patches, and of every earlier frame what no later one sees; the used sources, last one first."""
-    used: list[surface.Source] = []
+    used: list[patches.Source] = []
     maps: list[FloatArray] = []
-    parts: list[surface.Patches] = []
+    parts: list[patches.Patches] = []
     for source, inverse_depth, trust in reversed(list(zip(sources, inverse_depths, confidence, strict=True))):
         known = trust > 0 if used else np.ones(trust.shape, dtype=bool)
         for later, later_depth in zip(used, maps, strict=True):
             known &= _hidden_from(later, later_depth, source, inverse_depth, agreement)
         if known.any():
-            parts.append(surface.patches(inverse_depth, known, len(used)))
+            parts.append(patches.patches(inverse_depth, known, len(used)))
             used.append(source)
             maps.append(inverse_depth)
-    return surface.joined(parts), used
+    return patches.joined(parts), used
+
+
+def without(
+    cloud: patches.Patches,
+    source: int,
+    cut: BoolArray,  # [H, W] of that source
+) -> patches.Patches:
+    """The cloud without that source's patches in the cut."""
+    if not cut.any():
+        return cloud
+    column, row = np.round(cloud.pixels).astype(int).T
+    own = cloud.source == source
+    kept = ~own
+    kept[own] = ~cut[row[own], column[own]]
+    return patches.Patches(*(getattr(cloud, name)[kept] for name in patches.Patches.__dataclass_fields__))
 
 
 def _hidden_from(
-    later: surface.Source, later_depth: FloatArray, source: surface.Source, inverse_depth: FloatArray, agreement: float
+    later: patches.Source, later_depth: FloatArray, source: patches.Source, inverse_depth: FloatArray, agreement: float
 ) -> BoolArray:
-    """Which of the source's pixels [H, W] the later frame does not show: beside its picture or behind its surfaces.
+    """Which of the source's pixels [H, W] the later frame does not show: beside its image or behind its surfaces.
 
     What would stand in front of the later frame's surfaces would have been seen there: it is wrong, so not hidden.
     """
-    pixels, ratio = surface.source_pixels(later, inverse_depth, source.world_from_source, source.camera)
+    pixels, ratio = patches.source_pixels(later, inverse_depth, source.world_from_source, source.camera)
     hidden = np.empty(ratio.shape, np.bool_)
     _compare(pixels, ratio, np.asarray(inverse_depth, np.float32), later_depth, 1 - agreement, hidden)
     return hidden
@@ -80,45 +95,46 @@ def _compare(
 
 @dataclass(frozen=True)
 class CloudScene:
-    """A fused cloud with the pictures its colours are read from."""
+    """A fused cloud with the images its colours are read from."""
 
-    cloud: surface.Patches
-    sources: list[surface.Source]  # the last observed frame first
+    cloud: patches.Patches
+    sources: list[patches.Source]  # the last observed frame first
     fill: Fill
     crack_px: int
-    grain: float
+    detail_strength: float
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
-        drawn, winner = surface.draw(self.cloud, self.sources, world_from_cam, intrinsics)
+        drawn, winner = patches.draw(self.cloud, self.sources, world_from_cam, intrinsics)
         frames, covered = np.empty((*drawn.shape, 3), np.uint8), np.empty(drawn.shape, dtype=bool)
         depths, magnification = np.zeros(drawn.shape, np.float32), np.empty(drawn.shape, np.float32)
-        pictures = Reader.of(self.sources, intrinsics)
+        images = Reader.of(self.sources, intrinsics)
 
         def look(step: int) -> None:
             number = _sources(winner[step], self.cloud.source)
             inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
             inverse_depth = _without_dots(inverse_depth, number)
-            frames[step], covered[step], times = pictures.read(inverse_depth, number, world_from_cam[step])
+            frames[step], covered[step], times = images.read(inverse_depth, number, world_from_cam[step])
             magnification[step] = np.where(covered[step], times, np.float32(LARGEST_MAGNIFICATION))
             with np.errstate(divide="ignore"):
                 np.divide(np.float32(1), inverse_depth, out=depths[step], where=covered[step])
 
-        abreast(look, range(len(world_from_cam)))
-        filled = self.fill.fill(Views(frames, covered, depths))
-        return Views(self._with_grain(filled, magnification, observed(self.sources[0], intrinsics)), covered, depths)
+        parallel_map(look, range(len(world_from_cam)))
+        last = observed(self.sources[0], intrinsics)
+        filled = self.fill.fill(Views(frames, covered, depths), last)
+        return Views(self._with_detail(filled, magnification, last), covered, depths)
 
-    def _with_grain(self, frames: ByteArray, magnification: FloatArray, observed: ByteArray) -> ByteArray:
-        if self.grain == 0:
+    def _with_detail(self, frames: ByteArray, magnification: FloatArray, observed: ByteArray) -> ByteArray:
+        if self.detail_strength == 0:
             return frames
         channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
-        grain, added = Grain.of(observed[..., channels]), np.empty_like(frames)
+        detail, added = FrameDetail.of(observed[..., channels]), np.empty_like(frames)
 
         def add(step: int) -> None:
-            result = grain.added_to(frames[step, ..., channels], magnification[step], self.grain)
+            result = detail.added_to(frames[step, ..., channels], magnification[step], self.detail_strength)
             added[step] = result if result.shape[-1] == 3 else cv2.cvtColor(result, cv2.COLOR_GRAY2RGB)
 
-        abreast(add, range(len(frames)))
+        parallel_map(add, range(len(frames)))
         return added
 
 

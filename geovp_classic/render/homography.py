@@ -13,8 +13,9 @@ import numpy as np
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward
+from geovp_classic.render import backward, patches
 from geovp_classic.render.fill import Blank
+from geovp_classic.render.image_sampler import observed
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
 MOVED_M = 0.1  # a shorter way says nothing about the direction of travel
@@ -67,12 +68,13 @@ class GroundFarScene:
     height_m: float
     fill: Fill
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The two planes from the poses [F, 4, 4]; uncovered where the last frame shows nothing of them."""
         last_from_cam = se3.inverse(self.world_from_last) @ world_from_cam
         frames, covered, depths = zip(*(self._view_one(one, intrinsics) for one in last_from_cam), strict=True)
         views = Views(np.stack(frames), np.stack(covered), np.stack(depths))
-        return Views(self.fill.fill(views), views.covered, views.depths)
+        last = observed(patches.Source(self.frame, self.camera, self.world_from_last), intrinsics)
+        return Views(self.fill.fill(views, last), views.covered, views.depths)
 
     def _view_one(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Frame [H, W, 3], coverage and depth [H, W] from one pose."""

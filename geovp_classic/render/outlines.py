@@ -1,7 +1,7 @@
-"""Which pixels of a picture show a mixture of two surfaces that another view sees apart.
+"""Which pixels of an image show a mixture of two surfaces that another view sees apart.
 
 A pixel on an outline gathers light of the surface in front and of the one behind it. While both move together in the
-picture the mixture moves with them and stays right; once they part, its colour belongs to neither.
+image the mixture moves with them and stays right; once they part, its colour belongs to neither.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.geometry import pinhole
-from geovp_classic.render import surface
+from geovp_classic.render import patches
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 IndexArray = npt.NDArray[np.int64]
@@ -24,7 +24,7 @@ NEAR = 1e-6  # the smallest z of a point that is projected
 
 @dataclass(frozen=True)
 class Outlines:
-    """Neighbouring pixels of one picture that do not lie on one plane."""
+    """Neighbouring pixels of one image that do not lie on one plane."""
 
     size: tuple[int, int]  # (H, W)
     pairs: IndexArray  # [P, 2], numbers of the two pixels, row by row
@@ -32,11 +32,11 @@ class Outlines:
 
     def parted(
         self,
-        view_from_picture: FloatArray,  # [4, 4]
+        view_from_image: FloatArray,  # [4, 4]
         camera: Intrinsics,
     ) -> BoolArray:
-        """The picture's pixels [H, W] beside a jump whose two sides the view shows PARTED_PX or more differently."""
-        x, y, z, _ = np.moveaxis(self.ends @ view_from_picture.T, -1, 0)
+        """The image's pixels [H, W] beside a jump whose two sides the view shows PARTED_PX or more differently."""
+        x, y, z, _ = np.moveaxis(self.ends @ view_from_image.T, -1, 0)
         z = np.maximum(z, NEAR)
         gap_px = np.hypot(camera.fx_px * np.diff(x / z, axis=-1), camera.fy_px * np.diff(y / z, axis=-1))  # [P, 2, 1]
         parted = np.zeros(self.size, dtype=bool)
@@ -49,7 +49,7 @@ def outlines(
     camera: Intrinsics,
 ) -> Outlines:
     """All pairs of pixels side by side or above one another with a jump between them; none beside unknown depth."""
-    slopes = surface.slopes(inverse_depth).reshape(-1, 2)
+    slopes = patches.slopes(inverse_depth).reshape(-1, 2)
     q, numbers = inverse_depth.ravel(), np.arange(inverse_depth.size).reshape(inverse_depth.shape)
     across = np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], axis=-1)
     down = np.stack([numbers[:-1].ravel(), numbers[1:].ravel()], axis=-1)

@@ -34,7 +34,7 @@ class PointScene:
     sizes: FloatArray  # [N], see `splat`
     softness: float = 0.0
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The points from the poses [F, 4, 4]."""
         return splat(self.points_world, self.colours, self.sizes, world_from_cam, intrinsics, self.softness)
 
@@ -80,7 +80,7 @@ def draw(
 ) -> tuple[FloatArray, IndexArray]:
     """Inverse depth [H, W] of the nearest patch at every pixel's centre, and its number (NOTHING where there is none).
 
-    Between its corners a patch is a plane, whose inverse depth is linear in the picture. Of equally near ones the first
+    Between its corners a patch is a plane, whose inverse depth is linear in the image. Of equally near ones the first
     wins. Patches that reach nearer than NEAR or behind the camera are left out whole.
     """
     return _nearest(_outlines(corners_cam, camera), camera)

@@ -2,7 +2,7 @@
 
 Open3D's sparse voxel blocks hold the volume. Its unit is the median depth of the last observed frame, its frame that
 frame's camera, so that neither the poses' unit nor a far-off world frame matters. What is farther than the volume
-reaches lies on a far plane and keeps the last frame's picture.
+reaches lies on a far plane and keeps the last frame's image.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, splat, surface
-from geovp_classic.render.surface import Source
+from geovp_classic.render import backward, patches, splat
+from geovp_classic.render.image_sampler import observed
+from geovp_classic.render.patches import Source
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 BLOCK_VOXELS = 8  # along each side of a block
@@ -42,7 +43,7 @@ class Volume:
     def warmed_up(self, camera: Intrinsics) -> Volume:
         """This volume, once Open3D has made room for its map of ranges.
 
-        Whenever a cast needs more room than all before it, Open3D 0.20 makes that room but leaves the picture full of
+        Whenever a cast needs more room than all before it, Open3D 0.20 makes that room but leaves the image full of
         holes. A cast with far more cells than later ones need is thrown away here, so that these are whole.
         """
         self.cast(self.world_from_volume, camera, WARM_UP_STEP)
@@ -87,11 +88,11 @@ class VolumeScene:
     agreement: float
     fill: Fill
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The volume from the poses [F, 4, 4], behind it the far plane; uncovered where there is neither."""
         seen = [self._view_one(pose, intrinsics) for pose in world_from_cam]
         frames, covered, depths = (np.stack(maps) for maps in zip(*seen, strict=True))
-        return Views(self.fill.fill(Views(frames, covered, depths)), covered, depths)
+        return Views(self.fill.fill(Views(frames, covered, depths), observed(self.last, intrinsics)), covered, depths)
 
     def _view_one(self, world_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Frame, coverage and depth from one pose."""
@@ -110,7 +111,7 @@ class VolumeScene:
 
     def _from_last(self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics) -> Reading:
         """What the last frame shows of surfaces at the inverse depth [H, W] of the view."""
-        pixels, ratio = surface.source_pixels(self.last, inverse_depth, world_from_cam, camera)
+        pixels, ratio = patches.source_pixels(self.last, inverse_depth, world_from_cam, camera)
         inside = (ratio > 0) & backward.inside(pixels, self.last.camera)
         u, v = np.moveaxis(np.where(inside[..., None], pixels, 0).astype(np.float32), -1, 0)
         there = np.asarray(cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST), np.float32)
@@ -124,7 +125,7 @@ class Reading:
     """What a source shows of a view's surfaces."""
 
     colours: ByteArray  # [H, W, 3]
-    shown: BoolArray  # [H, W]; False where something nearer hides them, or beside the picture
+    shown: BoolArray  # [H, W]; False where something nearer hides them, or beside the image
     depth_there: FloatArray  # [H, W], the source's own inverse depth
 
 
@@ -173,11 +174,11 @@ def integrate(
         if not used.any():
             continue
         depth = np.where(used, 1 / (unit * np.where(used, inverse, 1)), 0).astype(np.float32)
-        picture = o3d.t.geometry.Image(np.ascontiguousarray(frame / np.float32(255)))
+        image = o3d.t.geometry.Image(np.ascontiguousarray(frame / np.float32(255)))
         depth_map = o3d.t.geometry.Image(np.ascontiguousarray(depth[..., None]))
         extrinsic = core.Tensor.from_numpy(_scaled(pose, 1 / unit))
         blocks = grid.compute_unique_block_coordinates(depth_map, matrix, extrinsic, 1.0, reach, TRUNCATION_VOXELS)
-        grid.integrate(blocks, depth_map, picture, matrix, matrix, extrinsic, 1.0, reach, TRUNCATION_VOXELS)
+        grid.integrate(blocks, depth_map, image, matrix, matrix, extrinsic, 1.0, reach, TRUNCATION_VOXELS)
     return Volume(grid, world_from_cam[-1], unit, reach).warmed_up(camera)
 
 

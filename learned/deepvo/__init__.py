@@ -1,1 +1,1 @@
-"""Poses from pictures by a recurrent convolutional network, and their continuation: DeepVO with a decoder."""
+"""Poses from images by a recurrent convolutional network, and their continuation: DeepVO with a decoder."""

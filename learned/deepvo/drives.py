@@ -20,7 +20,7 @@ MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Drive:
-    """A clip at the network's resolution; the whole width of the picture where the clip has it."""
+    """A clip at the network's resolution; the whole width of the image where the clip has it."""
 
     frames: tuple[ByteArray, ...]  # T of [h, w, 3]
     camera: Intrinsics
@@ -84,13 +84,13 @@ def batch(
     augmentation: Augmentation,
     rng: np.random.Generator,
 ) -> Batch:
-    """Tensors of windows: "pictures" [B, P, 3, H, W] bytes, "motions" [B, P + F - 1, 4, 4], and "known", 1 where a
+    """Tensors of windows: "images" [B, P, 3, H, W] bytes, "motions" [B, P + F - 1, 4, 4], and "known", 1 where a
     motion is to be learnt from and 0 elsewhere [B, P + F - 1].
     """
     rows = [sample(window, camera, num_past, num_future, augmentation, rng) for window in chosen]
-    pictures, relative, known = (np.stack(column) for column in zip(*rows, strict=True))
+    images, relative, known = (np.stack(column) for column in zip(*rows, strict=True))
     return {
-        "pictures": torch.from_numpy(np.ascontiguousarray(np.moveaxis(pictures, -1, -3))),
+        "images": torch.from_numpy(np.ascontiguousarray(np.moveaxis(images, -1, -3))),
         "motions": torch.from_numpy(relative.astype(np.float32)),
         "known": torch.from_numpy(known.astype(np.float32)),
     }
@@ -104,7 +104,7 @@ def sample(
     augmentation: Augmentation,
     rng: np.random.Generator,
 ) -> tuple[ByteArray, FloatArray, BoolArray]:
-    """Pictures [P, H, W, 3], motions [P + F - 1, 4, 4] and which of them are known [P + F - 1], augmented by draws."""
+    """Images [P, H, W, 3], motions [P + F - 1, 4, 4] and which of them are known [P + F - 1], augmented by draws."""
     mirrored, fast, turning, grey = rng.random(4) < (
         augmentation.mirror_share,
         augmentation.fast_share,
@@ -119,18 +119,18 @@ def sample(
     known = steps[1:] <= last
     if turning:
         known[num_past - 1 :] = False
-    # the swing is centred on the window, so that its pictures stay within the wide frame
+    # the swing is centred on the window, so that its images stay within the wide frame
     cam_from_swung = turned(rate_rad * (np.arange(len(steps)) - (num_past - 1) / 2))
     table = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
-    pictures = []
+    images = []
     for index, step in enumerate(steps[:num_past]):
-        picture = retaken(
+        image = retaken(
             drive.frames[step], drive.camera, camera, cam_from_swung[index, :3, :3], mirrored=bool(mirrored)
         )
-        pictures.append(_shown(picture, table, bool(grey)))
+        images.append(_shown(image, table, bool(grey)))
     world_from_cam = drive.world_from_cam[np.minimum(steps, last)] @ cam_from_swung
     relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
-    return np.stack(pictures), MIRROR @ relative @ MIRROR if mirrored else relative, known
+    return np.stack(images), MIRROR @ relative @ MIRROR if mirrored else relative, known
 
 
 def turned(yaw_rad: FloatArray) -> FloatArray:
@@ -139,7 +139,7 @@ def turned(yaw_rad: FloatArray) -> FloatArray:
     return se3.exp(np.stack([zero, zero, zero, zero, yaw_rad, zero], axis=-1))
 
 
-def _shown(picture: ByteArray, table: ByteArray, grey: bool) -> ByteArray:
+def _shown(image: ByteArray, table: ByteArray, grey: bool) -> ByteArray:
     if grey:
-        picture = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
-    return np.asarray(cv2.LUT(picture, table), dtype=np.uint8)
+        image = np.repeat(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
+    return np.asarray(cv2.LUT(image, table), dtype=np.uint8)

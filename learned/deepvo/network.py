@@ -1,4 +1,4 @@
-"""The networks: a FlowNetS-like encoder of picture pairs, an LSTM over pairs, and what rolls the motion out.
+"""The networks: a FlowNetS-like encoder of image pairs, an LSTM over pairs, and what rolls the motion out.
 
 Wang et al. 2017 (DeepVO) with the decoder that follows it in geometry-based video prediction, eq. 3.2 and 3.3: the
 decoder's LSTM starts from the encoder's last hidden state and is fed zeros. A step is one row of numbers: (x, z, yaw)
@@ -38,7 +38,7 @@ PAIRS_AT_ONCE = 256  # through the encoder, so that long videos fit into memory
 class Architecture:
     """What the networks are built from; stored with the weights.
 
-    Frames are first brought to the network's own camera, so that other cameras' pictures mean the same to it.
+    Frames are first brought to the network's own camera, so that other cameras' images mean the same to it.
     """
 
     size_px: tuple[int, int] = (256, 256)
@@ -65,7 +65,7 @@ class Architecture:
 
     @property
     def camera(self) -> Intrinsics:
-        """The camera that the network's pictures are taken with."""
+        """The camera that the network's images are taken with."""
         width_px, height_px = self.size_px
         focal_px = self.focal_widths * width_px
         cx_px, cy_px = self.centre[0] * width_px - 0.5, self.centre[1] * height_px - 0.5
@@ -73,7 +73,7 @@ class Architecture:
 
 
 class PoseNetwork(nn.Module):
-    """Pictures in, the steps between them and after them out."""
+    """Images in, the steps between them and after them out."""
 
     def __init__(self, architecture: Architecture) -> None:
         """Draw fresh weights."""
@@ -93,18 +93,18 @@ class PoseNetwork(nn.Module):
             self.future = FixedWindow(architecture, features)
         self.train()
 
-    def forward(self, pictures: Tensor, num_future: int) -> tuple[Tensor, Tensor]:
-        """Steps [B, P - 1, D] within pictures [B, P, 3, H, W] in [0, 1] and [B, F, D] after them; P >= 2."""
-        features = self.encode(pictures)  # [B, P - 1, N]
+    def forward(self, images: Tensor, num_future: int) -> tuple[Tensor, Tensor]:
+        """Steps [B, P - 1, D] within images [B, P, 3, H, W] in [0, 1] and [B, F, D] after them; P >= 2."""
+        features = self.encode(images)  # [B, P - 1, N]
         hidden, state = self.past(features)
         past = self.past_head(hidden)
         if isinstance(self.future, FixedWindow):
             return past, self.future(features, num_future)
         return past, self.future(state, past, num_future)
 
-    def encode(self, pictures: Tensor) -> Tensor:
+    def encode(self, images: Tensor) -> Tensor:
         """Features [B, P - 1, N] of consecutive pairs, stacked in their channels."""
-        pairs = torch.cat([pictures[:, :-1], pictures[:, 1:]], dim=2) - 0.5
+        pairs = torch.cat([images[:, :-1], images[:, 1:]], dim=2) - 0.5
         batch, count = pairs.shape[:2]
         flat = pairs.reshape(batch * count, *pairs.shape[2:]).contiguous(memory_format=torch.channels_last)
         if self.training or len(flat) <= PAIRS_AT_ONCE:

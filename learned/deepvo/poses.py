@@ -1,4 +1,4 @@
-"""DeepVO as a component: the whole motion from the pictures alone, or the past of it as an odometry."""
+"""DeepVO as a component: the whole motion from the images alone, or the past of it as an odometry."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from learned import checkpoints
 from learned.deepvo.network import Architecture, PoseNetwork
 from learned.deepvo.steps import motions
 from learned.deepvo.train import DeepVoTraining
-from learned.tensors import pictures_from_frames, retaken, shrunk
+from learned.tensors import images_from_frames, retaken, shrunk
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class DeepVoOdometry:
     ) -> tuple[Trajectory, BoolArray]:
         """A whole sequence, frame by frame; its length comes from training alone, not from the camera's height."""
         network = load(self.checkpoint or shipped(), self.fingerprint)
-        pictures = torch.cat([taken([frame], intrinsics, network.architecture) for frame in frames])
-        past = _trajectory(_motions(network, pictures, 1)[0], times_s)
+        images = torch.cat([taken([frame], intrinsics, network.architecture) for frame in frames])
+        past = _trajectory(_motions(network, images, 1)[0], times_s)
         return past, np.ones(len(past), dtype=bool)
 
 
@@ -104,7 +104,7 @@ def load(file: Path, fingerprint: str) -> PoseNetwork:
 def taken(frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture) -> Tensor:
     """Frames [P, 3, H, W] as the network's own camera would have taken them."""
     smaller, camera = shrunk(frames, camera, architecture.camera)
-    return pictures_from_frames(np.stack([retaken(frame, camera, architecture.camera) for frame in smaller]))
+    return images_from_frames(np.stack([retaken(frame, camera, architecture.camera) for frame in smaller]))
 
 
 def _checked(checkpoint: Path | None, wanted: str) -> str:
@@ -122,10 +122,10 @@ def _steps(component: DeepVo | DeepVoOdometry, context: Context, num_future: int
 
 
 @torch.inference_mode()
-def _motions(network: PoseNetwork, pictures: Tensor, num_future: int) -> tuple[FloatArray, FloatArray]:
-    if len(pictures) < 2:
+def _motions(network: PoseNetwork, images: Tensor, num_future: int) -> tuple[FloatArray, FloatArray]:
+    if len(images) < 2:
         raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
-    past, future = network(pictures[None], num_future)
+    past, future = network(images[None], num_future)
     head = network.architecture.head
     return motions(past[0].double(), head).numpy(), motions(future[0].double(), head).numpy()
 

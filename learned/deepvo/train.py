@@ -83,7 +83,7 @@ class DeepVoTraining:
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
         """The one network's one turn."""
-        past, future = networks["poses"](batch["pictures"].float() / 255.0, self.num_future)
+        past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
         yield "poses", self.losses(past, future, batch["motions"], batch["known"])
 
     def losses(
@@ -116,7 +116,7 @@ class DeepVoTraining:
             chosen = examples[start : start + VALIDATION_BATCH]
             batch = drives.batch(chosen, self.architecture.camera, self.num_past, self.num_future, NOTHING, rng)
             device = next(networks["poses"].parameters()).device
-            past, future = networks["poses"](batch["pictures"].to(device).float() / 255.0, self.num_future)
+            past, future = networks["poses"](batch["images"].to(device).float() / 255.0, self.num_future)
             errors.append(self._errors(past.cpu().float(), future.cpu().float(), batch["motions"]))
         table = torch.cat(errors).mean(0).tolist()
         names = ("future_m", "future_deg", "past_step_m", "past_step_deg")

@@ -1,6 +1,6 @@
 """SLAMP's networks: one branch draws the next frame, one moves the last frame, a mask chooses (Akan et al. 2021).
 
-The mask comes from three plain convolutions over both pictures; the authors' (github.com/kaanakan/slamp,
+The mask comes from three plain convolutions over both images; the authors' (github.com/kaanakan/slamp,
 models/mask_predictor.py) has five with batch normalisation and squeeze-and-excitation.
 """
 
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from learned.slamp.warping import warped
-from learned.video.coders import Coding, Decoder, Encoder, Skips, picked, pictures_from_maps, repeated
+from learned.video.coders import Coding, Decoder, Encoder, Skips, images_from_maps, picked, repeated
 from learned.video.latents import Gaussian, Memory, RecurrentMap, many
 
 
@@ -59,9 +59,9 @@ class Branch(nn.Module):
 
 
 class Shown(NamedTuple):
-    """What the branches say of frames, and both together; pictures [B, T, 3, H, W]."""
+    """What the branches say of frames, and both together; images [B, T, 3, H, W]."""
 
-    pictures: Tensor
+    images: Tensor
     appearance: Tensor
     motion: Tensor  # the frames before, moved
     masks: Tensor  # [B, T, 1, H, W]: share of the appearance
@@ -91,7 +91,7 @@ class SlampNetwork(nn.Module):
 
     @property
     def size_px(self) -> int:
-        """The side of its square pictures."""
+        """The side of its square images."""
         return self.architecture.coding.size_px
 
     @property
@@ -99,18 +99,18 @@ class SlampNetwork(nn.Module):
         """One normal number for every latent of both branches."""
         return 2 * self.architecture.latent_size
 
-    def forward(self, pictures: Tensor, num_past: int) -> Learned:
+    def forward(self, images: Tensor, num_past: int) -> Learned:
         """Predictions from the real frames [B, T, 3, H, W] before each; skips come from observed frames at most."""
-        batch, steps = pictures.shape[:2]
-        seen = torch.arange(steps - 1, device=pictures.device).clamp(max=num_past - 1)
+        batch, steps = images.shape[:2]
+        seen = torch.arange(steps - 1, device=images.device).clamp(max=num_past - 1)
         posteriors, priors, maps = [], [], []
-        for branch, inputs in self._branches(pictures):
+        for branch, inputs in self._branches(images):
             codes, skips = branch.encode(inputs)
             posteriors.append(Gaussian.halves(branch.posterior(codes[:, 1:])[0]))
             priors.append(Gaussian.halves(branch.prior(codes[:, :-1])[0]))
             ahead, _ = branch.ahead(codes[:, :-1], posteriors[-1].draw())
             maps.append(branch.decoder(ahead.flatten(0, 1), picked(skips, batch, seen)))
-        bases, before = pictures[:, seen].flatten(0, 1), pictures[:, :-1].flatten(0, 1)
+        bases, before = images[:, seen].flatten(0, 1), images[:, :-1].flatten(0, 1)
         shown = self._shown(maps[0], maps[1], bases, before)
         shown = Shown(*(part.unflatten(0, (batch, steps - 1)) for part in shown))
         return Learned(shown, (posteriors[0], posteriors[1]), (priors[0], priors[1]))
@@ -126,17 +126,17 @@ class SlampNetwork(nn.Module):
                 futures[1].see(torch.cat(made[-2:], dim=1))
             draws = noise[:, step].chunk(2, dim=-1)
             maps = [future.maps(draw) for future, draw in zip(futures, draws, strict=True)]
-            made.append(self._shown(maps[0], maps[1], base, made[-1]).pictures)
+            made.append(self._shown(maps[0], maps[1], base, made[-1]).images)
         return torch.stack(made[2:], dim=1)
 
-    def _branches(self, pictures: Tensor) -> tuple[tuple[Branch, Tensor], tuple[Branch, Tensor]]:
+    def _branches(self, images: Tensor) -> tuple[tuple[Branch, Tensor], tuple[Branch, Tensor]]:
         """Each branch with its inputs [B, T, C, H, W]; before the first frame nothing moved."""
-        before = torch.cat([pictures[:, :1], pictures[:, :-1]], dim=1)
-        return (self.appearance, pictures), (self.motion, torch.cat([before, pictures], dim=2))
+        before = torch.cat([images[:, :1], images[:, :-1]], dim=1)
+        return (self.appearance, images), (self.motion, torch.cat([before, images], dim=2))
 
     def _shown(self, maps: Tensor, flow: Tensor, base: Tensor, before: Tensor) -> Shown:
-        """Pictures [N, 3, H, W] of decoded maps; `before` are the frames that flow starts from."""
-        appearance = pictures_from_maps(maps, base if self.architecture.coding.residual else None)
+        """Images [N, 3, H, W] of decoded maps; `before` are the frames that flow starts from."""
+        appearance = images_from_maps(maps, base if self.architecture.coding.residual else None)
         flow_px = flow * self.architecture.flow_unit_px
         motion = warped(before, flow_px)
         masks = torch.sigmoid(self.mask(torch.cat([appearance, motion], dim=1)))

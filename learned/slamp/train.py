@@ -25,19 +25,19 @@ class SlampTraining(VideoTraining):
 
     @property
     def size_px(self) -> int:
-        """The side of the network's square pictures."""
+        """The side of the network's square images."""
         return self.architecture.coding.size_px
 
     def build(self) -> dict[str, nn.Module]:
         """The fresh network."""
         return {"video": SlampNetwork(self.architecture)}
 
-    def losses(self, network: nn.Module, pictures: Tensor) -> Losses:
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
         """Means over clips and predicted frames."""
-        learned: Learned = network(pictures, self.num_past)
-        real, shown = pictures[:, 1:], learned.shown
+        learned: Learned = network(images, self.num_past)
+        real, shown = images[:, 1:], learned.shown
         parts = {
-            "error": functional.mse_loss(shown.pictures, real),
+            "error": functional.mse_loss(shown.images, real),
             "appearance": functional.mse_loss(shown.appearance, real),
             "motion": functional.mse_loss(shown.motion, real),
             "nats": torch.stack(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from geovp_classic.errors import BadData
-from learned.video.coders import Coding, Decoder, Encoder, picked, pictures_from_maps, repeated
+from learned.video.coders import Coding, Decoder, Encoder, images_from_maps, picked, repeated
 from learned.video.latents import Gaussian, RecurrentMap
 
 
@@ -36,7 +36,7 @@ class Architecture:
 class Learned(NamedTuple):
     """What training compares: all frames shown from their states, and what the states were drawn from."""
 
-    pictures: Tensor  # [B, T, 3, H, W]
+    images: Tensor  # [B, T, 3, H, W]
     first: Gaussian  # [B, state_size], to be near the standard one
     posterior: Gaussian  # [B, T - 1, latent_size]
     prior: Gaussian
@@ -63,7 +63,7 @@ class SrvpNetwork(nn.Module):
 
     @property
     def size_px(self) -> int:
-        """The side of its square pictures."""
+        """The side of its square images."""
         return self.architecture.coding.size_px
 
     @property
@@ -71,10 +71,10 @@ class SrvpNetwork(nn.Module):
         """One normal number for every latent."""
         return self.architecture.latent_size
 
-    def forward(self, pictures: Tensor, num_past: int) -> Learned:
+    def forward(self, images: Tensor, num_past: int) -> Learned:
         """All frames [B, T, 3, H, W] shown again, with latents inferred from them and content of the observed ones."""
-        batch, steps = pictures.shape[:2]
-        flat, skips = self.encoder(pictures.flatten(0, 1))
+        batch, steps = images.shape[:2]
+        flat, skips = self.encoder(images.flatten(0, 1))
         codes = flat.unflatten(0, (batch, steps))
         first = self._first(codes[:, :num_past])
         posterior = Gaussian.halves(self.posterior(codes)[0][:, 1:])
@@ -85,8 +85,8 @@ class SrvpNetwork(nn.Module):
             residuals.append(by)
         together = torch.stack(states, dim=1)
         prior = Gaussian.halves(self.prior(together[:, :-1]))
-        seen = torch.full((steps,), num_past - 1, device=pictures.device)
-        base = pictures[:, seen].flatten(0, 1)
+        seen = torch.full((steps,), num_past - 1, device=images.device)
+        base = images[:, seen].flatten(0, 1)
         made = self._shown(together, self._content(codes[:, :num_past]), picked(skips, batch, seen), base)
         return Learned(made.unflatten(0, (batch, steps)), first, posterior, prior, torch.stack(residuals, dim=1))
 
@@ -127,9 +127,9 @@ class SrvpNetwork(nn.Module):
         return content
 
     def _shown(self, states: Tensor, content: Tensor, skips: list[Tensor], base: Tensor) -> Tensor:
-        """Pictures [B * T, 3, H, W] of states [B, T, Y]."""
+        """Images [B * T, 3, H, W] of states [B, T, Y]."""
         codes = torch.cat([states, content[:, None].expand(-1, states.shape[1], -1)], dim=-1).flatten(0, 1)
-        return pictures_from_maps(self.decoder(codes, skips), base if self.architecture.coding.residual else None)
+        return images_from_maps(self.decoder(codes, skips), base if self.architecture.coding.residual else None)
 
 
 def _layers(sizes: list[int]) -> nn.Sequential:

@@ -29,18 +29,18 @@ class SrvpTraining(VideoTraining):
 
     @property
     def size_px(self) -> int:
-        """The side of the network's square pictures."""
+        """The side of the network's square images."""
         return self.architecture.coding.size_px
 
     def build(self) -> dict[str, nn.Module]:
         """The fresh network."""
         return {"video": SrvpNetwork(self.architecture)}
 
-    def losses(self, network: nn.Module, pictures: Tensor) -> Losses:
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
         """Nats of a clip, per value of it."""
-        learned: Learned = network(pictures, self.num_past)
-        values, per_clip = pictures[0].numel(), (1, 2, 3, 4)
-        errors = 0.5 * ((learned.pictures - pictures) / self.observation_std).square().sum(per_clip).mean()
+        learned: Learned = network(images, self.num_past)
+        values, per_clip = images[0].numel(), (1, 2, 3, 4)
+        errors = 0.5 * ((learned.images - images) / self.observation_std).square().sum(per_clip).mean()
         first = divergence(learned.first, Gaussian.standard(learned.first.mean)).mean()
         nats = divergence(learned.posterior, learned.prior).sum(1).mean()
         lengths = learned.residuals.norm(dim=-1).sum((1, 2)).mean()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from learned.video.coders import Coding, Decoder, Encoder, picked, pictures_from_maps, repeated
+from learned.video.coders import Coding, Decoder, Encoder, images_from_maps, picked, repeated
 from learned.video.latents import Gaussian, RecurrentMap, many
 
 
@@ -26,7 +26,7 @@ class Architecture:
 class Learned(NamedTuple):
     """What training compares: predictions of all steps but the first, and who explained them."""
 
-    pictures: Tensor  # [B, T - 1, 3, H, W]
+    images: Tensor  # [B, T - 1, 3, H, W]
     posterior: Gaussian  # [B, T - 1, latent_size]
     prior: Gaussian
 
@@ -48,7 +48,7 @@ class SvgNetwork(nn.Module):
 
     @property
     def size_px(self) -> int:
-        """The side of its square pictures."""
+        """The side of its square images."""
         return self.architecture.coding.size_px
 
     @property
@@ -56,16 +56,16 @@ class SvgNetwork(nn.Module):
         """One normal number for every latent."""
         return self.architecture.latent_size
 
-    def forward(self, pictures: Tensor, num_past: int) -> Learned:
+    def forward(self, images: Tensor, num_past: int) -> Learned:
         """Predictions from the real frames [B, T, 3, H, W] before each; skips come from an observed frame at most."""
-        batch, steps = pictures.shape[:2]
-        flat, skips = self.encoder(pictures.flatten(0, 1))
+        batch, steps = images.shape[:2]
+        flat, skips = self.encoder(images.flatten(0, 1))
         codes = flat.unflatten(0, (batch, steps))
         posterior = Gaussian.halves(self.posterior(codes[:, 1:])[0])
         prior = Gaussian.halves(self.prior(codes[:, :-1])[0])
         ahead = torch.tanh(self.predictor(torch.cat([codes[:, :-1], posterior.draw()], dim=-1))[0])
-        seen = torch.arange(steps - 1, device=pictures.device).clamp(max=num_past - 1)
-        made = self._shown(ahead.flatten(0, 1), picked(skips, batch, seen), pictures[:, seen].flatten(0, 1))
+        seen = torch.arange(steps - 1, device=images.device).clamp(max=num_past - 1)
+        made = self._shown(ahead.flatten(0, 1), picked(skips, batch, seen), images[:, seen].flatten(0, 1))
         return Learned(made.unflatten(0, (batch, steps - 1)), posterior, prior)
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
@@ -88,4 +88,4 @@ class SvgNetwork(nn.Module):
         return torch.stack(made, dim=1)
 
     def _shown(self, codes: Tensor, skips: list[Tensor], base: Tensor) -> Tensor:
-        return pictures_from_maps(self.decoder(codes, skips), base if self.architecture.coding.residual else None)
+        return images_from_maps(self.decoder(codes, skips), base if self.architecture.coding.residual else None)

@@ -22,16 +22,16 @@ class SvgTraining(VideoTraining):
 
     @property
     def size_px(self) -> int:
-        """The side of the network's square pictures."""
+        """The side of the network's square images."""
         return self.architecture.coding.size_px
 
     def build(self) -> dict[str, nn.Module]:
         """The fresh network."""
         return {"video": SvgNetwork(self.architecture)}
 
-    def losses(self, network: nn.Module, pictures: Tensor) -> Losses:
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
         """Means over clips and predicted frames."""
-        learned: Learned = network(pictures, self.num_past)
-        error = functional.mse_loss(learned.pictures, pictures[:, 1:])
+        learned: Learned = network(images, self.num_past)
+        error = functional.mse_loss(learned.images, images[:, 1:])
         nats = divergence(learned.posterior, learned.prior).mean()
         return {"total": error + self.beta * nats, "error": error, "nats": nats}

@@ -12,7 +12,7 @@ LEAST_OPACITY = 1e-4  # thinner pixels count as empty
 def pull_push(blended: Tensor, opacities: Tensor) -> Tensor:
     """Blended values [B, C, H, W] where their opacity [B, 1, H, W] is full, shading into coarser ones where it is thin.
 
-    Of pictures of half the size, a quarter, and so on (Gortler et al. 1996, section 3.4), so that the gaps that open
+    Of images of half the size, a quarter, and so on (Gortler et al. 1996, section 3.4), so that the gaps that open
     between points as these come nearer, and what they uncover, begin with the colours around them.
     """
     solid = SOLIDITY * opacities

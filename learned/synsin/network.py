@@ -1,4 +1,4 @@
-"""SynSin's generator: features and inverse depths of one frame, splatted into other cameras and refined to pictures.
+"""SynSin's generator: features and inverse depths of one frame, splatted into other cameras and refined to images.
 
 Three departures from Wiles et al. 2020. The first three features of a point are its colours and the refinement
 network mends the splatted colours instead of painting anew: on a small budget of training that is the difference
@@ -67,7 +67,7 @@ class Cloud(NamedTuple):
         return Cloud(*(part.repeat_interleave(times, dim=0) for part in self))
 
 
-class Pictures(NamedTuple):
+class Images(NamedTuple):
     """A cloud seen from new cameras."""
 
     frames: Tensor  # [B, 3, H, W] in [0, 1]; not clamped
@@ -92,11 +92,11 @@ class Generator(nn.Module):
         intrinsics: Tensor,  # [B, 4]: fx, fy, cx, cy in pixels
         cam_from_last: Tensor | None = None,  # [B, V, 4, 4], metres
         depth_share: float = 1.0,
-    ) -> tuple[Pictures | None, Tensor]:
-        """The pictures of V views each [B * V, ...], under random noise, and the frames' inverse depths [B, H, W].
+    ) -> tuple[Images | None, Tensor]:
+        """The images of V views each [B * V, ...], under random noise, and the frames' inverse depths [B, H, W].
 
         Without motion only the depths are computed.
-        `depth_share` is how much of the pictures' gradient goes on to the depth network.
+        `depth_share` is how much of the images' gradient goes on to the depth network.
         """
         size_px = (frames.shape[2], frames.shape[3])
         if cam_from_last is None:
@@ -106,8 +106,8 @@ class Generator(nn.Module):
         cloud = cloud._replace(inverse_depths=_throttled(inverse_depths, depth_share))
         noise = torch.randn(len(frames) * views, self.architecture.noise_size, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
-        pictures = self.render(cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise)
-        return pictures, inverse_depths.unflatten(1, size_px)
+        images = self.render(cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise)
+        return images, inverse_depths.unflatten(1, size_px)
 
     def encode(self, frames: Tensor, intrinsics: Tensor) -> Cloud:
         """Frames [B, 3, H, W] of cameras [B, 4] as clouds."""
@@ -117,8 +117,8 @@ class Generator(nn.Module):
 
     def render(
         self, cloud: Cloud, cam_from_last: Tensor, intrinsics: Tensor, size_px: tuple[int, int], noise: Tensor
-    ) -> Pictures:
-        """Clouds seen by the cameras [B, 4] at [B, 4, 4], in pictures of (height, width)."""
+    ) -> Images:
+        """Clouds seen by the cameras [B, 4] at [B, 4, 4], in images of (height, width)."""
         with torch.autocast(cloud.rays.device.type, enabled=False):
             positions, inverse_depths, visible = splatting.project(
                 cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics
@@ -127,7 +127,7 @@ class Generator(nn.Module):
             blended, opacities = self.architecture.splatter(positions, inverse_depths, visible, points, size_px)
             filled = pull_push(blended, opacities)
         maps = torch.cat([filled[:, :-1], (SOLIDITY * opacities).clamp(max=1)], dim=1)
-        return Pictures(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
+        return Images(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
 
 
 class DepthNetwork(nn.Module):

@@ -13,7 +13,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
 from learned.methods import Batch
-from learned.tensors import pictures_from_frames
+from learned.tensors import images_from_frames
 
 MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])
 
@@ -52,7 +52,7 @@ class Scene:
 
     def grey(self) -> Scene:
         """Without colours."""
-        frame, *targets = (_without_colour(picture) for picture in (self.frame, *self.targets))
+        frame, *targets = (_without_colour(image) for image in (self.frame, *self.targets))
         return Scene(frame, np.stack(targets), self.cam_from_last, self.intrinsics, self.inverse_depth)
 
 
@@ -100,8 +100,8 @@ def augmented(one: Scene, rng: np.random.Generator, grey_share: float) -> Scene:
 def batch(scenes: Sequence[Scene]) -> Batch:
     """Tensors of scenes of one size."""
     return {
-        "frames": pictures_from_frames(np.stack([one.frame for one in scenes])),  # [B, 3, H, W]
-        "targets": pictures_from_frames(np.concatenate([one.targets for one in scenes])),  # [B * V, 3, H, W]
+        "frames": images_from_frames(np.stack([one.frame for one in scenes])),  # [B, 3, H, W]
+        "targets": images_from_frames(np.concatenate([one.targets for one in scenes])),  # [B * V, 3, H, W]
         "cam_from_last": torch.from_numpy(np.stack([one.cam_from_last for one in scenes])).float(),  # [B, V, 4, 4]
         "intrinsics": torch.cat([intrinsics_tensor(one.intrinsics) for one in scenes]),  # [B, 4]
         "inverse_depths": torch.from_numpy(np.stack([one.inverse_depth for one in scenes])).float(),  # [B, H, W]
@@ -113,6 +113,6 @@ def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:
     return torch.tensor([[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]], dtype=torch.float32)
 
 
-def _without_colour(picture: ByteArray) -> ByteArray:
-    grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
+def _without_colour(image: ByteArray) -> ByteArray:
+    grey = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     return np.repeat(np.asarray(grey, dtype=np.uint8)[..., None], 3, axis=2)

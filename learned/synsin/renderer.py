@@ -18,9 +18,8 @@ from learned import checkpoints
 from learned.synsin import pairs
 from learned.synsin.network import Cloud, Generator
 from learned.synsin.train import SynSinTraining
-from learned.tensors import pictures_from_frames
+from learned.tensors import images_from_frames
 
-VIEWS_AT_ONCE = 4
 OPAQUE = 0.1  # a pixel that points cover less than this was invented
 
 
@@ -55,7 +54,7 @@ class SynSin:
             raise Incompatible("synsin's depth is in metres, the poses are not: give the odometry a scale")
         generator = load(self.checkpoint or shipped(), self.fingerprint, self.device)
         with torch.inference_mode():
-            frame = pictures_from_frames(context.frames[-1:]).to(self.device)
+            frame = images_from_frames(context.frames[-1:]).to(self.device)
             cloud = generator.encode(frame, pairs.intrinsics_tensor(context.intrinsics).to(self.device))
         return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
 
@@ -69,10 +68,10 @@ class FeatureScene:
     world_from_last: FloatArray  # [4, 4]
     seed: int
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; covered where points fell, elsewhere the network's invention."""
         cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
-        parts = [self._view(some, intrinsics) for some in cam_from_last.split(VIEWS_AT_ONCE)]
+        parts = [self._view(one, intrinsics) for one in cam_from_last.split(1)]  # more at once change the last bits
         return Views(*(np.concatenate(maps) for maps in zip(*parts, strict=True)))
 
     @torch.inference_mode()
@@ -84,12 +83,12 @@ class FeatureScene:
         )
         cameras = pairs.intrinsics_tensor(intrinsics).to(device).expand(views, -1)
         size_px = (intrinsics.height_px, intrinsics.width_px)
-        pictures = self.generator.render(
+        images = self.generator.render(
             self.cloud.repeated(views), cam_from_last.to(device), cameras, size_px, noise.to(device).expand(views, -1)
         )
-        frames = (pictures.frames.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1)
-        covered = pictures.opacities[:, 0] > OPAQUE
-        depths = torch.where(covered, 1 / pictures.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
+        frames = (images.frames.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1)
+        covered = images.opacities[:, 0] > OPAQUE
+        depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
         return frames.cpu().numpy(), covered.cpu().numpy(), depths.cpu().numpy()
 
 

@@ -51,7 +51,7 @@ def read_at(frames: Tensor, positions_px: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def roughness(inverse_depths: Tensor, frames: Tensor) -> Tensor:
-    """Mean slope of inverse depths [B, H, W], relative to their mean, where the picture has no edge (Godard, eq. 3)."""
+    """Mean slope of inverse depths [B, H, W], relative to their mean, where the image has no edge (Godard, eq. 3)."""
     relative = inverse_depths[:, None] / inverse_depths.mean(dim=(1, 2), keepdim=True)[:, None].clamp(min=1e-4)
     total = relative.new_zeros(())
     for axis in (2, 3):

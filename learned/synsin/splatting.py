@@ -27,7 +27,7 @@ LEAST_OPACITY = 1e-3  # of a pixel whose mean is taken
 
 @dataclass(frozen=True)
 class Splatter:
-    """How points become pictures.
+    """How points become images.
 
     A point covers the pixels whose centre lies less than `radius_px` from it, with opacity (1 - distance / radius) to
     the power of `sharpness`. Of a pixel's points the nearest `points_per_pixel` are blended: "alpha" composites them
@@ -142,5 +142,5 @@ def project(
     z = torch.where(in_front, z, 1.0)
     fx, fy, cx, cy = intrinsics[:, :, None].unbind(dim=1)
     positions = torch.stack([fx * points[..., 0] / z + cx, fy * points[..., 1] / z + cy], dim=2)
-    on_picture = positions.detach().abs().amax(dim=2) < 1e5  # beyond, whole numbers are no longer exact
-    return positions, inverse_depths / z, in_front & on_picture
+    on_image = positions.detach().abs().amax(dim=2) < 1e5  # beyond, whole numbers are no longer exact
+    return positions, inverse_depths / z, in_front & on_image

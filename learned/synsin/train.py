@@ -46,7 +46,7 @@ class SynSinTraining:
     views: int = 2
     near_share: float = 0.5  # of examples whose first view is of the nearest quarter of horizons, for depth's sake
     depth_first_steps: int = 0  # in which only depth learns, from its own losses
-    depth_share: float = 1.0  # of the pictures' gradient, how much depth learns from; 1 is the paper's
+    depth_share: float = 1.0  # of the images' gradient, how much depth learns from; 1 is the paper's
     grey_share: float = 0.2  # of examples shown without colours
     rate: float = 1e-3
     discriminator_rate: float = 2e-3
@@ -92,8 +92,8 @@ class SynSinTraining:
             yield "generator", self._summed(self._depth_losses(inverse_depths, batch))
             return
         motion = (batch["intrinsics"], batch["cam_from_last"])
-        pictures, inverse_depths = networks["generator"](batch["frames"], *motion, self.depth_share)
-        made, real = pictures.frames, batch["targets"]
+        images, inverse_depths = networks["generator"](batch["frames"], *motion, self.depth_share)
+        made, real = images.frames, batch["targets"]
         judge = networks.get("discriminator")
         parts = {**self._losses(made, real), **self._depth_losses(inverse_depths, batch)}
         if judge is not None:

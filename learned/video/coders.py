@@ -1,6 +1,6 @@
-"""Pictures to codes and back, like DCGAN or VGG, at any size that is a power of two.
+"""Images to codes and back, like DCGAN or VGG, at any size that is a power of two.
 
-Every stage halves the picture until 4x4 pixels are left; a larger picture has more stages, and nothing else changes.
+Every stage halves the image until 4x4 pixels are left; a larger image has more stages, and nothing else changes.
 That is how the thesis takes SVG and SLAMP from 64x64 to 256x256.
 """
 
@@ -28,8 +28,8 @@ Skips = Sequence[Tensor]  # feature maps of the stages, outermost first
 class Coding:
     """The shape of encoders and decoders; stored with the weights.
 
-    With `residual` a decoder says how the picture that its skip connections come from changes, instead of the whole
-    picture: one more skip connection, from picture to picture. Untrained, it repeats that picture. The papers have
+    With `residual` a decoder says how the image that its skip connections come from changes, instead of the whole
+    image: one more skip connection, from image to image. Untrained, it repeats that image. The papers have
     none; it makes hours of training on a CPU into minutes.
     """
 
@@ -52,10 +52,10 @@ class Coding:
 
 
 class Encoder(nn.Module):
-    """Pictures to codes in (-1, 1), with the feature maps of all stages for a decoder's skip connections."""
+    """Images to codes in (-1, 1), with the feature maps of all stages for a decoder's skip connections."""
 
     def __init__(self, coding: Coding, in_channels: int = 3) -> None:
-        """For pictures with so many channels."""
+        """For images with so many channels."""
         super().__init__()
         stage = _strided if coding.style == "dcgan" else _convolutions
         sizes = [in_channels, *coding.channels]
@@ -67,10 +67,10 @@ class Encoder(nn.Module):
             nn.Tanh(),
         )
 
-    def forward(self, pictures: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Codes [N, code_size] and skips of pictures [N, C, H, W] in [0, 1]."""
+    def forward(self, images: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Codes [N, code_size] and skips of images [N, C, H, W] in [0, 1]."""
         skips = []
-        maps = pictures.contiguous(memory_format=torch.channels_last)  # twice as fast on a CPU
+        maps = images.contiguous(memory_format=torch.channels_last)  # twice as fast on a CPU
         for stage in self.stages:
             maps = stage(maps)
             skips.append(maps)
@@ -80,7 +80,7 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Codes and skips to maps of the pictures' size; the mirror image of an encoder."""
+    """Codes and skips to maps of the images' size; the mirror image of an encoder."""
 
     def __init__(self, coding: Coding, out_channels: int = 3, code_size: int | None = None) -> None:
         """Starts at zero when it is residual; `code_size` where it is not the coding's."""
@@ -111,8 +111,8 @@ class Decoder(nn.Module):
         return changes
 
 
-def pictures_from_maps(maps: Tensor, base: Tensor | None) -> Tensor:
-    """Decoded maps [N, 3, H, W] as pictures in (0, 1); changes of `base` [N, 3, H, W] where there is one."""
+def images_from_maps(maps: Tensor, base: Tensor | None) -> Tensor:
+    """Decoded maps [N, 3, H, W] as images in (0, 1); changes of `base` [N, 3, H, W] where there is one."""
     return torch.sigmoid(maps if base is None else maps + torch.logit(base, DARKEST))
 
 

@@ -85,8 +85,8 @@ class VideoPredictor:
             noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
             with torch.inference_mode():
                 made = network.predict(observed, noise)
-            for sample, pictures in zip(samples, _bytes(made), strict=True):
-                frames[sample] = windows.resized(pictures, width_px, height_px)
+            for sample, images in zip(samples, _bytes(made), strict=True):
+                frames[sample] = windows.resized(images, width_px, height_px)
         return Prediction(frames)
 
 
@@ -123,7 +123,7 @@ def load(method: str, file: Path, fingerprint: str, device: str) -> Trained:
         ) from error
 
 
-def _bytes(pictures: Tensor) -> ByteArray:
-    """Pictures [N, F, 3, H, W] in [0, 1] as frames [N, F, H, W, 3]."""
-    frames: ByteArray = (pictures.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy()
+def _bytes(images: Tensor) -> ByteArray:
+    """Images [N, F, 3, H, W] in [0, 1] as frames [N, F, H, W, 3]."""
+    frames: ByteArray = (images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy()
     return frames

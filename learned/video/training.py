@@ -28,7 +28,7 @@ class VideoNetwork(Protocol):
 
     @property
     def size_px(self) -> int:
-        """The side of its square pictures."""
+        """The side of its square images."""
         ...
 
     @property
@@ -37,7 +37,7 @@ class VideoNetwork(Protocol):
         ...
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
-        """Futures [N, F, 3, H, W] of observed pictures [N, P, 3, H, W], or [1, P, 3, H, W] for all alike.
+        """Futures [N, F, 3, H, W] of observed images [N, P, 3, H, W], or [1, P, 3, H, W] for all alike.
 
         `noise` [N, F, noise_size] is all that futures of one past differ by.
         """
@@ -71,15 +71,15 @@ class VideoTraining(ABC):
     @property
     @abstractmethod
     def size_px(self) -> int:
-        """The side of the network's square pictures."""
+        """The side of the network's square images."""
 
     @abstractmethod
     def build(self) -> dict[str, nn.Module]:
         """The fresh network, under the name "video"."""
 
     @abstractmethod
-    def losses(self, network: nn.Module, pictures: Tensor) -> Losses:
-        """Of pictures [B, T, 3, H, W] in [0, 1]; "total" among them."""
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
+        """Of images [B, T, 3, H, W] in [0, 1]; "total" among them."""
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         """Adam, as in all three papers."""
@@ -96,7 +96,7 @@ class VideoTraining(ABC):
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
         """The one network's one turn."""
-        yield "video", self.losses(networks["video"], batch["pictures"].float() / 255.0)
+        yield "video", self.losses(networks["video"], batch["images"].float() / 255.0)
 
     def validate(self, networks: Networks, examples: Sequence[ByteArray]) -> dict[str, float]:
         """PSNR in dB of one sample and of the last frame repeated, at the network's size; the score is minus the first.
@@ -107,8 +107,8 @@ class VideoTraining(ABC):
         random = torch.Generator().manual_seed(0)
         rows = []
         for start in range(0, len(examples), VALIDATION_BATCH):
-            pictures = windows.stacked(examples[start : start + VALIDATION_BATCH]).float() / 255.0
-            rows.append(self._measured(network, pictures.to(next(networks["video"].parameters()).device), random))
+            images = windows.stacked(examples[start : start + VALIDATION_BATCH]).float() / 255.0
+            rows.append(self._measured(network, images.to(next(networks["video"].parameters()).device), random))
         psnr, copied, spread = (torch.cat(column) for column in zip(*rows, strict=True))
         return {
             "score": -float(psnr.mean()),
@@ -120,20 +120,20 @@ class VideoTraining(ABC):
         }
 
     def _measured(
-        self, network: VideoNetwork, pictures: Tensor, random: torch.Generator
+        self, network: VideoNetwork, images: Tensor, random: torch.Generator
     ) -> tuple[Tensor, Tensor, Tensor]:
         """PSNR of a sample [B, F], of the last frame [B, F], and how much two samples differ [B, F]."""
-        observed, future = pictures[:, : self.num_past], pictures[:, self.num_past :]
-        shape = (len(pictures), future.shape[1], network.noise_size)
+        observed, future = images[:, : self.num_past], images[:, self.num_past :]
+        shape = (len(images), future.shape[1], network.noise_size)
         made, other = (
-            network.predict(observed, torch.randn(shape, generator=random).to(pictures.device)) for _ in range(2)
+            network.predict(observed, torch.randn(shape, generator=random).to(images.device)) for _ in range(2)
         )
         apart = (made - other).abs().mean((-3, -2, -1)) * 255
         return psnr_db(made, future), psnr_db(observed[:, -1:].expand_as(future), future), apart
 
 
 def psnr_db(made: Tensor, real: Tensor) -> Tensor:
-    """Of pictures [..., 3, H, W] in [0, 1]."""
+    """Of images [..., 3, H, W] in [0, 1]."""
     return -10 * torch.log10(((made - real) ** 2).mean((-3, -2, -1)).clamp(min=1e-8))
 
 

@@ -30,8 +30,8 @@ def resized(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:
 
 
 def batch(chosen: Sequence[ByteArray], rng: np.random.Generator, grey_share: float) -> Batch:
-    """Half of the windows mirrored, a share of them grey: "pictures" [B, T, 3, H, W], bytes."""
-    return {"pictures": stacked([_augmented(frames, rng, grey_share) for frames in chosen])}
+    """Half of the windows mirrored, a share of them grey: "images" [B, T, 3, H, W], bytes."""
+    return {"images": stacked([_augmented(frames, rng, grey_share) for frames in chosen])}
 
 
 def stacked(chosen: Sequence[ByteArray]) -> Tensor:

@@ -31,11 +31,11 @@ frame = ["psnr"]
 def street(tmp_path: Path) -> Path:
     """A matrix file beside a tiny KITTI folder with which everything goes well."""
     root = tmp_path / "kitti"
-    pictures = root / "sequences/00/image_0"
-    pictures.mkdir(parents=True)
+    images = root / "sequences/00/image_0"
+    images.mkdir(parents=True)
     noise = np.random.default_rng(0)
     for number in range(FRAMES):
-        cv2.imwrite(str(pictures / f"{number:06d}.png"), noise.integers(0, 256, (40, 60), dtype=np.uint8))
+        cv2.imwrite(str(images / f"{number:06d}.png"), noise.integers(0, 256, (40, 60), dtype=np.uint8))
     (root / "sequences/00/calib.txt").write_text("P0: 50 0 29.5 0 0 50 19.5 0 0 0 1 0\n")
     (root / "sequences/00/times.txt").write_text("".join(f"{0.1 * number:.2f}\n" for number in range(FRAMES)))
     (root / "poses").mkdir()
@@ -70,8 +70,8 @@ def poses(*lines: str) -> Callable[[Path], None]:
 
 
 def truncated(street: Path) -> None:
-    picture = street.parent / "kitti/sequences/00/image_0/000004.png"
-    picture.write_bytes(picture.read_bytes()[:200])
+    image = street.parent / "kitti/sequences/00/image_0/000004.png"
+    image.write_bytes(image.read_bytes()[:200])
 
 
 def emptied(street: Path) -> None:

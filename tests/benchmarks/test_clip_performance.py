@@ -5,9 +5,9 @@ import pytest
 
 from benchmarks.performance import clip as benchmark
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.depth_renderers import DepthFusion
-from geovp_classic.poses.sources import Chained
+from geovp_classic.pose_sources import Chained
 from geovp_classic.predictors import GeometricPredictor
+from geovp_classic.renderers import DepthFusion
 
 
 def test_the_stages_give_what_the_predictor_gives() -> None:

@@ -50,7 +50,7 @@ def test_numbers_not_given_are_the_defaults() -> None:
         (depth_evaluation.main, ["1", "2", "3"], "expected [CLIPS [SEED]]"),
         (clip.main, ["often"], "expected [ROUNDS [ROOT SEQUENCE]]"),
         (splat.main, ["often"], "expected [ROUNDS]"),
-        (odometry.main, [], "expected PICTURES CALIB [COUNT]"),
+        (odometry.main, [], "expected IMAGES CALIB [COUNT]"),
         (odometry.main, ["nowhere", "calib.txt"], "calib.txt: does not exist"),
         (odometry.main, ["nowhere", "calib.txt", "0"], "counts of at least 1"),
         (splat.main, ["0"], "counts of at least 1"),
@@ -68,20 +68,20 @@ def test_mistakes_give_one_sentence(
     assert not captured.out
 
 
-def test_a_folder_with_something_else_in_it_is_no_folder_of_pictures(
+def test_a_folder_with_something_else_in_it_is_no_folder_of_images(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pictures, calib = tmp_path / "pictures", tmp_path / "calib.txt"
-    pictures.mkdir()
-    cv2.imwrite(str(pictures / "0.png"), np.zeros((8, 8), np.uint8))
-    cv2.imwrite(str(pictures / "1.png"), np.zeros((8, 8), np.uint8))
+    images, calib = tmp_path / "images", tmp_path / "calib.txt"
+    images.mkdir()
+    cv2.imwrite(str(images / "0.png"), np.zeros((8, 8), np.uint8))
+    cv2.imwrite(str(images / "1.png"), np.zeros((8, 8), np.uint8))
     calib.write_text("P0: 7 0 3.5 0 0 7 3.5 0 0 0 1 0\n")
-    frames, camera = odometry.read(pictures, calib, 5)
+    frames, camera = odometry.read(images, calib, 5)
     assert len(frames) == 2
     assert (camera.fx_px, camera.cx_px, camera.width_px) == (7, 3.5, 8)
-    (pictures / "notes.txt").write_text("no picture")
-    assert odometry.main([str(pictures), str(calib)]) == 2
+    (images / "notes.txt").write_text("no image")
+    assert odometry.main([str(images), str(calib)]) == 2
     assert "notes.txt" in capsys.readouterr().err
-    (pictures / "notes.txt").unlink()
-    assert odometry.main([str(pictures), str(calib), "1"]) == 2
-    assert "a folder of two or more pictures" in capsys.readouterr().err
+    (images / "notes.txt").unlink()
+    assert odometry.main([str(images), str(calib), "1"]) == 2
+    assert "a folder of two or more images" in capsys.readouterr().err

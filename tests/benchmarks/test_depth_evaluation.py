@@ -76,7 +76,7 @@ def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
 
 
 @pytest.mark.parametrize("step", [(0, 0, 0), (1.0, 0, 0)])
-def test_no_epipole_in_the_picture_when_standing_or_going_aside(step: tuple[float, float, float]) -> None:
+def test_no_epipole_in_the_image_when_standing_or_going_aside(step: tuple[float, float, float]) -> None:
     rows = depth_evaluation.evaluate(Wall(10.0), [_clip(step=step)], num_past=3)
     assert "near-epipole" not in {row.pixels for row in rows}
 

@@ -13,7 +13,7 @@ from geovp_classic.types import BoolArray, Clip, Context, Grant, Intrinsics, Tra
 
 
 def drive(num_frames: int) -> Clip:
-    """One metre a frame straight ahead, of black pictures."""
+    """One metre a frame straight ahead, of black images."""
     times_s = np.arange(num_frames) / 10
     poses = se3.exp(np.arange(num_frames)[:, None] * np.array([0.0, 0, 1, 0, 0, 0]))
     frames = np.zeros((num_frames, 8, 8, 3), dtype=np.uint8)

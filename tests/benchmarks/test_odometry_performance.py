@@ -1,4 +1,4 @@
-"""The speed benchmark measures what it says, on pictures that slide sideways."""
+"""The speed benchmark measures what it says, on images that slide sideways."""
 
 from pathlib import Path
 
@@ -14,14 +14,14 @@ CAMERA = Intrinsics(200.0, 200.0, 119.5, 79.5, 240, 160)
 
 @pytest.fixture(scope="module")
 def frames() -> list[ByteArray]:
-    """A fronto-parallel wall 10 m away, passed at 0.2 m a picture: 4 px each."""
+    """A fronto-parallel wall 10 m away, passed at 0.2 m an image: 4 px each."""
     rng = np.random.default_rng(0)
     wall = cv2.GaussianBlur(rng.random((160, 300), dtype=np.float32), (0, 0), 1.5)
     wall = cv2.normalize(wall, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     return [np.ascontiguousarray(wall[:, 4 * i : 4 * i + 240]) for i in range(6)]
 
 
-def test_every_picture_is_timed_and_the_lines_say_so(frames: list[ByteArray]) -> None:
+def test_every_image_is_timed_and_the_lines_say_so(frames: list[ByteArray]) -> None:
     timing = odometry.measure(frames, CAMERA)
     assert (len(timing.odometry_s), len(timing.plain_s)) == (6, 5)
     assert (timing.odometry_s > 0).all()
@@ -38,7 +38,7 @@ def test_the_plain_loop_is_a_fair_one(frames: list[ByteArray]) -> None:
     assert np.linalg.norm(found[:, 3]) == pytest.approx(1)
 
 
-def test_pictures_and_calibration_are_read(frames: list[ByteArray], tmp_path: Path) -> None:
+def test_images_and_calibration_are_read(frames: list[ByteArray], tmp_path: Path) -> None:
     for i, frame in enumerate(frames):
         cv2.imwrite(str(tmp_path / f"{i:06d}.png"), frame)
     calib = tmp_path.parent / "calib.txt"

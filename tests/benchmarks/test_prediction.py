@@ -22,8 +22,8 @@ SHORT = ["--past", "8", "--future", "3", "--size", "96"]
 
 
 @pytest.fixture(scope="module")
-def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("drive") / "pictures"
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("drive") / "images"
     folder.mkdir()
     for step, frame in enumerate(street.clip().frames):
         cv2.imwrite(str(folder / f"{step:06d}.png"), frame[..., ::-1])
@@ -31,9 +31,9 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def written(pictures: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("predicted") / "out"
-    asked = [str(pictures), *INTRINSICS, "--fps", "10", "--camera-height", "1.65", "--first", "0", "--out", str(out)]
+    asked = [str(images), *INTRINSICS, "--fps", "10", "--camera-height", "1.65", "--first", "0", "--out", str(out)]
     assert cli.main(["predict", *asked, *SHORT]) == 0
     return out
 
@@ -78,9 +78,9 @@ def test_the_film_shows_seen_and_predicted_frames(written: Path) -> None:
     assert strip.shape[1] == 2 * 96 + film.GAP_PX  # the last seen frame and horizon 1
 
 
-def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(pictures: Path, tmp_path: Path) -> None:
+def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(images: Path, tmp_path: Path) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    wanted = prediction.Wanted(pictures, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
+    wanted = prediction.Wanted(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
     stages: list[int] = []
     predicted = prediction.predict(wanted, lambda done, total: stages.append(done))
     assert stages == [1, 2, 3, 4]
@@ -102,30 +102,30 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(pictur
     ],
 )
 def test_mistakes_get_one_sentence_and_leave_nothing(
-    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+    images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     out = tmp_path / "out"
-    assert cli.main(["predict", str(pictures), *INTRINSICS, *arguments, "--out", str(out)]) == 2
+    assert cli.main(["predict", str(images), *INTRINSICS, *arguments, "--out", str(out)]) == 2
     told = capsys.readouterr().err.strip().splitlines()
     assert message in told[-1]
     assert not any(tmp_path.iterdir())
 
 
-def test_a_folder_with_something_in_it_is_not_written_over(pictures: Path, tmp_path: Path) -> None:
+def test_a_folder_with_something_in_it_is_not_written_over(images: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("keep me")
-    assert cli.main(["predict", str(pictures), *INTRINSICS, "--fps", "10", "--out", str(tmp_path)]) == 2
+    assert cli.main(["predict", str(images), *INTRINSICS, "--fps", "10", "--out", str(tmp_path)]) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
 def test_what_breaks_in_the_middle_leaves_nothing(
-    written: Path, pictures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    written: Path, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(exports, "write_ply", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    wanted = prediction.Wanted(pictures, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    wanted = prediction.Wanted(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
     predicted = prediction.predict(wanted, lambda done, total: None)
     with pytest.raises(BadData, match="No space left on device"):
         prediction.write(predicted, tmp_path / "out")

@@ -19,8 +19,8 @@ from benchmarks.planning import Options
 from benchmarks.provenance import code_of
 from benchmarks.run import run
 from benchmarks.store import Cell, Results
-from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.predictors import CopyLast
+from geovp_classic.renderers import DepthFusion
 
 CLIPS = 5
 MATRIX = {

@@ -86,7 +86,7 @@ class TestRows:
         log = tmp_path / "log"
         metrics = {"frame": ["toy-difference", {"name": "toy-together", "log": str(log)}], "trajectory": []}
         go(tmp_path / "out", content({"clips": 1, "with_depths": True}, metrics, **crossed(tmp_path / "steps")))
-        # four cells that show the same pictures: all pixels, covered, seen, disoccluded
+        # four cells that show the same images: all pixels, covered, seen, disoccluded
         assert log.read_text().split() == ["over-4"]
         for cell in ("a--r", "b--q"):
             for suffix in ("", "@covered", "@seen", "@disoccluded"):

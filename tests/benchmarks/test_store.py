@@ -59,7 +59,7 @@ def test_a_clip_comes_back(tmp_path: Path) -> None:
     assert (back.intrinsics, back.camera_height_m, back.trajectory.is_metric) == (CAMERA, 1.65, True)
 
 
-def test_a_clip_of_pictures_alone_comes_back(tmp_path: Path) -> None:
+def test_a_clip_of_images_alone_comes_back(tmp_path: Path) -> None:
     Results(tmp_path).write_clip(clip())
     back = Results(tmp_path).clip(NAME)
     assert (back.trajectory, back.depths, back.moving, back.camera_height_m) == (None, None, None, None)

@@ -70,8 +70,8 @@ def _on_disk(role: str, name: str, folder: Path) -> dict[str, Any]:
         return {"cache": str(folder)}
     if (role, name) in (("datasets", "kitti"), ("datasets", "folder")):
         _write_kitti(folder)
-        pictures = {"path": str(folder / "sequences" / "00" / "image_2"), "intrinsics": [150.0, 150.0, 63.5, 63.5]}
-        return {**({"root": str(folder)} if name == "kitti" else pictures), "num_frames": 3, "size_px": [32, 32]}
+        images = {"path": str(folder / "sequences" / "00" / "image_2"), "intrinsics": [150.0, 150.0, 63.5, 63.5]}
+        return {**({"root": str(folder)} if name == "kitti" else images), "num_frames": 3, "size_px": [32, 32]}
     return {}
 
 

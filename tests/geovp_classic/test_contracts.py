@@ -12,12 +12,12 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.contracts import check, street
 from geovp_classic.errors import Incompatible, MissingExtra, UnknownComponent
+from geovp_classic.forecasting.constant import Hold
 from geovp_classic.metrics.image import Psnr
-from geovp_classic.poses.forecast import Hold
-from geovp_classic.poses.sources import GroundTruth, RecordedPast
+from geovp_classic.pose_sources import GroundTruth, RecordedPast
 from geovp_classic.predictors import CopyLast
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.single import GivenDepth
+from geovp_classic.render.given_depth import GivenDepth
 from geovp_classic.types import Context, FloatArray, Grant, Motion, Prediction, Trajectory, Views
 
 REGISTERED = [(role, name) for role in registry.ROLES for name in registry.names(role)]

@@ -95,7 +95,7 @@ def test_without_metres_the_median_depth_lies_at_a_quarter() -> None:
     assert exports.depth_scale(depth, is_metric=False) == pytest.approx(16384 / 0.02)
 
 
-def test_a_picture_is_no_depth_map(tmp_path: Path) -> None:
-    (tmp_path / "depth.png").write_text("no picture")
+def test_an_image_is_no_depth_map(tmp_path: Path) -> None:
+    (tmp_path / "depth.png").write_text("no image")
     with pytest.raises(BadData, match="expected a grey PNG of 16 bits"):
         exports.read_depth(tmp_path / "depth.png", 256)

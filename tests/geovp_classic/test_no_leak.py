@@ -14,9 +14,9 @@ from geovp_classic.contracts import street
 from geovp_classic.contracts.exercises import RUN, Trial, same_bytes
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
-from geovp_classic.poses.sources import Chained, GroundTruth, Planar, RecordedPast
+from geovp_classic.pose_sources import Chained, GroundTruth, Planar, RecordedPast
 from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.render.single import GivenDepth
+from geovp_classic.render.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, Grant, Trajectory
 
 NUM_PAST = 6

@@ -16,9 +16,9 @@ from scipy import ndimage
 
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.metrics.strata import strata
-from geovp_classic.poses.sources import GroundTruth
+from geovp_classic.pose_sources import GroundTruth
 from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.render.single import GivenDepth
+from geovp_classic.render.given_depth import GivenDepth
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, Grant, Target
 
 NUM_FUTURE = 5

@@ -11,7 +11,7 @@ from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.poses.sources import GroundTruth
+from geovp_classic.pose_sources import GroundTruth
 from geovp_classic.predictors import CopyLast, GeometricPredictor, Recorded
 from geovp_classic.types import (
     ByteArray,
@@ -87,7 +87,7 @@ class _XAsGrey:
         self.past = past
         return self
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         shape = (len(world_from_cam), intrinsics.height_px, intrinsics.width_px)
         grey = np.broadcast_to(10 * world_from_cam[:, 0, 3, None, None, None], (*shape, 3)).astype(np.uint8)
         covered = np.zeros(shape, dtype=bool)
@@ -204,7 +204,7 @@ class TestRecordedSaysWhatIsWrong:
             ({"frames": np.zeros((NUM_FUTURE, 9, WIDTH, 3), np.uint8)}, r"\(1, 3, 9, 8, 3\)"),
             ({"frames": np.zeros((NUM_FUTURE, HEIGHT, WIDTH, 3))}, "float64 frames"),
             ({"frames": np.zeros((2, NUM_FUTURE, HEIGHT, WIDTH, 3), np.uint8)}, r"expected uint8 of \(4, 3, 6, 8, 3\)"),
-            ({"pictures": np.zeros(3)}, "expected an npz file with an array 'frames'"),
+            ({"images": np.zeros(3)}, "expected an npz file with an array 'frames'"),
             (
                 {"frames": np.zeros((NUM_FUTURE, HEIGHT, WIDTH, 3), np.uint8), "covered": np.zeros((3, 6, 8))},
                 "float64 covered",
@@ -229,12 +229,12 @@ class TestRecordedSaysWhatIsWrong:
         folder = tmp_path / "03" / "000180"
         write_images(folder, frames)
         cv2.imwrite(str(folder / "11.png"), np.zeros((4, 4, 3), np.uint8))
-        with pytest.raises(BadData, match="expected pictures of one size"):
+        with pytest.raises(BadData, match="expected images of one size"):
             Recorded(tmp_path).predict(context)
 
     def test_an_empty_folder(self, tmp_path: Path, context: Context) -> None:
         (tmp_path / "03" / "000180").mkdir(parents=True)
-        with pytest.raises(BadData, match="holds nothing, expected pictures"):
+        with pytest.raises(BadData, match="holds nothing, expected images"):
             Recorded(tmp_path).predict(context)
 
     def test_poses_missing_or_too_few(self, tmp_path: Path, context: Context, clip: Clip, frames: ByteArray) -> None:

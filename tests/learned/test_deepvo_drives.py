@@ -1,4 +1,4 @@
-"""What DeepVO learns from: pictures and motions that still belong together after every augmentation."""
+"""What DeepVO learns from: images and motions that still belong together after every augmentation."""
 
 from dataclasses import replace
 
@@ -30,14 +30,14 @@ def yaw_deg(motion: FloatArray) -> FloatArray:
     return np.rad2deg(planar.reduce(motion, np.eye(4), np.eye(4))[..., 2])
 
 
-def test_the_wide_picture_is_read_where_there_is_one() -> None:
+def test_the_wide_image_is_read_where_there_is_one() -> None:
     assert DRIVE.frames[0].shape == (82, 123, 3)  # 128 x 192, at 96 instead of 150 pixels of focal length
     assert drives.read(replace(street.clip(), wide=None), CAMERA).frames[0].shape == (82, 82, 3)
 
 
 def test_nothing_varied_is_the_drive_itself() -> None:
-    pictures, motions, known = drawn(NOTHING, first=2)
-    assert pictures.shape == (4, 64, 64, 3)
+    images, motions, known = drawn(NOTHING, first=2)
+    assert images.shape == (4, 64, 64, 3)
     np.testing.assert_allclose(motions, REAL[2:8], atol=1e-12)
     assert known.all()
 
@@ -72,20 +72,20 @@ def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
     np.testing.assert_array_equal(known, [True] * 3 + [False] * 3)
 
 
-def test_a_swung_picture_is_what_a_turned_camera_sees() -> None:
-    """Half way through the window the swing is nil: of 3 pictures the last is turned one way, the first the other."""
+def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
+    """Half way through the window the swing is nil: of 3 images the last is turned one way, the first the other."""
     rng = np.random.default_rng(5)
     swing = replace(NOTHING, turn_share=1.0, turn_deg=3.0)
-    pictures, motions, _ = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
+    images, motions, _ = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
     plain = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, NOTHING, np.random.default_rng(5))[0]
-    np.testing.assert_array_equal(pictures[1], plain[1])
+    np.testing.assert_array_equal(images[1], plain[1])
     rate_px = np.deg2rad(yaw_deg(motions)[0] - yaw_deg(REAL)[0]) * CAMERA.fx_px
-    shift_px = round(rate_px)  # turning right moves the picture to the left
+    shift_px = round(rate_px)  # turning right moves the image to the left
     assert abs(shift_px) >= 1
     middle = slice(16, 48)
     moved = np.roll(plain[2], -shift_px, axis=1)[middle, middle].astype(int)
     still = plain[2][middle, middle].astype(int)
-    assert abs(pictures[2][middle, middle] - moved).mean() < abs(pictures[2][middle, middle] - still).mean()
+    assert abs(images[2][middle, middle] - moved).mean() < abs(images[2][middle, middle] - still).mean()
 
 
 def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() -> None:
@@ -105,10 +105,10 @@ def test_windows_are_every_run_that_fits() -> None:
 def test_a_batch_draws_how_much_past_is_seen() -> None:
     method = DeepVoTraining(Architecture(size_px=(64, 64)), num_past=4, num_future=3, shortest_past=2)
     examples = method.examples([street.clip()], training=True)
-    seen = {method.batch(examples, [0, 1], np.random.default_rng(seed))["pictures"].shape[1] for seed in range(20)}
+    seen = {method.batch(examples, [0, 1], np.random.default_rng(seed))["images"].shape[1] for seed in range(20)}
     assert seen == {2, 3, 4}
     batch = method.batch(examples, [0, 1], np.random.default_rng(0))
-    past = batch["pictures"].shape[1]
+    past = batch["images"].shape[1]
     assert batch["motions"].shape == (2, past + 2, 4, 4)
     assert batch["known"].shape == (2, past + 2)
 

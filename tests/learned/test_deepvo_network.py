@@ -30,7 +30,7 @@ def network(architecture: Architecture = TINY) -> PoseNetwork:
     return PoseNetwork(architecture).eval()
 
 
-def pictures(num_past: int, seed: int = 0) -> torch.Tensor:
+def images(num_past: int, seed: int = 0) -> torch.Tensor:
     return torch.rand(1, num_past, 3, 64, 64, generator=torch.Generator().manual_seed(seed))
 
 
@@ -38,29 +38,29 @@ def pictures(num_past: int, seed: int = 0) -> torch.Tensor:
 @pytest.mark.parametrize("head", ["2d", "3d"])
 def test_any_past_from_two_frames_and_any_future(num_past: int, head: str) -> None:
     numbers = {"2d": 3, "3d": 6}[head]
-    past, future = network(replace(TINY, head=head))(pictures(num_past), 7)
+    past, future = network(replace(TINY, head=head))(images(num_past), 7)
     assert past.shape == (1, num_past - 1, numbers)
     assert future.shape == (1, 7, numbers)
 
 
 def test_a_longer_future_begins_with_the_shorter_one() -> None:
     """The decoder is fed nothing, so how far it is asked to go changes nothing on the way."""
-    net, seen = network(), pictures(5)
+    net, seen = network(), images(5)
     torch.testing.assert_close(net(seen, 20)[1][:, :6], net(seen, 6)[1])
 
 
 def test_what_came_before_changes_what_a_pair_says() -> None:
     net = network()
-    last_pair, longer = pictures(6)[:, -2:], pictures(6)
+    last_pair, longer = images(6)[:, -2:], images(6)
     assert not torch.allclose(net(last_pair, 1)[0][:, -1], net(longer, 1)[0][:, -1])
 
 
 def test_the_lstm_can_be_that_of_the_original() -> None:
     """4 gates x 1000 x (inputs + 1000 + 2 biases) in the first layer, 4 x 1000 x (1000 + 1000 + 2) in the second."""
     net = network(replace(TINY, lstm_size=1000, lstm_layers=2))
-    features = net.encode(pictures(2)).shape[-1]
+    features = net.encode(images(2)).shape[-1]
     assert sum(weight.numel() for weight in net.past.parameters()) == 4000 * (features + 1002) + 4000 * 2002
-    assert net(pictures(3), 2)[1].shape == (1, 2, 3)
+    assert net(images(3), 2)[1].shape == (1, 2, 3)
 
 
 def test_full_width_is_flownets() -> None:
@@ -83,8 +83,8 @@ def test_a_decoder_started_from_poses_sees_nothing_else() -> None:
 
 def test_a_fixed_window_forgets_what_lies_before_it() -> None:
     net = network(replace(TINY, future="fixed-window", window_pairs=2, window_future=5))
-    seen = pictures(6)
-    other = torch.cat([pictures(3, seed=1), seen[:, 3:]], dim=1)
+    seen = images(6)
+    other = torch.cat([images(3, seed=1), seen[:, 3:]], dim=1)
     torch.testing.assert_close(net(seen, 5)[1], net(other, 5)[1])
     assert net(seen, 3)[1].shape == (1, 3, 3)
 
@@ -93,11 +93,11 @@ def test_a_fixed_window_forgets_what_lies_before_it() -> None:
 def test_a_fixed_window_refuses_what_it_was_not_built_for(num_past: int, num_future: int) -> None:
     net = network(replace(TINY, future="fixed-window", window_pairs=2, window_future=5))
     with pytest.raises(Incompatible, match="takes 3 frames or more and predicts 5 steps at most"):
-        net(pictures(num_past), num_future)
+        net(images(num_past), num_future)
 
 
 def test_long_videos_go_through_the_encoder_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    net, seen = network(), pictures(9)
+    net, seen = network(), images(9)
     whole = net.encode(seen)
     monkeypatch.setattr("learned.deepvo.network.PAIRS_AT_ONCE", 3)
     torch.testing.assert_close(net.encode(seen), whole)

@@ -80,7 +80,7 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     for net in NETS:
         weights = random_weights(net)
         np.savez(tmp_path / f"lpips_{net}_v0.1.npz", **{name: tensor.numpy() for name, tensor in weights.items()})
-        scores[net] = float(lpips.distances(net, weights, *lpips.check_pictures(), [None])[0, 0])
+        scores[net] = float(lpips.distances(net, weights, *lpips.check_images(), [None])[0, 0])
     monkeypatch.setattr(lpips, "CHECK_SCORES", scores)
     return tmp_path
 
@@ -92,19 +92,19 @@ def noise(seed: int, shape: tuple[int, ...] = (3, 48, 64, 3)) -> ByteArray:
 def real_weights(net: Net) -> Path:
     root = os.environ.get("GEOVP_TEST_DATA")
     if not root:
-        pytest.skip("GEOVP_TEST_DATA is not set: needs lpips/lpips_*_v0.1.npz and the example pictures")
+        pytest.skip("GEOVP_TEST_DATA is not set: needs lpips/lpips_*_v0.1.npz and the example images")
     return Path(root) / "lpips" / f"lpips_{net}_v0.1.npz"
 
 
-def picture(file: Path) -> ByteArray:
+def image(file: Path) -> ByteArray:
     return np.asarray(cv2.cvtColor(cv2.imread(str(file)), cv2.COLOR_BGR2RGB))[None]
 
 
 @pytest.mark.parametrize(("net", "published"), [("alex", (0.721881, 0.137566)), ("squeeze", (0.711048, 0.147902))])
-def test_the_authors_example_pictures_score_as_published(net: Net, published: tuple[float, float]) -> None:
+def test_the_authors_example_images_score_as_published(net: Net, published: tuple[float, float]) -> None:
     file = real_weights(net)
-    reference = picture(file.with_name("ex_ref.png"))
-    scores = [float(Lpips(net, file)(picture(file.with_name(f"ex_p{k}.png")), reference, None)[0]) for k in (0, 1)]
+    reference = image(file.with_name("ex_ref.png"))
+    scores = [float(Lpips(net, file)(image(file.with_name(f"ex_p{k}.png")), reference, None)[0]) for k in (0, 1)]
     np.testing.assert_allclose(scores, published, atol=2e-6)
 
 
@@ -130,7 +130,7 @@ def test_real_weights_pass_the_check_and_altered_ones_do_not(net: Net, tmp_path:
     arrays = dict(np.load(file))
     arrays["lin2.weight"] = arrays["lin2.weight"] * 1.05
     np.savez(tmp_path / "altered.npz", **arrays)
-    with pytest.raises(MissingExtra, match=r"check pictures score 0\.\d+, expected 0\.\d+: get them anew"):
+    with pytest.raises(MissingExtra, match=r"check images score 0\.\d+, expected 0\.\d+: get them anew"):
         lpips.load_weights(net, tmp_path / "altered.npz")
 
 

@@ -1,4 +1,4 @@
-"""Pictures as the network's own camera takes them."""
+"""Images as the network's own camera takes them."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the learned
 
 from geovp_classic.geometry import pinhole, se3  # noqa: E402
 from geovp_classic.types import ByteArray, Intrinsics  # noqa: E402
-from learned.tensors import pictures_from_frames, retaken, shrunk  # noqa: E402
+from learned.tensors import images_from_frames, retaken, shrunk  # noqa: E402
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 
@@ -22,10 +22,10 @@ def view(camera: Intrinsics, cam_from_world: np.ndarray | None = None) -> ByteAr
 def test_channels_come_first_and_white_is_one() -> None:
     frames = np.zeros((2, 4, 5, 3), dtype=np.uint8)
     frames[1, 2, 3, 0] = 255
-    pictures = pictures_from_frames(frames)
-    assert pictures.shape == (2, 3, 4, 5)
-    assert float(pictures[1, 0, 2, 3]) == 1.0
-    assert float(pictures.sum()) == 1.0
+    images = images_from_frames(frames)
+    assert images.shape == (2, 3, 4, 5)
+    assert float(images[1, 0, 2, 3]) == 1.0
+    assert float(images.sum()) == 1.0
 
 
 def test_another_calibration_sees_what_its_own_rays_see() -> None:

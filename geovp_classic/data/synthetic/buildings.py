@@ -145,7 +145,7 @@ def _door(builder: Builder, plan: Plan, x: float) -> None:
     builder.quad(
         [(x - 0.55, -2.35, -0.03), (x + 0.55, -2.35, -0.03), (x + 0.55, -0.2, -0.03), (x - 0.55, -0.2, -0.03)],
         door,
-        picture=True,
+        image=True,
     )
     builder.box((x - 0.9, -2.6, -0.9), (x + 0.9, -2.48, 0.0), plan.roof)
     builder.box((x - 0.9, -0.2, -1.0), (x + 0.9, FOUNDATION_M, 0.0), Material(Texture.KERB))
@@ -154,7 +154,7 @@ def _door(builder: Builder, plan: Plan, x: float) -> None:
 def _garage(builder: Builder, plan: Plan, x: float) -> None:
     door = Material(Texture.GARAGE, plan.shutters or (0.92, 0.92, 0.9))
     corners = [(x - 1.2, -2.2, -0.03), (x + 1.2, -2.2, -0.03), (x + 1.2, 0.05, -0.03), (x - 1.2, 0.05, -0.03)]
-    builder.quad(corners, door, picture=True)
+    builder.quad(corners, door, image=True)
 
 
 def _window(
@@ -175,7 +175,7 @@ def _window(
     top = bottom - h
     glass = Material(plan.window, gloss=0.35)
     quad = [corner(-w / 2, top), corner(w / 2, top), corner(w / 2, bottom), corner(-w / 2, bottom)]
-    builder.quad(quad, glass, picture=True)
+    builder.quad(quad, glass, image=True)
     sill = [corner(-w / 2 - 0.1, bottom, 1.5), corner(w / 2 + 0.1, bottom, 1.5)]
     builder.quad([*sill, corner(w / 2 + 0.1, bottom + 0.12, 5.0), corner(-w / 2 - 0.1, bottom + 0.12, 5.0)], TRIM)
     if plan.shutters is not None:

@@ -9,7 +9,7 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 CAMERA_HEIGHT_M = 1.65
-FOCAL_HEIGHTS = 489 / 256  # focal length in picture heights, as KITTI's cropped to its height
+FOCAL_HEIGHTS = 489 / 256  # focal length in image heights, as KITTI's cropped to its height
 WIDE_ASPECT = 1242 / 375
 BASELINE_M = 0.54
 NUM_WAVES = 4
@@ -18,14 +18,14 @@ EXPOSURE_HZ = (0.1, 0.5)  # how exposure wanders
 
 
 def square_camera(size_px: tuple[int, int]) -> Intrinsics:
-    """The camera of a square crop of KITTI's picture, resized to (width, height)."""
+    """The camera of a square crop of KITTI's image, resized to (width, height)."""
     width_px, height_px = size_px
     fx_px, fy_px = FOCAL_HEIGHTS * width_px, FOCAL_HEIGHTS * height_px
     return Intrinsics(fx_px, fy_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px)
 
 
 def wide_camera(size_px: tuple[int, int]) -> Intrinsics:
-    """The camera of the whole picture; `square_camera` is its middle, pixel by pixel."""
+    """The camera of the whole image; `square_camera` is its middle, pixel by pixel."""
     square = square_camera(size_px)
     extra_px = round(square.width_px * (WIDE_ASPECT - 1) / 2)
     return square.cropped(-extra_px, 0, square.width_px + 2 * extra_px, square.height_px)
@@ -64,21 +64,21 @@ def exposed(
     noise: float,
     exposure_drift: float,
 ) -> ByteArray:
-    """Pictures [T, H, W, 3] as a sensor takes them.
+    """Images [T, H, W, 3] as a sensor takes them.
 
     `noise` is its spread in bytes; the exposure wanders by the share `exposure_drift`.
-    The noise is drawn for a picture `canvas_px` wide and cut to its middle, so that a crop has the noise of the whole.
+    The noise is drawn for an image `canvas_px` wide and cut to its middle, so that a crop has the noise of the whole.
     """
     num_frames, height_px, width_px = light.shape[:3]
     left = (canvas_px - width_px) // 2
     gain = np.exp(exposure_drift * _waves(rng, np.arange(num_frames) * 0.1, EXPOSURE_HZ))
     frames = np.empty(light.shape, dtype=np.uint8)
     for step in range(num_frames):
-        picture = np.sqrt(np.clip(light[step] * gain[step], 0.0, 1.0)) * 255
+        image = np.sqrt(np.clip(light[step] * gain[step], 0.0, 1.0)) * 255
         if noise > 0:
             grain = rng.standard_normal((height_px, canvas_px, 3), dtype=np.float32)
-            picture += noise * grain[:, left : left + width_px]
-        frames[step] = np.clip(picture + 0.5, 0, 255)
+            image += noise * grain[:, left : left + width_px]
+        frames[step] = np.clip(image + 0.5, 0, 255)
     return frames
 
 

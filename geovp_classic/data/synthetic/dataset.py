@@ -42,7 +42,7 @@ class Synthetic:
     The same settings give the same bytes. Clips are kept under `cache` (default: GEOVP_CACHE, else the user's cache
     folder) and rendered again when a file there is damaged. `noise`, `exposure_drift`, `haze_per_m` and `gloss` set to
     0 make a world whose surfaces look the same from everywhere. `blur_px` is the spread of the lens, `finest_detail_m`
-    the size to which textures are smoothed: more of both makes pictures that survive resampling. `pitch_deg` (up) and
+    the size to which textures are smoothed: more of both makes images that survive resampling. `pitch_deg` (up) and
     `roll_deg` (clockwise) say how the camera is mounted, `bounce` scales how the car shakes it, `noise` is in bytes.
     """
 
@@ -119,18 +119,18 @@ class Synthetic:
         world_from_cam = cameras.world_from_camera(world, times_s, seed, self.pitch_deg, self.roll_deg, self.bounce)
         square, wide = cameras.square_camera(self.size_px), cameras.wide_camera(self.size_px)
         footage = self._film(world, world_from_cam, wide if self.with_wide else square, times_s)
-        pictures = self._expose(footage, index, eye=0)
-        left = (pictures.shape[2] - square.width_px) // 2
+        images = self._expose(footage, index, eye=0)
+        left = (images.shape[2] - square.width_px) // 2
         middle = slice(left, left + square.width_px)
         arrays: dict[str, npt.NDArray[Any]] = {
             "world_from_cam": world_from_cam,
             "times_s": times_s,
-            "frames": pictures[:, :, middle],
+            "frames": images[:, :, middle],
             "depths": footage.depths[:, :, middle],
             "moving": footage.moving[:, :, middle],
         }
         if self.with_wide:
-            arrays["wide"] = pictures
+            arrays["wide"] = images
         if self.with_right:
             world_from_right = world_from_cam @ se3.inverse(_right_from_cam())
             arrays["right"] = self._expose(self._film(world, world_from_right, wide, times_s), index, eye=1)
@@ -184,7 +184,7 @@ def _world(seed: int, manoeuvre: Manoeuvre) -> World:
 
 @functools.lru_cache(maxsize=1)
 def _code_version() -> str:
-    """A hash of this package's source, so that pictures made by other code are not taken for this one's."""
+    """A hash of this package's source, so that images made by other code are not taken for this one's."""
     sources = sorted(Path(__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 

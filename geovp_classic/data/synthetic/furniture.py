@@ -198,6 +198,6 @@ def _sign(rng: np.random.Generator) -> Soup:
         builder.add(disc((0, -2.4, 0), 0.32, "z", Material(Texture.SIGN_RING), 16))
     else:
         corners = [(-0.3, -2.7, 0), (0.3, -2.7, 0), (0.3, -2.1, 0), (-0.3, -2.1, 0)]
-        builder.quad(corners, Material(Texture.SIGN_BLUE), picture=True)
+        builder.quad(corners, Material(Texture.SIGN_BLUE), image=True)
     builder.add(disc((0, -2.4, 0.015), 0.3, "z", STEEL, 16))
     return builder.soup()

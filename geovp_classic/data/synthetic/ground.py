@@ -14,10 +14,10 @@ from geovp_classic.types import BoolArray, FloatArray
 KERB_HEIGHT_M = 0.12
 CORNER_RADIUS_M = 6.0
 PAVEMENT_M = 2.2  # from the kerb's edge to the grass
-ZEBRA_M = 3.0  # half the tile of its picture; the other half is see-through
+ZEBRA_M = 3.0  # half the tile of its image; the other half is see-through
 CELL_M = 1.2
 FAR_CELL_M = 16.0
-PAINT_WIDTH_M = 9.4  # the paint's picture spans this much of the road
+PAINT_WIDTH_M = 9.4  # the paint's image spans this much of the road
 
 ASPHALT = Material(Texture.ASPHALT)
 KERB = Material(Texture.KERB)

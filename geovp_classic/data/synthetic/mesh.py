@@ -122,14 +122,14 @@ class Builder:
         self,
         corners: Sequence[Point],
         material: Material,
-        picture: bool = False,
+        image: bool = False,
         shade: tuple[float, float] = (1.0, 1.0),
     ) -> None:
-        """Four corners, top left first, clockwise as seen; `picture` stretches the texture over the quad once.
+        """Four corners, top left first, clockwise as seen; `image` stretches the texture over the quad once.
 
         `shade` is the light at the first two and at the last two corners.
         """
-        if picture:
+        if image:
             extent = (0.0, 0.0, 1.0, 1.0)
         else:
             (x0, y0, z0), (x1, y1, z1), _, (x3, y3, z3) = corners

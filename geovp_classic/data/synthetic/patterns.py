@@ -22,7 +22,7 @@ def noise(rng: np.random.Generator, size: tuple[int, int], slope: float, coarses
     return shaped / shaped.std()
 
 
-def picture_of(colour: FloatArray, alpha: FloatArray | float = 1.0) -> ByteArray:
+def image_of(colour: FloatArray, alpha: FloatArray | float = 1.0) -> ByteArray:
     """RGBA bytes [H, W, 4], colour times alpha, from colour [H, W] or [H, W, 3] in 0..1."""
     if colour.ndim == 2:
         colour = np.repeat(colour[..., None], 3, axis=-1)
@@ -33,18 +33,18 @@ def picture_of(colour: FloatArray, alpha: FloatArray | float = 1.0) -> ByteArray
 
 def laid_over(paint: ByteArray, wear: FloatArray | float = 1.0) -> ByteArray:
     """RGBA bytes [H, W, 4], colour times alpha, of drawn ones; `wear` [H, W] (0 to 1) scales the alpha."""
-    return picture_of(paint[..., :3] / np.float32(255), paint[..., 3] / np.float32(255) * wear)
+    return image_of(paint[..., :3] / np.float32(255), paint[..., 3] / np.float32(255) * wear)
 
 
 def plain(rng: np.random.Generator) -> ByteArray:
     """Almost white, for tints."""
-    return picture_of(0.93 + 0.02 * noise(rng, (64, 64), 1.0))
+    return image_of(0.93 + 0.02 * noise(rng, (64, 64), 1.0))
 
 
 def asphalt(rng: np.random.Generator) -> ByteArray:
     """Grey with grit."""
     size = (512, 512)
-    return picture_of(0.46 + 0.035 * noise(rng, size, 1.2) + 0.04 * noise(rng, size, 0.3, 40))
+    return image_of(0.46 + 0.035 * noise(rng, size, 1.2) + 0.04 * noise(rng, size, 0.3, 40))
 
 
 def road_paint(rng: np.random.Generator) -> ByteArray:
@@ -88,12 +88,12 @@ def _slabs(rng: np.random.Generator, size: int, num: tuple[int, int], tone: floa
 
 def pavement(rng: np.random.Generator) -> ByteArray:
     """Concrete slabs of half a metre."""
-    return picture_of(_slabs(rng, 512, (8, 8), 0.62, 0.04)[..., None] * [1.0, 0.985, 0.95])
+    return image_of(_slabs(rng, 512, (8, 8), 0.62, 0.04)[..., None] * [1.0, 0.985, 0.95])
 
 
 def kerb(rng: np.random.Generator) -> ByteArray:
     """Granite."""
-    return picture_of(0.68 + 0.05 * noise(rng, (128, 128), 0.7))
+    return image_of(0.68 + 0.05 * noise(rng, (128, 128), 0.7))
 
 
 def grass(rng: np.random.Generator) -> ByteArray:
@@ -102,7 +102,7 @@ def grass(rng: np.random.Generator) -> ByteArray:
     lush, blade = noise(rng, size, 1.3), noise(rng, size, 0.45, 24)
     tone = 1 + 0.12 * lush + 0.2 * blade
     dry = np.clip(0.5 + 0.3 * noise(rng, size, 1.6), 0, 1)[..., None]
-    return picture_of(tone[..., None] * (dry * [0.47, 0.52, 0.25] + (1 - dry) * [0.30, 0.45, 0.18]))
+    return image_of(tone[..., None] * (dry * [0.47, 0.52, 0.25] + (1 - dry) * [0.30, 0.45, 0.18]))
 
 
 def plaster(rng: np.random.Generator) -> ByteArray:
@@ -110,7 +110,7 @@ def plaster(rng: np.random.Generator) -> ByteArray:
     size = (512, 512)
     streaks = np.asarray(cv2.GaussianBlur(noise(rng, size, 0.6), (0, 0), sigmaX=2, sigmaY=40))
     streaks = streaks / streaks.std()
-    return picture_of(0.86 + 0.025 * noise(rng, size, 1.4) + 0.02 * streaks + 0.02 * noise(rng, size, 0.2, 60))
+    return image_of(0.86 + 0.025 * noise(rng, size, 1.4) + 0.02 * streaks + 0.02 * noise(rng, size, 0.2, 60))
 
 
 def _courses(size: int, num: tuple[int, int], rng: np.random.Generator, spread: float) -> tuple[FloatArray, FloatArray]:
@@ -128,26 +128,26 @@ def brick(rng: np.random.Generator) -> ByteArray:
     tones, _ = _courses(512, (12, 36), rng, 0.11)
     colour = np.nan_to_num(tones, nan=0.0)[..., None] * [0.78, 0.74, 0.72]
     colour = np.where(np.isnan(tones)[..., None], [0.80, 0.79, 0.77], colour)
-    return picture_of(colour * (1 + 0.05 * noise(rng, (512, 512), 0.8))[..., None])
+    return image_of(colour * (1 + 0.05 * noise(rng, (512, 512), 0.8))[..., None])
 
 
 def roof(rng: np.random.Generator) -> ByteArray:
     """Tiles of 25 x 29 cm, each course dark where the next one covers it."""
     tones, place = _courses(512, (16, 14), rng, 0.09)
     tones = np.where(np.isnan(tones), 0.62, tones * (0.78 + 0.25 * place))
-    return picture_of(0.85 * tones * (1 + 0.05 * noise(rng, (512, 512), 0.9)))
+    return image_of(0.85 * tones * (1 + 0.05 * noise(rng, (512, 512), 0.9)))
 
 
 def bark(rng: np.random.Generator) -> ByteArray:
     """Upright ridges."""
     ridges = np.asarray(cv2.GaussianBlur(noise(rng, (256, 256), 0.3), (0, 0), sigmaX=1.5, sigmaY=14))
-    return picture_of((0.5 + 0.14 * ridges / ridges.std())[..., None] * [0.95, 0.83, 0.68])
+    return image_of((0.5 + 0.14 * ridges / ridges.std())[..., None] * [0.95, 0.83, 0.68])
 
 
 def leaves(rng: np.random.Generator) -> ByteArray:
     """Overlapping leaves, the upper ones lighter, wrapped around the edges."""
     size = 512
-    picture = np.full((size, size, 3), 25, dtype=np.uint8)
+    image = np.full((size, size, 3), 25, dtype=np.uint8)
     for count in range(2600):
         light = 0.28 + 0.5 * count / 2600 + 0.10 * rng.standard_normal()
         colour = 255 * light * np.array([rng.uniform(0.72, 0.95), 1.0, rng.uniform(0.3, 0.5)])
@@ -156,9 +156,9 @@ def leaves(rng: np.random.Generator) -> ByteArray:
         for dx in {0, -size * (centre[0] > size - 16), size * (centre[0] < 16)}:
             for dy in {0, -size * (centre[1] > size - 16), size * (centre[1] < 16)}:
                 place = (int(centre[0] + dx), int(centre[1] + dy))
-                cv2.ellipse(picture, place, axes, angle, 0, 360, colour.tolist(), -1, cv2.LINE_AA)
+                cv2.ellipse(image, place, axes, angle, 0, 360, colour.tolist(), -1, cv2.LINE_AA)
     clumps = 1 + 0.2 * noise(rng, (size, size), 1.2, 2)
-    return picture_of(picture / 255 * clumps[..., None])
+    return image_of(image / 255 * clumps[..., None])
 
 
 def zebra(rng: np.random.Generator) -> ByteArray:
@@ -167,24 +167,22 @@ def zebra(rng: np.random.Generator) -> ByteArray:
     for k in range(8):
         stripes[:128, k * 64 + 16 : k * 64 + 48] = 1
     worn = np.clip(0.85 + 0.2 * noise(rng, (256, 512), 0.8), 0.2, 1.0)
-    return picture_of(
-        0.87 + 0.02 * noise(rng, (256, 512), 0.5), np.asarray(cv2.GaussianBlur(stripes * worn, (3, 3), 0))
-    )
+    return image_of(0.87 + 0.02 * noise(rng, (256, 512), 0.5), np.asarray(cv2.GaussianBlur(stripes * worn, (3, 3), 0)))
 
 
 def macro(rng: np.random.Generator) -> ByteArray:
     """Stains of all sizes, grey."""
-    return picture_of(np.clip(0.5 + 0.16 * noise(rng, (256, 256), 1.1), 0, 1))
+    return image_of(np.clip(0.5 + 0.16 * noise(rng, (256, 256), 1.1), 0, 1))
 
 
 def woods(rng: np.random.Generator) -> ByteArray:
     """Tree tops far away."""
     tone = 0.42 + 0.06 * noise(rng, (512, 512), 0.9) + 0.07 * noise(rng, (512, 512), 0.4, 20)
-    return picture_of(tone[..., None] * [0.72, 0.92, 0.55])
+    return image_of(tone[..., None] * [0.72, 0.92, 0.55])
 
 
 def fence(rng: np.random.Generator) -> ByteArray:
     """Upright boards."""
     fence = 0.75 + 0.06 * rng.standard_normal(16).repeat(16)[None] * np.ones((256, 1))
     fence[:, np.arange(256) % 16 < 2] = 0.25
-    return picture_of((fence + 0.03 * noise(rng, (256, 256), 0.8))[..., None] * [1.0, 0.87, 0.7])
+    return image_of((fence + 0.03 * noise(rng, (256, 256), 0.8))[..., None] * [1.0, 0.87, 0.7])

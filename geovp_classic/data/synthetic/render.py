@@ -35,7 +35,7 @@ class Footage:
 
     @property
     def frames(self) -> ByteArray:
-        """Pictures [T, H, W, 3]."""
+        """Images [T, H, W, 3]."""
         return np.asarray(np.sqrt(np.clip(self.light, 0.0, 1.0)) * 255 + 0.5, dtype=np.uint8)
 
 
@@ -51,7 +51,7 @@ def render_drive(
 
     def shoot(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
         traffic = _Traffic(world.traffic_at(float(times_s[step])), world_from_cam[step], camera)
-        return _Shot(static, traffic, world.weather, optics, world_from_cam[step], camera).picture()
+        return _Shot(static, traffic, world.weather, optics, world_from_cam[step], camera).image()
 
     with ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1)) as pool:
         shots = list(pool.map(shoot, range(len(times_s))))
@@ -145,7 +145,7 @@ class _Shot:
         self.weather, self.optics = weather, optics
         self.rotation, self.eye = world_from_cam[:3, :3], world_from_cam[:3, 3]
 
-    def picture(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def image(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Light [H, W, 3], depth [H, W] and moving [H, W]; edges and blur look beyond the border."""
         kernel = _bell(self.optics.blur_px)
         margin = len(kernel) // 2 + 1

@@ -16,7 +16,7 @@ MOST_TAPS = 8  # along the longer side of a footprint
 def sample(
     atlas: Atlas,
     textures: IntArray,  # [N]
-    uv: FloatArray,  # [N, 2], in tiles; the pictures repeat
+    uv: FloatArray,  # [N, 2], in tiles; the images repeat
     steps: FloatArray,  # [N, 2, 2], change of uv to the next pixel right and down
     finest: FloatArray | float = 0.0,  # [N], tiles; nothing smaller than this is resolved
 ) -> FloatArray:

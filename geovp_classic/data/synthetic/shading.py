@@ -1,6 +1,6 @@
 """How bright a surface is where a ray meets it: textures filtered over the pixel's footprint, sun, sky light and haze.
 
-Light is linear; a picture's byte is the square root of it (gamma 2).
+Light is linear; an image's byte is the square root of it (gamma 2).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Optics:
 
     haze_per_m: float = 0.0012  # how quickly far things fade
     gloss: float = 1.0  # scales what glass and paint mirror
-    blur_px: float = 0.45  # spread of the lens; more than 0.7 makes pictures that survive resampling
+    blur_px: float = 0.45  # spread of the lens; more than 0.7 makes images that survive resampling
     finest_detail_m: float = 0.0  # smooths textures to this size
 
 

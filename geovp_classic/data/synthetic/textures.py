@@ -1,4 +1,4 @@
-"""All pictures for surfaces by name, with their sizes and mip-maps; painted once per process."""
+"""All images for surfaces by name, with their sizes and mip-maps; painted once per process."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.data.synthetic import patterns, pictures
+from geovp_classic.data.synthetic import frames, patterns
 from geovp_classic.types import ByteArray
 
 IntArray = npt.NDArray[np.integer[Any]]
-ATLAS_SEED = 20_110_926  # one set of pictures for all streets; streets differ by tints and layout
+ATLAS_SEED = 20_110_926  # one set of images for all streets; streets differ by tints and layout
 
 
 class Texture(enum.IntEnum):
-    """Every picture there is; the number is its place in the atlas."""
+    """Every image there is; the number is its place in the atlas."""
 
     PLAIN = 0
     ASPHALT = 1
@@ -86,7 +86,7 @@ TILE_M: dict[Texture, float] = {
 
 @dataclass(frozen=True)
 class Atlas:
-    """All pictures with all mip levels in one row of texels; sizes are powers of two."""
+    """All images with all mip levels in one row of texels; sizes are powers of two."""
 
     texels: ByteArray  # [L, 4], RGBA in display brightness, colours times alpha
     starts: IntArray  # [textures, levels], the first texel
@@ -102,15 +102,15 @@ def atlas() -> Atlas:
     starts, widths, heights = (np.zeros((len(chains), num_levels), dtype=np.int64) for _ in range(3))
     place = 0
     for row, chain in enumerate(chains):
-        for level, picture in enumerate(chain):
-            heights[row, level], widths[row, level] = picture.shape[:2]
+        for level, image in enumerate(chain):
+            heights[row, level], widths[row, level] = image.shape[:2]
             starts[row, level] = place
-            place += picture.shape[0] * picture.shape[1]
+            place += image.shape[0] * image.shape[1]
     return Atlas(np.concatenate([level.reshape(-1, 4) for chain in chains for level in chain]), starts, widths, heights)
 
 
-def _mip_levels(picture: ByteArray) -> list[ByteArray]:
-    levels = [picture]
+def _mip_levels(image: ByteArray) -> list[ByteArray]:
+    levels = [image]
     while max(levels[-1].shape[:2]) > 1:
         height, width = levels[-1].shape[:2]
         size = (max(1, width // 2), max(1, height // 2))
@@ -131,19 +131,19 @@ PAINTERS: dict[Texture, Callable[[np.random.Generator], ByteArray]] = {
     Texture.ROOF: patterns.roof,
     Texture.BARK: patterns.bark,
     Texture.LEAVES: patterns.leaves,
-    Texture.WINDOW_PLAIN: functools.partial(pictures.window, bars=(1, 1), curtain=True),
-    Texture.WINDOW_CURTAIN: functools.partial(pictures.window, bars=(2, 1), curtain=True),
-    Texture.WINDOW_CROSS: functools.partial(pictures.window, bars=(2, 3), curtain=False),
-    Texture.DOOR: pictures.door,
-    Texture.GARAGE: pictures.garage,
+    Texture.WINDOW_PLAIN: functools.partial(frames.window, bars=(1, 1), curtain=True),
+    Texture.WINDOW_CURTAIN: functools.partial(frames.window, bars=(2, 1), curtain=True),
+    Texture.WINDOW_CROSS: functools.partial(frames.window, bars=(2, 3), curtain=False),
+    Texture.DOOR: frames.door,
+    Texture.GARAGE: frames.garage,
     Texture.ZEBRA: patterns.zebra,
-    Texture.WHEEL: pictures.wheel,
-    Texture.CAR_GLASS: pictures.car_glass,
-    Texture.SIGN_RING: pictures.sign_ring,
-    Texture.SIGN_BLUE: pictures.sign_blue,
-    Texture.CLOUDS: pictures.clouds,
+    Texture.WHEEL: frames.wheel,
+    Texture.CAR_GLASS: frames.car_glass,
+    Texture.SIGN_RING: frames.sign_ring,
+    Texture.SIGN_BLUE: frames.sign_blue,
+    Texture.CLOUDS: frames.clouds,
     Texture.MACRO: patterns.macro,
     Texture.WOODS: patterns.woods,
-    Texture.CAR_SIDE: pictures.car_side,
+    Texture.CAR_SIDE: frames.car_side,
     Texture.FENCE: patterns.fence,
 }

@@ -147,7 +147,7 @@ def _cabin(stations: FloatArray, feet: tuple[float, float, float, float], roof_m
     ):
         builder.quad(side, paint)
         for start, end in panes:
-            builder.quad(_pane(side, start, end), GLASS, picture=True)
+            builder.quad(_pane(side, start, end), GLASS, image=True)
     return builder.soup()
 
 

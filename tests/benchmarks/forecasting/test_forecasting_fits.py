@@ -14,9 +14,9 @@ from benchmarks.forecasting.network_training import Schedule
 from benchmarks.forecasting.prior_fit import Plan
 from benchmarks.forecasting.windows import Cut, windows
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting import kalman, motion_network, motion_prior
+from geovp_classic.forecasting.motion_network import Coefficients
 from geovp_classic.geometry import se3
-from geovp_classic.poses import motion_network, motion_prior, turn_rate
-from geovp_classic.poses.motion_network import Coefficients
 from geovp_classic.types import FloatArray, Trajectory
 
 
@@ -211,9 +211,9 @@ def test_one_sequence_cannot_be_left_out() -> None:
 
 def test_the_batched_likelihood_is_the_single_filters() -> None:
     cuts = list(windows(winding_road(60, 1), Cut(10, 5, 20)))
-    batched = kalman_fit.log_densities(kalman_fit.stacked(cuts), turn_rate.fitted("turn-rate"), 5)
+    batched = kalman_fit.log_densities(kalman_fit.stacked(cuts), kalman.fitted("turn-rate"), 5)
     for window, row in zip(cuts, batched, strict=True):
-        forecast = turn_rate.TurnRateKalman().distribution(window.past, window.future.times_s)
+        forecast = kalman.TurnRateKalman().distribution(window.past, window.future.times_s)
         states = forecast.states_of(window.future.world_from_cam)[None]
         np.testing.assert_allclose(row, forecast.log_density(states)[0], atol=1e-6)
 

@@ -15,10 +15,10 @@ from benchmarks.forecasting.scores import energy_score, highest_density_rank, me
 from benchmarks.forecasting.windows import Cut
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.constant import ConstantTurn, Hold
+from geovp_classic.forecasting.kalman import TurnRateKalman
+from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import se3
-from geovp_classic.poses.forecast import ConstantTurn, Hold
-from geovp_classic.poses.planar_forecast import PlanarForecast
-from geovp_classic.poses.turn_rate import TurnRateKalman
 from geovp_classic.types import Trajectory
 
 

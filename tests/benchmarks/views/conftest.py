@@ -1,4 +1,4 @@
-"""A small results folder whose numbers and pictures can be worked out by hand, for the figures and the report."""
+"""A small results folder whose numbers and images can be worked out by hand, for the figures and the report."""
 
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,7 @@ def keep(results: Results, name: str) -> None:
     source, _, _, samples, metres, is_metric = CELLS[name]
     tone = 10 * list(CELLS).index(name)
     frames = np.full((samples, FUTURE, SIDE, SIDE, 3), tone, np.uint8)
-    frames += np.arange(1, FUTURE + 1, dtype=np.uint8)[:, None, None, None]  # the picture says the step
+    frames += np.arange(1, FUTURE + 1, dtype=np.uint8)[:, None, None, None]  # the image says the step
     if source is None:
         results.write_prediction(name, KEPT, Prediction(frames))
         return

@@ -167,13 +167,13 @@ class TestStrips:
         )
 
     def test_the_file_shows_them_the_right_way_up(self) -> None:
-        """Red above green; the last observed frame is the first picture of the file."""
+        """Red above green; the last observed frame is the first image of the file."""
         frame = np.zeros((300, 300, 3), np.uint8)
         frame[:150, :, 0], frame[150:, :, 1] = 255, 255
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
         page = Page("x", "strip", "c", "", strips.draw(truth, [strips.Row("m", "", frame[None])], WORDS)[0])
-        picture = np.asarray(Image.open(io.BytesIO(plots.rendered(page, "png"))).convert("RGB"))
-        red, green = ((picture == colour).all(axis=2) for colour in ([255, 0, 0], [0, 255, 0]))
+        image = np.asarray(Image.open(io.BytesIO(plots.rendered(page, "png"))).convert("RGB"))
+        red, green = ((image == colour).all(axis=2) for colour in ([255, 0, 0], [0, 255, 0]))
         assert red.sum() == green.sum() == 3 * 150 * 300  # truth twice, the method once, pixel for pixel
         assert np.argwhere(red)[0, 0] < np.argwhere(green)[0, 0]
         svg = plots.rendered(page, "svg").decode()

@@ -1,4 +1,4 @@
-"""A KITTI folder of a few small pictures, made anew for each test that damages it."""
+"""A KITTI folder of a few small images, made anew for each test that damages it."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def kitti_root(tmp_path: Path) -> Path:
         for camera in cameras:
             (folder / f"image_{camera}").mkdir(parents=True)
             for index in range(NUM_FRAMES):
-                picture = np.full((HEIGHT_PX, WIDTH_PX), frame_value(camera, index), np.uint8)
-                cv2.imwrite(str(folder / f"image_{camera}" / f"{index:06d}.png"), picture)
+                image = np.full((HEIGHT_PX, WIDTH_PX), frame_value(camera, index), np.uint8)
+                cv2.imwrite(str(folder / f"image_{camera}" / f"{index:06d}.png"), image)
         lines = [f"P{k}: 50 0 31.5 {-50 * x_m} 0 50 11.5 0 0 0 1 0" for k, x_m in OFFSET_M.items()]
         (folder / "calib.txt").write_text("\n".join([*lines, "Tr: 1 0 0 0 0 1 0 0 0 0 1 0"]) + "\n")
         (folder / "times.txt").write_text("".join(f"{index / 10}\n" for index in range(NUM_FRAMES)))

@@ -64,8 +64,8 @@ def test_everything_wrong_is_found_at_once(kitti_root: Path, edit: Edit) -> None
     edit(folder / "calib.txt", 3, "P2: 50 0 31.5")
     (folder / "image_2" / "000006.png").unlink()
     cv2.imwrite(str(folder / "image_2" / "000008.png"), np.zeros((10, 20), np.uint8))
-    picture = folder / "image_3" / "000002.png"
-    picture.write_bytes(picture.read_bytes()[:50])
+    image = folder / "image_3" / "000002.png"
+    image.write_bytes(image.read_bytes()[:50])
     assert told(kitti_root) == [
         "error sequences/00/image_2: frame 000006 is missing: frames must be numbered from 000000 without a gap",
         "error sequences/00/image_2/000008.png: is 20x10 pixels, but those before are 64x24",
@@ -101,8 +101,8 @@ def test_missing_files_are_found(kitti_root: Path) -> None:
     found = told(kitti_root)
     assert "error sequences/01/calib.txt: does not exist" in found
     assert "error sequences/01/times.txt: does not exist" in found
-    assert "error sequences/02: holds no pictures: expected a folder image_0, image_1, image_2 or image_3" in found
-    assert "note poses/07.txt: there is no sequence '07' with pictures for these poses" in found
+    assert "error sequences/02: holds no images: expected a folder image_0, image_1, image_2 or image_3" in found
+    assert "note poses/07.txt: there is no sequence '07' with images for these poses" in found
     assert any(line.startswith("note poses/01.txt: does not exist") for line in found)
     assert doctor.examine(kitti_root).sequences[1].cells()["poses"] == "none"
 
@@ -114,7 +114,7 @@ def test_what_is_unlikely_is_a_warning(kitti_root: Path, edit: Edit) -> None:
     edit(kitti_root / "sequences" / "01" / "calib.txt", 1, "P0: 50 0 60 0 0 50 11 0 0 0 1 0")
     assert told(kitti_root) == [
         "warning sequences/01/calib.txt:1 P0 puts the principal point at 94% of the width, 46% of the height of "
-        "64x24 pictures: were they resized or cropped without it?",
+        "64x24 images: were they resized or cropped without it?",
         "warning sequences/01/times.txt:12 0.400 s after the time before, 0.100 s is usual: frames are missing",
         "warning poses/01.txt:2 turned by 90 degrees from the pose before: more than a car turns",
     ]
@@ -123,15 +123,15 @@ def test_what_is_unlikely_is_a_warning(kitti_root: Path, edit: Edit) -> None:
     assert doctor.examine(kitti_root).is_sound
 
 
-def test_damage_inside_a_picture_is_seen_by_a_deep_look_alone(kitti_root: Path) -> None:
-    picture = kitti_root / "sequences" / "01" / "image_0" / "000003.png"
-    content = bytearray(picture.read_bytes())
+def test_damage_inside_a_image_is_seen_by_a_deep_look_alone(kitti_root: Path) -> None:
+    image = kitti_root / "sequences" / "01" / "image_0" / "000003.png"
+    content = bytearray(image.read_bytes())
     start = content.index(b"IDAT") + 4
     content[start : start + 8] = b"\xff" * 8
-    picture.write_bytes(bytes(content))
+    image.write_bytes(bytes(content))
     assert told(kitti_root) == []
     assert told(kitti_root, deep=True) == [
-        "error sequences/01/image_0/000003.png: cannot be decoded as a picture: restore the file"
+        "error sequences/01/image_0/000003.png: cannot be decoded as an image: restore the file"
     ]
 
 

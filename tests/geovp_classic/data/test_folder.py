@@ -20,7 +20,7 @@ CAMERA = (40.0, 40.0, 31.5, 11.5)
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> Path:
+def images(tmp_path: Path) -> Path:
     """Frames f1.png to f12.png of 64x24 pixels, frame k all grey 10 k."""
     folder = tmp_path / "drive"
     folder.mkdir()
@@ -50,8 +50,8 @@ def straight(times_s: np.ndarray) -> Trajectory:
     return Trajectory(world_from_cam, times_s, is_metric=True)
 
 
-def test_pictures_become_clips_in_the_order_of_their_numbers(pictures: Path) -> None:
-    data = folder(pictures, camera_height_m=1.2, with_wide=True)
+def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None:
+    data = folder(images, camera_height_m=1.2, with_wide=True)
     assert isinstance(data, interfaces.Dataset)
     assert data.clip_names == ("drive/000000", "drive/000004", "drive/000008")
     assert data.ranges == (FrameRange("drive", 0, 12),)
@@ -65,9 +65,9 @@ def test_pictures_become_clips_in_the_order_of_their_numbers(pictures: Path) -> 
     assert clip.camera_height_m == 1.2
 
 
-def test_paths_may_be_text(pictures: Path, tmp_path: Path) -> None:
+def test_paths_may_be_text(images: Path, tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_text("\n".join(str(0.2 * step) for step in range(12)))
-    data = Folder(str(pictures), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24))  # type: ignore[arg-type]
+    data = Folder(str(images), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24))  # type: ignore[arg-type]
     np.testing.assert_allclose(data[0].times_s, [0.0, 0.2, 0.4, 0.6])
 
 
@@ -81,51 +81,51 @@ def test_a_video_has_its_own_rate(video: Path) -> None:
     np.testing.assert_array_equal(data[0].frames, folder(video)[0].frames)  # backwards
 
 
-def test_frames_limit_the_clips(pictures: Path) -> None:
-    assert folder(pictures, frames=(3, 8)).clip_names == ("drive/000003",)
+def test_frames_limit_the_clips(images: Path) -> None:
+    assert folder(images, frames=(3, 8)).clip_names == ("drive/000003",)
     for frames, message in {(3, 13): "has 12 frames", (5, 5): "first < last", (3, 6): "one clip needs 4"}.items():
         with pytest.raises(BadData, match=message):
-            folder(pictures, frames=frames)
+            folder(images, frames=frames)
 
 
-def test_a_tum_trajectory_brings_its_times(pictures: Path, tmp_path: Path) -> None:
+def test_a_tum_trajectory_brings_its_times(images: Path, tmp_path: Path) -> None:
     given = straight(100 + np.arange(12) * 0.5)
     pose_files.write_tum(tmp_path / "tum.txt", given)
-    clip = folder(pictures, trajectory=tmp_path / "tum.txt", is_metric=False)[1]
+    clip = folder(images, trajectory=tmp_path / "tum.txt", is_metric=False)[1]
     assert clip.times_s.tolist() == [102, 102.5, 103, 103.5]
     assert clip.trajectory is not None
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
     assert not clip.trajectory.is_metric
-    assert folder(pictures, trajectory=tmp_path / "tum.txt", frame_rate_hz=2.0)[0].times_s.tolist() == [0, 0.5, 1, 1.5]
+    assert folder(images, trajectory=tmp_path / "tum.txt", frame_rate_hz=2.0)[0].times_s.tolist() == [0, 0.5, 1, 1.5]
 
 
-def test_a_kitti_trajectory_takes_the_frames_times(pictures: Path, tmp_path: Path) -> None:
+def test_a_kitti_trajectory_takes_the_frames_times(images: Path, tmp_path: Path) -> None:
     times_s = np.arange(12) * 0.25
     pose_files.write_kitti(tmp_path / "kitti.txt", straight(times_s))
     (tmp_path / "times.txt").write_text("\n".join(map(str, times_s)))
-    clip = folder(pictures, trajectory=tmp_path / "kitti.txt", times=tmp_path / "times.txt")[2]
+    clip = folder(images, trajectory=tmp_path / "kitti.txt", times=tmp_path / "times.txt")[2]
     assert clip.trajectory is not None
     assert clip.trajectory.times_s.tolist() == clip.times_s.tolist() == [2, 2.25, 2.5, 2.75]
-    np.testing.assert_allclose(folder(pictures, trajectory=tmp_path / "kitti.txt")[0].times_s, [0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(folder(images, trajectory=tmp_path / "kitti.txt")[0].times_s, [0, 0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize("write", [pose_files.write_tum, pose_files.write_kitti])
-def test_poses_of_the_wrong_length_are_refused(pictures: Path, tmp_path: Path, write: object) -> None:
+def test_poses_of_the_wrong_length_are_refused(images: Path, tmp_path: Path, write: object) -> None:
     assert callable(write)
     write(tmp_path / "poses.txt", straight(np.arange(11) / 10))
     with pytest.raises(BadData, match=r"poses\.txt: 11 poses for 12 frames, expected one each"):
-        folder(pictures, trajectory=tmp_path / "poses.txt")
+        folder(images, trajectory=tmp_path / "poses.txt")
 
 
-def test_it_is_built_by_name_described_and_sent(pictures: Path) -> None:
-    table = {"name": "folder", "path": str(pictures), "intrinsics": [40, 40, 31.5, 11.5], "num_frames": 4}
+def test_it_is_built_by_name_described_and_sent(images: Path) -> None:
+    table = {"name": "folder", "path": str(images), "intrinsics": [40, 40, 31.5, 11.5], "num_frames": 4}
     data = registry.build("datasets", table)
     assert registry.build("datasets", registry.describe(data)) == data
     assert len(pickle.dumps(data)) < 1000
     assert pickle.loads(pickle.dumps(data)).clip_names == data.clip_names
 
 
-def test_wrong_settings_are_refused(pictures: Path, tmp_path: Path) -> None:
+def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_text("0\n1\n")
     wrong: list[tuple[dict[str, object], str]] = [
         ({"frame_rate_hz": 0.0}, "frame_rate_hz is 0.0"),
@@ -136,16 +136,16 @@ def test_wrong_settings_are_refused(pictures: Path, tmp_path: Path) -> None:
     ]
     for settings, message in wrong:
         with pytest.raises(BadData, match=message):
-            folder(pictures, **settings)
-    with pytest.raises(BadData, match="principal point outside the pictures of 64x24"):
-        Folder(pictures, (720.0, 720.0, 610.0, 180.0), num_frames=4)
+            folder(images, **settings)
+    with pytest.raises(BadData, match="principal point outside the images of 64x24"):
+        Folder(images, (720.0, 720.0, 610.0, 180.0), num_frames=4)
 
 
 def test_a_path_that_holds_no_frames_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadData, match="does not exist: give a folder of images or a video file"):
         folder(tmp_path / "none")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(BadData, match="holds no pictures"):
+    with pytest.raises(BadData, match="holds no images"):
         folder(tmp_path / "empty")
     (tmp_path / "text.mp4").write_text("text")
     with pytest.raises(BadData, match="cannot be decoded as a video"):

@@ -1,4 +1,4 @@
-"""Pictures and videos are read as they are, or the file that is not whole is named."""
+"""Images and videos are read as they are, or the file that is not whole is named."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from geovp_classic.data.frames import (
     FrameFiles,
     FrameMemory,
     VideoFrames,
-    picture_files,
-    picture_size,
-    read_picture,
+    image_files,
+    image_size,
+    read_image,
     scan_numbered,
 )
 from geovp_classic.errors import BadData
@@ -30,7 +30,7 @@ ENCODINGS = {
 
 
 def scene(height_px: int = 37, width_px: int = 53) -> np.ndarray:
-    """A smooth BGR picture with some noise, so that files have a body to cut."""
+    """A smooth BGR image with some noise, so that files have a body to cut."""
     rng = np.random.default_rng(0)
     v, u = np.mgrid[:height_px, :width_px]
     smooth = np.stack([4 * u, 5 * v, 2 * u + 2 * v], axis=-1)
@@ -41,22 +41,22 @@ def test_channels_come_as_red_green_blue(tmp_path: Path) -> None:
     bgr = np.zeros((2, 3, 3), np.uint8)
     bgr[..., 2] = 200  # red
     cv2.imwrite(str(tmp_path / "red.png"), bgr)
-    assert read_picture(tmp_path / "red.png")[0, 0].tolist() == [200, 0, 0]
+    assert read_image(tmp_path / "red.png")[0, 0].tolist() == [200, 0, 0]
 
 
-def test_grey_pictures_get_three_equal_channels(tmp_path: Path) -> None:
+def test_grey_images_get_three_equal_channels(tmp_path: Path) -> None:
     grey = scene()[..., 0]
     cv2.imwrite(str(tmp_path / "grey.png"), grey)
-    picture = read_picture(tmp_path / "grey.png")
-    assert picture.dtype == np.uint8
-    np.testing.assert_array_equal(picture, grey[..., None].repeat(3, axis=2))
+    image = read_image(tmp_path / "grey.png")
+    assert image.dtype == np.uint8
+    np.testing.assert_array_equal(image, grey[..., None].repeat(3, axis=2))
 
 
 @pytest.mark.parametrize("name", ENCODINGS)
 def test_sizes_are_read_from_headers(tmp_path: Path, name: str) -> None:
     cv2.imwrite(str(tmp_path / name), scene(), ENCODINGS[name])
     assert image_headers.inspect((tmp_path / name).read_bytes()) == (53, 37)
-    assert picture_size(tmp_path / name) == picture_size(tmp_path / name, deep=True) == (53, 37)
+    assert image_size(tmp_path / name) == image_size(tmp_path / name, deep=True) == (53, 37)
 
 
 def test_an_extended_webp_header_is_read() -> None:
@@ -68,27 +68,27 @@ def test_an_extended_webp_header_is_read() -> None:
 def test_formats_without_a_known_header_are_decoded_for_their_size(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.bmp"), scene())
     assert image_headers.inspect((tmp_path / "a.bmp").read_bytes()) is None
-    assert picture_size(tmp_path / "a.bmp") == (53, 37)
+    assert image_size(tmp_path / "a.bmp") == (53, 37)
 
 
 @pytest.mark.parametrize("name", ENCODINGS)
 @pytest.mark.parametrize("share", [0.0, 0.005, 0.3, 0.7, 0.98])
-def test_a_picture_that_was_cut_short_is_named(tmp_path: Path, name: str, share: float) -> None:
+def test_an_image_that_was_cut_short_is_named(tmp_path: Path, name: str, share: float) -> None:
     path = tmp_path / name
     cv2.imwrite(str(path), scene(), ENCODINGS[name])
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
-    for read in (read_picture, picture_size):
+    for read in (read_image, image_size):
         with pytest.raises(BadData, match=name):
             read(path)
 
 
-def test_a_picture_that_is_none_is_named(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_text("this is not a picture")
-    with pytest.raises(BadData, match=r"a\.png cannot be decoded as a picture"):
-        read_picture(tmp_path / "a.png")
+def test_an_image_that_is_none_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("this is not an image")
+    with pytest.raises(BadData, match=r"a\.png cannot be decoded as an image"):
+        read_image(tmp_path / "a.png")
     with pytest.raises(BadData, match=r"b\.png cannot be read \(No such file"):
-        read_picture(tmp_path / "b.png")
+        read_image(tmp_path / "b.png")
 
 
 def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
@@ -101,12 +101,12 @@ def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
         frames.read(1)
 
 
-def test_pictures_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> None:
+def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> None:
     for name in ("b10.png", "b9.jpg", "a2.png", "a2b.png", "notes.txt", ".hidden.png"):
         (tmp_path / name).touch()
-    assert [path.name for path in picture_files(tmp_path)] == ["a2.png", "a2b.png", "b9.jpg", "b10.png"]
+    assert [path.name for path in image_files(tmp_path)] == ["a2.png", "a2b.png", "b9.jpg", "b10.png"]
     with pytest.raises(BadData, match="cannot be listed"):
-        picture_files(tmp_path / "none")
+        image_files(tmp_path / "none")
 
 
 def test_gaps_doublets_and_foreign_files_are_found(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_gaps_doublets_and_foreign_files_are_found(tmp_path: Path) -> None:
     assert [path.name for path in paths] == ["000001.png", "000002.jpg", "000006.png"]
     told = [(finding.severity, finding.path.name, finding.message) for finding in findings]
     assert ("error", "000002.png", "is frame 2 as 000002.jpg is: keep one") in told
-    assert ("note", "readme.txt", "is not a numbered picture and is left out") in told
+    assert ("note", "readme.txt", "is not a numbered image and is left out") in told
     gaps = [message for _, name, message in told if name == tmp_path.name]
     assert gaps[0].startswith("frame 000000 is missing")
     assert gaps[1].startswith("frames 000003 to 000005 are missing")

@@ -186,7 +186,7 @@ BAD_LINES = [
     ("sequences/00/calib.txt", 3, "P2: 50 0 31 x 0 50 11 0 0 0 1 0", r"calib\.txt line 3: 'x' is not a number"),
     ("sequences/00/calib.txt", 3, "P2: -50 0 31 0 0 50 11 0 0 0 1 0", r"line 3: P2: has a focal length"),
     ("sequences/00/calib.txt", 3, "P2: 50 9 31 0 0 50 11 0 0 0 1 0", r"line 3: P2: is not K \[I | t\]"),
-    ("sequences/00/calib.txt", 3, "", r"calib\.txt: has no line 'P2:' for the pictures of image_2"),
+    ("sequences/00/calib.txt", 3, "", r"calib\.txt: has no line 'P2:' for the images of image_2"),
 ]
 
 
@@ -206,26 +206,26 @@ def test_a_missing_text_file_is_named(kitti_root: Path, file: str) -> None:
         kitti(kitti_root)
 
 
-def test_missing_and_damaged_pictures_are_named(kitti_root: Path) -> None:
-    picture = kitti_root / "sequences" / "00" / "image_2" / "000005.png"
-    picture.write_bytes(picture.read_bytes()[:-20])
+def test_missing_and_damaged_images_are_named(kitti_root: Path) -> None:
+    image = kitti_root / "sequences" / "00" / "image_2" / "000005.png"
+    image.write_bytes(image.read_bytes()[:-20])
     data = kitti(kitti_root)
     assert data[0].name == "00/000000"
     with pytest.raises(BadData, match=r"000005\.png is cut short: its end is missing: restore the file"):
         data[1]
-    cv2.imwrite(str(picture), np.zeros((24, 60), np.uint8))
+    cv2.imwrite(str(image), np.zeros((24, 60), np.uint8))
     with pytest.raises(BadData, match=r"000005\.png is 60x24 pixels, expected 64x24"):
         data[1]
-    picture.unlink()
+    image.unlink()
     with pytest.raises(BadData, match="image_2: frame 000005 is missing"):
         kitti(kitti_root)
 
 
-def test_a_sequence_without_pictures_is_named(kitti_root: Path) -> None:
+def test_a_sequence_without_images_is_named(kitti_root: Path) -> None:
     for camera in ("image_2", "image_3"):
         shutil.rmtree(kitti_root / "sequences" / "00" / camera)
-    with pytest.raises(BadData, match="00 holds no pictures: expected a folder image_0"):
+    with pytest.raises(BadData, match="00 holds no images: expected a folder image_0"):
         kitti(kitti_root)
     (kitti_root / "sequences" / "00" / "image_2").mkdir()
-    with pytest.raises(BadData, match="image_2: holds no pictures, expected 000000"):
+    with pytest.raises(BadData, match="image_2: holds no images, expected 000000"):
         kitti(kitti_root)

@@ -60,8 +60,8 @@ def test_colour_frames_of_sequence_00_keep_their_pixels(root: Path) -> None:
 
 
 def matches(left: np.ndarray, right: np.ndarray) -> tuple[FloatArray, FloatArray]:
-    """Pixels of the corners seen in both pictures, tracked there and back."""
-    grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in (left, right)]
+    """Pixels of the corners seen in both images, tracked there and back."""
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
     corners = cv2.goodFeaturesToTrack(grey[0], 400, 0.01, 8)
     window = {"winSize": (21, 21), "maxLevel": 5}
     there, found, _ = cv2.calcOpticalFlowPyrLK(grey[0], grey[1], corners, None, **window)

@@ -154,9 +154,9 @@ def test_a_file_without_poses_is_refused(tmp_path: Path, content: str) -> None:
 def test_files_that_are_no_text_or_not_there_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BadData, match="does not exist"):
         pose_files.read_trajectory(tmp_path / "none.txt")
-    (tmp_path / "picture.txt").write_bytes(b"\x89PNG\xff\xfe")
+    (tmp_path / "image.txt").write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(BadData, match="cannot be read as text"):
-        pose_files.read_trajectory(tmp_path / "picture.txt")
+        pose_files.read_trajectory(tmp_path / "image.txt")
 
 
 def test_the_format_is_told_by_the_numbers_on_a_line(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_frames_are_the_middle_of_the_wide_frames_with_or_without_them(stereo: C
 
 
 def test_the_right_camera_sees_near_things_further_left(stereo: Clip) -> None:
-    """Its pictures are shifted by focal length times 0.54 m over depth."""
+    """Its images are shifted by focal length times 0.54 m over depth."""
     assert stereo.right is not None
     assert stereo.depths is not None
     np.testing.assert_allclose(stereo.right.view_from_cam[:3, 3], [-0.54, 0.0, 0.0])
@@ -128,7 +128,7 @@ def test_windows_of_one_drive_share_its_poses(cache: Path) -> None:
     np.testing.assert_allclose(late.times_s[0], 0.2)
 
 
-def test_clean_pictures_lack_noise_only(cache: Path) -> None:
+def test_clean_images_lack_noise_only(cache: Path) -> None:
     noisy, clean = (Synthetic(**TINY, noise=noise, exposure_drift=0.0, cache=cache)[0] for noise in (2.0, 0.0))
     difference = noisy.frames.astype(float) - clean.frames
     assert difference.std() == pytest.approx(2.0, rel=0.1)
@@ -177,7 +177,7 @@ def test_a_damaged_cache_file_is_rendered_again(tmp_path: Path, damage: str) -> 
             "truncated": bytes(content[: middle - 100]),
             "flipped": bytes(content),
             "empty": b"",
-            "not a zip": b"pictures",
+            "not a zip": b"images",
         }[damage]
     )
     np.testing.assert_array_equal(data[0].frames, good)

@@ -1,4 +1,4 @@
-"""Pictures of small made-up worlds whose depths and colours are known, and of the street itself."""
+"""Images of small made-up worlds whose depths and colours are known, and of the street itself."""
 
 from __future__ import annotations
 
@@ -125,21 +125,21 @@ def test_edges_are_mixed_and_surfaces_are_not() -> None:
 
 
 def backward_warp(footage: Footage, camera: Intrinsics, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The last picture made from the first by exact depth and poses, and where both show the same static surface."""
+    """The last image made from the first by exact depth and poses, and where both show the same static surface."""
     depth, first = footage.depths[-1].astype(np.float64), footage.depths[0]
     solid = np.isfinite(depth)
     points = pinhole.unproject(pinhole.pixel_grid(camera), np.where(solid, depth, 1.0), camera)
     first_from_last = se3.inverse(poses[0]) @ poses[-1]
     pixels, seen_depth = pinhole.project(se3.transform(first_from_last, points.reshape(-1, 3)), camera)
     u, v = pixels.astype(np.float32).reshape(*depth.shape, 2).transpose(2, 0, 1)
-    picture = cv2.remap(footage.frames[0].astype(np.float32), u, v, cv2.INTER_LINEAR)
+    image = cv2.remap(footage.frames[0].astype(np.float32), u, v, cv2.INTER_LINEAR)
     steps = [_smooth(1 / first), _smooth(1 / depth)]
     nearest = [cv2.remap(np.asarray(image, np.float32), u, v, cv2.INTER_NEAREST) for image in (1 / first, *steps[:1])]
     inverse = 1 / seen_depth.reshape(depth.shape)
     same = solid & (np.abs(nearest[0] - inverse) < 0.02 * inverse) & (nearest[1] > 0) & steps[1]
     inside = (u >= 0) & (v >= 0) & (u <= camera.width_px - 1) & (v <= camera.height_px - 1)
     still = cv2.remap(footage.moving[0].astype(np.float32), u, v, cv2.INTER_NEAREST) == 0
-    return picture, same & inside & still & ~footage.moving[-1]
+    return image, same & inside & still & ~footage.moving[-1]
 
 
 def _smooth(inverse_depth: FloatArray) -> BoolArray:
@@ -150,9 +150,7 @@ def _smooth(inverse_depth: FloatArray) -> BoolArray:
 
 
 @pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.0, 0.0), (-4.0, 6.0)])
-def test_exact_depth_and_poses_carry_one_picture_into_the_next(
-    street: World, pitch_deg: float, roll_deg: float
-) -> None:
+def test_exact_depth_and_poses_carry_one_image_into_the_next(street: World, pitch_deg: float, roll_deg: float) -> None:
     """At least 35 dB where both show the same static surface away from depth edges, half a metre on."""
     times_s = np.array([2.0, 2.1])
     camera = square_camera((192, 192))
@@ -160,8 +158,8 @@ def test_exact_depth_and_poses_carry_one_picture_into_the_next(
     assert 0.4 < np.linalg.norm(np.diff(poses[:, :3, 3], axis=0)) < 0.8
     optics = Optics(haze_per_m=0.0, gloss=0.0, blur_px=0.8, finest_detail_m=0.3)
     footage = render_drive(street, poses, camera, times_s, optics)
-    picture, same = backward_warp(footage, camera, poses)
-    error = (picture[same] - footage.frames[1][same]) ** 2
+    image, same = backward_warp(footage, camera, poses)
+    error = (image[same] - footage.frames[1][same]) ** 2
     assert same.mean() > 0.3
     assert 10 * np.log10(255**2 / error.mean()) > 35.0
     wrong = (footage.frames[0][same].astype(float) - footage.frames[1][same]) ** 2

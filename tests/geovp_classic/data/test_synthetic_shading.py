@@ -1,4 +1,4 @@
-"""Light: what sun, sky, gloss and haze do to a patch, and how pictures are blurred."""
+"""Light: what sun, sky, gloss and haze do to a patch, and how images are blurred."""
 
 from __future__ import annotations
 

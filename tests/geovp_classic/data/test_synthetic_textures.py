@@ -7,35 +7,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geovp_classic.data.synthetic.patterns import noise, picture_of
+from geovp_classic.data.synthetic.patterns import image_of, noise
 from geovp_classic.data.synthetic.sampling import MOST_TAPS, sample
 from geovp_classic.data.synthetic.textures import TILE_M, Atlas, Texture, atlas
 
 
-def _level(pictures: Atlas, texture: int, level: int) -> np.ndarray:
-    level = min(level, pictures.widths.shape[1] - 1)
-    while pictures.widths[texture, level] == 0:
+def _level(images: Atlas, texture: int, level: int) -> np.ndarray:
+    level = min(level, images.widths.shape[1] - 1)
+    while images.widths[texture, level] == 0:
         level -= 1
-    start, width, height = (
-        int(table[texture, level]) for table in (pictures.starts, pictures.widths, pictures.heights)
-    )
-    return pictures.texels[start : start + width * height].reshape(height, width, 4) / 255.0
+    start, width, height = (int(table[texture, level]) for table in (images.starts, images.widths, images.heights))
+    return images.texels[start : start + width * height].reshape(height, width, 4) / 255.0
 
 
-def _bilinear(picture: np.ndarray, u: float, v: float) -> np.ndarray:
-    height, width = picture.shape[:2]
+def _bilinear(image: np.ndarray, u: float, v: float) -> np.ndarray:
+    height, width = image.shape[:2]
     x, y = u * width - 0.5, v * height - 0.5
     column, row = int(np.floor(x)), int(np.floor(y))
     value = np.zeros(4)
     for dx, wx in ((0, 1 - (x - column)), (1, x - column)):
         for dy, wy in ((0, 1 - (y - row)), (1, y - row)):
-            value += wx * wy * picture[(row + dy) % height, (column + dx) % width]
+            value += wx * wy * image[(row + dy) % height, (column + dx) % width]
     return value
 
 
-def slow_sample(pictures: Atlas, texture: int, uv: np.ndarray, step_x: np.ndarray, step_y: np.ndarray) -> np.ndarray:
+def slow_sample(images: Atlas, texture: int, uv: np.ndarray, step_x: np.ndarray, step_y: np.ndarray) -> np.ndarray:
     """One pixel, as one would explain it: taps along the longer side, two mip levels that fit the shorter one."""
-    size = np.array([pictures.widths[texture, 0], pictures.heights[texture, 0]])
+    size = np.array([images.widths[texture, 0], images.heights[texture, 0]])
     longer, shorter = sorted([step_x, step_y], key=lambda step: -np.hypot(*(step * size)))
     major, minor = (float(np.hypot(*(step * size))) for step in (longer, shorter))
     minor = max(minor, major / MOST_TAPS, 1.0)
@@ -45,8 +43,8 @@ def slow_sample(pictures: Atlas, texture: int, uv: np.ndarray, step_x: np.ndarra
     value = np.zeros(4)
     for tap in range(taps):
         u, v = uv + ((tap + 0.5) / taps - 0.5) * longer
-        value += (1 - part) * _bilinear(_level(pictures, texture, low), u, v)
-        value += part * _bilinear(_level(pictures, texture, low + 1), u, v)
+        value += (1 - part) * _bilinear(_level(images, texture, low), u, v)
+        value += part * _bilinear(_level(images, texture, low + 1), u, v)
     return value / taps
 
 
@@ -69,18 +67,18 @@ def test_sampling_equals_its_slow_twin(
 
 
 def test_a_texel_in_its_middle_is_itself() -> None:
-    pictures = atlas()
-    picture = _level(pictures, Texture.BRICK, 0)
-    height, width = picture.shape[:2]
+    images = atlas()
+    image = _level(images, Texture.BRICK, 0)
+    height, width = image.shape[:2]
     uv, still = np.array([[(7 + 0.5) / width, (11 + 0.5) / height]]), np.zeros((1, 2, 2))
-    np.testing.assert_allclose(sample(pictures, np.array([Texture.BRICK]), uv, still)[0], picture[11, 7], atol=1e-4)
+    np.testing.assert_allclose(sample(images, np.array([Texture.BRICK]), uv, still)[0], image[11, 7], atol=1e-4)
 
 
 def test_a_pixel_as_large_as_the_tile_sees_its_mean() -> None:
-    pictures = atlas()
+    images = atlas()
     for texture in (Texture.GRASS, Texture.ROAD_PAINT, Texture.LEAVES):
-        mean = _level(pictures, texture, 0).mean(axis=(0, 1))
-        seen = sample(pictures, np.array([texture]), np.array([[0.3, 0.8]]), 8 * np.eye(2)[None])[0]
+        mean = _level(images, texture, 0).mean(axis=(0, 1))
+        seen = sample(images, np.array([texture]), np.array([[0.3, 0.8]]), 8 * np.eye(2)[None])[0]
         np.testing.assert_allclose(seen, mean, atol=0.02)
 
 
@@ -91,10 +89,10 @@ def test_finest_smooths_a_texture_away() -> None:
     assert soft < 0.3 * sharp
 
 
-def test_every_texture_has_a_picture_whose_sides_are_powers_of_two_and_a_size() -> None:
-    pictures = atlas()
+def test_every_texture_has_a_image_whose_sides_are_powers_of_two_and_a_size() -> None:
+    images = atlas()
     assert set(TILE_M) == set(Texture)
-    for sides in (pictures.widths[:, 0], pictures.heights[:, 0]):
+    for sides in (images.widths[:, 0], images.heights[:, 0]):
         assert ((sides & (sides - 1)) == 0).all()
         assert sides.min() >= 64
 
@@ -107,10 +105,10 @@ def test_colours_are_stored_times_alpha() -> None:
 @pytest.mark.parametrize("texture", [Texture.ASPHALT, Texture.GRASS, Texture.LEAVES, Texture.BRICK, Texture.ROOF])
 def test_repeating_textures_have_no_seam(texture: Texture) -> None:
     """The step over the border is no larger than steps inside (the largest are at joints)."""
-    picture = _level(atlas(), texture, 0)[..., :3]
+    image = _level(atlas(), texture, 0)[..., :3]
     for axis in (0, 1):
-        inside = np.abs(np.diff(picture, axis=axis)).mean(axis=(1 - axis, 2)).max()
-        seam = np.abs(picture.take(0, axis=axis) - picture.take(-1, axis=axis)).mean()
+        inside = np.abs(np.diff(image, axis=axis)).mean(axis=(1 - axis, 2)).max()
+        seam = np.abs(image.take(0, axis=axis) - image.take(-1, axis=axis)).mean()
         assert seam < 1.5 * inside
 
 
@@ -125,5 +123,5 @@ def test_noise_is_normalised_tileable_and_coloured() -> None:
     assert spectrum[:5, :5].max() < 1e-2 * spectrum.max()
 
 
-def test_picture_of_rounds_and_clips() -> None:
-    np.testing.assert_array_equal(picture_of(np.array([[0.5, 2.0]]), 0.5), [[[64, 64, 64, 128], [128, 128, 128, 128]]])
+def test_image_of_rounds_and_clips() -> None:
+    np.testing.assert_array_equal(image_of(np.array([[0.5, 2.0]]), 0.5), [[[64, 64, 64, 128], [128, 128, 128, 128]]])

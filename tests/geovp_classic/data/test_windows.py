@@ -17,7 +17,7 @@ from geovp_classic.types import Intrinsics, Trajectory
 
 
 @dataclass(frozen=True)
-class Pictures:
+class Images:
     """Frames held in memory."""
 
     frames: np.ndarray
@@ -35,7 +35,7 @@ def recording_of(frames: np.ndarray, camera: Intrinsics, right: SideCamera | Non
     world_from_cam[:, 2, 3] = np.arange(count)
     times_s = np.arange(count) / 10
     trajectory = Trajectory(world_from_cam, times_s, is_metric=True)
-    return Recording("a", Pictures(frames), times_s, camera, trajectory, 1.65, right)
+    return Recording("a", Images(frames), times_s, camera, trajectory, 1.65, right)
 
 
 def test_a_range_says_first_inclusive_and_last_exclusive() -> None:
@@ -121,7 +121,7 @@ def test_a_clip_takes_its_own_frames_times_poses_and_views() -> None:
     frames = np.arange(6, dtype=np.uint8)[:, None, None, None] * np.ones((1, 4, 8, 3), np.uint8)
     right_from_cam = np.eye(4)
     right_from_cam[0, 3] = -0.5
-    recording = recording_of(frames, camera, SideCamera(Pictures(frames + 100), camera, right_from_cam))
+    recording = recording_of(frames, camera, SideCamera(Images(frames + 100), camera, right_from_cam))
     clip = windows.cut(recording, 2, 3, (4, 4), with_wide=True)
     assert clip.name == "a/000002"
     assert clip.frames.shape == (3, 4, 4, 3)
@@ -145,6 +145,6 @@ def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
     camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
     frames = np.zeros((5, 4, 8, 3), np.uint8)
     with pytest.raises(BadData, match="a: 4 times for 5 frames"):
-        Recording("a", Pictures(frames), np.arange(4.0), camera)
+        Recording("a", Images(frames), np.arange(4.0), camera)
     with pytest.raises(BadData, match="a: 3 right frames for 5 frames"):
-        recording_of(frames, camera, SideCamera(Pictures(frames[:3]), camera, np.eye(4)))
+        recording_of(frames, camera, SideCamera(Images(frames[:3]), camera, np.eye(4)))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from geovp_classic.depth.ground import Ground
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.ground_plane import Ground
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
@@ -43,7 +43,7 @@ def depth_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> 
     return depth, origin + depth[..., None] * rays
 
 
-def picture_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
+def image_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
     """What the camera sees, uint8 [H, W, 3]; each pixel is sampled four times, so that nothing flickers."""
     fine = camera.resized(2 * camera.width_px, 2 * camera.height_px)
     _, points = depth_of_street(world_from_cam, fine)
@@ -58,7 +58,7 @@ def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
 
     def _observe(world_from_cam: FloatArray, unit_m: float = 1.0) -> tuple[Context, Trajectory, FloatArray]:
         num = len(world_from_cam)
-        frames = np.stack([picture_of_street(one) for one in world_from_cam])
+        frames = np.stack([image_of_street(one) for one in world_from_cam])
         times_s = 0.1 * np.arange(num + 1)
         in_unit = np.array(world_from_cam)
         in_unit[:, :3, 3] /= unit_m
@@ -69,9 +69,9 @@ def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
 
 
 @pytest.fixture(scope="session")
-def picture() -> Callable[..., FloatArray]:
+def image() -> Callable[..., FloatArray]:
     """What a camera at a pose sees of the street."""
-    return picture_of_street
+    return image_of_street
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Car:
     distance: float = 8.0  # z
     velocity: tuple[float, float, float] = (1.2, 0.0, 5.0)  # per second
 
-    def picture(self, world_from_cam: FloatArray, seconds: float) -> tuple[FloatArray, BoolArray]:
+    def image(self, world_from_cam: FloatArray, seconds: float) -> tuple[FloatArray, BoolArray]:
         """Street and car, float32 grey [H, W], and where the car is [H, W]; each pixel is sampled four times."""
         fine = CAMERA.resized(2 * CAMERA.width_px, 2 * CAMERA.height_px)
         origin = world_from_cam[:3, 3] - seconds * np.array(self.velocity)  # in the car's own frame
@@ -101,9 +101,9 @@ class Car:
 
 @dataclass(frozen=True)
 class Traffic:
-    """Ten pictures of the street with a car that drives on it, and what is true of the last one."""
+    """Ten images of the street with a car that drives on it, and what is true of the last one."""
 
-    pictures: FloatArray  # [10, H, W] float32 grey
+    images: FloatArray  # [10, H, W] float32 grey
     past: Trajectory  # [10], the last pose is the identity
     camera: Intrinsics
     inverse_depth: FloatArray  # [H, W] of the street alone
@@ -121,10 +121,10 @@ def drive_behind() -> Callable[..., Traffic]:
     ) -> Traffic:
         car, times_s = Car(velocity=velocity, distance=distance), 0.1 * np.arange(-9, 1)
         poses = se3.exp(np.outer(times_s, [0, 0, 4.0, 0, 0, 0]))
-        pictures, masks = zip(*(car.picture(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True)
+        images, masks = zip(*(car.image(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True)
         poses[:, :3, 3] /= unit_m
         street = (unit_m / depth_of_street(np.eye(4))[0]).astype(np.float32)
         road = Ground(np.array([0.0, 1.0, 0.0]), HEIGHT / unit_m)
-        return Traffic(np.stack(pictures), Trajectory(poses, times_s, unit_m == 1.0), CAMERA, street, masks[-1], road)
+        return Traffic(np.stack(images), Trajectory(poses, times_s, unit_m == 1.0), CAMERA, street, masks[-1], road)
 
     return _drive

@@ -10,7 +10,7 @@ SMALL, LARGE, CONTRAST = 5.0, 60.0, 10.0
 DIRECTIONS = [(-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1)]  # (du, dv) to the pixel before
 
 
-def _path_costs(costs: FloatArray, picture: FloatArray, du: int, dv: int) -> FloatArray:
+def _path_costs(costs: FloatArray, image: FloatArray, du: int, dv: int) -> FloatArray:
     """Hirschmueller 2008, equation 13, as it is written there."""
     height, width, num = costs.shape
     path = np.zeros(costs.shape)
@@ -22,7 +22,7 @@ def _path_costs(costs: FloatArray, picture: FloatArray, du: int, dv: int) -> Flo
             if not (0 <= y < height and 0 <= x < width):
                 path[row, column] = costs[row, column]
                 continue
-            large = max(SMALL, LARGE / (1 + abs(picture[row, column] - picture[y, x]) / CONTRAST))
+            large = max(SMALL, LARGE / (1 + abs(image[row, column] - image[y, x]) / CONTRAST))
             before = path[y, x]
             for n in range(num):
                 options = [before[n], before.min() + large]
@@ -37,9 +37,9 @@ def costs() -> FloatArray:
 
 
 def test_sums_equal_the_slow_twin(costs: FloatArray) -> None:
-    picture = np.random.default_rng(6).uniform(0, 60, (7, 9)).astype(np.float32)
-    expected = sum(_path_costs(costs, picture, du, dv) for du, dv in DIRECTIONS)
-    sums = aggregation.aggregate(costs, picture, SMALL, LARGE, CONTRAST)
+    image = np.random.default_rng(6).uniform(0, 60, (7, 9)).astype(np.float32)
+    expected = sum(_path_costs(costs, image, du, dv) for du, dv in DIRECTIONS)
+    sums = aggregation.aggregate(costs, image, SMALL, LARGE, CONTRAST)
     assert np.abs(sums.astype(int).sum(axis=0) - expected).max() <= 1.01  # each pass is rounded once
 
 
@@ -47,8 +47,8 @@ def test_one_bad_pixel_is_outvoted() -> None:
     plain = np.full((7, 9, 6), 100, np.uint8)
     plain[..., 2] = 20  # all say hypothesis 2 ...
     plain[3, 4, 2], plain[3, 4, 5] = 40, 20  # ... but one
-    picture = np.zeros((7, 9), np.float32)
-    best, _ = aggregation.winners(aggregation.aggregate(plain, picture, SMALL, LARGE, CONTRAST), np.arange(6) / 10)
+    image = np.zeros((7, 9), np.float32)
+    best, _ = aggregation.winners(aggregation.aggregate(plain, image, SMALL, LARGE, CONTRAST), np.arange(6) / 10)
     np.testing.assert_allclose(best, 0.2, atol=0.02)
 
 

@@ -7,12 +7,12 @@ from geovp_classic.depth import matching
 from geovp_classic.types import FloatArray
 
 
-def _bilinear(picture: FloatArray, u: float, v: float) -> float:
-    height, width = picture.shape
+def _bilinear(image: FloatArray, u: float, v: float) -> float:
+    height, width = image.shape
     u, v = np.clip(u, 0, width - 1.001), np.clip(v, 0, height - 1.001)
     column, row = int(u), int(v)
-    upper = picture[row, column] * (column + 1 - u) + picture[row, column + 1] * (u - column)
-    lower = picture[row + 1, column] * (column + 1 - u) + picture[row + 1, column + 1] * (u - column)
+    upper = image[row, column] * (column + 1 - u) + image[row, column + 1] * (u - column)
+    lower = image[row + 1, column] * (column + 1 - u) + image[row + 1, column + 1] * (u - column)
     return float(upper * (row + 1 - v) + lower * (v - row))
 
 
@@ -33,37 +33,37 @@ def _cost(reference: FloatArray, source: FloatArray, homography: FloatArray, row
 
 
 @pytest.fixture
-def pictures() -> FloatArray:
+def images() -> FloatArray:
     rng = np.random.default_rng(3)
     return rng.uniform(0, 255, (3, 20, 24)).astype(np.float32)
 
 
-def test_costs_equal_the_slow_twin(pictures: FloatArray) -> None:
+def test_costs_equal_the_slow_twin(images: FloatArray) -> None:
     infinity = np.array([np.eye(3), [[1.05, 0.02, -3.0], [-0.01, 0.95, 2.0], [0.001, 0.0, 1.0]]])
     epipoles = np.array([[8.0, 3.0, 0.5], [-20.0, 0.0, -0.2]])
     planes = np.array([0.0, 0.3, 1.0])
-    costs = matching.sweep_costs(pictures[0], pictures[1:], infinity, epipoles, planes)
+    costs = matching.sweep_costs(images[0], images[1:], infinity, epipoles, planes)
     assert costs.shape == (20, 24, 3)
     for row, column, n in np.ndindex(*costs.shape):
         homographies = [a + planes[n] * np.outer(e, [0, 0, 1]) for a, e in zip(infinity, epipoles, strict=True)]
-        twins = [_cost(pictures[0], s, h, row, column) for s, h in zip(pictures[1:], homographies, strict=True)]
+        twins = [_cost(images[0], s, h, row, column) for s, h in zip(images[1:], homographies, strict=True)]
         seen = [twin for twin in twins if twin is not None]
         expected = 255 * np.mean(seen) if seen else matching.UNSEEN
         assert abs(costs[row, column, n] - expected) <= 1.5, (row, column, n)
 
 
-def test_bands_leave_no_seam(pictures: FloatArray) -> None:
-    tall = np.tile(pictures[0], (5, 1))  # 100 rows: several bands
+def test_bands_leave_no_seam(images: FloatArray) -> None:
+    tall = np.tile(images[0], (5, 1))  # 100 rows: several bands
     costs = matching.sweep_costs(tall, tall[None], np.eye(3)[None], np.array([[3.0, 0, 0]]), np.array([0.0, 1.0]))
-    np.testing.assert_array_equal(costs[25:35], costs[65:75])  # the picture repeats every 20 rows
+    np.testing.assert_array_equal(costs[25:35], costs[65:75])  # the image repeats every 20 rows
     assert (costs[..., 0] <= 6).all()  # equal windows: 1 - variance / (variance + noise)
 
 
-def test_exposure_changes_nothing(pictures: FloatArray) -> None:
-    brighter = 0.5 * pictures[0] + 60
+def test_exposure_changes_nothing(images: FloatArray) -> None:
+    brighter = 0.5 * images[0] + 60
     args = (np.eye(3)[None], np.array([[3.0, 0, 0]]), np.array([0.0, 1.0]))
-    same = matching.sweep_costs(pictures[0], pictures[:1], *args)
-    changed = matching.sweep_costs(pictures[0], brighter[None], *args)
+    same = matching.sweep_costs(images[0], images[:1], *args)
+    changed = matching.sweep_costs(images[0], brighter[None], *args)
     assert np.abs(same.astype(int) - changed).max() <= 2
 
 
@@ -73,7 +73,7 @@ def test_flat_windows_match_nothing() -> None:
     assert (costs >= matching.WORST - 2).all()
 
 
-def test_what_no_source_sees_is_neither_good_nor_bad(pictures: FloatArray) -> None:
+def test_what_no_source_sees_is_neither_good_nor_bad(images: FloatArray) -> None:
     aside = np.array([[[1.0, 0, 100.0], [0, 1, 0], [0, 0, 1]]])
-    costs = matching.sweep_costs(pictures[0], pictures[1:2], aside, np.zeros((1, 3)), np.array([0.0]))
+    costs = matching.sweep_costs(images[0], images[1:2], aside, np.zeros((1, 3)), np.array([0.0]))
     assert (costs == matching.UNSEEN).all()

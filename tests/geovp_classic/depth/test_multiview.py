@@ -1,4 +1,4 @@
-"""Depth of a street that can be worked out on paper, from its pictures and poses."""
+"""Depth of a street that can be worked out on paper, from its images and poses."""
 
 import dataclasses
 from collections.abc import Callable
@@ -38,7 +38,7 @@ def test_depth_of_a_street_seen_while_driving(observe: Observe) -> None:
 def test_a_car_that_comes_towards_the_camera_does_not_hang_over_the_road(drive_behind: Observe) -> None:
     # At twice the street's speed past the camera it shifts like something at half its distance, in the air.
     traffic = drive_behind(velocity=(0.0, 0.0, -4.0), distance=12.0)
-    frames = np.repeat(traffic.pictures.astype(np.uint8)[..., None], 3, axis=-1)
+    frames = np.repeat(traffic.images.astype(np.uint8)[..., None], 3, axis=-1)
     context = Context(frames, np.append(traffic.past.times_s, 0.1), traffic.camera)
     nearness = [
         12.0 * np.median(Multiview(with_ground=ground).inverse_depths(context, traffic.past)[0][-1][traffic.mask])
@@ -66,7 +66,7 @@ def test_the_unit_of_the_poses_is_the_unit_of_the_depth(observe: Observe) -> Non
 
 
 @pytest.mark.parametrize(("times", "planes"), [(1, 20), (2, 20), (4, 35)])  # 112, 224 and 448 rows
-def test_sweeps_over_tall_pictures_take_more_planes(
+def test_sweeps_over_tall_images_take_more_planes(
     times: int, planes: int, observe: Observe, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     context, past, _ = observe(_drive(2))

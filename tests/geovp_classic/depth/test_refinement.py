@@ -21,7 +21,7 @@ def _painted(points: FloatArray) -> FloatArray:
     return 120 + 40 * np.sin(4.3 * x + 1.1 * y) * np.cos(3.7 * y + 0.8 * z) + 30 * np.sin(2.9 * z - 1.7 * x)
 
 
-def _pictures() -> FloatArray:
+def _images() -> FloatArray:
     """What the cameras see of the plane [9, H, W], each pixel's ray met with it exactly."""
     seen = []
     for pose in POSES:
@@ -45,27 +45,27 @@ def _shift_px(inverse_depth: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(places[0] - places[1], axis=-1))
 
 
-def _plain(picture: FloatArray) -> FloatArray:
-    """The picture less its windows' means, by their deviations; beyond the border it is mirrored."""
+def _plain(image: FloatArray) -> FloatArray:
+    """The image less its windows' means, by their deviations; beyond the border it is mirrored."""
     reach = refinement.WINDOW_PX // 2
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(picture, reach, mode="reflect"), (2 * reach + 1,) * 2)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(image, reach, mode="reflect"), (2 * reach + 1,) * 2)
     variance = windows.var(axis=(2, 3)) + refinement.NOISE_DEVIATION**2
-    return np.asarray((picture - windows.mean(axis=(2, 3))) / np.sqrt(variance))
+    return np.asarray((image - windows.mean(axis=(2, 3))) / np.sqrt(variance))
 
 
-def _bilinear(picture: FloatArray, place: FloatArray) -> float:
+def _bilinear(image: FloatArray, place: FloatArray) -> float:
     column, row = np.floor(place).astype(int)
     u, v = place - np.floor(place)
-    corners = picture[row : row + 2, column : column + 2]
+    corners = image[row : row + 2, column : column + 2]
     return float(np.array([1 - v, v]) @ corners @ np.array([1 - u, u]))
 
 
-def _twin(inverse_depth: FloatArray, pictures: FloatArray, poses: FloatArray, reference: int) -> FloatArray:
+def _twin(inverse_depth: FloatArray, images: FloatArray, poses: FloatArray, reference: int) -> FloatArray:
     """The refined inverse depth, pixel by pixel and frame by frame; only the blur is OpenCV's."""
-    plain = [_plain(picture.astype(np.float64)) for picture in pictures]
+    plain = [_plain(image.astype(np.float64)) for image in images]
     pull, grip, speed = np.zeros((3, *inverse_depth.shape))
     matrix, rays = CAMERA.matrix, pinhole.rays(CAMERA)
-    for step in set(range(len(pictures))) - {reference}:
+    for step in set(range(len(images))) - {reference}:
         other_from_cam = se3.inverse(poses[step]) @ poses[reference]
         for row, column in np.ndindex(*inverse_depth.shape):
             q = float(inverse_depth[row, column])
@@ -92,9 +92,9 @@ def test_equals_the_slow_twin() -> None:
     poses = POSES[[0, 4, 8]].copy()
     poses[0] = poses[0] @ se3.exp(np.array([0, 0, 0, 0.01, -0.02, 0.03]))
     noise = np.random.default_rng(7).normal(0, 8, (3, 64, 80))
-    pictures = (_pictures()[[0, 4, 8]] + noise).astype(np.float32)
-    found = refinement.refined(_exact() * np.float32(1.1), pictures, CAMERA, poses, 2)
-    expected = _twin(_exact() * np.float32(1.1), pictures, poses, 2)
+    images = (_images()[[0, 4, 8]] + noise).astype(np.float32)
+    found = refinement.refined(_exact() * np.float32(1.1), images, CAMERA, poses, 2)
+    expected = _twin(_exact() * np.float32(1.1), images, poses, 2)
     np.testing.assert_allclose(found, expected, rtol=2e-4)
     assert np.abs(expected / (1.1 * _exact()) - 1).max() > 0.02
 
@@ -103,38 +103,38 @@ def test_equals_the_slow_twin() -> None:
 def test_errors_of_a_fraction_of_a_pixel_fall_to_less_than_half_whatever_the_exposure(
     gain: float, offset: float
 ) -> None:
-    pictures = _pictures()
-    pictures[:-1] = gain * pictures[:-1] + offset
+    images = _images()
+    images[:-1] = gain * images[:-1] + offset
     too_near = _exact() * np.float32(1.05)
-    left = _shift_px(refinement.refined(too_near, pictures, CAMERA, POSES, 8))
+    left = _shift_px(refinement.refined(too_near, images, CAMERA, POSES, 8))
     assert 0.2 < np.median(_shift_px(too_near)) < 0.5
     assert np.median(left) < 0.5 * np.median(_shift_px(too_near))
 
 
 def test_what_is_right_stays_right() -> None:
-    assert np.median(_shift_px(refinement.refined(_exact(), _pictures(), CAMERA, POSES, 8))) < 0.03
+    assert np.median(_shift_px(refinement.refined(_exact(), _images(), CAMERA, POSES, 8))) < 0.03
 
 
 def test_any_frame_can_be_the_reference_and_any_unit_will_do() -> None:
-    pictures, poses = _pictures()[::-1], POSES[::-1].copy()
+    images, poses = _images()[::-1], POSES[::-1].copy()
     too_near = _exact() * np.float32(1.05)
-    found = refinement.refined(too_near, pictures, CAMERA, poses, 0)
-    np.testing.assert_allclose(found, refinement.refined(too_near, _pictures(), CAMERA, POSES, 8), rtol=1e-5)
+    found = refinement.refined(too_near, images, CAMERA, poses, 0)
+    np.testing.assert_allclose(found, refinement.refined(too_near, _images(), CAMERA, POSES, 8), rtol=1e-5)
     poses[:, :3, 3] *= 1000
-    np.testing.assert_allclose(1000 * refinement.refined(too_near / 1000, pictures, CAMERA, poses, 0), found, rtol=1e-4)
+    np.testing.assert_allclose(1000 * refinement.refined(too_near / 1000, images, CAMERA, poses, 0), found, rtol=1e-4)
 
 
 def test_nothing_moves_without_texture_without_parallax_or_alone() -> None:
-    q, pictures = _exact(), _pictures()
-    np.testing.assert_allclose(refinement.refined(q, np.full_like(pictures, 99), CAMERA, POSES, 8), q, rtol=1e-6)
+    q, images = _exact(), _images()
+    np.testing.assert_allclose(refinement.refined(q, np.full_like(images, 99), CAMERA, POSES, 8), q, rtol=1e-6)
     still = np.tile(np.eye(4), (9, 1, 1))
-    np.testing.assert_array_equal(refinement.refined(q, pictures, CAMERA, still, 8), q)
-    np.testing.assert_array_equal(refinement.refined(q, pictures[-1:], CAMERA, POSES[-1:], 0), q)
+    np.testing.assert_array_equal(refinement.refined(q, images, CAMERA, still, 8), q)
+    np.testing.assert_array_equal(refinement.refined(q, images[-1:], CAMERA, POSES[-1:], 0), q)
 
 
 def test_no_step_is_longer_than_allowed_and_none_goes_behind_infinity() -> None:
     far_off = _exact() * np.float32(1.3)
-    step_px = _shift_px(_exact() + refinement.refined(far_off, _pictures(), CAMERA, POSES, 8) - far_off)
+    step_px = _shift_px(_exact() + refinement.refined(far_off, _images(), CAMERA, POSES, 8) - far_off)
     assert 0.3 < step_px.max() < refinement.LARGEST_STEP_PX * 1.3  # a pixel is worth less parallax farther away
     noise = np.random.default_rng(5).uniform(0, 255, (9, 64, 80)).astype(np.float32)
     assert refinement.refined(np.zeros((64, 80), np.float32), noise, CAMERA, POSES, 8).min() >= 0
@@ -143,5 +143,5 @@ def test_no_step_is_longer_than_allowed_and_none_goes_behind_infinity() -> None:
 def test_frames_that_look_back_or_elsewhere_have_no_say() -> None:
     poses = POSES.copy()
     poses[0, :3, :3] = np.diag([-1.0, 1.0, -1.0])
-    found = refinement.refined(_exact(), _pictures(), CAMERA, poses, 8)
-    np.testing.assert_allclose(found, refinement.refined(_exact(), _pictures()[1:], CAMERA, POSES[1:], 7), rtol=1e-6)
+    found = refinement.refined(_exact(), _images(), CAMERA, poses, 8)
+    np.testing.assert_allclose(found, refinement.refined(_exact(), _images()[1:], CAMERA, POSES[1:], 7), rtol=1e-6)

@@ -11,7 +11,7 @@ PLAIN = np.full((40, 50), 128.0, np.float32)
 SLANTED = (0.1 + 0.002 * np.arange(50) + 0.001 * np.arange(40)[:, None]).astype(np.float32)
 
 
-def _twin(q: FloatArray, confidence: FloatArray, picture: FloatArray, row: int, column: int) -> float:
+def _twin(q: FloatArray, confidence: FloatArray, image: FloatArray, row: int, column: int) -> float:
     """The plane's value at the pixel by numpy's least squares, without the stiffness."""
     reach, step = smoothing.REACH, smoothing.STEP_PX
     same = smoothing.SAME_SURFACE * max(q[row, column], 0.01 * np.quantile(q, 0.99))
@@ -22,7 +22,7 @@ def _twin(q: FloatArray, confidence: FloatArray, picture: FloatArray, row: int, 
             if not (0 <= y < q.shape[0] and 0 <= x < q.shape[1]):
                 continue
             trust = smoothing.LEAST_TRUST + (1 - smoothing.LEAST_TRUST) * confidence[y, x]
-            contrast = int(abs(picture[y, x] - picture[row, column]))
+            contrast = int(abs(image[y, x] - image[row, column]))
             weight = trust * np.exp(-contrast / smoothing.SIMILAR)
             root = np.sqrt(weight) / (1 + ((q[y, x] - q[row, column]) / same) ** 2)
             equations.append(root * np.array([1, i, j]))
@@ -32,10 +32,10 @@ def _twin(q: FloatArray, confidence: FloatArray, picture: FloatArray, row: int, 
 
 def test_equals_the_slow_twin() -> None:
     q = (SLANTED * RNG.uniform(0.9, 1.1, SLANTED.shape)).astype(np.float32)
-    confidence, picture = RNG.uniform(0, 1, q.shape), RNG.uniform(100, 160, q.shape).astype(np.float32)
-    flat = smoothing.flattened(q, confidence, picture)
+    confidence, image = RNG.uniform(0, 1, q.shape), RNG.uniform(100, 160, q.shape).astype(np.float32)
+    flat = smoothing.flattened(q, confidence, image)
     for row, column in ((0, 0), (0, 49), (20, 25), (39, 10), (31, 47)):
-        assert abs(flat[row, column] - _twin(q, confidence, picture, row, column)) < 2e-3 * q[row, column]
+        assert abs(flat[row, column] - _twin(q, confidence, image, row, column)) < 2e-3 * q[row, column]
 
 
 def test_a_plane_stays_a_plane() -> None:
@@ -53,8 +53,8 @@ def test_noise_on_a_plane_falls_to_less_than_a_third() -> None:
 def test_the_edge_of_a_thing_stays() -> None:
     q = np.where(np.arange(50) < 25, 0.5, 0.1).astype(np.float32) * SURE
     np.testing.assert_allclose(smoothing.flattened(q, SURE, PLAIN), q, rtol=0.02)
-    picture = np.where(np.arange(50) < 25, 40.0, 200.0).astype(np.float32) * SURE
-    np.testing.assert_allclose(smoothing.flattened(q, SURE, picture), q, rtol=1e-3)
+    image = np.where(np.arange(50) < 25, 40.0, 200.0).astype(np.float32) * SURE
+    np.testing.assert_allclose(smoothing.flattened(q, SURE, image), q, rtol=1e-3)
 
 
 def test_unsure_pixels_follow_sure_ones() -> None:

@@ -18,13 +18,13 @@ Pair = tuple[Context, Trajectory, FloatArray]
 
 
 @pytest.fixture(scope="module")
-def pair(observe: Callable[..., Pair], picture: Callable[..., FloatArray]) -> Pair:
-    """Two steps with right pictures of other size and scale than the frames, as native ones are."""
+def pair(observe: Callable[..., Pair], image: Callable[..., FloatArray]) -> Pair:
+    """Two steps with right images of other size and scale than the frames, as native ones are."""
     poses = se3.exp(np.arange(2)[:, None] * np.array([0, 0, 0.8, 0, 0, 0]))
     context, past, truth = observe(poses)
     right_from_cam = se3.compose(np.eye(3), np.array([-BASELINE_M, 0, 0]))
     wide = context.intrinsics.cropped(-40, -4, 208, 120).resized(312, 180)
-    frames = np.stack([picture(one @ se3.inverse(right_from_cam), wide) for one in poses])
+    frames = np.stack([image(one @ se3.inverse(right_from_cam), wide) for one in poses])
     return dataclasses.replace(context, right=ExtraView(frames, wide, right_from_cam)), past, truth
 
 
@@ -57,7 +57,7 @@ def test_rows_match_and_columns_differ_by_the_disparity(pair: Pair) -> None:
 def test_what_it_needs(pair: Pair) -> None:
     context, past, _ = pair
     assert registry.build("depth_sources", "stereo").needs == Grant.RIGHT_FRAMES
-    with pytest.raises(Incompatible, match="right pictures"):
+    with pytest.raises(Incompatible, match="right images"):
         Stereo().inverse_depths(context.only(Grant.NONE), past)
     with pytest.raises(Incompatible, match="scale"):
         Stereo().inverse_depths(context, dataclasses.replace(past, is_metric=False))

@@ -27,7 +27,7 @@ def test_a_camera_that_stands_has_no_sources() -> None:
 
 
 def test_frames_that_see_something_else_are_left_out() -> None:
-    # the picture is 29 degrees wide; turning 5 degrees a step, 4 steps leave less than 40 % in common
+    # the image is 29 degrees wide; turning 5 degrees a step, 4 steps leave less than 40 % in common
     chosen = viewpoints.choose_sources(_path(8, 1.0, yaw_rad=np.deg2rad(5)), 7, CAMERA)
     assert chosen
     assert min(chosen) >= 4

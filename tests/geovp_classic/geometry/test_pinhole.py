@@ -83,14 +83,14 @@ def test_square_crop_of_kitti() -> None:
     assert (square.width_px, square.height_px) == (256, 256)
 
 
-def test_resized_pictures_agree_with_resized_intrinsics() -> None:
+def test_resized_images_agree_with_resized_intrinsics() -> None:
     # A bright blob at a known ray must lie where the resized camera says.
     camera = Intrinsics(200, 200, 95.5, 63.5, 192, 128)
     blob_px = np.array([60.0, 40.0])
     v, u = np.mgrid[:128, :192]
-    picture = np.exp(-((u - blob_px[0]) ** 2 + (v - blob_px[1]) ** 2) / 50)
-    picture = np.repeat((picture * 255).astype(np.uint8)[..., None], 3, axis=2)
-    small = pinhole.resize(picture, (96, 64))[..., 0].astype(float)
+    image = np.exp(-((u - blob_px[0]) ** 2 + (v - blob_px[1]) ** 2) / 50)
+    image = np.repeat((image * 255).astype(np.uint8)[..., None], 3, axis=2)
+    small = pinhole.resize(image, (96, 64))[..., 0].astype(float)
     moments = cv2.moments(small)
     measured = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
     expected, _ = pinhole.project(pinhole.unproject(blob_px, np.float64(1.0), camera), camera.resized(96, 64))

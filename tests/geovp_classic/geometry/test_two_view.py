@@ -1,4 +1,4 @@
-"""Two pictures of known points: the motion between them, what it cannot be told from, and how deep the points are."""
+"""Two images of known points: the motion between them, what it cannot be told from, and how deep the points are."""
 
 import numpy as np
 import pytest

@@ -79,7 +79,7 @@ def test_a_step_to_the_side_uncovers_what_the_square_hid() -> None:
     assert masks["seen"][0][target.depths[0] == SQUARE_M].all()
 
 
-def test_what_comes_into_the_picture_was_not_seen() -> None:
+def test_what_comes_into_the_image_was_not_seen() -> None:
     context, target = clip([at()], [at(x_m=1.0)])
     seen = strata(context, target)["seen"][0]
     x_m = wall_points(target)[..., 0]

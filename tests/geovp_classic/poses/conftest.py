@@ -23,8 +23,8 @@ def _texture(seed: int) -> ByteArray:
 TEXTURES = [_texture(seed) for seed in range(len(PLANES))]
 
 
-def _picture(camera: Intrinsics, world_from_cam: FloatArray) -> ByteArray:
-    """The grey picture [H, W] of the corridor."""
+def _image(camera: Intrinsics, world_from_cam: FloatArray) -> ByteArray:
+    """The grey image [H, W] of the corridor."""
     rays = pinhole.rays(camera).reshape(-1, 3) @ world_from_cam[:3, :3].T
     centre = world_from_cam[:3, 3]
     nearest = np.full(len(rays), np.inf)
@@ -48,13 +48,13 @@ def camera() -> Intrinsics:
 
 @pytest.fixture(scope="session")
 def drive(camera: Intrinsics) -> Callable[[FloatArray], tuple[ByteArray, FloatArray]]:
-    """Pictures [T, H, W, 3] and poses [T, 4, 4] of a camera that repeats the given twists [T - 1, 6] one by one."""
+    """Images [T, H, W, 3] and poses [T, 4, 4] of a camera that repeats the given twists [T - 1, 6] one by one."""
 
     def film(twists: FloatArray) -> tuple[ByteArray, FloatArray]:
         poses = [np.eye(4)]
         for twist in twists:
             poses.append(poses[-1] @ se3.exp(twist))
-        greys = np.stack([_picture(camera, pose) for pose in poses])
+        greys = np.stack([_image(camera, pose) for pose in poses])
         return np.repeat(greys[..., None], 3, axis=-1), np.stack(poses)
 
     return film
@@ -62,5 +62,5 @@ def drive(camera: Intrinsics) -> Callable[[FloatArray], tuple[ByteArray, FloatAr
 
 @pytest.fixture(scope="session")
 def straight(drive: Callable[[FloatArray], tuple[ByteArray, FloatArray]]) -> tuple[ByteArray, FloatArray]:
-    """Ten pictures, 0.5 m apart and turning by 0.3 degrees each."""
+    """Ten images, 0.5 m apart and turning by 0.3 degrees each."""
     return drive(np.tile([0, 0, 0.5, 0, np.radians(0.3), 0], (9, 1)))

@@ -20,7 +20,7 @@ class Plain:
     wall_z_m: float | None = None
 
     def draw(self, world_from_cam: FloatArray, camera: Intrinsics) -> tuple[FloatArray, FloatArray]:
-        """Picture [H, W, 3] in [0, 255] and z-depth [H, W], by meeting each pixel's ray with the world."""
+        """Image [H, W, 3] in [0, 255] and z-depth [H, W], by meeting each pixel's ray with the world."""
         rays = pinhole.rays(camera) @ world_from_cam[:3, :3].T
         origin = world_from_cam[:3, 3]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Broad blurs on smaller pictures equal those at full size."""
+"""Broad blurs on smaller images equal those at full size."""
 
 import cv2
 import numpy as np
@@ -11,9 +11,9 @@ RNG = np.random.default_rng(1)
 
 @pytest.mark.parametrize("sigma_px", [1.0, 4.0, 6.0, 8.0, 20.0])
 def test_nearly_equals_the_blur_at_full_size(sigma_px: float) -> None:
-    picture = cv2.GaussianBlur(RNG.uniform(0, 255, (96, 128, 3)).astype(np.float32), (0, 0), 1.0)
-    exact = np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px))
-    off = np.abs(broad(picture, sigma_px) - exact)  # grey levels of 255
+    image = cv2.GaussianBlur(RNG.uniform(0, 255, (96, 128, 3)).astype(np.float32), (0, 0), 1.0)
+    exact = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
+    off = np.abs(broad(image, sigma_px) - exact)  # grey levels of 255
     assert off[8:-8, 8:-8].max() < 1.5
     assert off.mean() < 0.3 * exact.std() + 0.1
 
@@ -28,5 +28,5 @@ def test_keeps_what_is_even_and_how_wide_a_dot_becomes() -> None:
     assert np.sqrt((blurred * away**2).sum()) == pytest.approx(8.0, rel=0.03)
 
 
-def test_tiny_pictures_are_no_trouble() -> None:
+def test_tiny_images_are_no_trouble() -> None:
     assert broad(np.ones((1, 3), np.float32), 8.0).shape == (1, 3)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.render import exposure, surface
+from geovp_classic.render import exposure, patches
 from geovp_classic.render.exposure import Exposed, Exposure
+from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 CAMERA = Intrinsics(100.0, 100.0, 63.5, 47.5, 128, 96)
@@ -24,11 +24,11 @@ def paint(pose: FloatArray, gain: float = 1.0) -> ByteArray:
     return np.repeat((gain * wall + 0.5)[..., None], 3, axis=-1).astype(np.uint8)
 
 
-def drive(gains: FloatArray) -> tuple[list[surface.Source], FloatArray, FloatArray]:
+def drive(gains: FloatArray) -> tuple[list[patches.Source], FloatArray, FloatArray]:
     """Sources with those gains, the inverse depth of the last one, and their times; 0.1 s and 0.4 m from one on."""
     z = 0.4 * np.arange(len(gains))
     poses = se3.compose(np.eye(3), np.stack([0 * z, 0 * z, z], axis=-1))
-    sources = [surface.Source(paint(pose, gain), CAMERA, pose) for pose, gain in zip(poses, gains, strict=True)]
+    sources = [patches.Source(paint(pose, gain), CAMERA, pose) for pose, gain in zip(poses, gains, strict=True)]
     inverse_depth = np.full((CAMERA.height_px, CAMERA.width_px), 1 / (DISTANCE - z[-1]), np.float32)
     return sources, inverse_depth, 0.1 * np.arange(1 - len(gains), 1)
 
@@ -39,7 +39,7 @@ class Grey:
 
     value: int
 
-    def view(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         size = (len(world_from_cam), intrinsics.height_px, intrinsics.width_px)
         return Views(np.full((*size, 3), self.value, np.uint8), np.ones(size, bool), np.ones(size, np.float32))
 
@@ -51,7 +51,7 @@ def test_gains_are_those_of_the_camera() -> None:
 
 
 def coming(brightness: int, count: int = 40, dt_s: float = 0.1) -> tuple[FloatArray, FloatArray]:
-    """Histograms of pictures that would all be so bright, and their times."""
+    """Histograms of images that would all be so bright, and their times."""
     return np.tile(np.eye(256)[brightness], (count, 1)), dt_s * np.arange(1, count + 1)
 
 
@@ -99,9 +99,9 @@ def test_any_frame_rate_comes_to_rest_at_the_level(dt_s: float) -> None:
     assert gains[-1] == pytest.approx(np.log(100 / 70), abs=0.02)
 
 
-def test_black_pictures_stay_black_and_gains_bounded() -> None:
+def test_black_images_stay_black_and_gains_bounded() -> None:
     lively = Exposure(np.zeros(3), 50.0, np.log(200), 1.0)
-    black = Exposed(Grey(0), surface.Source(paint(np.eye(4)), CAMERA, np.eye(4)), lively, np.array([0.1]), whole=True)
+    black = Exposed(Grey(0), patches.Source(paint(np.eye(4)), CAMERA, np.eye(4)), lively, np.array([0.1]), whole=True)
     assert not black.view(np.eye(4)[None], CAMERA).frames.any()
     assert lively.forecast(*coming(1), 0.0, np.log(200)).max() == exposure.LARGEST_LOG_GAIN
 
@@ -117,7 +117,7 @@ def test_white_may_have_been_brighter_than_white() -> None:
 
 @pytest.mark.parametrize("value", [0, 100, 254, 255])
 @pytest.mark.parametrize("log_gain", [-0.5, -0.01, 0.0, 0.4])
-def test_even_pictures_take_the_tones(value: int, log_gain: float) -> None:
+def test_even_images_take_the_tones(value: int, log_gain: float) -> None:
     frame = np.full((9, 12, 3), value, np.uint8)
     assert np.abs(exposure.exposed(frame, log_gain) - exposure.tones(log_gain)[value]).max() <= 1
 
@@ -135,7 +135,7 @@ def test_frames_are_matched_to_the_last_one() -> None:
     matched = Exposure.of(sources, inverse_depth, seconds).matched(sources)
     for one, expected in zip(matched, same, strict=True):
         assert np.abs(one.frame.astype(float) - expected.frame).mean() < 1.5
-    detailed = surface.Source(sources[0].frame, CAMERA, np.eye(4), sources[0].frame)
+    detailed = patches.Source(sources[0].frame, CAMERA, np.eye(4), sources[0].frame)
     twice = Exposure(np.array([np.log(1.5)]), 0.0, 0.0, 0.0).matched([detailed])[0]
     assert twice.detail is not None
     np.testing.assert_array_equal(twice.detail, twice.frame)
@@ -143,10 +143,10 @@ def test_frames_are_matched_to_the_last_one() -> None:
 
 def test_a_part_is_held_at_what_it_showed_a_whole_at_what_all_showed() -> None:
     # Left half dark, right half bright: a view of the right half is held at what that half showed in the end, unless
-    # the whole pictures are known: then their mean is held, at the level of all observed ones.
+    # the whole images are known: then their mean is held, at the level of all observed ones.
     frame = np.zeros((96, 128, 3), np.uint8)
     frame[:, 64:] = 120
-    last = surface.Source(frame, CAMERA, np.eye(4))
+    last = patches.Source(frame, CAMERA, np.eye(4))
     right = CAMERA.cropped(64, 0, 64, 96)
     control = Exposure(np.zeros(2), 0.0, np.log(90), 1.0)
     poses, seconds = np.tile(np.eye(4), (40, 1, 1)), 0.1 * np.arange(1, 41)

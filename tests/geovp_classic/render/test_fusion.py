@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.depth_renderers import DepthFusion
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.render import surface
-from geovp_classic.render.detail import BAND_EDGES, Grain, _add
+from geovp_classic.render import patches
+from geovp_classic.render.detail_transfer import BAND_EDGES, Grain, _add
 from geovp_classic.render.fill import Blank
 from geovp_classic.render.fusion import _close_cracks, _hidden_from, _without_dots, fuse
-from geovp_classic.render.quads import NOTHING, IndexArray
+from geovp_classic.render.rasterizer import NOTHING, IndexArray
+from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 
 
 def wall(world_from_cam: FloatArray, distance: float = 8.0) -> tuple[FloatArray, FloatArray]:
-    """Picture [H, W, 3] and inverse depth [H, W] of a smoothly painted wall at z = distance."""
+    """Image [H, W, 3] and inverse depth [H, W] of a smoothly painted wall at z = distance."""
     directions = pinhole.rays(CAMERA) @ world_from_cam[:3, :3].T
     reach = (distance - world_from_cam[2, 3]) / directions[..., 2]
     place = world_from_cam[:3, 3] + reach[..., None] * directions
@@ -34,11 +34,11 @@ def drive(x: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def context_of(poses: FloatArray, num_past: int) -> tuple[Context, Trajectory]:
-    pictures, inverse = zip(*(wall(pose) for pose in poses[:num_past]), strict=True)
+    images, inverse = zip(*(wall(pose) for pose in poses[:num_past]), strict=True)
     times_s = np.arange(len(poses)) * 0.1
     past = Trajectory(poses[:num_past], times_s[:num_past], True)
     depths = (1 / np.stack(inverse)).astype(np.float32)
-    return Context(np.stack(pictures), times_s, CAMERA, past=past, past_depths=depths), past
+    return Context(np.stack(images), times_s, CAMERA, past=past, past_depths=depths), past
 
 
 def test_a_wall_is_seen_as_it_is_from_nearer() -> None:
@@ -65,7 +65,7 @@ def test_an_earlier_frame_shows_what_left_the_last_one() -> None:
 
 def test_what_stands_in_front_of_a_later_frame_is_not_believed() -> None:
     poses = drive(np.zeros(2), np.zeros(2))
-    sources = [surface.Source(wall(pose)[0], CAMERA, pose) for pose in poses]
+    sources = [patches.Source(wall(pose)[0], CAMERA, pose) for pose in poses]
     truth = wall(poses[1])[1]
     for wrong, added in ((truth * 2, 0), (truth, 0), (truth / 2, truth.size)):  # in front, the same, behind
         cloud, used = fuse(sources, np.stack([wrong, truth]), np.ones((2, *truth.shape)), agreement=0.1)
@@ -85,11 +85,11 @@ def test_looking_back_or_from_nowhere_shows_nothing_and_breaks_nothing() -> None
 
 def test_the_sky_turns_but_does_not_come_nearer() -> None:
     sky = np.zeros((48, 64))
-    picture = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-    source = surface.Source(picture, CAMERA, np.eye(4))
-    cloud = surface.patches(sky, np.ones(sky.shape, bool), 0)
+    image = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    source = patches.Source(image, CAMERA, np.eye(4))
+    cloud = patches.patches(sky, np.ones(sky.shape, bool), 0)
     ahead = se3.compose(np.eye(3), np.array([0.0, 0, 50]))
-    drawn, winner = surface.draw(cloud, [source], ahead[None], CAMERA)
+    drawn, winner = patches.draw(cloud, [source], ahead[None], CAMERA)
     np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
     assert (drawn == 0).all()
 
@@ -97,11 +97,11 @@ def test_the_sky_turns_but_does_not_come_nearer() -> None:
 def test_what_a_later_frame_hides_is_what_the_slow_twin_says() -> None:
     rng = np.random.default_rng(4)
     one, other = (
-        surface.Source(np.zeros((48, 64, 3), np.uint8), CAMERA, se3.exp(np.array(twist)))
+        patches.Source(np.zeros((48, 64, 3), np.uint8), CAMERA, se3.exp(np.array(twist)))
         for twist in ([0, 0, 0, 0, 0, 0], [0.4, 0.1, 0.9, 0.02, -0.1, 0.05])
     )
     own, there = rng.uniform(0, 0.5, (2, 48, 64)).astype(np.float32)
-    pixels, ratio = surface.source_pixels(other, own, one.world_from_source, one.camera)
+    pixels, ratio = patches.source_pixels(other, own, one.world_from_source, one.camera)
     expected = np.ones((48, 64), dtype=bool)
     for row, column in np.ndindex(48, 64):
         u, v = np.round(pixels[row, column]).astype(int)
@@ -144,15 +144,15 @@ def test_grain_is_added_only_where_magnification_took_it() -> None:
 
 def test_grain_is_added_as_the_slow_way_does() -> None:
     rng = np.random.default_rng(2)
-    picture, bands = rng.uniform(0, 255, (9, 7)), rng.normal(0, 40, (len(BAND_EDGES) - 1, 9, 7))
+    image, bands = rng.uniform(0, 255, (9, 7)), rng.normal(0, 40, (len(BAND_EDGES) - 1, 9, 7))
     times, own, other = rng.uniform(0.5, 8, (9, 7)), rng.uniform(2, 20, (9, 7)), rng.uniform(2, 20, (9, 7))
-    added = np.empty(picture.shape, np.uint8)
-    maps = [one.astype(np.float32) for one in (picture, bands, times, own, other)]
+    added = np.empty(image.shape, np.uint8)
+    maps = [one.astype(np.float32) for one in (image, bands, times, own, other)]
     _add(*maps[:3], np.float32(0.7), (maps[3], maps[4]), added)
     gain = 0.7 * np.minimum(own / other, 1)
     for n, (first, last) in enumerate(itertools.pairwise(BAND_EDGES)):
-        picture += gain * np.clip((times - first) / (last - first), 0, 1) * bands[n]
-    expected = np.clip(np.floor(picture + 0.5), 0, 255)
+        image += gain * np.clip((times - first) / (last - first), 0, 1) * bands[n]
+    expected = np.clip(np.floor(image + 0.5), 0, 255)
     assert np.abs(added - expected).max() <= 1  # a half may be rounded either way
     assert (added == expected).mean() > 0.99
 

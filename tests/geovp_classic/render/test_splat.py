@@ -91,7 +91,7 @@ def test_things_stand_before_the_sky() -> None:
     assert (views.frames[0, 0, 0] == GREEN).all()
 
 
-def test_points_behind_the_camera_or_too_near_or_beside_the_picture_are_not_seen() -> None:
+def test_points_behind_the_camera_or_too_near_or_beside_the_image_are_not_seen() -> None:
     points = np.concatenate(
         [point(0, 0, -1), point(0, 0, 0), point(0, 0, 1e-4), point(9, 0, 1), point(0, 0, -1, w=0.0)]
     )

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from geovp_classic.depth.given import Given
-from geovp_classic.depth_renderers import VolumeFusion
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import volume
 from geovp_classic.render.fill import Blank
+from geovp_classic.renderers import VolumeFusion
 from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
@@ -16,7 +16,7 @@ RENDERER = VolumeFusion(Given(), fill=Blank())
 
 
 def wall(world_from_cam: FloatArray, distance: float) -> tuple[FloatArray, FloatArray]:
-    """Picture [H, W, 3] and depth [H, W] of a smoothly painted wall at z = distance."""
+    """Image [H, W, 3] and depth [H, W] of a smoothly painted wall at z = distance."""
     directions = pinhole.rays(CAMERA) @ world_from_cam[:3, :3].T
     reach = (distance - world_from_cam[2, 3]) / directions[..., 2]
     place = (world_from_cam[:3, 3] + reach[..., None] * directions) * 8 / distance
@@ -29,10 +29,10 @@ def drive(x: list[float], z: list[float]) -> FloatArray:
 
 
 def past_of(poses: FloatArray, distance: float = 8.0) -> tuple[Context, Trajectory]:
-    pictures, depths = zip(*(wall(pose, distance) for pose in poses), strict=True)
+    images, depths = zip(*(wall(pose, distance) for pose in poses), strict=True)
     times_s = np.arange(len(poses) + 1) * 0.1
     past = Trajectory(poses, times_s[:-1], True)
-    return Context(np.stack(pictures), times_s, CAMERA, past=past, past_depths=np.stack(depths)), past
+    return Context(np.stack(images), times_s, CAMERA, past=past, past_depths=np.stack(depths)), past
 
 
 def test_a_wall_is_seen_as_it_is_from_nearer() -> None:

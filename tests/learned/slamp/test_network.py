@@ -14,20 +14,20 @@ ARCHITECTURE = Architecture(Coding("dcgan", 8, 4, 8), 8, latent_size=2, mask_wid
 
 def test_what_is_shown_is_made_of_both_branches_by_the_mask() -> None:
     torch.manual_seed(0)
-    pictures = torch.rand(2, 4, 3, 8, 8)
-    shown = SlampNetwork(ARCHITECTURE)(pictures, 2).shown
+    images = torch.rand(2, 4, 3, 8, 8)
+    shown = SlampNetwork(ARCHITECTURE)(images, 2).shown
     blended = shown.masks * shown.appearance + (1 - shown.masks) * shown.motion
-    torch.testing.assert_close(shown.pictures, blended)
-    moved = warped(pictures[:, :-1].flatten(0, 1), shown.flow_px.flatten(0, 1))
+    torch.testing.assert_close(shown.images, blended)
+    moved = warped(images[:, :-1].flatten(0, 1), shown.flow_px.flatten(0, 1))
     torch.testing.assert_close(shown.motion.flatten(0, 1), moved)  # of the real frame before
     assert shown.masks.shape == (2, 3, 1, 8, 8)
 
 
 def test_the_motion_branch_sees_each_frame_beside_the_one_before() -> None:
-    pictures = torch.rand(1, 3, 3, 8, 8)
-    (_, frames), (_, pairs) = SlampNetwork(ARCHITECTURE)._branches(pictures)
-    torch.testing.assert_close(frames, pictures)
-    torch.testing.assert_close(pairs[:, 2], torch.cat([pictures[:, 1], pictures[:, 2]], dim=1))
+    images = torch.rand(1, 3, 3, 8, 8)
+    (_, frames), (_, pairs) = SlampNetwork(ARCHITECTURE)._branches(images)
+    torch.testing.assert_close(frames, images)
+    torch.testing.assert_close(pairs[:, 2], torch.cat([images[:, 1], images[:, 2]], dim=1))
     torch.testing.assert_close(pairs[:, 0, :3], pairs[:, 0, 3:])  # nothing moved before the first
 
 

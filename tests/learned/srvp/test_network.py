@@ -1,4 +1,4 @@
-"""SRVP's states: how they move, and that pictures are shown from them alone."""
+"""SRVP's states: how they move, and that images are shown from them alone."""
 
 from dataclasses import replace
 
@@ -65,7 +65,7 @@ def test_content_does_not_depend_on_the_order_of_frames() -> None:
 
 
 def test_no_predicted_frame_is_fed_back() -> None:
-    """Another decoder shows other pictures, of the same states: the states know nothing of the pictures."""
+    """Another decoder shows other images, of the same states: the states know nothing of the images."""
     own = network()
     noise, observed = torch.randn(1, 3, own.noise_size), torch.rand(1, 3, 3, 8, 8)
     seen: list[Tensor] = []
@@ -80,17 +80,17 @@ def test_no_predicted_frame_is_fed_back() -> None:
 
 
 def test_the_bound_is_in_nats_per_value() -> None:
-    pictures = torch.rand(2, 4, 3, 8, 8)
+    images = torch.rand(2, 4, 3, 8, 8)
     method = SrvpTraining(num_past=2, architecture=ARCHITECTURE, observation_std=0.5, beta=2.0, residual_weight=0.1)
-    parts = method.losses(network(), pictures)
+    parts = method.losses(network(), images)
     wanted = parts["error"] + parts["first_nats"] + 2 * parts["nats"] + 0.1 * parts["residual"]
     torch.testing.assert_close(parts["total"], wanted)
     torch.manual_seed(0)
-    same = replace(method, observation_std=1.0).losses(network(), pictures)["error"]
+    same = replace(method, observation_std=1.0).losses(network(), images)["error"]
     torch.testing.assert_close(parts["error"], 4 * same)  # half the deviation, four times the nats
     torch.manual_seed(0)
-    learned = network()(pictures, 2)
-    torch.testing.assert_close(same, 0.5 * ((learned.pictures - pictures) ** 2).mean())
+    learned = network()(images, 2)
+    torch.testing.assert_close(same, 0.5 * ((learned.images - images) ** 2).mean())
 
 
 def test_counts_below_one_are_refused() -> None:

@@ -19,18 +19,18 @@ def network() -> SvgNetwork:
     return SvgNetwork(ARCHITECTURE).eval()
 
 
-def learned(pictures: torch.Tensor, num_past: int = 2) -> Learned:
+def learned(images: torch.Tensor, num_past: int = 2) -> Learned:
     torch.manual_seed(1)
     with torch.no_grad():
-        own: Learned = network()(pictures, num_past)
+        own: Learned = network()(images, num_past)
     return own
 
 
 def test_the_prior_lags_one_frame_behind_the_posterior() -> None:
-    pictures = torch.rand(1, 4, 3, 8, 8)
-    changed = pictures.clone()
+    images = torch.rand(1, 4, 3, 8, 8)
+    changed = images.clone()
     changed[:, 3] = 1 - changed[:, 3]
-    before, after = learned(pictures), learned(changed)
+    before, after = learned(images), learned(changed)
     torch.testing.assert_close(before.prior.mean, after.prior.mean)  # predicts the last frame without having seen it
     same = before.posterior.mean == after.posterior.mean
     assert bool(same[:, :2].all())
@@ -39,13 +39,13 @@ def test_the_prior_lags_one_frame_behind_the_posterior() -> None:
 
 def test_skips_come_from_an_observed_frame() -> None:
     """The network predicts frame 3 from frame 2, yet its skips are frame 1's when only two frames count as observed."""
-    pictures = torch.rand(1, 4, 3, 8, 8)
+    images = torch.rand(1, 4, 3, 8, 8)
     own = network()
     seen: list[torch.Tensor] = []
     own.decoder.register_forward_hook(lambda module, given, out: seen.append(given[1][0]))
     with torch.no_grad():
-        own(pictures, 2)
-        skips = own.encoder(pictures.flatten(0, 1))[1][0]
+        own(images, 2)
+        skips = own.encoder(images.flatten(0, 1))[1][0]
     torch.testing.assert_close(seen[0], skips[[0, 1, 1]])
 
 
@@ -59,13 +59,13 @@ def test_each_frame_is_predicted_from_the_one_predicted_before_it() -> None:
 
 
 def test_the_loss_is_error_and_weighted_nats() -> None:
-    pictures = torch.rand(2, 4, 3, 8, 8)
+    images = torch.rand(2, 4, 3, 8, 8)
     method = SvgTraining(num_past=2, architecture=ARCHITECTURE, beta=0.25)
     torch.manual_seed(1)
-    parts = method.losses(network(), pictures)
-    own = learned(pictures)
-    torch.testing.assert_close(parts["error"], ((own.pictures - pictures[:, 1:]) ** 2).mean())
+    parts = method.losses(network(), images)
+    own = learned(images)
+    torch.testing.assert_close(parts["error"], ((own.images - images[:, 1:]) ** 2).mean())
     torch.testing.assert_close(parts["nats"], divergence(own.posterior, own.prior).mean())
     torch.testing.assert_close(parts["total"], parts["error"] + 0.25 * parts["nats"])
-    free = replace(method, beta=0.0).losses(network(), pictures)
+    free = replace(method, beta=0.0).losses(network(), images)
     torch.testing.assert_close(free["total"], free["error"])

@@ -11,7 +11,7 @@ def judgement(*scores: float) -> list[torch.Tensor]:
     return [torch.ones(1, 1, 2, 2), torch.tensor(scores)]
 
 
-def test_every_scale_judges_patches_of_a_picture_half_as_large() -> None:
+def test_every_scale_judges_patches_of_a_image_half_as_large() -> None:
     judgements = MultiScaleDiscriminator(width=4, num_levels=2, num_scales=3)(torch.rand(2, 3, 64, 64))
     # 4x4 kernels padded by two: n / 2 + 1 pixels with a stride, twice, then n + 1 without, twice
     assert [tuple(one[-1].shape) for one in judgements] == [(2, 1, 19, 19), (2, 1, 11, 11), (2, 1, 7, 7)]

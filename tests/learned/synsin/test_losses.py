@@ -9,7 +9,7 @@ from geovp_classic.types import Clip
 from learned.lpips import WEIGHTS_VARIABLE, Lpips, Net
 from learned.synsin import losses, pairs, reprojection
 from learned.synsin.pairs import Example
-from learned.tensors import pictures_from_frames
+from learned.tensors import images_from_frames
 
 
 def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:
@@ -41,8 +41,8 @@ def test_content_is_lpips_with_a_gradient(net: Net) -> None:
         pytest.skip(f"{WEIGHTS_VARIABLE} is not set: needs LPIPS's weights")
     rng = np.random.default_rng(0)
     made, real = rng.integers(0, 256, (2, 2, 64, 64, 3), dtype=np.uint8)
-    frames = pictures_from_frames(made).requires_grad_()
-    loss = losses.content_loss(frames, pictures_from_frames(real), net)
+    frames = images_from_frames(made).requires_grad_()
+    loss = losses.content_loss(frames, images_from_frames(real), net)
     assert float(loss.detach()) == pytest.approx(float(Lpips(net)(made, real).mean()), abs=1e-5)
     loss.backward()
     assert frames.grad is not None
@@ -73,7 +73,7 @@ def test_its_gradient_leads_from_a_plane_to_the_true_depth(clip: Clip) -> None:
     assert downhill > 0.2
 
 
-def test_a_picture_is_read_at_its_own_pixels_unchanged_and_outside_not_at_all() -> None:
+def test_an_image_is_read_at_its_own_pixels_unchanged_and_outside_not_at_all() -> None:
     frames = torch.rand(1, 3, 4, 5)
     v, u = torch.meshgrid(torch.arange(4.0), torch.arange(5.0), indexing="ij")
     read, inside = reprojection.read_at(frames, torch.stack([u, v], dim=2)[None])
@@ -84,7 +84,7 @@ def test_a_picture_is_read_at_its_own_pixels_unchanged_and_outside_not_at_all() 
     assert inside.tolist() == [[[True, False, False]]]
 
 
-def test_roughness_is_slope_but_where_the_picture_has_an_edge() -> None:
+def test_roughness_is_slope_but_where_the_image_has_an_edge() -> None:
     step = torch.cat([torch.full((1, 4, 4), 0.1), torch.full((1, 4, 4), 0.3)], dim=2)  # mean 0.2
     flat, edge = torch.zeros(1, 3, 4, 8), torch.zeros(1, 3, 4, 8)
     edge[..., 4:] = 1

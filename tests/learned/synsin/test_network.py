@@ -9,7 +9,7 @@ from learned.synsin import network, pairs
 from learned.synsin.filling import pull_push
 from learned.synsin.network import Architecture, Generator
 from learned.synsin.train import SynSinTraining
-from learned.tensors import pictures_from_frames
+from learned.tensors import images_from_frames
 
 STILL = torch.eye(4)[None, None]
 
@@ -21,9 +21,7 @@ def generator(method: SynSinTraining) -> Generator:
 
 
 def test_untrained_it_sees_everything_about_twenty_metres_away(generator: Generator, clip: Clip) -> None:
-    cloud = generator.encode(
-        pictures_from_frames(clip.frames[:2]), pairs.intrinsics_tensor(clip.intrinsics).repeat(2, 1)
-    )
+    cloud = generator.encode(images_from_frames(clip.frames[:2]), pairs.intrinsics_tensor(clip.intrinsics).repeat(2, 1))
     assert cloud.inverse_depths.shape == (2, 32 * 32)
     np.testing.assert_allclose(cloud.inverse_depths.detach().numpy(), 1 / 20, rtol=0.05)
     np.testing.assert_array_equal(
@@ -32,16 +30,16 @@ def test_untrained_it_sees_everything_about_twenty_metres_away(generator: Genera
 
 
 def test_untrained_a_camera_that_stands_still_sees_the_frame_again(generator: Generator, clip: Clip) -> None:
-    frames = pictures_from_frames(clip.frames[:1])
-    pictures, _ = generator(frames, pairs.intrinsics_tensor(clip.intrinsics), STILL)
-    np.testing.assert_allclose(pictures.frames.detach().numpy(), frames.numpy(), atol=1e-5)
+    frames = images_from_frames(clip.frames[:1])
+    images, _ = generator(frames, pairs.intrinsics_tensor(clip.intrinsics), STILL)
+    np.testing.assert_allclose(images.frames.detach().numpy(), frames.numpy(), atol=1e-5)
 
 
 @pytest.mark.parametrize(("height", "width"), [(32, 32), (37, 50), (64, 20)])
 def test_frames_may_have_any_size(generator: Generator, height: int, width: int) -> None:
     camera = torch.tensor([[40.0, 40.0, width / 2, height / 2]])
-    pictures, inverse_depths = generator(torch.rand(1, 3, height, width), camera, STILL.repeat(1, 2, 1, 1))
-    assert pictures.frames.shape == (2, 3, height, width)
+    images, inverse_depths = generator(torch.rand(1, 3, height, width), camera, STILL.repeat(1, 2, 1, 1))
+    assert images.frames.shape == (2, 3, height, width)
     assert inverse_depths.shape == (1, height, width)
     assert ((inverse_depths > 0) & (inverse_depths < 1 / network.NEAREST_M)).all()
 
@@ -56,40 +54,40 @@ def test_driving_ahead_uses_the_inverse_depth_of_the_cloud(generator: Generator)
         for parameter in generator.depth_network.unet.head.parameters():
             parameter.zero_()
         generator.depth_network.unet.head.bias.fill_(float(torch.logit(torch.tensor(network.NEAREST_M / 20))))
-        pictures, _ = generator(frame, camera, ahead)
-    assert int(pictures.frames[0, 0].argmax()) == 16 * 33 + 24
-    assert float(pictures.inverse_depths[0, 0, 16, 24]) == pytest.approx(0.1, rel=1e-3)
+        images, _ = generator(frame, camera, ahead)
+    assert int(images.frames[0, 0].argmax()) == 16 * 33 + 24
+    assert float(images.inverse_depths[0, 0, 16, 24]) == pytest.approx(0.1, rel=1e-3)
 
 
 def test_without_motion_only_depths_are_computed(generator: Generator, clip: Clip) -> None:
-    camera, frames = pairs.intrinsics_tensor(clip.intrinsics), pictures_from_frames(clip.frames[:1])
+    camera, frames = pairs.intrinsics_tensor(clip.intrinsics), images_from_frames(clip.frames[:1])
     nothing, inverse_depths = generator(frames, camera)
     assert nothing is None
     torch.testing.assert_close(inverse_depths, generator(frames, camera, STILL)[1])
 
 
 @pytest.mark.parametrize(("share", "expected"), [(1.0, 1.0), (0.25, 0.25)])
-def test_only_a_share_of_the_pictures_gradient_reaches_depth(
+def test_only_a_share_of_the_images_gradient_reaches_depth(
     generator: Generator, clip: Clip, share: float, expected: float
 ) -> None:
     ahead = STILL.clone()
     ahead[0, 0, 2, 3] = -1.0
-    inputs = (pictures_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics), ahead)
+    inputs = (images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics), ahead)
 
     def slope(share: float) -> Tensor:
         torch.manual_seed(0)
-        pictures, _ = generator(*inputs, share)
-        return torch.autograd.grad(pictures.frames.square().sum(), [generator.depth_network.unet.head.weight])[0]
+        images, _ = generator(*inputs, share)
+        return torch.autograd.grad(images.frames.square().sum(), [generator.depth_network.unet.head.weight])[0]
 
     torch.testing.assert_close(slope(share), expected * slope(1.0), rtol=1e-3, atol=1e-6)
     assert slope(1.0).abs().max() > 0
 
 
 def test_pull_push_keeps_what_is_solid_and_fills_the_rest_from_around() -> None:
-    picture = torch.rand(1, 3, 9, 13, generator=torch.Generator().manual_seed(0))
+    image = torch.rand(1, 3, 9, 13, generator=torch.Generator().manual_seed(0))
     solid = torch.ones(1, 1, 9, 13)
-    torch.testing.assert_close(pull_push(picture, solid), picture)
-    flat = torch.full_like(picture, 0.6)
+    torch.testing.assert_close(pull_push(image, solid), image)
+    flat = torch.full_like(image, 0.6)
     seen = (torch.rand(1, 1, 9, 13, generator=torch.Generator().manual_seed(1)) < 0.1).float()
     assert 0 < seen.sum() < 20
     torch.testing.assert_close(pull_push(flat * seen, seen), flat)
@@ -98,9 +96,9 @@ def test_pull_push_keeps_what_is_solid_and_fills_the_rest_from_around() -> None:
 def test_pull_push_of_two_halves_shades_from_one_to_the_other() -> None:
     seen = torch.zeros(1, 1, 8, 8)
     seen[..., [0, 7]] = 1
-    picture = torch.zeros(1, 1, 8, 8)
-    picture[..., 7] = 1
-    row = pull_push(picture * seen, seen)[0, 0, 4]
+    image = torch.zeros(1, 1, 8, 8)
+    image[..., 7] = 1
+    row = pull_push(image * seen, seen)[0, 0, 4]
     assert (row.diff() >= 0).all()
     assert row[0] == 0
     assert row[7] == 1

@@ -94,7 +94,7 @@ def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
     sideways = past.world_from_cam[-1] @ se3.exp(np.array([0, 0, 0, 0, np.arctan(16 / clip.intrinsics.fx_px), 0]))
     behind = past.world_from_cam[-1] @ np.diag([-1.0, 1.0, -1.0, 1.0])
     views = scene.view(np.stack([sideways, behind]), clip.intrinsics)
-    assert views.covered[0, 16, :12].all()  # half the picture has gone out on the left
+    assert views.covered[0, 16, :12].all()  # half the image has gone out on the left
     assert not views.covered[0, 16, 20:].any()
     assert not views.covered[1].any()
     assert not views.depths[~views.covered].any()

@@ -11,7 +11,7 @@ CAMERA = torch.tensor([[12.0, 10.0, 5.0, 4.0]], dtype=torch.float64)  # fx, fy, 
 
 
 def random_points(seed: int, count: int = 60) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Positions, inverse depths, visibility and three features of points around a small picture, one batch of two."""
+    """Positions, inverse depths, visibility and three features of points around a small image, one batch of two."""
     rng = np.random.default_rng(seed)
     positions = torch.from_numpy(rng.uniform([-2, -2], [12, 10], (2, count, 2)))
     depths = torch.from_numpy(rng.uniform(0.01, 1, (2, count)))
@@ -23,7 +23,7 @@ def splatted_naively(
     splatter: Splatter, positions: Tensor, depths: Tensor, visible: Tensor, features: Tensor
 ) -> tuple[Tensor, Tensor]:
     """The splatter's definition, pixel by pixel and point by point."""
-    picture = torch.zeros(len(positions), features.shape[2], *SIZE_PX, dtype=features.dtype)
+    image = torch.zeros(len(positions), features.shape[2], *SIZE_PX, dtype=features.dtype)
     opacity = torch.zeros(len(positions), 1, *SIZE_PX, dtype=features.dtype)
     for b in range(len(positions)):
         for v in range(SIZE_PX[0]):
@@ -41,9 +41,9 @@ def splatted_naively(
                 total = sum(weight for _, weight in weights)
                 divisor = max(total, splatting.LEAST_OPACITY) if splatter.blending == "mean" else 1.0
                 for n, weight in weights:
-                    picture[b, :, v, u] += weight / divisor * features[b, n]
+                    image[b, :, v, u] += weight / divisor * features[b, n]
                     opacity[b, 0, v, u] += weight / divisor
-    return picture, opacity
+    return image, opacity
 
 
 @pytest.mark.parametrize("blending", ["alpha", "sum", "mean"])
@@ -53,10 +53,10 @@ def test_splatter_is_equal_to_loops_over_pixels_and_points(
 ) -> None:
     splatter = Splatter(radius_px, points_per_pixel, sharpness, blending)
     points = random_points(seed=1)
-    picture, opacity = splatter(*points, SIZE_PX)
+    image, opacity = splatter(*points, SIZE_PX)
     wanted, wanted_opacity = splatted_naively(splatter, *points)
     assert (wanted_opacity > 0).sum() > 50  # there is something to compare
-    torch.testing.assert_close(picture, wanted, rtol=0, atol=1e-10)
+    torch.testing.assert_close(image, wanted, rtol=0, atol=1e-10)
     torch.testing.assert_close(opacity, wanted_opacity, rtol=0, atol=1e-10)
 
 
@@ -64,9 +64,9 @@ def test_in_single_precision_it_still_agrees_to_1e_5() -> None:
     splatter = Splatter(radius_px=1.5, points_per_pixel=4)
     positions, depths, visible, features = random_points(seed=2)
     single = (positions.float(), depths.float(), visible, features.float())
-    picture, _ = splatter(*single, SIZE_PX)
+    image, _ = splatter(*single, SIZE_PX)
     wanted, _ = splatted_naively(splatter, *(part.double() if part.dtype != torch.bool else part for part in single))
-    torch.testing.assert_close(picture.double(), wanted, rtol=0, atol=1e-5)
+    torch.testing.assert_close(image.double(), wanted, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("blending", ["alpha", "sum", "mean"])
@@ -74,11 +74,11 @@ def test_gradients_are_those_of_finite_differences(blending: Blending) -> None:
     splatter = Splatter(radius_px=1.8, points_per_pixel=4, blending=blending)
     positions, depths, visible, features = random_points(seed=3, count=12)
 
-    def pictures(moved: Tensor, coloured: Tensor) -> tuple[Tensor, Tensor]:
+    def images(moved: Tensor, coloured: Tensor) -> tuple[Tensor, Tensor]:
         return splatter(moved, depths, visible, coloured, SIZE_PX)
 
     inputs = (positions.requires_grad_(), features.requires_grad_())
-    assert torch.autograd.gradcheck(pictures, inputs, eps=1e-7, atol=1e-3, rtol=1e-3)
+    assert torch.autograd.gradcheck(images, inputs, eps=1e-7, atol=1e-3, rtol=1e-3)
 
 
 def test_gradients_go_through_the_camera_to_inverse_depth() -> None:
@@ -88,22 +88,22 @@ def test_gradients_go_through_the_camera_to_inverse_depth() -> None:
     features = torch.rand(1, rays.shape[1], 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     depths = torch.linspace(0.02, 0.2, rays.shape[1], dtype=torch.float64)[None].requires_grad_()
 
-    def picture(inverse_depths: Tensor) -> Tensor:
+    def image(inverse_depths: Tensor) -> Tensor:
         positions, _, in_front = splatting.project(rays, inverse_depths, motion, CAMERA)
-        # depth order is held fixed: where two points swap, the picture jumps and has no slope
+        # depth order is held fixed: where two points swap, the image jumps and has no slope
         return Splatter(1.5, 4)(positions, depths.detach(), in_front, features, SIZE_PX)[0]
 
-    assert torch.autograd.gradcheck(picture, (depths,), eps=1e-7, atol=1e-3, rtol=1e-3)
+    assert torch.autograd.gradcheck(image, (depths,), eps=1e-7, atol=1e-3, rtol=1e-3)
 
 
 def test_two_points_on_one_pixel_are_composited_front_to_back() -> None:
     # both half a pixel off the centre of pixel (5, 4), radius 1: opacity 1/2 each; weights 1/2 and 1/2 * 1/2
     positions = torch.tensor([[[5.5, 4.0], [4.5, 4.0]]])
     features = torch.tensor([[[8.0], [16.0]]])
-    picture, opacity = Splatter(1.0, 2)(
+    image, opacity = Splatter(1.0, 2)(
         positions, torch.tensor([[0.1, 0.2]]), torch.ones(1, 2, dtype=torch.bool), features, SIZE_PX
     )
-    assert picture[0, 0, 4, 5] == pytest.approx(16 * 0.5 + 8 * 0.25, abs=1e-4)  # the second is nearer
+    assert image[0, 0, 4, 5] == pytest.approx(16 * 0.5 + 8 * 0.25, abs=1e-4)  # the second is nearer
     assert opacity[0, 0, 4, 5] == pytest.approx(0.75, abs=1e-4)
 
 
@@ -116,8 +116,8 @@ def test_a_camera_that_does_not_move_sees_every_point_in_its_own_pixel() -> None
     torch.testing.assert_close(again, depths)
     assert in_front.all()
     features = torch.rand(1, rays.shape[1], 3, dtype=torch.float64)
-    picture, _ = Splatter(0.9, 4)(positions, depths, in_front, features, SIZE_PX)  # neighbours are 1 pixel away
-    torch.testing.assert_close(picture[0].flatten(1).T, features[0], rtol=0, atol=2e-3)
+    image, _ = Splatter(0.9, 4)(positions, depths, in_front, features, SIZE_PX)  # neighbours are 1 pixel away
+    torch.testing.assert_close(image[0].flatten(1).T, features[0], rtol=0, atol=2e-3)
 
 
 def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_inverse_depth() -> None:
@@ -143,13 +143,13 @@ def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
     assert torch.isfinite(there).all()
 
 
-def test_nothing_in_sight_gives_an_empty_picture_with_zero_gradients() -> None:
+def test_nothing_in_sight_gives_an_empty_image_with_zero_gradients() -> None:
     positions, depths, visible, features = random_points(seed=4)
-    picture, opacity = Splatter()(positions.requires_grad_(), depths, torch.zeros_like(visible), features, SIZE_PX)
-    assert picture.shape == (2, 3, *SIZE_PX)
-    assert not picture.any()
+    image, opacity = Splatter()(positions.requires_grad_(), depths, torch.zeros_like(visible), features, SIZE_PX)
+    assert image.shape == (2, 3, *SIZE_PX)
+    assert not image.any()
     assert not opacity.any()
-    picture.sum().backward()
+    image.sum().backward()
     assert not positions.grad.any()
 
 

@@ -28,4 +28,4 @@ def test_the_street_is_seen_from_three_metres_ahead() -> None:
     lowest = 31 * 32 + 16
     assert bool(visible[0, lowest])
     torch.testing.assert_close(1 / inverse_depths[0, lowest], torch.tensor(3.44), rtol=0, atol=0.04)
-    assert float(positions[0, lowest, 1]) > 31  # has left the picture below
+    assert float(positions[0, lowest, 1]) > 31  # has left the image below

@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from geovp_classic.errors import BadData
-from learned.video.coders import Coding, Decoder, Encoder, picked, pictures_from_maps, repeated
+from learned.video.coders import Coding, Decoder, Encoder, images_from_maps, picked, repeated
 
 
 @pytest.mark.parametrize("style", ["dcgan", "vgg"])
 @pytest.mark.parametrize(("size_px", "num_stages"), [(64, 4), (128, 5), (256, 6)])  # 64 -> 32 -> 16 -> 8 -> 4 is four
-def test_every_doubling_of_the_picture_adds_one_stage(style: str, size_px: int, num_stages: int) -> None:
+def test_every_doubling_of_the_image_adds_one_stage(style: str, size_px: int, num_stages: int) -> None:
     coding = Coding(style, size_px, width=2, code_size=6)  # type: ignore[arg-type]
     encoder, decoder = Encoder(coding).eval(), Decoder(coding, out_channels=2).eval()
     with torch.no_grad():
@@ -32,17 +32,17 @@ def test_sizes_that_cannot_be_halved_down_to_four_are_refused(size_px: int) -> N
         Coding(size_px=size_px)
 
 
-def test_an_untrained_residual_decoder_repeats_the_picture() -> None:
+def test_an_untrained_residual_decoder_repeats_the_image() -> None:
     coding = Coding("vgg", 16, 4, 8, residual=True)
     base = torch.rand(2, 3, 16, 16)
     base[0, :, 0, 0], base[0, :, 0, 1] = 0.0, 1.0
     _, skips = Encoder(coding)(base)
-    shown = pictures_from_maps(Decoder(coding)(torch.randn(2, 8), skips), base)
+    shown = images_from_maps(Decoder(coding)(torch.randn(2, 8), skips), base)
     assert float((shown - base).abs().max().detach()) <= 1 / 512 + 1e-6  # half a grey level, at black and white
 
 
 def test_without_a_base_maps_are_logits() -> None:
-    shown = pictures_from_maps(torch.tensor([0.0, 2.0]), None)
+    shown = images_from_maps(torch.tensor([0.0, 2.0]), None)
     torch.testing.assert_close(shown, torch.tensor([0.5, 0.8807971]))
 
 

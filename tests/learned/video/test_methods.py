@@ -19,14 +19,14 @@ from learned.video.training import VideoTraining, bare
 PAST, FUTURE = 3, 3
 
 
-def trained(method: VideoTraining, pictures: Tensor, num_steps: int) -> tuple[nn.Module, list[dict[str, float]]]:
-    """The network after some steps on the same pictures, ready to predict, and the losses of every step."""
+def trained(method: VideoTraining, images: Tensor, num_steps: int) -> tuple[nn.Module, list[dict[str, float]]]:
+    """The network after some steps on the same images, ready to predict, and the losses of every step."""
     torch.manual_seed(0)
     networks = method.build()
     optimiser = method.optimisers(networks)["video"]
     history = []
     for _ in range(num_steps):
-        losses = method.losses(networks["video"], pictures)
+        losses = method.losses(networks["video"], images)
         optimiser.zero_grad()
         losses["total"].backward()
         optimiser.step()
@@ -34,10 +34,10 @@ def trained(method: VideoTraining, pictures: Tensor, num_steps: int) -> tuple[nn
     return networks["video"].eval(), history
 
 
-def explained(network: nn.Module, pictures: Tensor) -> Tensor:
+def explained(network: nn.Module, images: Tensor) -> Tensor:
     """The future frames as the network shows them when its posterior may look at them."""
-    learned: Any = network(pictures, PAST)
-    shown = learned.shown.pictures if isinstance(learned, SlampLearned) else learned.pictures
+    learned: Any = network(images, PAST)
+    shown = learned.shown.images if isinstance(learned, SlampLearned) else learned.images
     return shown[:, -FUTURE:]
 
 
@@ -46,14 +46,14 @@ def error(made: Tensor, real: Tensor) -> float:
 
 
 def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteArray) -> None:
-    pictures = windows.stacked([street_window]).float() / 255.0
-    network, history = trained(method, pictures, num_steps=150)
+    images = windows.stacked([street_window]).float() / 255.0
+    network, history = trained(method, images, num_steps=150)
     assert history[-1]["error"] < 0.2 * history[0]["error"]
     noise = torch.randn(1, FUTURE, bare(network).noise_size, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
-        made = bare(network).predict(pictures[:, :PAST], noise)
-    copied = error(pictures[:, PAST - 1 : PAST].expand(-1, FUTURE, -1, -1, -1), pictures[:, PAST:])
-    assert error(made, pictures[:, PAST:]) < 0.5 * copied
+        made = bare(network).predict(images[:, :PAST], noise)
+    copied = error(images[:, PAST - 1 : PAST].expand(-1, FUTURE, -1, -1, -1), images[:, PAST:])
+    assert error(made, images[:, PAST:]) < 0.5 * copied
 
 
 def test_the_posterior_knows_what_the_prior_must_guess(method: VideoTraining, coin_flips: Tensor) -> None:
@@ -111,10 +111,10 @@ def test_validation_compares_with_the_last_frame_at_the_networks_size(
 
 def test_a_batch_is_mirrored_or_grey_at_random(method: VideoTraining, street_window: ByteArray) -> None:
     grey = replace(method, grey_share=1.0)
-    pictures = grey.batch([street_window], [0] * 40, np.random.default_rng(0))["pictures"]
-    assert pictures.shape == (40, 6, 3, 16, 16)
-    assert bool((pictures[:, :, 0] == pictures[:, :, 2]).all())
-    colours = method.batch([street_window], [0] * 40, np.random.default_rng(0))["pictures"]
+    images = grey.batch([street_window], [0] * 40, np.random.default_rng(0))["images"]
+    assert images.shape == (40, 6, 3, 16, 16)
+    assert bool((images[:, :, 0] == images[:, :, 2]).all())
+    colours = method.batch([street_window], [0] * 40, np.random.default_rng(0))["images"]
     plain = windows.stacked([street_window])[0]
     is_plain = [bool((one == plain).all()) for one in colours]
     is_mirrored = [bool((one == plain.flip(-1)).all()) for one in colours]

@@ -22,8 +22,8 @@ def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
 def test_grey_is_luma_in_all_three_channels() -> None:
     green = np.zeros((2, 4, 4, 3), np.uint8)
     green[..., 1] = 200
-    pictures = windows.batch([green], np.random.default_rng(0), grey_share=1.0)["pictures"]
-    assert set(pictures.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
+    images = windows.batch([green], np.random.default_rng(0), grey_share=1.0)["images"]
+    assert set(images.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
 
 
 def test_channels_come_before_rows() -> None:

@@ -1,0 +1,139 @@
+"""Things that move by themselves: cut out of what stands, and drawn into it as flat images where they have got to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.interfaces import Scene
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
+
+NEARER = 1.02  # a thing wins over the road it stands on, though its flat image leans out of its foot
+NEAR_SHARE = 0.1  # of its depth when it was seen: nearer than that it is not drawn
+CUT_PX = 2  # around things, where images and depths are mixed with theirs
+RIM_PX = 2  # around the window that a thing is drawn in
+
+Window = tuple[slice, slice]  # rows and columns of a view
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What one thing adds to a view, inside a window of it."""
+
+    window: Window
+    colours: ByteArray  # [h, w, 3]
+    opacity: FloatArray  # [h, w] in [0, 1]
+    inverse_depth: FloatArray  # [h, w]
+
+
+@dataclass(frozen=True)
+class Sprite:
+    """A part of an image at one depth, facing the camera that took it, that moves at a constant velocity."""
+
+    frame: ByteArray  # [H, W, 3]
+    mask: BoolArray  # [H, W], which pixels belong to it; at least one
+    camera: Intrinsics
+    world_from_source: FloatArray  # [4, 4]
+    depth: float  # z in the source's frame when the image was taken
+    velocity: FloatArray  # [3] in the source's frame, per second
+
+    def rendered(self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float) -> Layer | None:
+        """The thing `seconds` after the image was taken; None where it is out of view or too near."""
+        cam_from_source = se3.inverse(world_from_cam) @ self.world_from_source
+        rotation = cam_from_source[:3, :3]
+        shift = rotation @ (seconds * self.velocity) + cam_from_source[:3, 3]
+        facing = rotation + np.outer(shift / self.depth, [0, 0, 1])  # Hartley & Zisserman 2004, eq. 13.1
+        view_from_source = camera.matrix @ facing @ np.linalg.inv(self.camera.matrix)
+        window = self._window(view_from_source, camera)
+        if window is None:
+            return None
+        rows, columns = window
+        window_from_source = np.array([[1, 0, -columns.start], [0, 1, -rows.start], [0, 0, 1]]) @ view_from_source
+        size = (columns.stop - columns.start, rows.stop - rows.start)
+        colours = cv2.warpPerspective(
+            self.frame, window_from_source, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+        )
+        opacity = cv2.warpPerspective(self.mask.astype(np.float32), window_from_source, size, flags=cv2.INTER_LINEAR)
+        inverse_depth = pinhole.rays(camera)[window] @ rotation[:, 2] / (self.depth + rotation[:, 2] @ shift)
+        return Layer(window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
+
+    def _window(self, view_from_source: FloatArray, camera: Intrinsics) -> Window | None:
+        """Where in the view the mask may be; its corners' third coordinate is their depth's share of the one seen."""
+        rows, columns = np.flatnonzero(self.mask.any(axis=1)), np.flatnonzero(self.mask.any(axis=0))
+        u, v = np.meshgrid(columns[[0, -1]] + [-1, 1], rows[[0, -1]] + [-1, 1])
+        corners = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3) @ view_from_source.T
+        if corners[:, 2].min() < NEAR_SHARE:
+            return None
+        pixels = corners[:, :2] / corners[:, 2:]
+        size = np.array([camera.width_px, camera.height_px])
+        first = np.clip(np.floor(pixels.min(axis=0)) - RIM_PX, 0, size).astype(int)
+        end = np.clip(np.ceil(pixels.max(axis=0)) + RIM_PX + 1, 0, size).astype(int)
+        if (first >= end).any():
+            return None
+        return slice(int(first[1]), int(end[1])), slice(int(first[0]), int(end[0]))
+
+
+def cut_out(
+    sprites: tuple[Sprite, ...],
+    inverse_depths: FloatArray,  # [P, H, W]
+    confidence: FloatArray,  # [P, H, W]
+    world_from_cam: FloatArray,  # [P, 4, 4]
+    seconds: FloatArray,  # [P] since the sprites' image, negative before it
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Depths with the things where they were, confidence 0 there, and where that is [P, H, W].
+
+    A thing stays in the depths, for it hid what is behind; being unsure of it keeps it out of what stands.
+    """
+    where = np.zeros(inverse_depths.shape, dtype=bool)
+    if not sprites:
+        return inverse_depths, confidence, where
+    depths = inverse_depths.copy()
+    kernel = np.ones((2 * CUT_PX + 1, 2 * CUT_PX + 1), np.uint8)
+    for sprite in sprites:
+        for step, pose in enumerate(world_from_cam):
+            layer = sprite.rendered(pose, sprite.camera, float(seconds[step]))
+            if layer is not None:
+                shown = cv2.dilate((layer.opacity > 0).astype(np.uint8), kernel) > 0
+                depths[step][layer.window] = np.where(shown, layer.inverse_depth, depths[step][layer.window])
+                where[step][layer.window] |= shown
+    return depths, np.where(where, 0, confidence), where
+
+
+@dataclass(frozen=True)
+class DynamicScene:
+    """A static scene with sprites that move through it."""
+
+    static: Scene
+    sprites: tuple[Sprite, ...]
+    last_s: float  # the time of the sprites' frame, the last observed one
+
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The scene from the poses [F, 4, 4]; where a moving thing is in front, it is drawn, and counts as covered."""
+        views = self.static.view(world_from_cam, times_s, intrinsics)
+        frames, covered, depths = views.frames.copy(), views.covered.copy(), views.depths.copy()
+        for k, since_s in enumerate(times_s - self.last_s):
+            for sprite in self.sprites:
+                layer = sprite.rendered(world_from_cam[k], intrinsics, float(since_s))
+                if layer is not None:
+                    place = (k, *layer.window)
+                    frames[place], covered[place], depths[place] = _over(
+                        frames[place], covered[place], depths[place], layer
+                    )
+        return Views(frames, covered, depths)
+
+
+def _over(
+    frame: ByteArray,  # [h, w, 3]
+    covered: BoolArray,  # [h, w]
+    depth: FloatArray,  # [h, w], 0 = unknown
+    layer: Layer,
+) -> tuple[ByteArray, BoolArray, FloatArray]:
+    """The layer in front of what is farther or invented."""
+    own = 1 / layer.inverse_depth
+    alpha = np.where(~covered | (depth <= 0) | (own < NEARER * depth), layer.opacity, 0)
+    mixed = frame + alpha[..., None] * (layer.colours.astype(np.float32) - frame)
+    shown = alpha > 0.5
+    return (mixed + 0.5).astype(np.uint8), covered | shown, np.where(shown, own, depth).astype(np.float32)

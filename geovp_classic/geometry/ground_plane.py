@@ -1,0 +1,121 @@
+"""The road under the camera as a plane: found in inverse depth, where every plane is linear in the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import BoolArray, FloatArray, Intrinsics
+
+NUM_TRIALS = 80
+NUM_ROUNDS = 4
+STRIDE_PX = 4  # every fourth pixel of the lower half votes
+CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
+MIN_SHARE = 0.2  # of the lower half that must lie on it
+MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
+AFLOAT_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which nothing hangs that does not stand on it
+LEVEL_HEIGHTS = 4.0  # so many camera heights far a road is a plane
+HORIZON_HEIGHTS = 20.0  # ground farther away than so many camera heights is left as it was found
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The plane normal . point = height in the camera's frame, y down."""
+
+    normal: FloatArray  # [3], unit length, pointing down
+    height: float  # of the camera above it, in the poses' unit
+
+    def inverse_depth(self, camera: Intrinsics) -> FloatArray:
+        """Inverse depth [H, W] float32 of the plane; negative above its horizon."""
+        return (pinhole.rays(camera) @ self.normal / self.height).astype(np.float32)
+
+    def sureness(
+        self,
+        inverse_depth: FloatArray,  # [H, W] of the plane
+    ) -> FloatArray:
+        """How surely a road lies on the plane [H, W]: 1 up to LEVEL_HEIGHTS, falling with the square of the distance.
+
+        0 above the horizon.
+        """
+        nearness: FloatArray = np.clip(LEVEL_HEIGHTS * self.height * inverse_depth, 0, 1)
+        return nearness**2
+
+
+def fit_ground(
+    inverse_depth: FloatArray,  # [H, W]
+    camera: Intrinsics,
+    seed: int = 0,
+) -> Ground | None:
+    """The plane that most of the image's lower half lies on (RANSAC, then least squares); None without such a one."""
+    half = camera.height_px // 2
+    rays = pinhole.rays(camera)[half::STRIDE_PX, ::STRIDE_PX].reshape(-1, 3)
+    found = inverse_depth[half::STRIDE_PX, ::STRIDE_PX].reshape(-1).astype(np.float64)
+    triples = np.random.default_rng(seed).integers(0, len(found), (NUM_TRIALS, 3))
+    corners = rays[triples]
+    solvable = np.abs(np.linalg.det(corners)) > 1e-6
+    planes = np.linalg.solve(corners[solvable], found[triples][solvable][..., None])[..., 0]  # normal / height
+    planes = planes[_upright(planes)]
+    if not len(planes):
+        return None
+    plane = planes[np.argmax(_on_plane(planes, rays, found).sum(axis=1))]
+    for _ in range(NUM_ROUNDS):
+        weight = _on_plane(plane[None], rays, found)[0] / np.maximum(rays @ plane, 1e-12)  # relative errors
+        plane = np.linalg.lstsq(rays * weight[:, None], found * weight, rcond=None)[0]
+    if not _upright(plane[None])[0] or _on_plane(plane[None], rays, found).mean() < MIN_SHARE:
+        return None
+    size = float(np.linalg.norm(plane))
+    return Ground(plane / size, 1 / size)
+
+
+def lift(
+    inverse_depth: FloatArray,  # [H, W]
+    ground: Ground,
+    camera: Intrinsics,
+    allowed: BoolArray,  # [H, W]; where the images don't contradict the ground
+) -> FloatArray:
+    """The inverse depth [H, W] with nothing below the ground where it is allowed to lie on it."""
+    plane = ground.inverse_depth(camera)
+    near = plane * ground.height > 1 / HORIZON_HEIGHTS
+    return np.where(near & allowed & (inverse_depth < plane), plane, inverse_depth)
+
+
+def afloat(
+    inverse_depth: FloatArray,  # [H, W]
+    ground: Ground,
+    camera: Intrinsics,
+    islands: BoolArray,  # [H, W], surfaces that are cut off from all around
+) -> BoolArray:
+    """Which islands [H, W] hang low over the road: wrong matches, or things that come towards the camera.
+
+    These shift along epipolar lines like standing things that are nearer, so that their foot is up in the air.
+    """
+    height = ground.height
+    above = 1 - height * ground.inverse_depth(camera) / np.maximum(height * inverse_depth, 1e-9)  # in camera heights
+    count, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
+    hanging = np.zeros(islands.shape, dtype=bool)
+    for label in range(1, count):
+        island = labels == label
+        lowest, highest = np.percentile(above[island], (10, 90))
+        if AFLOAT_HEIGHTS[0] < lowest and highest < AFLOAT_HEIGHTS[1]:
+            hanging |= island
+    return hanging
+
+
+def _upright(planes: FloatArray) -> BoolArray:
+    """Which planes [N, 3] the camera stands upright above."""
+    upright: BoolArray = planes[:, 1] > np.maximum(MIN_UPRIGHT * np.linalg.norm(planes, axis=1), 1e-12)
+    return upright
+
+
+def _on_plane(planes: FloatArray, rays: FloatArray, found: FloatArray) -> BoolArray:
+    """Which points [M] lie on which planes [N], nearer than the horizon: [N, M].
+
+    What is farther away would draw the plane to the foot of whatever stands there.
+    """
+    expected = planes @ rays.T
+    near = expected * HORIZON_HEIGHTS > np.linalg.norm(planes, axis=1, keepdims=True)
+    on_plane: BoolArray = near & (np.abs(expected - found) < CLOSE * expected)
+    return on_plane

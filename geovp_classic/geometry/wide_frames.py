@@ -1,0 +1,36 @@
+"""The uncropped frames in place of the square ones: what stands beside the square, finer geometry and all detail."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import numpy as np
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Context
+
+FINER = 1.5  # at most so much finer than the square's are the pixels that depth is sought for, if there are such
+
+
+def of(context: Context, frames: Literal["crop", "wide"]) -> Context:
+    """The context as it is, or with the uncropped images as its frames."""
+    return uncropped(context) if frames == "wide" else context
+
+
+def uncropped(context: Context) -> Context:
+    """The context with the uncropped images as its frames, up to FINER times as fine as the square; `wide` stays.
+
+    Incompatible when there are none, or when recorded depth of the square should be used with them.
+    """
+    if context.wide is None:
+        raise Incompatible("uncropped frames are asked for, the clip has none: use a data set that gives wide frames")
+    if context.past_depths is not None:
+        raise Incompatible("recorded depth covers the square only: with uncropped frames choose an estimating source")
+    native, square = context.wide.intrinsics, context.intrinsics
+    finer = float(np.clip(native.fx_px / square.fx_px, 1, FINER))
+    width_px = max(1, round(native.width_px * finer * square.fx_px / native.fx_px))
+    height_px = max(1, round(native.height_px * finer * square.fy_px / native.fy_px))
+    frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in context.wide.frames])
+    return dataclasses.replace(context, frames=frames, intrinsics=native.resized(width_px, height_px))

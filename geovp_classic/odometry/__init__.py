@@ -1,0 +1,1 @@
+"""Where the camera was: features, tracking, bundle adjustment, and scale from the road."""

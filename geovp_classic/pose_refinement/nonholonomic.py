@@ -1,0 +1,121 @@
+"""Which way a vehicle moves: coming poses, held to the course that past images show.
+
+Recorded rotations are right to hundredths of a degree over seconds, recorded positions are not: where satellite
+navigation is corrected, a recorded car slides sideways or sinks by half a degree of its way. A vehicle cannot. Its rear
+axle moves along the vehicle, and so a camera on it moves in one direction of its own, apart from what turning adds
+because it sits before that axle (the nonholonomic constraint; Scaramuzza 2011). The images of the past say which.
+
+Given and expected directions are combined by their variances, both of them measured on the past: how far the given
+poses' directions were from what the images showed, and how far the camera was from holding such a course. Poses that
+the images agree with stay as they are, and a camera that is carried by hand is left alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.geometry import se3
+from geovp_classic.pose_refinement.registration import DIRECTION_SHARE, unrefined
+from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
+
+LEVER_M, LEVER_DEVIATION_M = 1.0, 0.4  # cameras sit so far before the axle that doesn't steer
+MODEL_RAD = np.radians(0.1)  # tyres slip, roads tilt: no course is surer than this
+FAR = 15.0  # standard deviations at which a given direction is believed as much as not; far beyond it is meant so
+LEAST_M = 1e-6
+
+
+@dataclass(frozen=True)
+class NonholonomicConstraint:
+    """Coming positions held to the direction in which the camera has been moving, in its own frame."""
+
+    @property
+    def needs(self) -> Grant:
+        """Nothing: it compares registered poses with the given ones."""
+        return Grant.NONE
+
+    def refine(self, context: Context, motion: Motion) -> Motion:
+        """The motion with other coming positions; unchanged where lengths are not metres or nothing moves."""
+        given = unrefined(motion, "nonholonomic")
+        seen = motion.past.world_from_cam
+        direction = observed(given.past.world_from_cam, seen) if motion.past.is_metric else None
+        if direction is None:
+            return motion
+        last_from_cam = se3.inverse(seen[-1]) @ motion.futures
+        return motion.refined(motion.past, seen[-1] @ np.stack([direction.held(future) for future in last_from_cam]))
+
+
+@dataclass(frozen=True)
+class Direction:
+    """How the camera has been moving, in its own frame."""
+
+    direction: FloatArray  # [3], unit length
+    given_rad: float  # root mean square, per axis: given directions of motion against those that the images show
+    held_rad: float  # the same: the images' directions against this course
+
+    def held(self, reference_from_cam: FloatArray) -> FloatArray:
+        """Poses [F, 4, 4] in metres, one after the other, each step turned towards the course; rotations stay."""
+        if self.given_rad == 0 or len(reference_from_cam) == 0:
+            return reference_from_cam
+        before = np.concatenate([np.eye(4)[None], reference_from_cam[:-1]])
+        steps = se3.log(se3.inverse(before) @ reference_from_cam)
+        steps[:, :3] += self._correction(steps)
+        positions, at = [], np.zeros(3)
+        for rotation, step in zip(before[:, :3, :3], se3.exp(steps), strict=True):
+            at = at + rotation @ step[:3, 3]
+            positions.append(at)
+        return se3.compose(reference_from_cam[:, :3, :3], np.stack(positions))
+
+    def _correction(self, steps: FloatArray) -> FloatArray:
+        """What is to be added to the way [F, 3] of steps [F, 6] (a Kalman update with both ways as measurements)."""
+        length = np.maximum(np.linalg.norm(steps[:, :3], axis=1), LEAST_M)[:, None]
+        turning = np.cross(steps[:, 3:], self.direction)
+        off = (_expected(steps, self.direction) - steps[:, :3]) / length
+        unsure = LEVER_DEVIATION_M * turning / length
+        own = (MODEL_RAD**2 + self.held_rad**2) * np.eye(3) + unsure[:, :, None] * unsure[:, None]
+        white = np.linalg.solve(own + self.given_rad**2 * np.eye(3), off[..., None])[..., 0]
+        distance = (off * white).sum(axis=1, keepdims=True)
+        return np.asarray(length * self.given_rad**2 * white / (1 + distance / FAR**2))
+
+
+def observed(
+    given: FloatArray,  # [P, 4, 4], any frame
+    seen: FloatArray,  # [P, 4, 4], as the images show them; the last one is the same
+) -> Direction | None:
+    """The course of past poses in metres; None when they don't move, or are alone."""
+    was, now = (se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, seen))
+    sure = _sure(was) & (np.linalg.norm(now[:, :3, 3], axis=1) > LEAST_M)
+    if not sure.any():
+        return None
+    steps = se3.log(se3.inverse(seen[:-1]) @ seen[1:])
+    direction = _unit(steps[:, :3].sum(axis=0))
+    for _ in range(2):
+        direction = _unit((steps[:, :3] - LEVER_M * np.cross(steps[:, 3:], direction)).sum(axis=0))
+    steps[:, :3] = _expected(steps, direction)
+    expected, at = [], np.eye(4)
+    for step in se3.exp(-steps[::-1]):
+        at = at @ step
+        expected.append(at)
+    return Direction(direction, _apart_rad(was, now, sure), _apart_rad(np.stack(expected[::-1]), now, sure))
+
+
+def _expected(steps: FloatArray, direction: FloatArray) -> FloatArray:
+    """The way [F, 3] of a camera before the axle, as far along its course as the steps [F, 6] go."""
+    along = steps[:, :3] @ direction
+    return np.asarray(along[:, None] * direction + LEVER_M * np.cross(steps[:, 3:], direction))
+
+
+def _sure(reference_from_cam: FloatArray) -> BoolArray:
+    length = np.linalg.norm(reference_from_cam[:, :3, 3], axis=1)
+    return np.asarray((length > DIRECTION_SHARE * length.max(initial=0.0)) & (length > LEAST_M))
+
+
+def _apart_rad(one: FloatArray, other: FloatArray, sure: BoolArray) -> float:
+    """Root mean square difference of two directions from the reference, per axis."""
+    off = _unit(one[sure, :3, 3]) - _unit(other[sure, :3, 3])
+    return float(np.sqrt((off**2).sum(axis=1).mean() / 2))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), LEAST_M))

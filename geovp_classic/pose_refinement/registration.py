@@ -1,0 +1,171 @@
+"""Poses that the images agree with: given poses, improved until tracked corners meet, in the unit they came in.
+
+Recorded poses can be wrong by more than a pixel from one frame to the next (GPS and gyroscopes are smooth over
+hundreds of metres, not over ten), and a plane sweep needs a quarter of one. Corners of one reference image are
+followed to the others (Lucas & Kanade 1981; there and back again), and poses and inverse depths of the corners are
+adjusted together (bundle adjustment, Triggs 2000), held by the given poses where the corners say nothing: those alone
+know how long a metre is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import pinhole, se3, wide_frames
+from geovp_classic.pose_refinement.local_bundle import Corners, adjust
+from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
+
+TALL_PX = 256  # rows of an image up to which windows keep their size
+MAX_CORNERS = 400  # in a square image
+MIDDLE = 1.6  # widths of the square; poses that fit corners farther out, too, fit what is shown less well
+CORNER_QUALITY = 0.01
+CORNER_SPACING = 0.025  # of the image's height
+WINDOW_PX = 15  # in images of up to TALL_PX rows; proportionally more in taller ones
+RETURN_PX = 0.5  # a track is kept while following it back ends this near to where it came from
+MIN_CORNERS = 30  # seen by at least one other frame; with fewer the given poses stay
+DIRECTION_SHARE = 0.2  # of the longest distance from the reference; shorter ones have no sure direction
+PERSISTENCE = 0.8  # of the directions' error that is expected of the future, too
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Corners of a reference image in all images."""
+
+    pixels: FloatArray  # [P, N, 2]
+    seen: BoolArray  # [P, N]
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Past poses adjusted until tracked corners meet; coming ones are turned as the past directions of motion were.
+
+    The last observed pose stays: everything is counted from it. Poses before the last `num_frames` go with the first of
+    those.
+    """
+
+    frames: Literal["crop", "wide"] = "crop"
+    num_frames: int = 10
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless at least two frames are registered."""
+        if self.num_frames < 2:
+            raise BadData(f"registration: num_frames is {self.num_frames}, expected 2 or more")
+
+    @property
+    def needs(self) -> Grant:
+        """Nothing beyond the frames, or the uncropped ones."""
+        return Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE
+
+    def refine(self, context: Context, motion: Motion) -> Motion:
+        """The motion with registered past poses, its futures turned about the last one."""
+        recent = wide_frames.of(context.only(self.needs), self.frames).recent(self.num_frames)
+        images = np.stack([pinhole.grey(frame) for frame in recent.frames])
+        given, count = motion.past.world_from_cam, len(recent.frames)
+        found = registered(images, recent.intrinsics, given[-count:], count - 1)
+        earlier = found.world_from_cam[0] @ se3.inverse(given[-count]) @ given[:-count]
+        past = np.concatenate([earlier, found.world_from_cam])
+        last_from_cam = se3.inverse(given[-1]) @ motion.futures
+        futures = given[-1] @ se3.compose(last_from_cam[..., :3, :3], last_from_cam[..., :3, 3] @ found.steering.T)
+        return motion.refined(Trajectory(past, motion.past.times_s, motion.past.is_metric), futures)
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Poses that fit the images, and how the given ones' directions of motion were turned against theirs."""
+
+    world_from_cam: FloatArray  # [P, 4, 4]
+    steering: FloatArray  # [3, 3], turns the given directions of motion, in the reference camera's frame
+
+
+def registered(
+    images: FloatArray,  # [P, H, W] float32 grey 0..255
+    camera: Intrinsics,
+    world_from_cam: FloatArray,  # [P, 4, 4]
+    reference: int,
+) -> Registered:
+    """The poses after adjustment; that of the reference stays, and all do where too little is seen."""
+    others = np.array([step for step in range(len(images)) if step != reference], dtype=int)
+    source_from_reference = se3.inverse(world_from_cam[others]) @ world_from_cam[reference]
+    if not (np.linalg.norm(source_from_reference[:, :3, 3], axis=1) > 0).any():
+        return Registered(world_from_cam, np.eye(3))
+    tracks = track(images, reference)
+    kept = tracks.seen[others].any(axis=0)
+    if kept.sum() < MIN_CORNERS:
+        return Registered(world_from_cam, np.eye(3))
+    rays = pinhole.unproject(tracks.pixels[reference, kept], np.ones(kept.sum()), camera)
+    corners = Corners(rays, tracks.pixels[others][:, kept], tracks.seen[others][:, kept], camera, source_from_reference)
+    reference_from_source = se3.inverse(adjust(corners))
+    better = world_from_cam.copy()
+    better[others] = world_from_cam[reference] @ reference_from_source
+    return Registered(better, steering(se3.inverse(source_from_reference), reference_from_source))
+
+
+def unrefined(motion: Motion, name: str) -> Motion:
+    """The motion as the pose source said it; Incompatible where nothing has been registered."""
+    if motion.unrefined is None:
+        raise Incompatible(f"{name} compares given with registered poses: put registration before it")
+    return motion.unrefined
+
+
+def steering(
+    given: FloatArray,  # [S, 4, 4], reference from source
+    better: FloatArray,  # [S, 4, 4]
+) -> FloatArray:
+    """The rotation [3, 3] that the better directions of motion have against the given ones, as far as it will last.
+
+    A recorded camera that looks a degree beside where it says it looks, or a height that drifts, turns every direction
+    alike, the coming ones too.
+    """
+    was, now = given[:, :3, 3], better[:, :3, 3]
+    length, length_now = np.linalg.norm(was, axis=1), np.linalg.norm(now, axis=1)
+    sure = (length > DIRECTION_SHARE * length.max()) & (length_now > 0)
+    if not sure.any():
+        return np.eye(3)
+    turns = np.cross(was[sure], now[sure]) / (length * length_now)[sure, None]
+    return se3.exp(np.concatenate([np.zeros(3), PERSISTENCE * turns.mean(axis=0)]))[:3, :3]
+
+
+def track(
+    images: FloatArray,  # [P, H, W]
+    reference: int,
+) -> Tracks:
+    """Corners in the middle of the reference image, followed frame by frame, back and forth, until they are lost."""
+    grey = [np.ascontiguousarray(image.astype(np.uint8)) for image in images]
+    height, width = grey[reference].shape
+    wideness = float(np.clip(width / height, 1, MIDDLE))
+    margin = max(0, round((width - MIDDLE * height) / 2))
+    middle = np.zeros((height, width), np.uint8)
+    middle[:, margin : width - margin] = 255
+    count, spacing_px = int(MAX_CORNERS * wideness), CORNER_SPACING * height
+    corners = cv2.goodFeaturesToTrack(grey[reference], count, CORNER_QUALITY, spacing_px, mask=middle)
+    start = np.zeros((0, 2), np.float32) if corners is None else np.asarray(corners, np.float32).reshape(-1, 2)
+    pixels = np.tile(start, (len(images), 1, 1))
+    seen = np.zeros(pixels.shape[:2], dtype=bool)
+    seen[reference] = True
+    for steps in (range(reference - 1, -1, -1), range(reference + 1, len(images))):
+        before = reference
+        for step in steps:
+            pixels[step], seen[step] = _follow(grey[before], grey[step], pixels[before], seen[before])
+            before = step
+    return Tracks(pixels.astype(np.float64), seen)
+
+
+def _follow(before: FloatArray, after: FloatArray, pixels: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Where the seen ones of the pixels [N, 2] went, and which of them [N] are found back near where they came from."""
+    if not seen.any():
+        return pixels, seen
+    side = int(WINDOW_PX * max(1, len(before) / TALL_PX)) | 1  # odd
+    window, start = (side, side), pixels[seen]
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start, start.copy(), winSize=window)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(
+        after, before, there, start.copy(), winSize=window, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+    )
+    close = np.linalg.norm(back - start, axis=-1) < RETURN_PX
+    places, still = pixels.copy(), seen.copy()
+    places[seen], still[seen] = there, close & (np.asarray(found)[:, 0] > 0) & (np.asarray(returned)[:, 0] > 0)
+    return places, still

@@ -1,1 +1,0 @@
-"""Where the camera was and will be: pose sources, odometry and forecasters."""

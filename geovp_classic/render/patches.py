@@ -1,0 +1,137 @@
+"""Observed pixels as small flat patches in space, drawn from any pose with a z-buffer, fast.
+
+A patch is what one pixel of a source image shows: the square around it, at its inverse depth and with the slope of
+its surface, so that approached surfaces neither tear nor lose their planes. Inverse depth 0 is infinitely far and needs
+no special case: a pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) + q b, with A = K' R K^-1 and b = K' t
+(Hartley & Zisserman 2004, eq. 13.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.epipolar import Epipolar
+from geovp_classic.render.rasterizer import NOTHING, IndexArray, draw_views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+
+STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
+FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
+
+
+@dataclass(frozen=True)
+class Source:
+    """An image that surfaces are seen in."""
+
+    frame: ByteArray  # [H, W, 3]
+    camera: Intrinsics
+    world_from_source: FloatArray  # [4, 4]
+    detail: ByteArray | None = None  # [H', W', 3], the same image with more pixels
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Pixels of several sources with their place in space."""
+
+    pixels: FloatArray  # [N, 2] float32, (u, v) in their source
+    inverse_depth: FloatArray  # [N] float32
+    slope: FloatArray  # [N, 2] float32, of the inverse depth per pixel along u and v
+    source: IndexArray  # [N], which source
+
+    def __len__(self) -> int:
+        """N."""
+        return len(self.pixels)
+
+
+def patches(
+    inverse_depth: FloatArray,  # [H, W], 0 = infinitely far
+    known: BoolArray,  # [H, W]
+    source: int,
+) -> Patches:
+    """The patches of all known pixels of one image."""
+    q = np.where(known, inverse_depth, np.nan)
+    slope = slopes(q)[known]
+    v, u = np.nonzero(known)
+    number = np.full(len(u), source, dtype=np.int32)
+    return Patches(
+        np.stack([u, v], -1).astype(np.float32), q[known].astype(np.float32), slope.astype(np.float32), number
+    )
+
+
+def joined(parts: list[Patches]) -> Patches:
+    """All patches in one; earlier parts win where patches are equally near."""
+    columns = [np.concatenate([getattr(part, name) for part in parts]) for name in Patches.__dataclass_fields__]
+    return Patches(*columns)
+
+
+def draw(
+    cloud: Patches,
+    sources: list[Source],
+    world_from_cam: FloatArray,  # [F, 4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, IndexArray]:
+    """Inverse depth [F, H, W] of the nearest patch at every pixel's centre, and its number (NOTHING for none)."""
+    to_views = [plane_sweep_maps(source, world_from_cam, camera) for source in sources]
+    a, b = (np.stack(maps, axis=1) for maps in zip(*to_views, strict=True))  # [F, sources, 3, 3], [F, sources, 3]
+    size = (len(world_from_cam), camera.height_px, camera.width_px)
+    inverse_depth = np.full(size, -1.0, dtype=np.float32)
+    winner = np.full(size, NOTHING, dtype=np.int32)
+    columns = np.stack([*cloud.pixels.T, cloud.inverse_depth, *cloud.slope.T])
+    draw_views(columns, cloud.source, a.astype(np.float32), b.astype(np.float32), inverse_depth, winner)
+    return inverse_depth, winner
+
+
+def plane_sweep_maps(
+    source: Source,
+    world_from_cam: FloatArray,  # [F, 4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, FloatArray]:
+    """A [F, 3, 3] and b [F, 3] that take (u, v, 1) and inverse depth of the source to the cameras' pixels."""
+    cam_from_source = se3.inverse(world_from_cam) @ source.world_from_source
+    a = camera.matrix @ cam_from_source[..., :3, :3] @ np.linalg.inv(source.camera.matrix)
+    return a, cam_from_source[..., :3, 3] @ camera.matrix.T
+
+
+def source_pixels(
+    source: Source,
+    inverse_depth: FloatArray,  # [H, W] in the view, 0 = infinitely far
+    world_from_cam: FloatArray,  # [4, 4]
+    camera: Intrinsics,
+) -> tuple[FloatArray, FloatArray]:
+    """Where the source shows what the view shows, [H, W, 2] float32, and the depth ratio source / view [H, W].
+
+    The ratio is the magnification of surfaces that face the camera; it is not positive for what lies behind the source.
+    """
+    source_from_cam = se3.inverse(source.world_from_source) @ world_from_cam
+    return Epipolar.of(camera, source_from_cam, source.camera).seen_at(inverse_depth)
+
+
+def own_pixels(source: Source, camera: Intrinsics) -> FloatArray:
+    """Where the source shows what another camera in its place would show, [H, W, 2] float32."""
+    infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
+    return source_pixels(source, infinity, source.world_from_source, camera)[0]
+
+
+def slopes(inverse_depth: FloatArray) -> FloatArray:
+    """The step of the surface per pixel along u and v [H, W, 2]; inverse depth [H, W] is NaN where it is unknown."""
+    return np.stack([_slopes(inverse_depth), _slopes(inverse_depth.T).T], axis=-1)
+
+
+def _slopes(inverse_depth: FloatArray) -> FloatArray:
+    """The step of the surface per pixel along the rows [H, W]; 0 where neither side goes on straight.
+
+    A pixel on the edge of a thing belongs to one side; the side whose next step continues the slope is its own. Of two
+    such sides the flatter one is taken.
+    """
+    padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
+    step = np.diff(padded, axis=1)  # [H, W + 3]; pixel c lies between steps c + 1 and c + 2
+    sides = [(step[:, 2:-1], step[:, 3:]), (step[:, 1:-2], step[:, :-3])]
+    candidates = []
+    for near, beyond in sides:
+        straight = np.abs(beyond - near) <= STRAIGHT * np.abs(near)
+        flat = np.abs(near) <= FLAT * inverse_depth
+        candidates.append(np.where(straight | flat, near, np.inf))
+    flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
+    return np.where(np.isfinite(flatter), flatter, 0.0)

@@ -1,0 +1,139 @@
+"""Renderers that begin with a depth source: depth and rendering, rooms on one floor, meet here and only here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from geovp_classic.depth.multiview import Multiview
+from geovp_classic.dynamic_objects import sprites as moving_sprites
+from geovp_classic.dynamic_objects.detection import DynamicObjects
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole, wide_frames
+from geovp_classic.geometry.ground_plane import fit_ground
+from geovp_classic.interfaces import DepthSource, Fill, Scene
+from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.render import fusion, patches, volume
+from geovp_classic.render.exposure import Exposed, Exposure, ExposureControl
+from geovp_classic.render.fill import BorrowedDetail, NearestBackground
+from geovp_classic.types import Context, FloatArray, Grant, Trajectory
+
+
+@dataclass(frozen=True)
+class DepthFusion:
+    """All observed frames as one cloud of patches; holes are filled, magnified surfaces get their detail back."""
+
+    depth: DepthSource = field(default_factory=Multiview)
+    fill: Fill = field(default_factory=BorrowedDetail)
+    frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
+    num_frames: int = 10  # how many of the last observed frames are used
+    crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
+    agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
+    detail_strength: float = 1.0  # of the transferred detail; 0 leaves magnified surfaces blurred
+    dynamic_objects: DynamicObjects | None = field(default_factory=DynamicObjects)  # None: they stand like all else
+    exposure: ExposureControl | None = field(default_factory=ExposureControl)  # None: it stays as it was last
+
+    def __post_init__(self) -> None:
+        """Raise BadData for settings that make no sense."""
+        if self.frames not in ("crop", "wide"):
+            raise BadData(f"frames is {self.frames!r}, expected 'crop' or 'wide'")
+        if self.num_frames < 1:
+            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
+        if not (0 < self.agreement < 1 and self.crack_px >= 0 and self.detail_strength >= 0):
+            raise BadData("agreement must lie between 0 and 1, crack_px and detail_strength must not be negative")
+
+    @property
+    def needs(self) -> Grant:
+        """What the depth source needs, and the uncropped frames when they are asked for."""
+        return self.depth.needs | (Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE)
+
+    @single_threaded_blas
+    def reconstruct(self, context: Context, past: Trajectory) -> Scene:
+        """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the past."""
+        recent, past = self._recent(context, past)
+        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        since_s, last_s = past.times_s - past.times_s[-1], float(past.times_s[-1])
+        moving = self._sprites(recent, past, inverse_depths[-1])
+        inverse_depths, confidence, cut = moving_sprites.cut_out(
+            moving, inverse_depths, confidence, past.world_from_cam, since_s
+        )
+        details = [None] * len(past) if recent.wide is None else recent.wide.frames
+        sources = [
+            patches.Source(frame, recent.intrinsics, pose, detail)
+            for frame, pose, detail in zip(recent.frames, past.world_from_cam, details, strict=True)
+        ]
+        exposure = Exposure.of(sources, inverse_depths[-1], since_s)
+        cloud, used = fusion.fuse(exposure.matched(sources), inverse_depths, confidence, self.agreement)
+        static = fusion.without(cloud, 0, cut[-1])
+        scene: Scene = fusion.CloudScene(static, used, self.fill, self.crack_px, self.detail_strength)
+        scene = moving_sprites.DynamicScene(scene, moving, last_s) if moving else scene
+        if self.exposure is None:
+            return scene
+        return Exposed(scene, sources[-1], exposure, self.exposure, last_s, whole=self.frames == "wide")
+
+    def sprites(self, context: Context, past: Trajectory) -> tuple[moving_sprites.Sprite, ...]:
+        """What moves by itself in the last frame, as the scene shows it; in the unit of the past."""
+        recent, past = self._recent(context, past)
+        return self._sprites(recent, past, self.depth.inverse_depths(recent, past)[0][-1])
+
+    def _recent(self, context: Context, past: Trajectory) -> tuple[Context, Trajectory]:
+        recent = wide_frames.of(context.only(self.needs), self.frames).recent(self.num_frames)
+        return recent, past[-self.num_frames :]
+
+    def _sprites(
+        self, recent: Context, past: Trajectory, inverse_depth: FloatArray
+    ) -> tuple[moving_sprites.Sprite, ...]:
+        if self.dynamic_objects is None:
+            return ()
+        images = np.stack([pinhole.grey(frame) for frame in recent.frames])
+        camera, ground = recent.intrinsics, fit_ground(inverse_depth, recent.intrinsics)
+        found = self.dynamic_objects.find(images, camera, past, inverse_depth, ground)
+        taken = camera, past.world_from_cam[-1]
+        return tuple(
+            moving_sprites.Sprite(recent.frames[-1], one.mask, *taken, one.depth, one.velocity) for one in found
+        )
+
+
+@dataclass(frozen=True)
+class VolumeFusion:
+    """All observed frames in one truncated signed distance volume that is ray-cast (Curless & Levoy 1996).
+
+    Depths are in median depths of the last frame, so that any unit of the poses will do. Surfaces are averaged over
+    frames and smooth over voxels; colours are the last frame's where it shows them, else the voxels'. Open3D's threads
+    take blocks in any order: up to one pixel in ten thousand differs from run to run.
+    """
+
+    depth: DepthSource = field(default_factory=Multiview)
+    fill: Fill = field(default_factory=NearestBackground)
+    num_frames: int = 10  # how many of the last observed frames are used
+    voxel_px: float = 2.5  # the edge of a voxel, as seen at the median depth
+    reach: float = 5.0  # what is farther lies on a far plane
+    agreement: float = 0.3  # a surface is what the last frame shows when inverse depths differ by at most this share
+
+    def __post_init__(self) -> None:
+        """Raise BadData for settings that make no sense."""
+        if self.num_frames < 1:
+            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
+        if not (0 < self.agreement < 1 and 0 < self.reach < 2 * self.voxel_px + 1):
+            given = f"agreement {self.agreement}, voxel_px {self.voxel_px} and reach {self.reach}"
+            raise BadData(f"{given}: agreement must lie between 0 and 1, reach between 0 and 2 voxel_px + 1")
+
+    @property
+    def needs(self) -> Grant:
+        """What the depth source needs."""
+        return self.depth.needs
+
+    @single_threaded_blas
+    def reconstruct(self, context: Context, past: Trajectory) -> volume.VolumeScene:
+        """The volume of the last `num_frames` frames, in the world frame and the unit of the past."""
+        recent, past = context.only(self.depth.needs).recent(self.num_frames), past[-self.num_frames :]
+        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
+        known = confidence > 0
+        known[-1] = True  # the last frame keeps all its pixels, as completed
+        filled = volume.integrate(
+            recent.frames, inverse_depths, known, recent.intrinsics, past.world_from_cam, self.voxel_px, self.reach
+        )
+        last = patches.Source(recent.frames[-1], recent.intrinsics, past.world_from_cam[-1])
+        return volume.VolumeScene(filled, last, inverse_depths[-1].astype(np.float32), self.agreement, self.fill)

@@ -1,0 +1,180 @@
+"""The motion prior on motions whose answer is known, and on everything that could break it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting import motion_network, motion_prior
+from geovp_classic.forecasting.motion_network import Network
+from geovp_classic.forecasting.motion_prior import MotionPrior
+from geovp_classic.geometry import planar, se3
+from geovp_classic.types import FloatArray, Trajectory
+
+STEP_S = 0.1037
+
+
+def drive(speed_m_s: float, turn_rad_s: float, num_steps: int, is_metric: bool = True) -> Trajectory:
+    times_s = np.arange(num_steps) * STEP_S
+    twist = np.array([0, 0, speed_m_s, 0, turn_rad_s, 0])
+    return Trajectory(se3.exp(times_s[:, None] * twist), times_s, is_metric)
+
+
+def ahead_of(past: Trajectory, num_steps: int = 20) -> FloatArray:
+    return past.times_s[-1] + STEP_S * np.arange(1, num_steps + 1)
+
+
+def states_of(futures: FloatArray, past: Trajectory) -> FloatArray:
+    return planar.reduce(futures, past.world_from_cam[-1], planar.level_vehicle_from_cam())
+
+
+def test_a_straight_road_goes_on_straight() -> None:
+    past = drive(10.0, 0.0, 10)
+    states = states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0]
+    # Mirrored in itself, so exactly straight; drivers keep about their speed: 20 steps are 20.7 m.
+    np.testing.assert_allclose(states[:, [0, 2]], 0.0, atol=1e-6)
+    assert states[-1, 1] == pytest.approx(20.7, abs=2.0)
+
+
+def test_left_is_right_in_the_mirror() -> None:
+    left, right = (drive(7.0, turn, 10) for turn in (-0.4, 0.4))
+    ahead = [states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0] for past in (left, right)]
+    np.testing.assert_allclose(ahead[0], ahead[1] * motion_network.MIRRORED_STATES, atol=1e-6)
+    assert 0.1 < ahead[1][-1, 2] < 0.4 * 20 * STEP_S * 1.5  # goes on turning, not for ever
+
+
+def test_the_world_frame_does_not_matter() -> None:
+    past = drive(7.0, 0.3, 10)
+    elsewhere = se3.exp(np.array([100.0, -3, 50, 0.3, 2.0, -0.2]))
+    moved = Trajectory(elsewhere @ past.world_from_cam, past.times_s, is_metric=True)
+    ahead, moved_ahead = (MotionPrior().forecast(p, ahead_of(p)) for p in (past, moved))
+    np.testing.assert_allclose(moved_ahead, elsewhere @ ahead, atol=1e-6)
+
+
+def test_what_stands_still_is_expected_to_stay() -> None:
+    past = drive(0.0, 0.0, 10)
+    states = states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0]
+    assert np.abs(states[:, :2]).max() < 0.3
+
+
+def test_a_single_pose_is_held_and_has_no_distribution() -> None:
+    past = drive(5.0, 0.0, 1)
+    futures = MotionPrior().forecast(past, np.array([1.0]), num_samples=3)
+    np.testing.assert_allclose(futures, np.tile(past.world_from_cam[-1], (3, 1, 1, 1)))
+    with pytest.raises(BadData, match="at least two"):
+        MotionPrior().distribution(past, np.array([1.0]))
+
+
+def test_scale_free_futures_are_in_the_unit_of_the_past() -> None:
+    metric, free = drive(9.0, 0.2, 10), drive(1.0, 0.2, 10, is_metric=False)
+    ahead, free_ahead = (MotionPrior().forecast(p, ahead_of(p))[0, :, :3, 3] for p in (metric, free))
+    last, free_last = metric.world_from_cam[-1, :3, 3], free.world_from_cam[-1, :3, 3]
+    np.testing.assert_allclose(9 * (free_ahead - free_last), ahead - last, rtol=0.02, atol=0.02)
+
+
+def test_times_between_the_grid_and_beyond_it_are_smooth() -> None:
+    past = drive(8.0, 0.3, 10)
+    times_s = past.times_s[-1] + np.arange(1, 400) * 0.01  # 4 s, the grid ends at 2.2 s
+    positions = MotionPrior().forecast(past, times_s)[0, :, :3, 3]
+    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=-1) / 0.01
+    assert np.abs(np.diff(speeds)).max() < 0.3  # m/s within a hundredth of a second
+    assert np.ptp(speeds[-150:]) < 0.2
+
+
+def test_draws_spread_as_the_distribution_says_and_repeat() -> None:
+    past = drive(8.0, 0.2, 10)
+    futures = MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000)
+    np.testing.assert_array_equal(futures, MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000))
+    forecast = MotionPrior().distribution(past, ahead_of(past))
+    states = forecast.states_of(futures)[:, -1]
+    mean = (forecast.weights[:, None] * forecast.means[:, -1]).sum(0)
+    off = forecast.means[:, -1] - mean
+    second = forecast.covariances[:, -1] + off[:, :, None] * off[:, None]
+    deviation = np.sqrt(np.diagonal(np.tensordot(forecast.weights, second, axes=1)))
+    np.testing.assert_allclose(states.mean(0), mean, atol=0.15 * deviation.max())
+    np.testing.assert_allclose(states.std(0), deviation, rtol=0.15)
+
+
+def test_less_is_known_farther_ahead() -> None:
+    past = drive(8.0, 0.2, 10)
+    forecast = MotionPrior().distribution(past, ahead_of(past))
+    widths = np.tensordot(forecast.weights, np.linalg.det(forecast.covariances), axes=1)
+    assert widths[19] > 100 * widths[0]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.floats(0.005, 1.0), min_size=1, max_size=14),
+    st.floats(-60, 60),
+    st.floats(-30, 30),
+    st.lists(st.floats(0.001, 3.0), min_size=1, max_size=5),
+    st.booleans(),
+    st.integers(1, 3),
+)
+def test_futures_are_always_finite_and_rigid(
+    gaps_s: list[float], speed: float, turn: float, ahead_s: list[float], is_metric: bool, num_samples: int
+) -> None:
+    times_s = np.cumsum(gaps_s)
+    poses = se3.exp(times_s[:, None] * np.array([0, 0.1, speed, 0.01, turn, 0.02]))
+    past = Trajectory(poses, times_s, is_metric)
+    future_s = times_s[-1] + np.cumsum(ahead_s)
+    futures = MotionPrior().forecast(past, future_s, num_samples)
+    assert futures.shape == (num_samples, len(future_s), 4, 4)
+    assert np.isfinite(futures).all()
+    for sample in futures:
+        Trajectory(sample, future_s, is_metric)  # refuses what is not rigid
+
+
+def test_a_file_without_a_prior_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.npz"
+    np.savez(path, step_s=np.array(0.1))
+    past = drive(5.0, 0.0, 4)
+    with pytest.raises(BadData, match="holds no motion prior"):
+        MotionPrior(coefficients=path).forecast(past, ahead_of(past))
+
+
+def test_coefficients_survive_a_file_and_say_their_licence(tmp_path: Path) -> None:
+    path = tmp_path / "prior.npz"
+    np.savez(path, allow_pickle=False, **motion_prior.packed(motion_prior.load(None)))
+    with np.load(path) as arrays:
+        assert "CC BY-NC-SA 3.0" in str(arrays["licence"])
+    past = drive(5.0, 0.1, 10)
+    again = MotionPrior(coefficients=path).forecast(past, ahead_of(past))
+    np.testing.assert_array_equal(again, MotionPrior().forecast(past, ahead_of(past)))
+
+
+def test_a_network_is_matrices_with_silu_between() -> None:
+    network = Network((np.ones((1, 1, 2)), np.array([[[1.0], [2.0]]])), (np.zeros((1, 1, 2)), np.full((1, 1, 1), 0.5)))
+    # silu(2) = 2 / (1 + e^-2) = 1.76159; 1.76159 + 2 * 1.76159 + 0.5
+    assert network(np.array([[2.0]]))[0, 0, 0] == pytest.approx(3 * 1.7615942 + 0.5)
+
+
+def test_the_first_guess_brakes_to_rest_and_keeps_less_and_less_of_the_turn() -> None:
+    rates = np.zeros((1, 9, 6))
+    rates[0, :, 2] = np.linspace(2.6, 1.0, 9)  # 0.2 m/s per step slower: rest after five steps
+    rates[0, :, 4] = 0.5
+    path = motion_network.first_guess(rates, 0.1, 10)[0]
+    np.testing.assert_allclose(path[6:, :2], path[6, :2][None].repeat(4, 0))
+    np.testing.assert_allclose(np.diff(path[:, 2])[1:] / np.diff(path[:, 2])[:-1], 0.95)
+
+
+def test_a_mirrored_past_is_as_calm() -> None:
+    rates = np.random.default_rng(0).standard_normal((5, 9, 6))
+    centre = np.zeros((5, 21, 3))
+    calm = motion_network.spread_features(rates, centre)[:, -18:]  # 17 of the past, one of the centre's turn
+    mirrored = motion_network.spread_features(rates * motion_network.MIRRORED_RATES, centre)[:, -18:]
+    np.testing.assert_allclose(calm, mirrored)
+
+
+def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:
+    def width(speed_m_s: float) -> float:
+        rates = np.tile([0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0], (1, 9, 1))
+        _, covariances = motion_prior.outlook(motion_prior.load(None), rates, np.array([2.0])).moments()
+        return float(np.sqrt(covariances[:, 0, 1, 1]).max())
+
+    assert width(60.0) < 2 * width(25.0)

@@ -1,0 +1,151 @@
+"""The plane parts of the forecasters: the motion model, what a past says, and the mixture over the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting import kalman, past_motion
+from geovp_classic.forecasting.kalman_filters import ExtendedFilter, KalmanConstants, UnscentedFilter, run
+from geovp_classic.forecasting.motion_models import VehicleModel
+from geovp_classic.forecasting.sampling import PlanarForecast
+from geovp_classic.geometry import planar, se3
+from geovp_classic.types import FloatArray, Trajectory
+
+MODEL = VehicleModel(0.0, 0.0, 0.0, 0.02, 0.5, 0.1, 0.3)
+
+
+def drive(twist_per_s: list[float], times_s: FloatArray, is_metric: bool = True) -> Trajectory:
+    return Trajectory(se3.exp(times_s[:, None] * np.array(twist_per_s)), times_s, is_metric)
+
+
+def test_a_quarter_circle_in_one_step() -> None:
+    # 10 m/s, pi/2 rad/s: radius 20/pi; a quarter circle ends one radius ahead and one to the right.
+    state = np.array([0, 0, 0, 10.0, np.pi / 2])
+    later = MODEL.moved(state, 1.0)
+    np.testing.assert_allclose(later, [20 / np.pi, 20 / np.pi, np.pi / 2, 10, np.pi / 2], atol=1e-12)
+
+
+def test_without_a_turn_the_way_is_straight_and_smooth_in_the_turn_rate() -> None:
+    ends = [MODEL.moved(np.array([0, 0, 0, 10.0, turn]), 0.5)[:2] for turn in (0.0, 1e-9)]
+    np.testing.assert_allclose(ends[0], [0, 5])
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-7)
+
+
+def test_a_camera_ahead_of_the_axle_swings_outwards() -> None:
+    # Turning on the spot by 90 degrees takes a camera 2 m ahead of the axle from (0, 2) to (2, 0) about the axle.
+    swung = VehicleModel(0, 0, 2.0, 0, 0, 0, 0).moved(np.array([0, 2.0, 0, 0, np.pi / 2]), 1.0)
+    np.testing.assert_allclose(swung[:2], [2, 0], atol=1e-12)
+
+
+def test_braking_ends_at_rest() -> None:
+    later = MODEL.moved(np.array([0, 0, 0, 2.0, 0, -4.0]), 1.0)
+    assert later[3] == 0
+    assert later[5] == 0
+    assert later[1] == pytest.approx(1.0)  # half of 2 m/s for a second
+
+
+def test_damping_takes_the_turn_rate_down_by_e() -> None:
+    damped = VehicleModel(0.5, 0.0, 0.0, 0, 0, 0, 0).moved(np.array([0, 0, 0, 5.0, 1.0]), 2.0)
+    assert damped[4] == pytest.approx(np.exp(-1))
+    assert damped[2] == pytest.approx((1 - np.exp(-1)) / 0.5)
+
+
+@given(st.floats(-3, 3), st.floats(0.5, 30), st.floats(0.01, 0.5), st.floats(0.01, 0.5))
+def test_two_short_steps_add_the_noise_of_one_long_one(yaw: float, speed: float, first: float, second: float) -> None:
+    state = np.array([0, 0, yaw, speed, 0, 0])
+    middle = MODEL.moved(state, first)
+    onward = MODEL.jacobian(middle, second)
+    in_two = onward @ MODEL.noise(state, first) @ onward.T + MODEL.noise(middle, second)
+    np.testing.assert_allclose(in_two, MODEL.noise(state, first + second), rtol=1e-4, atol=1e-6 * speed**2)
+
+
+def test_many_states_at_once_are_each_one_alone() -> None:
+    states = np.array([[0, 0, 0.1, 5, 0.2, 1], [1, 2, 3, 0, 0, 0], [0, 0, -2, 9, -1, -3.0]])
+    steps_s = np.array([0.1, 0.2, 0.3])
+    for function in (MODEL.moved, MODEL.jacobian, MODEL.noise):
+        alone = [function(state, dt_s) for state, dt_s in zip(states, steps_s, strict=True)]
+        np.testing.assert_allclose(function(states, steps_s), np.stack(alone), atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [ExtendedFilter, UnscentedFilter])
+def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(kind: type) -> None:
+    times_s = np.cumsum([0.1, 0.05, 0.2, 0.1, 0.1, 0.15, 0.1, 0.1])
+    measured = np.stack([MODEL.moved(np.array([0, 0, 3.0, 8.0, 0.5]), t)[:3] for t in times_s])  # over the seam
+    kalman = kind(KalmanConstants(MODEL, 1e-3, 1e-4), 5)
+    run(kalman, measured, times_s)
+    assert kalman.x[3] == pytest.approx(8.0, abs=0.05)
+    assert kalman.x[4] == pytest.approx(0.5, abs=0.02)
+    np.testing.assert_array_equal(kalman.P, kalman.P.T)
+    assert np.linalg.eigvalsh(kalman.P)[0] > 0
+
+
+def test_the_plane_is_the_one_the_camera_travels_on() -> None:
+    # A camera that looks 5 degrees above its way: what it sees as travel goes down in its own frame.
+    pitch = np.radians(5.0)
+    past = drive([0, 10 * np.sin(pitch), 10 * np.cos(pitch), 0, 0, 0], np.arange(10) * 0.1)
+    plane = past_motion.vehicle_from_cam(past)
+    np.testing.assert_allclose(plane, planar.level_vehicle_from_cam(pitch), atol=2e-3)
+    on_plane = plane[:3, :3] @ (past.world_from_cam[-1, :3, 3] - past.world_from_cam[0, :3, 3])
+    assert abs(on_plane[1]) < 0.02
+
+
+def test_a_standing_camera_says_nothing_about_its_plane() -> None:
+    past = drive([0, 0, 0, 0, 0, 0], np.arange(5) * 0.1)
+    np.testing.assert_allclose(past_motion.vehicle_from_cam(past), np.eye(4))
+
+
+def test_rates_come_on_an_even_grid_and_are_continued_backwards() -> None:
+    twist = [0.1, 0.0, 8.0, 0.0, 0.3, 0.0]
+    irregular = drive(twist, np.array([0, 0.07, 0.2, 0.31, 0.33, 0.5]))
+    np.testing.assert_allclose(past_motion.body_rates(irregular, 0.1, 9), np.tile(twist, (9, 1)), atol=1e-9)
+
+
+def test_a_past_without_metres_is_scaled_to_the_assumed_speed() -> None:
+    past = drive([0, 0, 1.0, 0, 0, 0], np.arange(4) * 0.1, is_metric=False)
+    assert past_motion.metres_per_unit(past, 9.0) == pytest.approx(9.0)
+    assert past_motion.metres_per_unit(drive([0, 0, 0, 0, 0, 0], np.arange(4) * 0.1, False), 9.0) == 1.0
+
+
+@pytest.mark.parametrize("times_s", [[0.3], [0.2], [np.nan]])
+def test_a_future_that_is_not_later_is_refused(times_s: list[float]) -> None:
+    with pytest.raises(BadData, match="later than the last"):
+        past_motion.seconds_ahead(drive([0, 0, 1, 0, 0, 0], np.arange(4) * 0.1), np.array(times_s))
+
+
+def mixture(weights: list[float], means: list[list[float]]) -> PlanarForecast:
+    covariances = np.tile(np.diag([4.0, 1.0, 0.01]), (len(weights), 1, 1, 1))
+    return PlanarForecast(np.array(weights), np.array(means)[:, None], covariances, np.eye(4), np.eye(4))
+
+
+def test_the_density_is_the_gaussians_and_wraps_yaw() -> None:
+    forecast = mixture([1.0], [[0, 10, np.pi - 0.01]])
+    at_mean = -0.5 * np.log((2 * np.pi) ** 3 * 4 * 1 * 0.01)
+    states = np.array([[[0, 10, np.pi - 0.01]], [[2, 10, np.pi - 0.01]], [[0, 10, -np.pi + 0.09]]])
+    # the second is one deviation (2 m) off, the third one of 0.1 rad across the seam
+    np.testing.assert_allclose(forecast.log_density(states)[:, 0], at_mean - np.array([0, 0.5, 0.5]))
+
+
+def test_draws_come_from_both_modes_in_their_shares() -> None:
+    states = mixture([0.25, 0.75], [[-50, 0, 0], [50, 0, 0]]).draws(4000, seed=1)
+    assert (states[:, 0, 0] > 0).mean() == pytest.approx(0.75, abs=0.03)
+    assert states[states[:, 0, 0] > 0][:, 0, 0].std() == pytest.approx(2.0, abs=0.1)
+
+
+def test_weights_that_do_not_sum_to_one_are_refused() -> None:
+    with pytest.raises(BadData, match=r"sum to 0\.9"):
+        mixture([0.4, 0.5], [[0, 0, 0], [1, 0, 0]])
+
+
+def test_all_sigma_points_at_once_are_those_of_filterpys_loop() -> None:
+    unscented = UnscentedFilter(kalman.fitted("turn-rate"), 5)
+    unscented.x, unscented.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
+    unscented.compute_process_sigmas(0.1)
+    one_by_one = [
+        unscented.constants.model.moved(point, 0.1)
+        for point in unscented.points_fn.sigma_points(unscented.x, unscented.P)
+    ]
+    np.testing.assert_array_equal(unscented.sigmas_f, one_by_one)

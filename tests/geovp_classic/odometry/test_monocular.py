@@ -1,0 +1,207 @@
+"""Monocular odometry on a corridor whose poses are known: clips, streams, and what it asks for."""
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from geovp_classic import interfaces, registry
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.odometry.scale import UnitSpeed
+from geovp_classic.types import ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
+
+Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
+
+
+def context(frames: ByteArray, camera: Intrinsics, height_m: float | None = 1.65) -> Context:
+    return Context(frames, 0.1 * np.arange(len(frames) + 1), camera, camera_height_m=height_m)
+
+
+def steps(world_from_cam: FloatArray) -> FloatArray:
+    return se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
+
+
+def step_errors(found: Trajectory, truth: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotation in degrees [T - 1] and translation in units of the truth [T - 1]."""
+    off = se3.inverse(steps(truth)) @ steps(found.world_from_cam)
+    return np.degrees(se3.rotation_angle_rad(off)), np.linalg.norm(off[:, :3, 3], axis=1)
+
+
+@pytest.fixture(scope="module")
+def tracked_straight(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> tuple[Trajectory, FloatArray]:
+    return Monocular().track(context(straight[0], camera))
+
+
+def test_a_clip_comes_back_in_metres(
+    tracked_straight: tuple[Trajectory, FloatArray], straight: tuple[ByteArray, FloatArray]
+) -> None:
+    trajectory, tracked = tracked_straight
+    rotation_deg, translation = step_errors(trajectory, straight[1])
+    assert trajectory.is_metric
+    assert tracked.all()
+    assert np.median(rotation_deg) < 0.05
+    assert np.median(translation) < 0.02  # of 0.5 m
+
+
+def test_the_same_seed_gives_the_same_bytes(
+    tracked_straight: tuple[Trajectory, FloatArray], straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
+    again, _ = Monocular().track(context(straight[0], camera))
+    np.testing.assert_array_equal(again.world_from_cam, tracked_straight[0].world_from_cam)
+
+
+def test_without_metres_the_mean_step_is_one(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    trajectory, _ = Monocular(scale=UnitSpeed()).track(context(straight[0], camera, height_m=None))
+    assert not trajectory.is_metric
+    lengths = np.linalg.norm(np.diff(trajectory.world_from_cam[:, :3, 3], axis=0), axis=1)
+    assert lengths.mean() == pytest.approx(1)
+    np.testing.assert_allclose(lengths, 1, atol=0.05)
+
+
+@pytest.mark.parametrize("name", ["orb", "sift"])
+def test_described_features_track_as_well(
+    name: str, straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
+    odometry = registry.build("odometries", {"name": "monocular", "features": name})
+    trajectory, tracked = odometry.track(context(straight[0], camera))
+    rotation_deg, translation = step_errors(trajectory, straight[1])
+    assert tracked.mean() > 0.8
+    assert np.median(rotation_deg) < 0.3
+    assert np.median(translation) < 0.15
+
+
+def test_a_turn_with_sideways_motion(drive: Film, camera: Intrinsics) -> None:
+    frames, poses = drive(np.tile([0.1, 0, 0.4, 0, np.radians(1.5), 0], (9, 1)))
+    trajectory, tracked = Monocular().track(context(frames, camera))
+    rotation_deg, translation = step_errors(trajectory, poses)
+    assert tracked.all()
+    assert np.median(rotation_deg) < 0.06
+    assert np.median(translation) < 0.04
+
+
+def test_standing_still_is_standing_still(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    trajectory, tracked = Monocular().track(context(np.repeat(straight[0][:1], 6, axis=0), camera))
+    np.testing.assert_array_equal(trajectory.world_from_cam, np.tile(np.eye(4), (6, 1, 1)))
+    assert tracked.all()
+    assert trajectory.is_metric  # nothing moved, in any unit
+
+
+def test_turning_on_the_spot_moves_nowhere(drive: Film, camera: Intrinsics) -> None:
+    frames, poses = drive(np.tile([0, 0, 0, 0, np.radians(1.0), 0], (7, 1)))
+    trajectory, tracked = Monocular().track(context(frames, camera))
+    assert tracked.all()
+    assert np.degrees(se3.rotation_angle_rad(se3.inverse(poses) @ trajectory.world_from_cam)).max() < 0.1
+    np.testing.assert_array_equal(trajectory.world_from_cam[:, :3, 3], 0)
+
+
+def test_a_slow_start_is_told_afterwards(drive: Film, camera: Intrinsics) -> None:
+    speeds = np.array([0.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5])
+    frames, _ = drive(np.stack([[0, 0, speed, 0, 0, 0] for speed in speeds]))
+    trajectory, tracked = Monocular().track(context(frames, camera))
+    assert tracked.all()
+    np.testing.assert_allclose(steps(trajectory.world_from_cam)[:, 2, 3], speeds, atol=0.03)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_shortest_clips(straight: tuple[ByteArray, FloatArray], camera: Intrinsics, count: int) -> None:
+    trajectory, tracked = Monocular().track(context(straight[0][:count], camera))
+    assert (len(trajectory), tracked.all()) == (count, True)
+
+
+def test_wide_frames_are_used_when_asked_for(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    frames, poses = straight
+    crop = frames[:, 48:144, 64:192]
+    odometry = Monocular(frames="wide")
+    assert odometry.needs == Grant.CAMERA_HEIGHT | Grant.WIDE_FRAMES
+    small = context(np.zeros_like(crop), camera.cropped(64, 48, 128, 96))  # the crop itself shows nothing
+    with pytest.raises(Incompatible, match="wide"):
+        odometry.track(small)
+    wide = Context(
+        small.frames, small.times_s, small.intrinsics, camera_height_m=1.65, wide=ExtraView(frames, camera, np.eye(4))
+    )
+    trajectory, _ = odometry.track(wide)
+    assert np.median(step_errors(trajectory, poses)[1]) < 0.02
+
+
+def test_a_missing_height_is_incompatible(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    with pytest.raises(Incompatible, match="height"):
+        Monocular().track(context(straight[0], camera, height_m=None))
+
+
+def test_settings_that_cannot_work_are_bad_data() -> None:
+    with pytest.raises(BadData, match="window"):
+        Monocular(window=2)
+    with pytest.raises(BadData, match="sift"):
+        registry.build("odometries", {"name": "monocular", "features": "sitf"})
+
+
+def test_it_comes_by_name_and_goes_back() -> None:
+    odometry = registry.build("odometries", {"name": "monocular", "scale": {"name": "unit-speed"}, "features": "orb"})
+    assert isinstance(odometry, interfaces.Odometry)
+    assert registry.build("odometries", registry.describe(odometry)) == odometry
+
+
+@pytest.fixture(scope="module")
+def long_drive(drive: Film) -> tuple[ByteArray, FloatArray]:
+    turns = np.radians(0.6) * np.sin(np.arange(39) / 6)
+    return drive(np.stack([[0, 0, 0.5, 0, turn, 0] for turn in turns]))
+
+
+def test_a_sequence_is_tracked_as_a_stream(long_drive: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    frames, poses = long_drive
+    times_s = 0.1 * np.arange(len(frames))
+    trajectory, tracked = Monocular(window=5).track_sequence(iter(frames), times_s, camera, 1.65)
+    assert len(trajectory) == len(frames)
+    assert tracked.all()
+    rotation_deg, translation = step_errors(trajectory, poses)
+    assert np.median(rotation_deg) < 0.1
+    assert np.median(translation) < 0.03
+
+
+def test_a_stream_says_at_once_where_it_is_and_keeps_little(
+    long_drive: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
+    frames, poses = long_drive
+    stream = Monocular(window=5).stream(camera, 1.65)
+    found, kept = [], []
+    for i, frame in enumerate(frames):
+        step = stream.push(frame, 0.1 * i)
+        found.append(step.world_from_cam)
+        stream.take_settled()
+        kept.append(len(stream._tracker.map.points))
+    assert step.tracked
+    assert step.confidence > 0.5
+    assert step_errors(Trajectory(np.stack(found), 0.1 * np.arange(len(found)), True), poses)[0].mean() < 0.15
+    assert max(kept[20:]) < 1.5 * max(kept[5:20])
+
+
+def test_standing_for_long_keeps_nothing(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    stream = Monocular().stream(camera, 1.65)
+    frame, settled = straight[0][0], 0
+    for i in range(150):
+        stream.push(frame, 0.1 * i)
+        settled += len(stream.take_settled()[0])
+        assert len(stream._tracker._records) <= 60
+        assert len(stream._tracker._waiting) <= 60
+    settled += len(stream.take_settled(all_of_them=True)[0])
+    assert settled == 150
+
+
+def test_a_real_street_in_metres() -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None:
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti/sequences/03")
+    spec = {"name": "kitti", "root": f"{root}/kitti", "sequences": ["03[0:60)"], "num_frames": 11, "stride": 24}
+    rotations_deg, lengths = [], []
+    for clip in registry.build("datasets", spec):
+        given, _ = clip.split(10, Grant.CAMERA_HEIGHT)
+        trajectory, tracked = Monocular().track(given)
+        assert tracked.all()
+        rotations_deg.append(step_errors(trajectory, clip.trajectory.world_from_cam[:10])[0])
+        found = np.linalg.norm(steps(trajectory.world_from_cam)[:, :3, 3], axis=1).sum()
+        lengths.append(found / np.linalg.norm(steps(clip.trajectory.world_from_cam[:10])[:, :3, 3], axis=1).sum())
+    assert np.median(rotations_deg) < 0.05
+    np.testing.assert_allclose(lengths, 1, atol=0.1)

@@ -1,0 +1,154 @@
+"""Metres from the road: the height of a camera above a plane, found from two images and smoothed over time."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from geovp_classic import interfaces, registry
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.odometry import road
+from geovp_classic.odometry.lens import Lens
+from geovp_classic.odometry.scale import GroundPlane, RoadGauge, UnitSpeed
+from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
+
+Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
+
+
+def gauge_of(camera: Intrinsics) -> RoadGauge:
+    gauge = GroundPlane().gauge(camera, 1.65)
+    assert isinstance(gauge, RoadGauge)
+    return gauge
+
+
+def show(gauge: interfaces.Gauge, frames: ByteArray, poses: FloatArray, unit_m: float = 1.0) -> None:
+    """Give a gauge all neighbouring images, lengths told in units of `unit_m`."""
+    for i in range(1, len(poses)):
+        before_from_now = se3.inverse(poses[i - 1]) @ poses[i]
+        before_from_now[:3, 3] /= unit_m
+        gauge.update(frames[i - 1, ..., 0], frames[i, ..., 0], before_from_now)
+
+
+def test_a_level_plane_by_hand() -> None:
+    np.testing.assert_allclose(road.level_plane(2.0), [0, 0.5, 0])
+    # looking 0.1 rad up, the normal points down and backwards
+    np.testing.assert_allclose(road.level_plane(1.0, pitch_rad=0.1), [0, np.cos(0.1), -np.sin(0.1)])
+    np.testing.assert_allclose(road.level_plane(1.0, roll_rad=0.1), [np.sin(0.1), np.cos(0.1), 0])
+
+
+def test_samples_lie_on_the_road_ahead(camera: Intrinsics) -> None:
+    pixels = road.road_samples(Lens(camera), road.level_plane(1.0))
+    rays = Lens(camera).rays(pixels)
+    depth = 1 / rays[:, 1]  # in camera heights
+    assert len(pixels) > 300
+    assert depth.min() > road.NEAREST
+    assert depth.max() < road.FARTHEST
+    assert np.abs(rays[:, 0] * depth).max() < road.HALF_WIDTH
+
+
+@pytest.mark.parametrize("unit_m", [0.1, 1.0, 3.0])
+def test_the_unit_is_found_whatever_it_is(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics, unit_m: float
+) -> None:
+    gauge = gauge_of(camera)
+    assert gauge.confidence == 0
+    show(gauge, *straight, unit_m)
+    assert gauge.unit == pytest.approx(unit_m, rel=0.03)
+    assert gauge.confidence > 0.7
+
+
+def test_the_camera_s_pitch_and_roll_are_found(drive: Film, camera: Intrinsics) -> None:
+    level, poses = drive(np.tile([0, 0, 0.5, 0, 0, 0], (9, 1)))
+    tilt = np.radians(1.5)  # looking up
+    tilted_from_cam = se3.exp(np.array([0, 0, 0, tilt, 0, 0]))
+    world_from_tilted = poses @ tilted_from_cam
+    frames, seen_from = drive_from(drive, world_from_tilted)
+    gauge = gauge_of(camera)
+    show(gauge, frames, seen_from)
+    assert gauge.unit == pytest.approx(1.0, rel=0.03)
+    assert np.degrees(gauge.pitch_rad) == pytest.approx(1.5, abs=0.5)
+    assert np.degrees(gauge.roll_rad) == pytest.approx(0, abs=0.5)
+    assert len(level) == len(frames)
+
+
+def drive_from(drive: Film, world_from_cam: FloatArray) -> tuple[ByteArray, FloatArray]:
+    """Images along given poses: the first one turned to, the rest followed."""
+    start = se3.log(world_from_cam[0])
+    steps = se3.log(se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])
+    frames, poses = drive(np.concatenate([start[None], steps]))
+    return frames[1:], poses[1:]
+
+
+def test_a_restart_forgets_the_unit_but_not_the_tilt(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
+    gauge = gauge_of(camera)
+    show(gauge, *straight)
+    pitch_rad = gauge.pitch_rad
+    gauge.restart()
+    assert gauge.confidence == 0
+    assert gauge.unit == 1
+    assert gauge.pitch_rad == pitch_rad
+    show(gauge, *straight, unit_m=0.5)
+    assert gauge.unit == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_blank_or_still_road_says_nothing(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    frames, poses = straight
+    gauge = gauge_of(camera)
+    show(gauge, np.full_like(frames, 90), poses)
+    assert gauge.confidence == 0
+    show(gauge, frames, np.tile(np.eye(4), (len(poses), 1, 1)))
+    assert gauge.confidence == 0
+
+
+def test_one_wrong_look_is_not_believed(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    frames, poses = straight
+    gauge = gauge_of(camera)
+    show(gauge, frames, poses)
+    unit = gauge.unit
+    show(gauge, frames[:2], poses[:2], unit_m=0.3)  # a motion that is said three times too long
+    assert gauge.unit == pytest.approx(unit, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("looks", "height"),
+    [
+        ([3.0, 3.1, 3.05], 3.05),  # alike: their median
+        ([3.0, 0.5, 3.0], 1.65),  # not alike
+        ([3.0, 3.0, 1.65, 3.0], 1.65),  # not in a row
+    ],
+)
+def test_three_looks_in_a_row_that_say_alike_are_believed(
+    looks: list[float],
+    height: float,
+    straight: tuple[ByteArray, FloatArray],
+    camera: Intrinsics,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A search that took the wrong peak, as on the stripes of a crossing, is not followed for the rest of the clip."""
+    frames, poses = straight
+    gauge = gauge_of(camera)
+    gauge.log_height, gauge.variance = float(np.log(1.65)), 0.03**2
+    fits = iter(road.RoadFit(road.level_plane(look), np.eye(3), 0.99) for look in looks)
+    monkeypatch.setattr(RoadGauge, "_look", lambda *_: next(fits))
+    show(gauge, frames[: len(looks) + 1], poses[: len(looks) + 1])
+    assert 1.65 / gauge.unit == pytest.approx(height, rel=0.01)
+    assert gauge.confidence > 0.6
+
+
+def test_what_the_scales_ask_for_and_promise(camera: Intrinsics) -> None:
+    assert (GroundPlane().needs, GroundPlane().is_metric) == (Grant.CAMERA_HEIGHT, True)
+    assert (UnitSpeed().needs, UnitSpeed().is_metric) == (Grant.NONE, False)
+    nothing = UnitSpeed().gauge(camera, None)
+    assert (nothing.unit, nothing.confidence) == (1.0, 0.0)
+    with pytest.raises(Incompatible, match="unit-speed"):
+        GroundPlane().gauge(camera, None)
+
+
+def test_scales_come_by_name_and_go_back() -> None:
+    for name in ("ground-plane", "unit-speed"):
+        scale = registry.build("scales", {"name": name})
+        assert isinstance(scale, interfaces.Scale)
+        assert registry.build("scales", registry.describe(scale)) == scale
