@@ -30,9 +30,7 @@ NEAR_PX = 32.0  # from the epipole
 STANDING_M = 1e-3  # a step of less has no direction
 SOURCES: Mapping[str, Mapping[str, object]] = {
     "multiview": {"name": "multiview"},
-    "without ground": {"name": "multiview", "with_ground": False},
-    "without completion": {"name": "multiview", "with_completion": False},
-    "without refinement": {"name": "multiview", "with_refinement": False},
+    "without ground": {"name": "multiview", "ground": "none"},
     "given": {"name": "given"},
 }
 

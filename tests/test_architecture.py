@@ -12,7 +12,7 @@ FLOORS = [
     {"types"},
     {"geometry", "interfaces", "parallel"},
     {"odometry", "forecasting", "pose_refinement", "depth", "dynamic_objects", "render", "data", "metrics", "registry"},
-    {"pose_sources", "renderers", "exports"},
+    {"pose_sources", "refined", "renderers", "exports"},
     {"predictors", "contracts"},
 ]
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}

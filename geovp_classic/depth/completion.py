@@ -1,8 +1,4 @@
-"""Depth that follows the image: unsure pixels take over the depth of sure neighbours that look like them.
-
-A weighted median (Ma 2013) only ever picks depths that are there, so that it moves the edge of a thing to where the
-image has one, and never makes up a depth between a thing and its background.
-"""
+"""Holes in depth: small islands of wrong matches, and pixels without a match, take the depth of the background."""
 
 from __future__ import annotations
 
@@ -12,23 +8,7 @@ import numpy as np
 
 from geovp_classic.types import BoolArray, FloatArray
 
-RADIUS_PX = 3
-LEAST_TRUST = 0.3  # the say of a pixel of confidence 0, beside 1 for a sure one
 SPECKLE_STEP = 2.0
-SIMILAR = 20.0  # grey values 0..255 by which a neighbour's say falls to 1 / e
-
-
-def complete(
-    inverse_depth: FloatArray,  # [H, W] float32
-    confidence: FloatArray,  # [H, W] float32 in [0, 1]
-    image: FloatArray,  # [H, W] float32 grey 0..255
-) -> FloatArray:
-    """The inverse depth [H, W] by the weighted median of every other pixel (a chequer) of windows of 7 x 7."""
-    trust = (LEAST_TRUST + (1 - LEAST_TRUST) * confidence).astype(np.float32)
-    likeness = np.exp(-np.arange(256) / SIMILAR).astype(np.float32)
-    values = [np.ascontiguousarray(one, dtype=np.float32) for one in (inverse_depth, image)]
-    completed: FloatArray = _weighted_median(values[0], trust, values[1], likeness)
-    return completed
 
 
 def speckles(
@@ -76,37 +56,3 @@ def _fill_lines(
             before = column
         if known[row].any():
             known[row] = True
-
-
-@numba.njit(parallel=True, fastmath=True, cache=True)
-def _weighted_median(values: FloatArray, trust: FloatArray, image: FloatArray, likeness: FloatArray) -> FloatArray:
-    height, width = values.shape
-    result = np.empty((height, width), np.float32)
-    for row in numba.prange(height):
-        near = np.empty((2 * RADIUS_PX + 1) ** 2, np.float32)
-        say = np.empty((2 * RADIUS_PX + 1) ** 2, np.float32)
-        for column in range(width):
-            count, whole = 0, np.float32(0)
-            for y in range(max(row - RADIUS_PX, 0), min(row + RADIUS_PX + 1, height)):
-                for x in range(max(column - RADIUS_PX, 0), min(column + RADIUS_PX + 1, width)):
-                    if (x - column + y - row) % 2 != 0:
-                        continue
-                    contrast = int(abs(image[y, x] - image[row, column]))
-                    near[count] = values[y, x]
-                    say[count] = trust[y, x] * likeness[min(255, contrast)]
-                    whole += say[count]
-                    count += 1
-            best = np.float32(np.inf)
-            for i in range(count):
-                if near[i] < best and _say_up_to(near[i], near, say, count) >= np.float32(0.5) * whole:
-                    best = near[i]
-            result[row, column] = best
-    return result
-
-
-@numba.njit(fastmath=True, cache=True)
-def _say_up_to(limit: np.float32, near: FloatArray, say: FloatArray, count: int) -> np.float32:
-    total = np.float32(0)
-    for i in range(count):
-        total += say[i] if near[i] <= limit else np.float32(0)
-    return total

@@ -15,7 +15,6 @@ from geovp_classic.types import FloatArray
 
 CostArray = npt.NDArray[np.uint8]
 
-TALL_PX = 256  # rows; in taller images there are more pixels to a surface, more hypotheses, larger windows of tracks
 RADIUS_PX = 2  # of the window; the row sums below are written out for it
 WORST = 255  # the cost of windows that don't correlate
 UNSEEN = 128  # the cost where no source sees the point: neither good nor bad

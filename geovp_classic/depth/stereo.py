@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.depth.completion import complete, fill_from_background
-from geovp_classic.depth.smoothing import flattened
+from geovp_classic.depth.completion import fill_from_background
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
@@ -52,10 +51,7 @@ class Stereo:
         for step in {frame % num_past for frame in self.frames}:
             disparity_px, matched = self._disparity_px(context.frames[step], context.right, step, camera, baseline_m)
             found = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
-            filled, trust = fill_from_background(found, matched), matched.astype(np.float32)
-            image = pinhole.grey(context.frames[step])
-            inverse_depths[step] = flattened(complete(filled, trust, image), trust, image)
-            confidence[step] = trust
+            inverse_depths[step], confidence[step] = fill_from_background(found, matched), matched
         return inverse_depths, confidence
 
     def _disparity_px(

@@ -10,23 +10,21 @@ import numpy as np
 
 from geovp_classic.depth import aggregation, completion, matching, viewpoints
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.ground_plane import Ground, afloat, fit_ground, lift
+from geovp_classic.geometry.ground_plane import afloat, fit_ground, lift
 from geovp_classic.types import FloatArray, Intrinsics
 
+TALL_PX = 256  # rows; taller images are swept over more planes
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
-GROUND_EXCESS = 40.0  # what lying on a sure road may cost more than the best depth, where that is below the road
 SPECKLE_SHARE = 0.0045  # of the image; smaller islands of depth are wrong matches more often than things
 AFLOAT_SHARE = 0.027  # larger ones are still wrong where they hang low over the road
 SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
 
 
 @dataclass(frozen=True)
-class Swept:
-    """What a sweep found for one frame."""
+class GroundPrior:
+    """Nothing lies below the road that is found under the camera, as far as the images allow it."""
 
-    inverse_depth: FloatArray  # [H, W] float32
-    confidence: FloatArray  # [H, W] float32; 0 = as good as any other depth, 1 = no rival
-    ground: Ground | None
+    excess: float = 40.0  # what lying on a near road may cost more than the best depth, where that is below the road
 
 
 def sweep(
@@ -36,9 +34,12 @@ def sweep(
     reference: int,
     sources: Sequence[int],  # at least one, at a distance from the reference
     num_planes: int = 48,
-    with_ground: bool = True,
-) -> Swept | None:
-    """The inverse depth of the reference image, in the poses' unit; None when the images show no parallax."""
+    prior: GroundPrior | None = None,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Inverse depth and confidence [H, W] of the reference image, float32, in the poses' unit; None without parallax.
+
+    A confidence of 0 says that the depth is as good as any other, 1 that it has no rival.
+    """
     source_from_reference = se3.inverse(world_from_cam[list(sources)]) @ world_from_cam[reference]
     planes, step_px = viewpoints.hypotheses(source_from_reference, camera, num_planes)
     infinity_from_pixel = camera.matrix @ source_from_reference[:, :3, :3] @ np.linalg.inv(camera.matrix)
@@ -50,10 +51,10 @@ def sweep(
     inverse_depth = np.asarray(cv2.medianBlur(inverse_depth, 5), np.float32)
     if not viewpoints.shows_parallax(np.interp(inverse_depth, planes, np.arange(num_planes)) * step_px):
         return None
-    ground = fit_ground(inverse_depth, camera) if with_ground else None
-    if ground is not None:
+    ground = None if prior is None else fit_ground(inverse_depth, camera)
+    if prior is not None and ground is not None:
         road = ground.inverse_depth(camera)
-        allowed = GROUND_EXCESS * ground.sureness(road)
+        allowed = prior.excess * ground.sureness(road)
         inverse_depth = lift(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
     levels = np.interp(inverse_depth, planes, np.arange(num_planes))
     islands = completion.speckles(levels, SPECKLE_SHARE)
@@ -62,4 +63,4 @@ def sweep(
     inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
     seen = ~(costs == matching.UNSEEN).all(axis=-1)
     confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
-    return Swept(inverse_depth.astype(np.float32), confidence, ground)
+    return inverse_depth.astype(np.float32), confidence

@@ -13,7 +13,6 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Vi
 
 NEARER = 1.02  # a thing wins over the road it stands on, though its flat image leans out of its foot
 NEAR_SHARE = 0.1  # of its depth when it was seen: nearer than that it is not drawn
-CUT_PX = 2  # around things, where images and depths are mixed with theirs
 RIM_PX = 2  # around the window that a thing is drawn in
 
 Window = tuple[slice, slice]  # rows and columns of a view
@@ -91,12 +90,11 @@ def cut_out(
     if not sprites:
         return inverse_depths, confidence, where
     depths = inverse_depths.copy()
-    kernel = np.ones((2 * CUT_PX + 1, 2 * CUT_PX + 1), np.uint8)
     for sprite in sprites:
         for step, pose in enumerate(world_from_cam):
             layer = sprite.rendered(pose, sprite.camera, float(seconds[step]))
             if layer is not None:
-                shown = cv2.dilate((layer.opacity > 0).astype(np.uint8), kernel) > 0
+                shown = layer.opacity > 0
                 depths[step][layer.window] = np.where(shown, layer.inverse_depth, depths[step][layer.window])
                 where[step][layer.window] |= shown
     return depths, np.where(where, 0, confidence), where

@@ -115,7 +115,7 @@ class BorrowedDetail:
 
     colours: Fill = field(default_factory=NearestBackground)
     coarse_share: float = 1 / 32
-    strength: float = 0.5
+    strength: float = 0.25
 
     def __post_init__(self) -> None:
         """Raise BadData for settings that make no sense."""

@@ -135,3 +135,12 @@ def _slopes(inverse_depth: FloatArray) -> FloatArray:
         candidates.append(np.where(straight | flat, near, np.inf))
     flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
     return np.where(np.isfinite(flatter), flatter, 0.0)
+
+
+def depths(
+    inverse_depth: FloatArray,  # [...]
+    covered: BoolArray,  # [...]
+) -> FloatArray:
+    """Depths [...] as Views have them: inf where the inverse is 0, 0 where not covered."""
+    with np.errstate(divide="ignore"):
+        return np.where(covered, 1 / np.where(covered, inverse_depth, 1), 0).astype(np.float32)

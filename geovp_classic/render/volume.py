@@ -15,7 +15,7 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, patches, splat
+from geovp_classic.render import backward, patches
 from geovp_classic.render.image_sampler import observed
 from geovp_classic.render.patches import Source
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
@@ -106,7 +106,7 @@ class VolumeScene:
         is_last = solid & near.shown
         frame[is_last], frame[is_far] = near.colours[is_last], beyond.colours[is_far]
         covered = is_far | (solid & (coloured | is_last))
-        depths = np.where(covered, splat.depths(np.where(is_far, 0, inverse_depth), covered), np.float32(0))
+        depths = np.where(covered, patches.depths(np.where(is_far, 0, inverse_depth), covered), np.float32(0))
         return np.where(covered[..., None], frame, np.uint8(0)), covered, depths
 
     def _from_last(self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics) -> Reading:

@@ -137,9 +137,9 @@ class Wearing(GivenDepth):
         scene, seen = super().reconstruct(context, past), []
 
         class Scene:
-            def view(self, world_from_cam: FloatArray, intrinsics: Any) -> Views:
+            def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Any) -> Views:
                 seen.append(1)
-                views = scene.view(world_from_cam, intrinsics)
+                views = scene.view(world_from_cam, times_s, intrinsics)
                 return replace(views, frames=views.frames + np.uint8(len(seen)))
 
         return Scene()
@@ -200,7 +200,9 @@ def test_the_street_is_what_it_says() -> None:
     assert clip.depths is not None
     context, target = clip.split(1, ~Grant.NONE)
     views = (
-        GivenDepth().reconstruct(context, clip.trajectory[:1]).view(target.trajectory.world_from_cam, clip.intrinsics)
+        GivenDepth()
+        .reconstruct(context, clip.trajectory[:1])
+        .view(target.trajectory.world_from_cam, np.zeros(len(target.trajectory.world_from_cam)), clip.intrinsics)
     )
     near = views.covered & (clip.depths[1:] < 15)
     error = np.abs(views.frames.astype(float) - target.frames)[near]

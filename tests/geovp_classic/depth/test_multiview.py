@@ -8,7 +8,8 @@ import pytest
 
 from geovp_classic import registry
 from geovp_classic.depth import multiview
-from geovp_classic.depth.multiview import Multiview
+from geovp_classic.depth.multiview import LevelRoad, Multiview
+from geovp_classic.depth.sweep import GroundPrior
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant
@@ -41,8 +42,8 @@ def test_a_car_that_comes_towards_the_camera_does_not_hang_over_the_road(drive_b
     frames = np.repeat(traffic.images.astype(np.uint8)[..., None], 3, axis=-1)
     context = Context(frames, np.append(traffic.past.times_s, 0.1), traffic.camera)
     nearness = [
-        12.0 * np.median(Multiview(with_ground=ground).inverse_depths(context, traffic.past)[0][-1][traffic.mask])
-        for ground in (False, True)
+        12.0 * np.median(Multiview(ground=prior).inverse_depths(context, traffic.past)[0][-1][traffic.mask])
+        for prior in (None, GroundPrior())
     ]
     assert nearness[0] > 1.8
     assert nearness[1] < 1.0
@@ -78,8 +79,8 @@ def test_sweeps_over_tall_images_take_more_planes(
     monkeypatch.setattr(multiview, "sweep", counted)
     frames = context.frames.repeat(times, axis=1).repeat(times, axis=2)
     camera = context.intrinsics.resized(frames.shape[2], frames.shape[1])
-    settings = Multiview(num_planes=20)
-    multiview.depths_of_frames(settings, frames, camera, past, np.zeros(frames.shape[1:3], np.float32))
+    tall = dataclasses.replace(context, frames=frames, intrinsics=camera)
+    Multiview(num_planes=20).inverse_depths(tall, past)
     assert counts == [planes]
 
 
@@ -87,6 +88,9 @@ def test_settings_are_checked_and_described() -> None:
     built = registry.build("depth_sources", {"name": "multiview", "frames": [-1, -3]})
     assert built == Multiview(frames=(-1, -3))
     assert registry.describe(built)["frames"] == [-1, -3]
+    unaided = registry.build("depth_sources", {"name": "multiview", "ground": "none", "level_road": {}})
+    assert unaided == Multiview(ground=None, level_road=LevelRoad())
+    assert registry.build("depth_sources", registry.describe(unaided)) == unaided
     with pytest.raises(BadData, match="at least one frame"):
         Multiview(frames=())
 
@@ -122,13 +126,13 @@ def test_noisy_poses_of_a_camera_that_stands_still(observe: Observe) -> None:
 
 def test_a_recorded_camera_height_stands_in_for_parallax(observe: Observe) -> None:
     context, past, truth = observe(_drive(step=0.0))
-    source = Multiview(with_camera_height=True)
+    source = Multiview(level_road=LevelRoad())
     assert source.needs == Grant.CAMERA_HEIGHT
     known = dataclasses.replace(context, camera_height_m=1.6)
     inverse_depths, confidence = source.inverse_depths(known, past)
     np.testing.assert_allclose(inverse_depths[-1][-20:, :60], truth[-1][-20:, :60], rtol=1e-4)
     assert not confidence.any()
-    with pytest.raises(Incompatible, match="recorded height"):
+    with pytest.raises(Incompatible, match="recorded camera height"):
         source.inverse_depths(context, past)
 
 

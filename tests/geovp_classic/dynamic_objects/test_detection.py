@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_classic.dynamic_objects.detection import Mover, Movers
+from geovp_classic.dynamic_objects.detection import DynamicObject, DynamicObjects
 from geovp_classic.errors import BadData
 from geovp_classic.types import BoolArray
 
@@ -14,18 +14,20 @@ CAMERA_HEIGHT = 1.6
 
 
 @pytest.fixture(scope="module")
-def found(drive_behind: Callable[..., Any]) -> Callable[..., tuple[list[Mover], Any]]:
-    def _found(*, unit_m: float = 1.0, **street: Any) -> tuple[list[Mover], Any]:
+def found(drive_behind: Callable[..., Any]) -> Callable[..., tuple[list[DynamicObject], Any]]:
+    def _found(*, unit_m: float = 1.0, **street: Any) -> tuple[list[DynamicObject], Any]:
         traffic = drive_behind(unit_m=unit_m, **street)
         return find(traffic), traffic
 
     return _found
 
 
-def find(traffic: Any, movers: Movers | None = None, **changed: Any) -> list[Mover]:
+def find(traffic: Any, movers: DynamicObjects | None = None, **changed: Any) -> list[DynamicObject]:
     street = {"images": traffic.images, "past": traffic.past, "road": traffic.road, **changed}
     camera = traffic.camera
-    return (movers or Movers()).find(street["images"], camera, street["past"], traffic.inverse_depth, street["road"])
+    return (movers or DynamicObjects()).find(
+        street["images"], camera, street["past"], traffic.inverse_depth, street["road"]
+    )
 
 
 def overlap(found: BoolArray, true: BoolArray) -> float:
@@ -81,7 +83,7 @@ def test_nothing_is_found_without_a_road_or_an_earlier_frame(drive_behind: Calla
     traffic = drive_behind()
     assert find(traffic, road=None) == []
     assert find(traffic, images=traffic.images[-1:], past=traffic.past[-1:]) == []
-    assert find(traffic, Movers(steps=(12,))) == []  # ten frames have no twelfth one
+    assert find(traffic, DynamicObjects(steps=(12,))) == []  # ten frames have no twelfth one
 
 
 def test_an_older_frame_is_not_needed(drive_behind: Callable[..., Any]) -> None:
@@ -93,4 +95,4 @@ def test_an_older_frame_is_not_needed(drive_behind: Callable[..., Any]) -> None:
 @pytest.mark.parametrize("steps", [(), (0,), (1, -2)])
 def test_steps_that_go_nowhere_are_refused(steps: tuple[int, ...]) -> None:
     with pytest.raises(BadData, match="expected numbers of frames back"):
-        Movers(steps=steps)
+        DynamicObjects(steps=steps)

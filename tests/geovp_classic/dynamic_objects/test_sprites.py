@@ -5,22 +5,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from geovp_classic.dynamic_objects.sprites import Billboard, Traffic, cut_out, without
+from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, cut_out
 from geovp_classic.geometry import se3
-from geovp_classic.render import patches
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Views
 
 CAMERA = Intrinsics(60.0, 60.0, 32.0, 24.0, 65, 49)
 DEPTH = 6.0
 
 
-def board(velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), source: FloatArray | None = None) -> Billboard:
+def board(velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), source: FloatArray | None = None) -> Sprite:
     """A red board over columns 30 to 34 and rows 22 to 26 of a grey image: 0.5 x 0.5 at z = 6."""
     frame = np.full((49, 65, 3), 90, np.uint8)
     mask = np.zeros((49, 65), dtype=bool)
     mask[22:27, 30:35] = True
     frame[mask] = [200, 10, 10]
-    return Billboard(frame, mask, CAMERA, np.eye(4) if source is None else source, DEPTH, np.array(velocity))
+    return Sprite(frame, mask, CAMERA, np.eye(4) if source is None else source, DEPTH, np.array(velocity))
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def red(frame: FloatArray) -> BoolArray:
 
 
 def test_a_board_is_seen_as_it_was_from_where_it_was_seen() -> None:
-    views = Traffic(Wall(10.0), (board(),), np.array([0.1])).view(np.eye(4)[None], CAMERA)
+    views = DynamicScene(Wall(10.0), (board(),), 0.0).view(np.eye(4)[None], np.array([0.1]), CAMERA)
     np.testing.assert_array_equal(red(views.frames[0]), board().mask)
     np.testing.assert_allclose(views.depths[0][board().mask], DEPTH, rtol=1e-6)
     np.testing.assert_allclose(views.depths[0][~board().mask], 10.0)
@@ -55,8 +54,8 @@ def test_a_board_is_seen_as_it_was_from_where_it_was_seen() -> None:
 
 def test_it_moves_with_its_own_velocity() -> None:
     # 1 m/s to the right for 0.5 s at z = 6 with f = 60: 5 pixels; twice the time, twice as far.
-    views = Traffic(Wall(10.0), (board((1.0, 0.0, 0.0)),), np.array([0.5, 1.0])).view(
-        ahead((0, 0, 0), (0, 0, 0)), CAMERA
+    views = DynamicScene(Wall(10.0), (board((1.0, 0.0, 0.0)),), 0.0).view(
+        ahead((0, 0, 0), (0, 0, 0)), np.array([0.5, 1.0]), CAMERA
     )
     for frame, shift_px in zip(views.frames, (5, 10), strict=True):
         np.testing.assert_array_equal(red(frame), np.roll(board().mask, shift_px, axis=1))
@@ -65,14 +64,14 @@ def test_it_moves_with_its_own_velocity() -> None:
 def test_it_grows_as_it_comes_nearer() -> None:
     # The camera 2 m on and the board 1 m nearer within the second: from z = 6 to 3. Its outer pixels are 4 apart, and
     # then 8: 9 x 9 pixels are more than half covered.
-    views = Traffic(Wall(10.0), (board((0.0, 0.0, -1.0)),), np.array([1.0])).view(ahead((0, 0, 2)), CAMERA)
+    views = DynamicScene(Wall(10.0), (board((0.0, 0.0, -1.0)),), 0.0).view(ahead((0, 0, 2)), np.array([1.0]), CAMERA)
     assert red(views.frames[0]).sum() == 81
     np.testing.assert_allclose(views.depths[0][red(views.frames[0])], 3.0, rtol=1e-6)
 
 
 def test_a_board_that_keeps_the_cameras_speed_stays_in_its_place() -> None:
-    views = Traffic(Wall(30.0), (board((0.0, 0.0, 8.0)),), np.array([0.5, 1.0])).view(
-        ahead((0, 0, 4), (0, 0, 8)), CAMERA
+    views = DynamicScene(Wall(30.0), (board((0.0, 0.0, 8.0)),), 0.0).view(
+        ahead((0, 0, 4), (0, 0, 8)), np.array([0.5, 1.0]), CAMERA
     )
     for frame in views.frames:
         np.testing.assert_array_equal(red(frame), board().mask)
@@ -80,10 +79,10 @@ def test_a_board_that_keeps_the_cameras_speed_stays_in_its_place() -> None:
 
 def test_what_stands_nearer_hides_it_and_what_was_invented_does_not() -> None:
     now, times_s = np.eye(4)[None], np.array([0.1])
-    assert not red(Traffic(Wall(5.0), (board(),), times_s).view(now, CAMERA).frames[0]).any()
+    assert not red(DynamicScene(Wall(5.0), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]).any()
     # The road at its foot may be a little nearer than its flat image.
-    assert red(Traffic(Wall(5.95), (board(),), times_s).view(now, CAMERA).frames[0]).any()
-    invented = Traffic(Wall(5.0, covered=False), (board(),), times_s).view(now, CAMERA)
+    assert red(DynamicScene(Wall(5.95), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]).any()
+    invented = DynamicScene(Wall(5.0, covered=False), (board(),), 0.0).view(now, times_s, CAMERA)
     np.testing.assert_array_equal(red(invented.frames[0]), board().mask)
     np.testing.assert_array_equal(invented.covered[0], board().mask)
 
@@ -91,27 +90,27 @@ def test_what_stands_nearer_hides_it_and_what_was_invented_does_not() -> None:
 def test_the_nearer_of_two_boards_wins_in_any_order() -> None:
     far = replace(board(), depth=8.0, frame=np.full((49, 65, 3), 90, np.uint8))
     for things in ((far, board()), (board(), far)):
-        views = Traffic(Wall(10.0), things, np.array([0.1])).view(np.eye(4)[None], CAMERA)
+        views = DynamicScene(Wall(10.0), things, 0.0).view(np.eye(4)[None], np.array([0.1]), CAMERA)
         np.testing.assert_array_equal(red(views.frames[0]), board().mask)
 
 
 @pytest.mark.parametrize("shift", [(0, 0, 5.9), (0, 0, 20), (100, 0, 0), (0, -90, 0)])
 def test_too_near_behind_or_beside_it_is_not_drawn(shift: tuple[float, float, float]) -> None:
-    assert board().drawn(ahead(shift)[0], CAMERA, 0.0) is None
-    views = Traffic(Wall(10.0), (board(),), np.array([0.1])).view(ahead(shift), CAMERA)
+    assert board().rendered(ahead(shift)[0], CAMERA, 0.0) is None
+    views = DynamicScene(Wall(10.0), (board(),), 0.0).view(ahead(shift), np.array([0.1]), CAMERA)
     assert not red(views.frames[0]).any()
 
 
 def test_looking_back_it_is_not_drawn() -> None:
     about = se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))
-    assert board().drawn(about, CAMERA, 0.0) is None
+    assert board().rendered(about, CAMERA, 0.0) is None
 
 
 def test_the_window_changes_nothing() -> None:
     # A turned camera of another size sees in its window what it sees in the whole image.
     turned = se3.exp(np.array([0.3, -0.1, 0.5, 0.02, 0.15, 0.05]))
     wide = Intrinsics(80.0, 70.0, 50.0, 30.0, 101, 61)
-    layer = board().drawn(turned, wide, 0.2)
+    layer = board().rendered(turned, wide, 0.2)
     assert layer is not None
     whole = np.zeros((61, 101))
     whole[layer.window] = layer.opacity
@@ -126,21 +125,14 @@ def test_the_window_changes_nothing() -> None:
     assert abs(rows.mean() - v.mean()) < 0.5
 
 
-def test_times_beyond_the_last_go_on_at_its_interval() -> None:
-    traffic = Traffic(Wall(10.0), (board((1.0, 0.0, 0.0)),), np.array([0.5]))
-    views = traffic.view(np.tile(np.eye(4), (3, 1, 1)), CAMERA)  # at 0.5, 1.0 and 1.5 s: 5, 10, 15 pixels
-    for frame, shift_px in zip(views.frames, (5, 10, 15), strict=True):
-        np.testing.assert_array_equal(red(frame), np.roll(board().mask, shift_px, axis=1))
-
-
 def test_the_street_is_cut_where_things_were_then() -> None:
-    # Half a second earlier the board was 5 pixels further left; its rim of 2 pixels and half-covered ones go as well.
+    # Half a second earlier the board was 5 pixels further left; half-covered pixels go as well.
     inverse_depths, confidence = np.full((2, 49, 65), 0.1), np.ones((2, 49, 65))
     things = (board((1.0, 0.0, 0.0)),)
     depths, trust, where = cut_out(things, inverse_depths, confidence, ahead((0, 0, 0), (0, 0, 0)), np.array([-0.5, 0]))
     for step, shift_px in enumerate((-5, 0)):
         expected = np.zeros((49, 65), dtype=bool)
-        expected[20:29, 28 + shift_px : 37 + shift_px] = True
+        expected[22:27, 30 + shift_px : 35 + shift_px] = True
         np.testing.assert_array_equal(where[step], expected)
         np.testing.assert_array_equal(trust[step] == 0, expected)
         np.testing.assert_allclose(depths[step][expected], 1 / DEPTH)  # it hid what was behind
@@ -155,16 +147,3 @@ def test_without_things_nothing_is_cut() -> None:
     np.testing.assert_array_equal(same, depths)
     np.testing.assert_array_equal(trust, confidence)
     assert not where.any()
-
-
-def test_patches_of_one_source_leave_the_cloud() -> None:
-    known = np.ones((4, 5), dtype=bool)
-    cloud = patches.joined([patches.patches(np.full((4, 5), 0.2), known, number) for number in (0, 1)])
-    cut = np.zeros((4, 5), dtype=bool)
-    cut[1, 2:4] = True
-    left = without(cloud, 0, cut)
-    assert len(left) == 40 - 2
-    assert (left.source == 1).sum() == 20
-    own = left.pixels[left.source == 0]
-    assert not ((own[:, 1] == 1) & (own[:, 0] >= 2) & (own[:, 0] < 4)).any()
-    assert without(cloud, 0, np.zeros((4, 5), dtype=bool)) is cloud

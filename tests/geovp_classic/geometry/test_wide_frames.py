@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from geovp_classic.render.wide_frames import uncropped
 
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.wide_frames import uncropped
 from geovp_classic.render.fill import Blank
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import Context, ExtraView, Grant, Intrinsics, Trajectory
@@ -72,8 +72,10 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
     beside = se3.exp(np.array([5.0, 0, 0, 0, 0, 0]))  # 30 of the 40 columns are not in the square
     views = {}
     for frames in ("crop", "wide"):
-        scene = DepthFusion(Wall(), Blank(), frames=frames, with_registration=False, grain=0).reconstruct(context, past)
-        views[frames] = scene.view(np.stack([nearer, beside]), context.intrinsics)
+        scene = DepthFusion(Wall(), Blank(), frames=frames, detail_strength=0.0, exposure=None).reconstruct(
+            context, past
+        )
+        views[frames] = scene.view(np.stack([nearer, beside]), np.array([2.0, 3.0]), context.intrinsics)
     assert views["crop"].covered[1].mean() == pytest.approx(0.25, abs=0.03)
     assert views["wide"].covered[1].all()
     # Twice as large is the native resolution: pixel for pixel the native frame, away from where rounding falls.

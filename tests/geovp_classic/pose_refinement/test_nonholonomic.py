@@ -7,7 +7,7 @@ import pytest
 
 from geovp_classic.geometry import se3
 from geovp_classic.pose_refinement import nonholonomic
-from geovp_classic.pose_refinement.nonholonomic import Course
+from geovp_classic.pose_refinement.nonholonomic import Direction
 from geovp_classic.types import FloatArray
 
 PAST, FUTURE = 10, 20
@@ -36,7 +36,7 @@ def test_a_lost_height_is_given_back_for_the_most_part(turn_rad: float) -> None:
     given = sinking(truth)
     way = nonholonomic.observed(given[:PAST], truth[:PAST])
     assert way is not None
-    followed = way.followed(given[PAST:])
+    followed = way.held(given[PAST:])
     assert error_m(given[PAST:], truth[PAST:])[-1] > 0.15
     assert error_m(followed, truth[PAST:])[-1] < 0.03
     np.testing.assert_array_equal(followed[:, :3, :3], given[PAST:, :3, :3])
@@ -58,7 +58,7 @@ def test_poses_that_the_images_agree_with_stay() -> None:
     way = nonholonomic.observed(truth[:PAST], truth[:PAST])
     assert way is not None
     sideways = se3.exp(np.arange(1, 5)[:, None] * np.array([1.0, 0, 0, 0, 0, 0]))
-    np.testing.assert_array_equal(way.followed(sideways), sideways)
+    np.testing.assert_array_equal(way.held(sideways), sideways)
 
 
 def test_a_way_that_is_meant_to_go_sideways_does() -> None:
@@ -66,7 +66,7 @@ def test_a_way_that_is_meant_to_go_sideways_does() -> None:
     way = nonholonomic.observed(sinking(truth)[:PAST], truth[:PAST])
     assert way is not None
     sideways = se3.exp(np.arange(1, 5)[:, None] * np.array([1.0, 0, 0, 0, 0, 0]))
-    assert error_m(way.followed(sideways), sideways).max() < 0.05
+    assert error_m(way.held(sideways), sideways).max() < 0.05
 
 
 def test_a_camera_that_keeps_no_course_is_left_alone() -> None:
@@ -77,7 +77,7 @@ def test_a_camera_that_keeps_no_course_is_left_alone() -> None:
     way = nonholonomic.observed(given[:PAST], truth[:PAST])
     assert way is not None
     assert way.held_rad > 5 * way.given_rad
-    assert error_m(way.followed(given[PAST:]), given[PAST:]).max() < 0.02
+    assert error_m(way.held(given[PAST:]), given[PAST:]).max() < 0.02
 
 
 def test_a_lane_change_stays_one() -> None:
@@ -92,9 +92,9 @@ def test_a_lane_change_stays_one() -> None:
         poses.append(poses[-1] @ step)
     changed = np.stack(poses)
     changed = se3.inverse(changed[PAST - 1]) @ changed
-    way = Course(np.array([0, 0, 1.0]), given_rad=0.01, held_rad=0.0)
+    way = Direction(np.array([0, 0, 1.0]), given_rad=0.01, held_rad=0.0)
     assert changed[-1, 0, 3] > 0.5
-    assert error_m(way.followed(changed[PAST:]), changed[PAST:]).max() < 0.02
+    assert error_m(way.held(changed[PAST:]), changed[PAST:]).max() < 0.02
 
 
 def test_standing_still_shows_no_course() -> None:
@@ -112,7 +112,7 @@ def test_stops_on_the_way_are_no_trouble() -> None:
     way = nonholonomic.observed(sinking(truth)[:PAST], truth[:PAST])
     assert way is not None
     stopped = np.repeat(sinking(truth)[PAST : PAST + 2], 3, axis=0)
-    followed = way.followed(stopped)
+    followed = way.held(stopped)
     assert np.isfinite(followed).all()
     np.testing.assert_array_equal(followed[3], followed[5])
-    assert way.followed(np.zeros((0, 4, 4))).shape == (0, 4, 4)
+    assert way.held(np.zeros((0, 4, 4))).shape == (0, 4, 4)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.pose_refinement import rotation_drift
-from geovp_classic.pose_refinement.rotation_drift import Drift, Errors
-from geovp_classic.types import FloatArray, Trajectory
+from geovp_classic.interfaces import PoseRefinement
+from geovp_classic.pose_refinement.rotation_drift import Errors, RotationDrift
+from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredIntervals
+from geovp_classic.types import Context, FloatArray, Intrinsics, Motion, Trajectory
 
 PAST_S, FUTURE_S = np.arange(-9, 0) * 0.1, np.arange(1, 21) * 0.1
 TIMES_S = np.arange(-9, 21) * 0.1
@@ -31,16 +33,29 @@ def samples(errors: Errors, count: int) -> FloatArray:
     return wrong - wrong[:, 9:10]
 
 
-def standing(errors_rad: FloatArray) -> Drift:
-    """A camera that stands still; its recorded rotations [P, 3] before the last one err."""
-    still = np.tile(np.eye(4), (len(errors_rad) + 1, 1, 1))
-    seen = np.concatenate([se3.turned(still[1:], errors_rad), still[:1]])
-    return Drift(still, seen, np.concatenate([PAST_S[len(PAST_S) - len(errors_rad) :], [0.0]]), is_metric=True)
+def corrected(
+    given: FloatArray,  # [P + F, 4, 4]
+    seen: FloatArray,  # [P, 4, 4], with the same last pose
+    times_s: FloatArray = TIMES_S,
+    is_metric: bool = True,
+    *refinements: PoseRefinement,
+) -> FloatArray:
+    """The futures [F, 4, 4] of a recording whose past the images show otherwise."""
+    now, clock_s = len(seen), 5 + times_s
+    context = Context(np.zeros((now, 1, 1, 3), np.uint8), clock_s, Intrinsics(1, 1, 0, 0, 1, 1))
+    recorded = Motion(Trajectory(given[:now], clock_s[:now], is_metric), given[None, now:], np.ones(now, bool))
+    motion = recorded.refined(Trajectory(seen, clock_s[:now], is_metric), recorded.futures)
+    for refinement in refinements or (RotationDrift(),):
+        motion = refinement.refine(context, motion)
+    return motion.futures[0]
 
 
 def turned(errors_rad: FloatArray) -> FloatArray:
-    """Rotation vectors [20, 3] of the poses after that, which are recorded as they are."""
-    return se3.log(standing(errors_rad).mended(np.tile(np.eye(4), (20, 1, 1)), FUTURE_S))[:, 3:]
+    """Rotation vectors [20, 3] after a camera stood still whose recorded rotations [P, 3] before the last one err."""
+    count = len(errors_rad)
+    still = np.tile(np.eye(4), (count + 21, 1, 1))
+    seen = np.concatenate([se3.turned(still[:count], errors_rad), still[:1]])
+    return se3.log(corrected(still, seen, TIMES_S[NOW - count :]))[:, 3:]
 
 
 def driven(times_s: FloatArray) -> FloatArray:
@@ -98,7 +113,7 @@ def test_rotations_that_jumped_are_no_drift() -> None:
 @pytest.mark.parametrize("lag_s", [0.006, -0.004])
 def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + lag_s))
-    mended = Drift(given[: NOW + 1], truth[: NOW + 1], TIMES_S[: NOW + 1], True).mended(given[NOW + 1 :], FUTURE_S)
+    mended = corrected(given, truth[: NOW + 1])
     before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])) for poses in (given[NOW + 1 :], mended))
     assert before[:, 1].max() > 0.0015  # the heading turns by up to 0.6 rad/s
     assert after[:, :2].max() < 0.5 * before[:, :2].max()
@@ -110,9 +125,8 @@ def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
 
 def test_a_lag_is_nothing_to_a_pose_that_does_not_go_on_from_the_past() -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + 0.006))
-    known = Drift(given[: NOW + 1], truth[: NOW + 1], TIMES_S[: NOW + 1], is_metric=True)
     last = given[-1:]
-    mended = known.mended(last, FUTURE_S[:1])
+    mended = corrected(np.concatenate([given[: NOW + 1], last]), truth[: NOW + 1], TIMES_S[: NOW + 2])
     np.testing.assert_allclose(mended[:, :3, 3], last[:, :3, 3], atol=1e-12)
     assert np.abs(se3.turn(mended, last)).max() < 0.003
 
@@ -129,7 +143,7 @@ def evenly(first: int, last: int) -> FloatArray:
 
 def test_a_gap_that_the_reference_lies_in_is_bridged() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
-    mended = Drift(given[: NOW + 1], truth[: NOW + 1], TIMES_S[: NOW + 1], True).mended(given[NOW + 1 :], FUTURE_S)
+    mended = corrected(given, truth[: NOW + 1], TIMES_S, True, UnmeasuredIntervals(), RotationDrift())
     behind = slice(16 - NOW, None)
     before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :]))[behind] for poses in (given[NOW + 1 :], mended))
     assert before.max() > np.radians(1)
@@ -138,48 +152,36 @@ def test_a_gap_that_the_reference_lies_in_is_bridged() -> None:
 
 def test_without_metres_no_gap_is_known() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
-    mended = Drift(given[: NOW + 1], truth[: NOW + 1], TIMES_S[: NOW + 1], False).mended(given[NOW + 1 :], FUTURE_S)
+    mended = corrected(given, truth[: NOW + 1], TIMES_S, False, UnmeasuredIntervals(), RotationDrift())
     before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])).max() for poses in (given[NOW + 1 :], mended))
     assert after > 0.8 * before
 
 
 def test_a_gap_in_the_past_says_nothing_of_what_is_measured() -> None:
     given, truth = from_now(evenly(0, 6)), from_now(driven(TIMES_S))
-    mended = Drift(given[: NOW + 1], truth[: NOW + 1], TIMES_S[: NOW + 1], True).mended(given[NOW + 1 :], FUTURE_S)
+    mended = corrected(given, truth[: NOW + 1])
     np.testing.assert_allclose(mended, given[NOW + 1 :], atol=1e-6)
 
 
 def test_poses_that_the_images_agree_with_stay() -> None:
-    past = se3.exp(np.arange(10)[:, None] * np.array([0.1, 0, 1.0, 0, 0.02, 0]))
-    future = se3.exp(np.arange(1, 21)[:, None] * np.array([0.1, 0, 1.0, 0, 0.02, 0]))
-    times_s = np.arange(10) * 0.1
-    agreeing = rotation_drift.observed(Trajectory(past, times_s, is_metric=True), past)
-    np.testing.assert_allclose(agreeing.mended(future, FUTURE_S), future, atol=1e-12)
+    poses = se3.exp(np.arange(30)[:, None] * np.array([0.1, 0, 1.0, 0, 0.02, 0]))
+    past, future = poses[:10], poses[10:]
+    np.testing.assert_allclose(corrected(poses, past), future, atol=1e-12)
     # Where only the last rotation errs, and no rate of turn, there is no lag: positions stay.
-    wrong = past.copy()
-    wrong[-1] = past[-1] @ se3.exp(np.array([0, 0, 0, np.radians(0.1), 0, 0]))
-    erring = rotation_drift.observed(
-        Trajectory(wrong, times_s, is_metric=True), past @ se3.inverse(past[-1]) @ wrong[-1]
-    )
-    mended = erring.mended(se3.inverse(wrong[-1]) @ past[-1] @ future, FUTURE_S)
-    np.testing.assert_allclose(mended[:, :3, 3], (se3.inverse(wrong[-1]) @ past[-1] @ future)[:, :3, 3], atol=1e-4)
+    wrong = poses.copy()
+    wrong[9] = past[-1] @ se3.exp(np.array([0, 0, 0, np.radians(0.1), 0, 0]))
+    kept = corrected(wrong, past @ se3.inverse(past[-1]) @ wrong[9])
+    np.testing.assert_allclose(kept[:, :3, 3], future[:, :3, 3], atol=1e-4)
 
 
-def test_errors_are_those_of_the_given_rotations() -> None:
-    seen = se3.exp(np.arange(10)[:, None] * np.array([0, 0, 1.0, 0, 0.03, 0]))
-    wrong = np.array([0, 0, 0, 0.001, -0.002, 0.0005])
-    given = seen.copy()
-    given[:-1] = seen[-1] @ se3.exp(-wrong) @ se3.inverse(seen[-1]) @ seen[:-1]
-    known = rotation_drift.observed(Trajectory(given, 5 + np.arange(10) * 0.1, is_metric=True), seen)
-    np.testing.assert_allclose(se3.turn(known.given[:-1], known.seen[:-1]), np.tile(wrong[3:], (9, 1)), atol=1e-9)
-    np.testing.assert_allclose(known.seconds, np.append(PAST_S, 0), atol=1e-12)
+def test_registered_poses_are_needed() -> None:
+    context = Context(np.zeros((10, 1, 1, 3), np.uint8), TIMES_S, Intrinsics(1, 1, 0, 0, 1, 1))
+    poses = driven(TIMES_S)
+    motion = Motion(Trajectory(poses[:10], TIMES_S[:10], is_metric=True), poses[None, 10:], np.ones(10, bool))
+    with pytest.raises(Incompatible, match="put registration before it"):
+        RotationDrift().refine(context, motion)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_little_past_is_enough(count: int) -> None:
-    little = standing(np.full((count, 3), 1e-4))
-    assert np.isfinite(little.mended(np.tile(np.eye(4), (2, 1, 1)), FUTURE_S[:2])).all()
-
-
-def test_no_pose_is_asked_for() -> None:
-    assert standing(np.full((9, 3), 1e-4)).mended(np.zeros((0, 4, 4)), np.zeros(0)).shape == (0, 4, 4)
+    assert np.isfinite(turned(np.full((count, 3), 1e-4))).all()

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.kitti import Kitti
-from geovp_classic.depth import matching
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.pose_refinement import unmeasured_intervals
 from geovp_classic.pose_refinement.registration import registered
-from geovp_classic.pose_refinement.unmeasured_intervals import Gap
+from geovp_classic.pose_refinement.unmeasured_intervals import Interval
 from geovp_classic.types import FloatArray
 
 NOW = 9  # the reference
@@ -59,16 +58,18 @@ def errors_deg(given: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def test_what_goes_on_evenly_is_found() -> None:
-    assert unmeasured_intervals.found(recorded(), TIMES_S) == [Gap(FIRST, LAST)]
-    inside = Gap(FIRST, LAST).inside(30)
+    assert unmeasured_intervals.found(recorded(), TIMES_S) == [Interval(FIRST, LAST)]
+    inside = Interval(FIRST, LAST).inside(30)
     np.testing.assert_array_equal(np.flatnonzero(inside), np.arange(FIRST + 1, LAST))
 
 
 def test_ends_that_are_not_in_sight_are_unknown() -> None:
-    assert unmeasured_intervals.found(recorded()[FIRST + 2 :], TIMES_S[FIRST + 2 :]) == [Gap(None, LAST - FIRST - 2)]
-    assert unmeasured_intervals.found(recorded()[: LAST - 1], TIMES_S[: LAST - 1]) == [Gap(FIRST, None)]
-    np.testing.assert_array_equal(np.flatnonzero(Gap(FIRST, None).inside(12)), np.arange(FIRST + 1, 12))
-    np.testing.assert_array_equal(np.flatnonzero(Gap(None, 3).inside(12)), np.arange(3))
+    assert unmeasured_intervals.found(recorded()[FIRST + 2 :], TIMES_S[FIRST + 2 :]) == [
+        Interval(None, LAST - FIRST - 2)
+    ]
+    assert unmeasured_intervals.found(recorded()[: LAST - 1], TIMES_S[: LAST - 1]) == [Interval(FIRST, None)]
+    np.testing.assert_array_equal(np.flatnonzero(Interval(FIRST, None).inside(12)), np.arange(FIRST + 1, 12))
+    np.testing.assert_array_equal(np.flatnonzero(Interval(None, 3).inside(12)), np.arange(3))
 
 
 def test_measured_poses_and_a_car_that_waits_are_no_gap() -> None:
@@ -115,7 +116,7 @@ def test_nothing_is_known_of_a_gap_without_end() -> None:
 @pytest.mark.parametrize("turned", [np.array([0.0, 0.5, 0.0]), np.array([0.1, 2.0, -0.1])])
 def test_the_world_s_axes_do_not_matter(turned: FloatArray) -> None:
     world = se3.exp(np.concatenate([[1.0, 2.0, 3.0], turned]))
-    assert unmeasured_intervals.found(world @ recorded(), TIMES_S) == [Gap(FIRST, LAST)]
+    assert unmeasured_intervals.found(world @ recorded(), TIMES_S) == [Interval(FIRST, LAST)]
 
 
 def test_kitti_s_recording_of_00_has_a_gap_that_images_bridge() -> None:
@@ -127,13 +128,13 @@ def test_kitti_s_recording_of_00_has_a_gap_that_images_bridge() -> None:
     assert clip.trajectory is not None
     assert clip.wide is not None
     given, times_s = clip.trajectory.world_from_cam, clip.times_s - clip.times_s[NOW]
-    assert unmeasured_intervals.found(given, times_s) == [Gap(5, 21)]  # frames 346 to 362
-    grey = np.stack([matching.grey(frame) for frame in clip.wide.frames[:24]])
+    assert unmeasured_intervals.found(given, times_s) == [Interval(5, 21)]  # frames 346 to 362
+    grey = np.stack([pinhole.grey(frame) for frame in clip.wide.frames[:24]])
     seen, witness = (
         registered(grey[:count], clip.wide.intrinsics, given[:count], NOW).world_from_cam for count in (NOW + 1, 24)
     )
     given, seen, witness = (se3.inverse(given[NOW]) @ poses for poses in (given, seen, witness))
     err = np.degrees(se3.turn(given[22], witness[22]))
-    left = err - np.degrees(Gap(5, 21).errors(given, seen, times_s)[22 - NOW - 1])
+    left = err - np.degrees(Interval(5, 21).errors(given, seen, times_s)[22 - NOW - 1])
     assert np.linalg.norm(err) > 1
     assert np.linalg.norm(left) < 0.3

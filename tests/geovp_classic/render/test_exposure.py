@@ -8,12 +8,13 @@ import pytest
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import exposure, patches
-from geovp_classic.render.exposure import Exposed, Exposure
-from geovp_classic.renderers import DepthFusion
+from geovp_classic.render.exposure import Exposed, Exposure, ExposureControl
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 CAMERA = Intrinsics(100.0, 100.0, 63.5, 47.5, 128, 96)
 DISTANCE = 10.0
+SECONDS = np.arange(-2.0, 1.0)
+TIMES_S = 0.1 * np.arange(1, 41)
 
 
 def paint(pose: FloatArray, gain: float = 1.0) -> ByteArray:
@@ -50,60 +51,63 @@ def test_gains_are_those_of_the_camera() -> None:
     np.testing.assert_allclose(found.log_gains, np.log(gains[-1] / gains), atol=0.01)
 
 
-def coming(brightness: int, count: int = 40, dt_s: float = 0.1) -> tuple[FloatArray, FloatArray]:
-    """Histograms of images that would all be so bright, and their times."""
-    return np.tile(np.eye(256)[brightness], (count, 1)), dt_s * np.arange(1, count + 1)
+def gains(found: Exposure, brightness: int, last: int, level: float, times_s: FloatArray = TIMES_S) -> FloatArray:
+    """Log gains of images that would be so bright at those times, after a last one of another brightness."""
+    coming, seen = np.eye(256)[brightness], np.eye(256)[last]
+    return np.array([ExposureControl().log_gain(found, float(at_s), coming, seen, level) for at_s in times_s])
 
 
 def test_a_fixed_exposure_stays_as_it_is() -> None:
     sources, inverse_depth, seconds = drive(np.ones(5))
     found = Exposure.of(sources, inverse_depth, seconds)
     assert found.belief < 0.05
-    np.testing.assert_allclose(found.forecast(*coming(60, 1), np.log(100), np.log(100)), 0, atol=0.01)
+    np.testing.assert_allclose(gains(found, 60, 100, np.log(100), TIMES_S[:1]), 0, atol=0.01)
     alone = Exposure.of(sources[-1:], inverse_depth, seconds[-1:])
-    np.testing.assert_array_equal(alone.forecast(*coming(60, 1), np.log(100), np.log(100)), 0)
+    np.testing.assert_array_equal(gains(alone, 60, 100, np.log(100), TIMES_S[:1]), 0)
 
 
 def test_a_trend_goes_on_for_a_moment_and_no_longer() -> None:
     found = Exposure.of(*drive(1.05 ** np.arange(5)))
     assert found.log_rate_hz == pytest.approx(np.log(1.05) / 0.1, rel=0.1)
     steady = replace(found, belief=0.0)
-    gains = steady.forecast(*coming(100), np.log(100), np.log(100))
-    lasting = np.exp(-0.1 / exposure.INERTIA_S)
-    assert 0 < gains[0] < gains[1]
-    np.testing.assert_allclose(gains[20:], found.log_rate_hz * 0.1 * lasting / (1 - lasting), rtol=0.01)
+    told = gains(steady, 100, 100, np.log(100))
+    lasting = np.exp(-0.1 / ExposureControl().inertia_s)
+    assert 0 < told[0] < told[1]
+    np.testing.assert_allclose(told[20:], found.log_rate_hz * 0.1 * lasting / (1 - lasting), rtol=0.01)
 
 
 def test_the_control_of_a_lively_camera_takes_a_change_back() -> None:
     found = Exposure.of(*drive(np.array([1.0, 1.2, 0.9, 1.0, 1.0, 1.0])))
     assert found.belief > 0.9
     assert found.log_rate_hz == pytest.approx(0.0, abs=0.05)
-    gains = found.forecast(*coming(70), np.log(100), np.log(100))
-    assert 0 <= gains[0] < 0.02  # it has not seen the change yet
-    assert 0 < gains[1] < gains[2] < gains[3] < np.log(100 / 70)
-    assert gains[-1] == pytest.approx(np.log(100 / 70), abs=0.01)
+    told = gains(found, 70, 100, np.log(100))
+    assert 0 <= told[0] < 0.02  # it has not seen the change yet
+    assert 0 < told[1] < told[2] < told[3] < np.log(100 / 70)
+    # The mean falls by 30 in 4 s, at 70 in the end: a first-order control lags by that log rate over its pull.
+    assert told[-1] == pytest.approx(np.log(100 / 70) - 30 / 4 / 70 / ExposureControl().pull_hz, abs=0.005)
 
 
 def test_a_level_that_is_off_is_returned_to() -> None:
-    found = Exposure(np.zeros(3), 0.0, np.log(100), belief=1.0)
-    gains = found.forecast(*coming(120), np.log(120), found.log_level)
-    assert gains[0] < -0.01
-    assert gains[-1] == pytest.approx(np.log(100 / 120), abs=0.01)
+    found = Exposure(SECONDS, np.zeros(3), 0.0, np.log(100), belief=1.0)
+    told = gains(found, 120, 120, found.log_level)
+    assert told[0] < -0.01
+    assert told[-1] == pytest.approx(np.log(100 / 120), abs=0.01)
 
 
 @pytest.mark.parametrize("dt_s", [1e-3, 0.03, 0.5, 1.0, 20.0])
 def test_any_frame_rate_comes_to_rest_at_the_level(dt_s: float) -> None:
-    found = Exposure(np.zeros(3), 0.0, np.log(100), belief=1.0)
-    gains = found.forecast(*coming(70, max(12, int(4 / dt_s)), dt_s), np.log(70), found.log_level)
-    assert gains.max() < 1.3 * np.log(100 / 70)
-    assert gains[-1] == pytest.approx(np.log(100 / 70), abs=0.02)
+    found = Exposure(SECONDS, np.zeros(3), 0.0, np.log(100), belief=1.0)
+    told = gains(found, 70, 70, found.log_level, np.array([4.0, 20.0]) + dt_s)
+    assert told.max() < 1.3 * np.log(100 / 70)
+    assert told[-1] == pytest.approx(np.log(100 / 70), abs=0.02)
 
 
 def test_black_images_stay_black_and_gains_bounded() -> None:
-    lively = Exposure(np.zeros(3), 50.0, np.log(200), 1.0)
-    black = Exposed(Grey(0), patches.Source(paint(np.eye(4)), CAMERA, np.eye(4)), lively, np.array([0.1]), whole=True)
-    assert not black.view(np.eye(4)[None], CAMERA).frames.any()
-    assert lively.forecast(*coming(1), 0.0, np.log(200)).max() == exposure.LARGEST_LOG_GAIN
+    lively = Exposure(SECONDS, np.zeros(3), 50.0, np.log(200), 1.0)
+    source = patches.Source(paint(np.eye(4)), CAMERA, np.eye(4))
+    black = Exposed(Grey(0), source, lively, ExposureControl(), 0.0, whole=True)
+    assert not black.view(np.eye(4)[None], np.array([0.1]), CAMERA).frames.any()
+    assert gains(lively, 1, 1, np.log(200)).max() == exposure.LARGEST_LOG_GAIN
 
 
 def test_white_may_have_been_brighter_than_white() -> None:
@@ -136,7 +140,7 @@ def test_frames_are_matched_to_the_last_one() -> None:
     for one, expected in zip(matched, same, strict=True):
         assert np.abs(one.frame.astype(float) - expected.frame).mean() < 1.5
     detailed = patches.Source(sources[0].frame, CAMERA, np.eye(4), sources[0].frame)
-    twice = Exposure(np.array([np.log(1.5)]), 0.0, 0.0, 0.0).matched([detailed])[0]
+    twice = Exposure(np.zeros(1), np.array([np.log(1.5)]), 0.0, 0.0, 0.0).matched([detailed])[0]
     assert twice.detail is not None
     np.testing.assert_array_equal(twice.detail, twice.frame)
 
@@ -148,10 +152,10 @@ def test_a_part_is_held_at_what_it_showed_a_whole_at_what_all_showed() -> None:
     frame[:, 64:] = 120
     last = patches.Source(frame, CAMERA, np.eye(4))
     right = CAMERA.cropped(64, 0, 64, 96)
-    control = Exposure(np.zeros(2), 0.0, np.log(90), 1.0)
-    poses, seconds = np.tile(np.eye(4), (40, 1, 1)), 0.1 * np.arange(1, 41)
+    control = Exposure(SECONDS[-2:], np.zeros(2), 0.0, np.log(90), 1.0)
+    poses = np.tile(np.eye(4), (40, 1, 1))
     for whole, camera, expected in ((False, right, 120), (False, CAMERA, 60), (True, right, 90), (True, CAMERA, 90)):
-        views = Exposed(Grey(70), last, control, seconds, whole).view(poses, camera)
+        views = Exposed(Grey(70), last, control, ExposureControl(), 7.0, whole).view(poses, 7 + 5 * TIMES_S, camera)
         assert views.frames[-1].mean() == pytest.approx(expected, abs=1.5)
 
 
@@ -161,6 +165,13 @@ def test_the_level_is_the_mean_of_what_was_observed() -> None:
     assert Exposure.of(sources, inverse_depth, seconds).log_level == pytest.approx(np.mean(np.log(means)), abs=0.01)
 
 
-def test_an_unknown_way_is_refused() -> None:
-    with pytest.raises(BadData, match="expected 'forecast' or 'kept'"):
-        DepthFusion(exposure="guessed")  # type: ignore[arg-type]
+def test_a_control_without_inertia_is_refused() -> None:
+    with pytest.raises(BadData, match="must be positive"):
+        ExposureControl(inertia_s=0)
+
+
+def test_past_images_are_as_bright_as_they_were() -> None:
+    shown = np.array([1.3, 0.8, 1.1, 1.0])
+    sources, inverse_depth, seconds = drive(shown)
+    found = Exposure.of(sources, inverse_depth, seconds)
+    np.testing.assert_allclose(gains(found, 50, 90, np.log(100), seconds), np.log(shown), atol=0.01)

@@ -15,7 +15,7 @@ from geovp_classic.render.fill import (
     Telea,
     _pulled_from_background,
 )
-from geovp_classic.types import Views
+from geovp_classic.types import ByteArray, Views
 
 FILLS = [
     Blank(),
@@ -32,25 +32,30 @@ def views(covered: np.ndarray, depths: np.ndarray, frames: np.ndarray) -> Views:
     return Views(np.repeat(frames[..., None], 3, axis=-1).astype(np.uint8), covered.astype(bool), depths)
 
 
+def fill_in(fill: Fill, given: Views, last: int = 7) -> ByteArray:
+    """The views filled, after a last frame that was of one grey."""
+    return fill.fill(given, np.full(given.frames.shape[1:], last, np.uint8))
+
+
 def test_a_hole_takes_the_colour_of_the_farther_side() -> None:
     frames = np.array([[[10, 99, 99, 99, 50]], [[10, 99, 99, 99, 50]]])
     covered = np.array([[[1, 0, 0, 0, 1]]] * 2)
     depths = np.array([[[5, 0, 0, 0, 20]], [[np.inf, 0, 0, 0, 20]]])
-    filled = NearestBackground().fill(views(covered, depths, frames))[..., 0]
+    filled = fill_in(NearestBackground(), views(covered, depths, frames))[..., 0]
     assert filled.tolist() == [[[10, 50, 50, 50, 50]], [[10, 10, 10, 10, 50]]]
 
 
 def test_equally_far_sides_share_the_hole_and_borders_have_one_side_only() -> None:
     frames = np.array([[[0, 10, 0, 0, 0, 0, 50, 0]]])
     covered = np.array([[[0, 1, 0, 0, 0, 0, 1, 0]]])
-    filled = NearestBackground().fill(views(covered, np.full((1, 1, 8), 7.0), frames))[0, 0, :, 0]
+    filled = fill_in(NearestBackground(), views(covered, np.full((1, 1, 8), 7.0), frames))[0, 0, :, 0]
     assert filled.tolist() == [10, 10, 10, 10, 50, 50, 50, 50]
 
 
 def test_an_empty_row_takes_the_farther_row() -> None:
     frames = np.array([[[10], [0], [0], [50]]])
     covered = np.array([[[1], [0], [0], [1]]])
-    filled = NearestBackground().fill(views(covered, np.array([[[9], [0], [0], [3]]]), frames))[0, :, 0, 0]
+    filled = fill_in(NearestBackground(), views(covered, np.array([[[9], [0], [0], [3]]]), frames))[0, :, 0, 0]
     assert filled.tolist() == [10, 10, 10, 50]
 
 
@@ -74,7 +79,7 @@ def test_inpainting_goes_on_with_what_surrounds_the_hole(fill: Fill) -> None:
     frames = np.tile(np.linspace(20, 200, 20), (1, 20, 1))
     covered = np.ones((1, 20, 20))
     covered[0, 8:12, 8:12] = 0
-    filled = fill.fill(views(covered, np.ones((1, 20, 20)), np.where(covered, frames, 0)))[..., 0]
+    filled = fill_in(fill, views(covered, np.ones((1, 20, 20)), np.where(covered, frames, 0)))[..., 0]
     assert np.abs(filled.astype(float) - frames).max() < 30
 
 
@@ -84,19 +89,18 @@ def test_waves_go_on_across_a_hole() -> None:
     covered = np.ones((1, 32, 32))
     covered[0, 14:18, 14:18] = 0
     given = views(covered, np.ones((1, 32, 32)), np.where(covered, frames, 0))
-    filled = FrequencySelective().fill(given)[..., 0]
+    filled = fill_in(FrequencySelective(), given)[..., 0]
     assert np.abs(filled - frames).max() < 8
-    assert np.abs(NearestBackground().fill(given)[..., 0] - frames).max() > 60
+    assert np.abs(fill_in(NearestBackground(), given)[..., 0] - frames).max() > 60
 
 
-def test_broad_colours_come_from_the_border_and_detail_from_the_best_covered_view() -> None:
-    stripes = 100.0 + 40.0 * (np.arange(64) % 2)  # one frame is striped and wholly seen
-    dark = np.full(64, 50.0)  # the other is dark, seen on the left only
-    frames = np.stack([np.tile(stripes, (64, 1)), np.tile(dark, (64, 1))])
-    covered = np.ones((2, 64, 64))
-    covered[1, :, 32:] = 0
-    filled = BorrowedDetail(strength=0.5).fill(views(covered, np.ones((2, 64, 64)), frames))[1, :, :, 0].astype(float)
-    invented = filled[:, 34:]
+def test_broad_colours_come_from_the_border_and_detail_from_the_last_frame() -> None:
+    # The view is dark and seen on the left only, the last observed frame is striped.
+    covered = np.ones((1, 64, 64))
+    covered[0, :, 32:] = 0
+    striped = np.tile((100 + 40 * (np.arange(64) % 2))[:, None], (64, 1, 3)).astype(np.uint8)
+    dark = views(covered, np.ones((1, 64, 64)), np.full((1, 64, 64), 50))
+    invented = BorrowedDetail(strength=0.5).fill(dark, striped)[0, :, 34:, 0].astype(float)
     assert invented.mean() == pytest.approx(50, abs=1)
     assert np.abs(np.diff(invented, axis=1)).mean() == pytest.approx(0.5 * 40, abs=1)
 
@@ -114,7 +118,7 @@ class TestEveryFill:
         covered = rng.random((3, 9, 11)) < 0.6
         given = views(covered, rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape))
         before = given.frames.copy()
-        filled = fill.fill(given)
+        filled = fill_in(fill, given)
         assert filled.dtype == np.uint8
         np.testing.assert_array_equal(filled[covered], given.frames[covered])
         np.testing.assert_array_equal(given.frames, before)
@@ -125,16 +129,16 @@ class TestEveryFill:
         depths, frames = rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape)
         other = np.where(covered, frames, 255 - frames)
         np.testing.assert_array_equal(
-            fill.fill(views(covered, depths, frames)), fill.fill(views(covered, depths, other))
+            fill_in(fill, views(covered, depths, frames)), fill_in(fill, views(covered, depths, other))
         )
 
-    def test_nothing_covered_is_no_crash(self, fill: Fill) -> None:
+    def test_with_nothing_covered_it_is_the_last_frame(self, fill: Fill) -> None:
         nothing = np.zeros((2, 5, 6))
-        assert (fill.fill(views(nothing, nothing, nothing + 77)) == 0).all()
+        assert (fill_in(fill, views(nothing, nothing, nothing + 77)) == (0 if fill == Blank() else 7)).all()
 
     def test_everything_covered_is_left_alone(self, fill: Fill) -> None:
         everything = np.ones((1, 5, 6))
-        assert (fill.fill(views(everything, everything, everything * 77)) == 77).all()
+        assert (fill_in(fill, views(everything, everything, everything * 77)) == 77).all()
 
     def test_survives_the_registry(self, fill: Fill) -> None:
         assert isinstance(fill, Fill)
@@ -142,13 +146,11 @@ class TestEveryFill:
 
 
 @pytest.mark.parametrize("fill", FILLS, ids=lambda fill: type(fill).__name__)
-def test_a_frame_that_shows_nothing_known_repeats_the_one_before(fill: Fill) -> None:
-    covered = np.stack([np.eye(4), np.zeros((4, 4))])
-    first, second = fill.fill(views(covered, covered, covered * 80))
-    np.testing.assert_array_equal(second, np.zeros_like(first) if fill == Blank() else first)
-
-
-@pytest.mark.parametrize("kind", [Telea, NavierStokes])
-def test_a_radius_of_nothing_is_refused(kind: type) -> None:
-    with pytest.raises(BadData, match=r"radius_px is 0\.0"):
-        kind(radius_px=0.0)
+def test_every_view_is_filled_from_itself_alone(fill: Fill) -> None:
+    rng = np.random.default_rng(6)
+    covered = rng.random((3, 9, 11)) < np.array([0.9, 0.5, 0.2])[:, None, None]
+    depths, frames = rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape)
+    together = fill_in(fill, views(covered, depths, frames))
+    for k in range(3):
+        alone = fill_in(fill, views(covered[k : k + 1], depths[k : k + 1], frames[k : k + 1]))
+        np.testing.assert_array_equal(alone[0], together[k])

@@ -1,6 +1,7 @@
 """The fused cloud: the last frame stays, earlier ones add what it hides, grain returns where it was lost."""
 
 import itertools
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,14 +11,15 @@ from geovp_classic.depth.given import Given
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import patches
-from geovp_classic.render.detail_transfer import BAND_EDGES, Grain, _add
+from geovp_classic.render.detail_transfer import BAND_EDGES, FrameDetail, _add
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import _close_cracks, _hidden_from, _without_dots, fuse
+from geovp_classic.render.fusion import _close_cracks, _hidden_from, _without_dots, fuse, without
 from geovp_classic.render.rasterizer import NOTHING, IndexArray
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
+PLAIN: dict[str, Any] = {"fill": Blank(), "detail_strength": 0.0, "dynamic_objects": None, "exposure": None}
 
 
 def wall(world_from_cam: FloatArray, distance: float = 8.0) -> tuple[FloatArray, FloatArray]:
@@ -44,8 +46,8 @@ def context_of(poses: FloatArray, num_past: int) -> tuple[Context, Trajectory]:
 def test_a_wall_is_seen_as_it_is_from_nearer() -> None:
     poses = drive(np.zeros(4), np.array([0.0, 0.5, 1.0, 2.0]))
     context, past = context_of(poses, 3)
-    scene = DepthFusion(Given(), fill=Blank(), grain=0.0).reconstruct(context, past)
-    views = scene.view(poses[3:], CAMERA)
+    scene = DepthFusion(Given(), **PLAIN).reconstruct(context, past)
+    views = scene.view(poses[3:], context.times_s[3:], CAMERA)
     assert views.covered.all()
     np.testing.assert_allclose(views.depths[0], 6.0, rtol=1e-4)
     assert np.abs(views.frames[0].astype(int) - wall(poses[3])[0]).mean() < 1.5
@@ -55,11 +57,11 @@ def test_an_earlier_frame_shows_what_left_the_last_one() -> None:
     # Sliding 3 m to the right: looking back to the left shows what only the first frame saw.
     poses = drive(np.array([0.0, 3.0, 0.0]), np.zeros(3))
     context, past = context_of(poses, 2)
-    both = DepthFusion(Given(), fill=Blank(), grain=0.0).reconstruct(context, past).view(poses[2:], CAMERA)
-    last = DepthFusion(Given(), fill=Blank(), grain=0.0, num_frames=1).reconstruct(context, past)
+    both = DepthFusion(Given(), **PLAIN).reconstruct(context, past).view(poses[2:], context.times_s[2:], CAMERA)
+    last = DepthFusion(Given(), **PLAIN, num_frames=1).reconstruct(context, past)
     assert both.covered.all()
     # 3 m at 8 m are 22.5 of the 64 columns.
-    assert last.view(poses[2:], CAMERA).covered.mean() == pytest.approx(1 - 22.5 / 64, abs=0.02)
+    assert last.view(poses[2:], context.times_s[2:], CAMERA).covered.mean() == pytest.approx(1 - 22.5 / 64, abs=0.02)
     assert np.abs(both.frames[0].astype(int) - wall(poses[2])[0]).mean() < 1.5
 
 
@@ -78,7 +80,7 @@ def test_looking_back_or_from_nowhere_shows_nothing_and_breaks_nothing() -> None
     scene = DepthFusion(Given(), fill=Blank()).reconstruct(context, past)
     about = se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))
     beyond = se3.compose(np.eye(3), np.array([0.0, 0, 20]))
-    views = scene.view(np.stack([about, beyond]), CAMERA)
+    views = scene.view(np.stack([about, beyond]), np.array([0.3, 0.4]), CAMERA)
     assert not views.covered.any()
     assert (views.depths == 0).all()
 
@@ -130,7 +132,7 @@ def test_grain_is_added_only_where_magnification_took_it() -> None:
     observed = rng.integers(60, 200, (48, 64, 3), dtype=np.uint8)
     flat = np.full_like(observed, 128)
     times = np.ones((48, 64), np.float32)
-    grain = Grain.of(observed)
+    grain = FrameDetail.of(observed)
     np.testing.assert_array_equal(grain.added_to(observed, times), observed)
     times[:, 32:] = 3.0
     blurred = pinhole.resize(pinhole.resize(observed, (16, 12)), (64, 48))
@@ -189,3 +191,16 @@ def test_cracks_close_as_the_slow_twin_says(crack_px: int) -> None:
     np.testing.assert_array_equal(closed[0], np.where(np.isfinite(expected[0]), expected[0], -1))
     np.testing.assert_array_equal(closed[1], expected[1])
     assert (closed[0] >= 0).mean() > seen.mean()
+
+
+def test_patches_of_one_source_leave_the_cloud() -> None:
+    known = np.ones((4, 5), dtype=bool)
+    cloud = patches.joined([patches.patches(np.full((4, 5), 0.2), known, number) for number in (0, 1)])
+    cut = np.zeros((4, 5), dtype=bool)
+    cut[1, 2:4] = True
+    left = without(cloud, 0, cut)
+    assert len(left) == 40 - 2
+    assert (left.source == 1).sum() == 20
+    own = left.pixels[left.source == 0]
+    assert not ((own[:, 1] == 1) & (own[:, 0] >= 2) & (own[:, 0] < 4)).any()
+    assert without(cloud, 0, np.zeros((4, 5), dtype=bool)) is cloud

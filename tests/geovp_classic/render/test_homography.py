@@ -19,7 +19,9 @@ NUM_PAST = 8
 def predict(clip: Clip, renderer: GroundFarPlane) -> Views:
     context, target = clip.split(NUM_PAST, renderer.needs)
     past = clip.trajectory[:NUM_PAST]
-    return renderer.reconstruct(context, past).view(target.trajectory.world_from_cam, clip.intrinsics)
+    return renderer.reconstruct(context, past).view(
+        target.trajectory.world_from_cam, np.zeros(len(target.trajectory.world_from_cam)), clip.intrinsics
+    )
 
 
 def worst_error(views: Views, clip: Clip, beyond_m: float = 10.0) -> float:
@@ -74,7 +76,7 @@ def test_a_straight_road_edge_stays_straight(camera: Intrinsics) -> None:
     clip = Clip("road", np.tile(frame, (12, 1, 1, 1)), np.arange(12.0), camera, camera_height_m=1.65)
     past = Trajectory(poses[:NUM_PAST], np.arange(float(NUM_PAST)), is_metric=True)
     context, _ = clip.split(NUM_PAST, Grant.CAMERA_HEIGHT)
-    views = GroundFarPlane().reconstruct(context, past).view(poses[NUM_PAST:], camera)
+    views = GroundFarPlane().reconstruct(context, past).view(poses[NUM_PAST:], np.zeros(len(poses[NUM_PAST:])), camera)
     for row in (75, 90, 110):  # below the horizon at 60
         expected = np.abs(
             np.array([0.5, 1.0]) * (row - camera.cy_px) / camera.fy_px / 1.65 * camera.fx_px + camera.cx_px
@@ -101,7 +103,7 @@ def test_a_camera_below_the_ground_sees_no_ground(plain: Any, camera: Intrinsics
     context, _ = clip.split(NUM_PAST, Grant.CAMERA_HEIGHT)
     scene = GroundFarPlane(pitch_deg=0.0).reconstruct(context, clip.trajectory[:NUM_PAST])
     sunken = scene.world_from_last @ se3.exp(np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0]))
-    views = scene.view(sunken[None], camera)
+    views = scene.view(sunken[None], np.zeros(len(sunken[None])), camera)
     assert not views.covered[0, 61:].any()
     assert views.covered[0, :60].all()
 

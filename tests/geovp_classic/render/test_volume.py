@@ -38,15 +38,19 @@ def past_of(poses: FloatArray, distance: float = 8.0) -> tuple[Context, Trajecto
 def test_a_wall_is_seen_as_it_is_from_nearer() -> None:
     context, past = past_of(drive([0.0, 0.0], [0.0, 1.0]))
     ahead = drive([0.0], [2.0])
-    views = RENDERER.reconstruct(context, past).view(ahead, CAMERA)
+    views = RENDERER.reconstruct(context, past).view(ahead, np.zeros(len(ahead)), CAMERA)
     assert views.covered.mean() > 0.99
     np.testing.assert_allclose(views.depths[views.covered], 6.0, rtol=0.01)
     assert np.abs(views.frames[0].astype(int) - wall(ahead[0], 8.0)[0])[views.covered[0]].mean() < 2
 
 
 def test_the_unit_of_the_poses_makes_no_difference() -> None:
-    small = RENDERER.reconstruct(*past_of(drive([0.0, 0.0], [0.0, 1.0]))).view(drive([0.0], [2.0]), CAMERA)
-    large = RENDERER.reconstruct(*past_of(drive([0.0, 0.0], [0.0, 1e3]), 8e3)).view(drive([0.0], [2e3]), CAMERA)
+    small = RENDERER.reconstruct(*past_of(drive([0.0, 0.0], [0.0, 1.0]))).view(
+        drive([0.0], [2.0]), np.zeros(len(drive([0.0], [2.0]))), CAMERA
+    )
+    large = RENDERER.reconstruct(*past_of(drive([0.0, 0.0], [0.0, 1e3]), 8e3)).view(
+        drive([0.0], [2e3]), np.zeros(len(drive([0.0], [2e3]))), CAMERA
+    )
     assert small.covered.mean() > 0.99
     np.testing.assert_allclose(large.depths, 1e3 * small.depths, rtol=1e-3)
     assert np.abs(large.frames.astype(int) - small.frames).mean() < 0.5
@@ -55,8 +59,12 @@ def test_the_unit_of_the_poses_makes_no_difference() -> None:
 def test_an_earlier_frame_shows_what_left_the_last_one() -> None:
     context, past = past_of(drive([0.0, 3.0], [0.0, 0.0]))
     back = drive([0.0], [0.0])
-    both = RENDERER.reconstruct(context, past).view(back, CAMERA)
-    last = VolumeFusion(Given(), fill=Blank(), num_frames=1).reconstruct(context, past).view(back, CAMERA)
+    both = RENDERER.reconstruct(context, past).view(back, np.zeros(len(back)), CAMERA)
+    last = (
+        VolumeFusion(Given(), fill=Blank(), num_frames=1)
+        .reconstruct(context, past)
+        .view(back, np.zeros(len(back)), CAMERA)
+    )
     assert both.covered[0, 2:-2, 2:-2].all()
     # 3 m at 8 m are 22.5 of the 64 columns.
     assert last.covered.mean() == pytest.approx(1 - 22.5 / 64, abs=0.05)  # a voxel on the rim lacks neighbours
@@ -69,7 +77,7 @@ def test_what_is_beyond_reach_turns_but_does_not_come_nearer() -> None:
     depths = np.array(context.past_depths)
     depths[:, :24] = np.inf
     scene = RENDERER.reconstruct(Context(context.frames, context.times_s, CAMERA, past, None, depths), past)
-    views = scene.view(drive([0.0], [4.0]), CAMERA)
+    views = scene.view(drive([0.0], [4.0]), np.zeros(len(drive([0.0], [4.0]))), CAMERA)
     sky = views.frames[0, :16]  # at 4 m of 8 the wall's upper edge rises to row 23.5 - 7 / 4 * 0.5
     assert np.isinf(views.depths[0, :16]).all()
     np.testing.assert_array_equal(sky, context.frames[1, :16])
@@ -79,7 +87,7 @@ def test_what_is_beyond_reach_turns_but_does_not_come_nearer() -> None:
 def test_nothing_is_covered_beside_and_behind() -> None:
     scene = RENDERER.reconstruct(*past_of(drive([0.0, 0.0], [0.0, 1.0])))
     about_turn = se3.exp(np.array([[0, 0, 0, 0, np.pi, 0.0]]))
-    views = scene.view(about_turn, CAMERA)
+    views = scene.view(about_turn, np.zeros(len(about_turn)), CAMERA)
     assert not views.covered.any()
     assert (views.depths == 0).all()
 
