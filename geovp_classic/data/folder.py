@@ -11,15 +11,7 @@ from typing import Any
 import numpy as np
 
 from geovp_classic.data import pose_files, windows
-from geovp_classic.data.frames import (
-    FrameFiles,
-    FrameMemory,
-    FrameReader,
-    Remembered,
-    VideoFrames,
-    image_files,
-    read_image,
-)
+from geovp_classic.data.frames import FrameCache, FrameFiles, FrameReader, VideoFrames, image_files, read_image
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, FloatArray, Intrinsics, Trajectory
@@ -109,13 +101,13 @@ class Folder:
         """The frames, their size, and their rate in Hz where it is known."""
         if self.path.is_file():
             video = VideoFrames.open(self.path)
-            return Remembered(video, FrameMemory(video.read)), video.size_px, video.rate_hz
+            return video, video.size_px, video.rate_hz
         if not self.path.is_dir():
             raise BadData(f"{self.path} does not exist: give a folder of images or a video file")
         paths = tuple(image_files(self.path))
         if not paths:
             raise BadData(f"{self.path} holds no images (png, jpg, webp, bmp, tif, ppm, jp2)")
-        load = FrameMemory(read_image)
+        load = FrameCache(read_image)
         height_px, width_px = load(paths[0]).shape[:2]
         return FrameFiles(paths, (width_px, height_px), load), (width_px, height_px), FOLDER_RATE_HZ
 

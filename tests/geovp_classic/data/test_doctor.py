@@ -74,7 +74,7 @@ def test_everything_wrong_is_found_at_once(kitti_root: Path, edit: Edit) -> None
         "error sequences/00: cameras have different numbers of frames: image_2 has 11, image_3 has 12",
         "error sequences/00/times.txt:5 time 0.3 is not after 0.3 of line 4",
         "error poses/00.txt:2 'nan' is not finite: every number must be known",
-        "error poses/00.txt:4 4 numbers, expected 12 (KITTI) or 13 (with a frame index)",
+        "error poses/00.txt:4 4 numbers, expected 12 (KITTI) or 13 (with a frame index), the same on every line",
         "error poses/00.txt:9 not a rotation matrix: R R' is off the identity by 13",
     ]
     summary = doctor.examine(kitti_root).sequences[0]
@@ -123,7 +123,7 @@ def test_what_is_unlikely_is_a_warning(kitti_root: Path, edit: Edit) -> None:
     assert doctor.examine(kitti_root).is_sound
 
 
-def test_damage_inside_a_image_is_seen_by_a_deep_look_alone(kitti_root: Path) -> None:
+def test_damage_inside_an_image_is_seen_by_a_deep_look_alone(kitti_root: Path) -> None:
     image = kitti_root / "sequences" / "01" / "image_0" / "000003.png"
     content = bytearray(image.read_bytes())
     start = content.index(b"IDAT") + 4
