@@ -10,13 +10,12 @@ import hashlib
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 
-_FOLDER = "named_splits"
+_FOLDER = Path(__file__).with_name("named_splits")
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,7 @@ class Split:
 
 def names() -> list[str]:
     """The names of the splits that come with the package, sorted."""
-    files = resources.files("geovp_classic.data").joinpath(_FOLDER).iterdir()
-    return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+    return sorted(file.stem for file in _FOLDER.glob("*.toml"))
 
 
 def load(name: str) -> Split:
@@ -40,13 +38,13 @@ def load(name: str) -> Split:
         path = Path(name).expanduser()
         if not path.is_file():
             raise BadData(f"split file {path} does not exist")
-        return parse(path.stem, path.read_bytes(), str(path))
-    if name not in names():
+    elif name in names():
+        path = _FOLDER / f"{name}.toml"
+    else:
         close = difflib.get_close_matches(name, names(), n=1, cutoff=0.5)
         hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(names())}, or give a .toml file"
         raise BadData(f"no split is called {name!r}: {hint}")
-    file = resources.files("geovp_classic.data").joinpath(_FOLDER).joinpath(f"{name}.toml")
-    return parse(name, file.read_bytes(), str(file))
+    return parse(path.stem, path.read_bytes(), str(path))
 
 
 def parse(name: str, content: bytes, where: str) -> Split:
