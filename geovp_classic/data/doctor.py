@@ -15,6 +15,7 @@ from geovp_classic.data import kitti_layout, pose_files, splits
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import image_size, scan_numbered
 from geovp_classic.data.pose_files import IndexArray, PoseTable
+from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -26,51 +27,19 @@ PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the image's width and height
 
 
 @dataclass(frozen=True)
-class CameraSummary:
+class Camera:
     """The contents of one folder image_K."""
 
-    camera: int
+    number: int
     num_frames: int
     sizes_px: tuple[tuple[int, int], ...]  # every (width, height) that occurs
-
-
-@dataclass(frozen=True)
-class SequenceSummary:
-    """The contents of one sequence; its findings are in the examination."""
-
-    name: str
-    cameras: tuple[CameraSummary, ...]
-    calibrated: tuple[int, ...]  # the cameras that calib.txt describes
-    num_times: int
-    duration_s: float
-    num_poses: int | None  # good ones; None without a pose file
-    length_m: float  # of the trajectory
-    num_errors: int
-    num_warnings: int
-
-    def cells(self) -> dict[str, str]:
-        """The row of a table, by column."""
-        sizes = sorted({size_px for camera in self.cameras for size_px in camera.sizes_px})
-        return {
-            "sequence": self.name,
-            "frames": ", ".join(f"image_{camera.camera}: {camera.num_frames}" for camera in self.cameras) or "none",
-            "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes) or "-",
-            "calibrated": ", ".join(f"P{camera}" for camera in self.calibrated) or "none",
-            "times": str(self.num_times),
-            "duration_s": f"{self.duration_s:.1f}",
-            "poses": "none" if self.num_poses is None else str(self.num_poses),
-            "length_m": "-" if self.num_poses is None else f"{self.length_m:.0f}",
-            "errors": str(self.num_errors),
-            "warnings": str(self.num_warnings),
-        }
 
 
 @dataclass(frozen=True)
 class Examination:
     """The contents of a root, and its findings."""
 
-    root: Path
-    sequences: tuple[SequenceSummary, ...]
+    rows: tuple[dict[str, str], ...]  # a table row for every sequence, by column
     findings: tuple[Finding, ...]  # sequence by sequence
     usable_splits: tuple[str, ...]  # the named splits whose frames are all here
 
@@ -89,46 +58,49 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
     names = kitti_layout.sequence_names(root)
     if not names:
         raise BadData(f"{root / 'sequences'} holds no sequence: expected folders such as 00 with image_2, calib.txt")
-    summaries, findings = [], []
+    rows, findings, num_frames = [], [], {}
     for name in watch(names):
-        summary, found = _sequence(root, name, deep)
-        summaries.append(summary)
+        found: list[Finding] = []
+        row, num_frames[name] = _sequence(root, name, deep, found)
+        rows.append(row)
         findings += found
     for path in sorted((root / "poses").glob("*.txt")):
         if path.stem not in names:
             told = f"there is no sequence {path.stem!r} with images for these poses"
             findings.append(Finding(path, None, "note", told))
-    return Examination(root, tuple(summaries), tuple(findings), _usable_splits(summaries))
+    return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
 
 
-def _sequence(root: Path, name: str, deep: bool) -> tuple[SequenceSummary, list[Finding]]:
+def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
+    """The table row of a sequence, and the number of frames that all its cameras have."""
     folder = root / "sequences" / name
-    findings: list[Finding] = []
     cameras = [_camera(folder, camera, deep, findings) for camera in kitti_layout.cameras(folder)]
     if not cameras:
         findings.append(error(folder, None, kitti_layout.NO_IMAGES))
     calibrated = _calibration(folder / "calib.txt", cameras, findings)
-    if len({camera.num_frames for camera in cameras}) > 1:
-        told = ", ".join(f"image_{camera.camera} has {camera.num_frames}" for camera in cameras)
+    counts = {camera.num_frames for camera in cameras} or {0}
+    if len(counts) > 1:
+        told = ", ".join(f"image_{camera.number} has {camera.num_frames}" for camera in cameras)
         findings.append(error(folder, None, f"cameras have different numbers of frames: {told}"))
-    num_frames = max((camera.num_frames for camera in cameras), default=0)
-    times_s = _times(folder / "times.txt", num_frames, findings)
-    table = _poses(root / "poses" / f"{name}.txt", num_frames, times_s, findings)
-    summary = SequenceSummary(
-        name=name,
-        cameras=tuple(cameras),
-        calibrated=calibrated,
-        num_times=len(times_s),
-        duration_s=float(times_s[-1] - times_s[0]) if len(times_s) else 0.0,
-        num_poses=None if table is None else len(table.lines),
-        length_m=0.0 if table is None else float(_steps(table).sum()),
-        num_errors=sum(finding.severity == "error" for finding in findings),
-        num_warnings=sum(finding.severity == "warning" for finding in findings),
-    )
-    return summary, findings
+    times_s = _times(folder / "times.txt", max(counts), findings)
+    table = _poses(root / "poses" / f"{name}.txt", max(counts), times_s, findings)
+    sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
+    row = {
+        "sequence": name,
+        "frames": ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none",
+        "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes_px) or "-",
+        "calibrated": ", ".join(f"P{camera}" for camera in calibrated) or "none",
+        "times": str(len(times_s)),
+        "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
+        "poses": "none" if table is None else str(len(table.lines)),
+        "length_m": "-" if table is None else f"{_steps(table).sum():.0f}",
+        "errors": str(sum(finding.severity == "error" for finding in findings)),
+        "warnings": str(sum(finding.severity == "warning" for finding in findings)),
+    }
+    return row, min(counts)
 
 
-def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> CameraSummary:
+def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> Camera:
     """The images of one camera: numbering, sizes, damage."""
     paths, found = scan_numbered(folder / f"image_{camera}")
     findings += found
@@ -145,24 +117,24 @@ def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> C
                 (width_px, height_px), first = size_px, sizes_px[0]
                 told = f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
                 findings.append(error(path, None, told))
-    return CameraSummary(camera, len(paths), tuple(sizes_px))
+    return Camera(camera, len(paths), tuple(sizes_px))
 
 
-def _calibration(path: Path, cameras: list[CameraSummary], findings: list[Finding]) -> tuple[int, ...]:
+def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> tuple[int, ...]:
     """The cameras with a projection; each camera with images must have one that fits them."""
     projections, found = kitti_layout.scan_calibration(path)
     findings += found
     for camera in cameras:
-        projection = projections.get(camera.camera)
+        projection = projections.get(camera.number)
         if projection is None:
-            findings += [] if found else [kitti_layout.missing_projection(path, camera.camera)]
+            findings += [] if found else [kitti_layout.missing_projection(path, camera.number)]
             continue
         for size_px in camera.sizes_px[:1]:
             at = projection.matrix[:2, 2] / size_px
             if not ((at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])).all():
                 told = f"puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
                 hint = f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
-                findings.append(Finding(path, projection.line, "warning", f"P{camera.camera} {told} {hint}"))
+                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} {told} {hint}"))
     return tuple(sorted(projections))
 
 
@@ -221,13 +193,10 @@ def _steps(table: PoseTable) -> FloatArray:
     return steps_m
 
 
-def _usable_splits(summaries: list[SequenceSummary]) -> tuple[str, ...]:
-    num_frames = {each.name: min((camera.num_frames for camera in each.cameras), default=0) for each in summaries}
-    return tuple(
-        name
-        for name in splits.names()
-        if all(
-            num_frames.get(frames.sequence, 0) >= max(frames.last or 1, frames.first + 1)
-            for frames in splits.load(name).ranges
-        )
-    )
+def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:
+    """The named splits whose frames are all among the sequences' first `num_frames`."""
+
+    def is_here(frames: FrameRange) -> bool:
+        return num_frames.get(frames.sequence, 0) >= max(frames.last or 1, frames.first + 1)
+
+    return tuple(name for name in splits.names() if all(map(is_here, splits.load(name))))

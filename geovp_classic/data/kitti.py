@@ -99,7 +99,7 @@ class Kitti:
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
         if self.split is not None:
-            return splits.load(self.split).ranges
+            return splits.load(self.split)
         texts = kitti_layout.sequence_names(self.root) if self.sequences is None else self.sequences
         if not texts:
             raise BadData(f"no sequence is named: name some that {self.root / 'sequences'} holds")
