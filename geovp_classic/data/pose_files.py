@@ -107,47 +107,34 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
 def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
     """The good rows of a KITTI file, and the errors of the others."""
-    rows, findings = _read_rows(path, "poses")
-    with_index = bool(rows) and len(rows[0].numbers) == 13
     expected = "12 (KITTI) or 13 (with a frame index), the same on every line"
-    rows = _of_length(path, rows, 13 if with_index else 12, expected, findings)
-    if with_index:
-        rows = _increasing(path, rows, "frame", findings)
+    rows, findings = _scan_rows(path, "poses", (12, 13), expected)
     entries = np.array([row.numbers[-12:] for row in rows]).reshape(-1, 3, 4)
     rotation = entries[:, :, :3]
-    defects = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    problems = []
-    for defect, determinant in zip(defects, np.linalg.det(rotation), strict=True):
-        if not defect < ROTATION_TOLERANCE:
-            problems.append(f"not a rotation matrix: R R' is off the identity by {defect:.2g}")
-        else:
-            problems.append("" if determinant > 0 else "not a rotation matrix but a reflection (determinant -1)")
-    return _pose_table(path, rows, entries, problems, findings, with_keys=with_index)
+    defect = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    problems = [f"not a rotation matrix: R R' is off the identity by {value:.2g}" for value in defect]
+    for number in np.flatnonzero(defect < ROTATION_TOLERANCE):
+        mirrored = np.linalg.det(rotation[number]) < 0
+        problems[number] = "not a rotation matrix but a reflection (determinant -1)" if mirrored else ""
+    return _pose_table(path, rows, entries, problems, findings)
 
 
 def scan_tum(path: Path) -> tuple[PoseTable, list[Finding]]:
     """The good rows of a TUM file, and the errors of the others."""
-    rows, findings = _read_rows(path, "poses")
-    rows = _of_length(path, rows, 8, "8 (TUM: t x y z qx qy qz qw)", findings)
-    rows = _increasing(path, rows, "time", findings)
+    rows, findings = _scan_rows(path, "poses", (8,), "8 (TUM: t x y z qx qy qz qw)")
     numbers = np.array([row.numbers for row in rows]).reshape(-1, 8)
     length = np.linalg.norm(numbers[:, 4:], axis=1)
     is_unit = np.abs(length - 1) < ROTATION_TOLERANCE
     quaternions = np.where(is_unit[:, None], numbers[:, 4:], [0.0, 0.0, 0.0, 1.0])
     rotation = Rotation.from_quat(quaternions).as_matrix() if rows else np.zeros((0, 3, 3))
     entries = np.concatenate([rotation, numbers[:, 1:4, None]], axis=2)
-    problems = [
-        "" if good else f"the quaternion has length {value:.4g}, expected 1"
-        for good, value in zip(is_unit, length, strict=True)
-    ]
-    return _pose_table(path, rows, entries, problems, findings, with_keys=True)
+    told = [f"the quaternion has length {value:.4g}, expected 1" for value in length]
+    return _pose_table(path, rows, entries, list(np.where(is_unit, "", told)), findings)
 
 
 def scan_times(path: Path) -> tuple[FloatArray, tuple[int, ...], list[Finding]]:
     """The good times [N] in seconds, their line numbers, and the errors of the other lines."""
-    rows, findings = _read_rows(path, "times")
-    rows = _of_length(path, rows, 1, "one time in seconds", findings)
-    rows = _increasing(path, rows, "time", findings)
+    rows, findings = _scan_rows(path, "times", (1,), "one time in seconds")
     return np.array([row.numbers[0] for row in rows]), tuple(row.line for row in rows), _sorted(findings)
 
 
@@ -185,26 +172,31 @@ def _read_rows(path: Path, what: str) -> tuple[list[Row], list[Finding]]:
     return [row for row in parsed if isinstance(row, Row)], findings
 
 
-def _of_length(path: Path, rows: list[Row], count: int, expected: str, findings: list[Finding]) -> list[Row]:
-    """The rows of `count` numbers."""
-    bad = [row for row in rows if len(row.numbers) != count]
-    findings += [error(path, row.line, f"{len(row.numbers)} numbers, expected {expected}") for row in bad]
-    return [row for row in rows if len(row.numbers) == count]
-
-
-def _increasing(path: Path, rows: list[Row], what: str, findings: list[Finding]) -> list[Row]:
-    """The rows whose first number is larger than all before it (and whole, when frames are counted)."""
-    kept: list[Row] = []
+def _scan_rows(path: Path, what: str, lengths: tuple[int, ...], expected: str) -> tuple[list[Row], list[Finding]]:
+    """The rows as long as the first, whose first numbers, if they are times or frame indices, increase."""
+    rows, findings = _read_rows(path, what)
+    length = len(rows[0].numbers) if rows and len(rows[0].numbers) in lengths else lengths[0]
+    good: list[Row] = []
     for row in rows:
-        value = row.numbers[0]
-        if what == "frame" and (value < 0 or value != int(value)):
-            findings.append(error(path, row.line, f"frame index {value:g}, expected a whole number from 0"))
-        elif kept and value <= kept[-1].numbers[0]:
-            told = f"{what} {value!r} is not after {kept[-1].numbers[0]!r} of line {kept[-1].line}"
-            findings.append(error(path, row.line, told))
+        if len(row.numbers) != length:
+            problem = f"{len(row.numbers)} numbers, expected {expected}"
         else:
-            kept.append(row)
-    return kept
+            problem = "" if length == 12 else _key_problem(row, good[-1] if good else None)
+        if problem:
+            findings.append(error(path, row.line, problem))
+        else:
+            good.append(row)
+    return good, findings
+
+
+def _key_problem(row: Row, before: Row | None) -> str:
+    """Why a row's frame index (of 13 numbers) or time is wrong; empty when it is not."""
+    key, is_index = row.numbers[0], len(row.numbers) == 13
+    if is_index and (key < 0 or key != int(key)):
+        return f"frame index {key:g}, expected a whole number from 0"
+    if before is None or key > before.numbers[0]:
+        return ""
+    return f"{'frame' if is_index else 'time'} {key!r} is not after {before.numbers[0]!r} of line {before.line}"
 
 
 def _pose_table(
@@ -213,14 +205,13 @@ def _pose_table(
     entries: FloatArray,  # [N, 3, 4]
     problems: list[str],  # N, empty for a good row
     findings: list[Finding],
-    *,
-    with_keys: bool,
 ) -> tuple[PoseTable, list[Finding]]:
     findings += [error(path, row.line, problem) for row, problem in zip(rows, problems, strict=True) if problem]
     good = [number for number, problem in enumerate(problems) if not problem]
     world_from_cam = se3.compose(entries[good][:, :, :3], entries[good][:, :, 3])
     if good:
         world_from_cam = se3.orthonormalised(world_from_cam, ROTATION_TOLERANCE)
+    with_keys = bool(rows) and len(rows[0].numbers) != 12
     keys = np.array([rows[number].numbers[0] for number in good]) if with_keys else None
     return PoseTable(tuple(rows[number].line for number in good), keys, world_from_cam), _sorted(findings)
 
