@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -58,10 +59,7 @@ def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
 class CopyLast:
     """The last observed frame, repeated."""
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing but the frames."""
-        return Grant.NONE
+    needs: ClassVar[Grant] = Grant.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """The last frame F times, one sample."""
@@ -81,17 +79,13 @@ class Recorded:
     path: Path
     poses: Path | None = None
     poses_are_metric: bool = True
+    needs: ClassVar[Grant] = Grant.NONE
 
     def __post_init__(self) -> None:
         """Raise BadData when a folder is missing."""
         for folder in filter(None, (self.path, self.poses)):
             if not folder.is_dir():
                 raise BadData(f"{folder} is not a folder: give the one that holds a prediction for every clip")
-
-    @property
-    def needs(self) -> Grant:
-        """Nothing but the clip's name."""
-        return Grant.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """The recorded frames; BadData names a file that is missing or has other sizes than the clip."""

@@ -139,20 +139,32 @@ def _shows_last_frame(role: str, component: Any, trial: Trial) -> str:
     return f"mean absolute grey difference {np.abs(difference).mean():.2f} of 255"
 
 
-def _accepts_standing_camera(role: str, component: Any, trial: Trial) -> str:
-    still = [0] * NUM_PAST + [NUM_PAST - 1] * (len(trial.clip) - NUM_PAST)
-    return _accepts_or_refuses(role, component, Trial(_resampled(trial.clip, still), NUM_PAST))
+def _accepts(variant: Callable[[Clip], Trial]) -> Promise:
+    """The promise to run on a variant of the clip, or to refuse it with Incompatible."""
+
+    def promise(role: str, component: Any, trial: Trial) -> str:
+        try:
+            _run(role, component, variant(trial.clip))
+        except Incompatible as refusal:
+            return f"refuses: {refusal}"
+        return ""
+
+    return promise
 
 
-def _accepts_two_frames(role: str, component: Any, trial: Trial) -> str:
-    last = range(NUM_PAST - 2, len(trial.clip))
-    return _accepts_or_refuses(role, component, Trial(_resampled(trial.clip, last), 2))
+def _standing(clip: Clip) -> Trial:
+    steps = [0] * NUM_PAST + [NUM_PAST - 1] * (len(clip) - NUM_PAST)
+    return Trial(_resampled(clip, steps), NUM_PAST)
 
 
-def _accepts_no_unit(role: str, component: Any, trial: Trial) -> str:
-    assert trial.clip.trajectory is not None
-    unscaled = dataclasses.replace(trial.clip.trajectory, is_metric=False)
-    return _accepts_or_refuses(role, component, Trial(dataclasses.replace(trial.clip, trajectory=unscaled), NUM_PAST))
+def _two_frames(clip: Clip) -> Trial:
+    return Trial(_resampled(clip, range(NUM_PAST - 2, len(clip))), 2)
+
+
+def _without_unit(clip: Clip) -> Trial:
+    assert clip.trajectory is not None
+    unscaled = dataclasses.replace(clip.trajectory, is_metric=False)
+    return Trial(dataclasses.replace(clip, trajectory=unscaled), NUM_PAST)
 
 
 PROMISES: tuple[tuple[str, tuple[str, ...], Promise], ...] = (
@@ -166,19 +178,10 @@ PROMISES: tuple[tuple[str, tuple[str, ...], Promise], ...] = (
     ("returns the number of samples asked for", SAMPLED, _returns_samples),
     ("renders every view from its own pose and time alone", ("renderers",), _views_are_independent),
     ("shows the last observed frame from the last observed pose", ("renderers",), _shows_last_frame),
-    ("accepts or refuses a standing camera", FROM_MOTION, _accepts_standing_camera),
-    ("accepts or refuses a past of two frames", FROM_MOTION, _accepts_two_frames),
-    ("accepts or refuses poses without a unit", FROM_UNIT, _accepts_no_unit),
+    ("accepts or refuses a standing camera", FROM_MOTION, _accepts(_standing)),
+    ("accepts or refuses a past of two frames", FROM_MOTION, _accepts(_two_frames)),
+    ("accepts or refuses poses without a unit", FROM_UNIT, _accepts(_without_unit)),
 )
-
-
-def _accepts_or_refuses(role: str, component: Any, trial: Trial) -> str:
-    """Raising Incompatible keeps the promise as well."""
-    try:
-        _run(role, component, trial)
-    except Incompatible as refusal:
-        return f"refuses: {refusal}"
-    return ""
 
 
 def _resampled(clip: Clip, steps: Sequence[int]) -> Clip:

@@ -12,17 +12,7 @@ import numpy.typing as npt
 
 from geovp_classic.errors import GeovpError
 from geovp_classic.geometry import se3
-from geovp_classic.types import (
-    ByteArray,
-    Clip,
-    Context,
-    FloatArray,
-    Grant,
-    Motion,
-    Prediction,
-    Trajectory,
-    Views,
-)
+from geovp_classic.types import ByteArray, Clip, Context, FloatArray, Grant, Motion, Prediction, Trajectory, Views
 
 Outputs = dict[str, npt.NDArray[Any]]
 NOISE_RAD = 2e-4  # amplitude of the pitch error of the past poses that a refinement is given
@@ -77,14 +67,12 @@ def require(condition: bool, message: str) -> None:
 def pose_source(component: Any, trial: Trial, context: Context) -> Outputs:
     """A motion: a pose for every step, one sample or as many as asked for."""
     motion = component.estimate(context, trial.num_samples)
-    require(isinstance(motion, Motion), f"estimate gave {type(motion).__name__}, expected Motion")
+    _require_type("estimate", motion, Motion)
     _require_past(motion.past, motion.tracked, trial)
     samples, steps = motion.futures.shape[:2]
     expected = f"expected {trial.num_samples} of {trial.num_future} (or one sample, when deterministic)"
-    require(
-        samples in (1, trial.num_samples) and steps == trial.num_future,
-        f"{samples} samples of {steps} futures, {expected}",
-    )
+    good = samples in (1, trial.num_samples) and steps == trial.num_future
+    require(good, f"{samples} samples of {steps} futures, {expected}")
     return {"past": motion.past.world_from_cam, "futures": motion.futures, "tracked": motion.tracked}
 
 
@@ -94,7 +82,7 @@ def pose_refinement(component: Any, trial: Trial, context: Context) -> Outputs:
     pitch_rad = NOISE_RAD * np.sin(np.arange(trial.num_past))[::-1]
     noisy = trial.past.world_from_cam @ se3.exp(pitch_rad[:, None] * np.eye(6)[4])
     motion = component.refine(context, recorded.refined(replace(trial.past, world_from_cam=noisy), recorded.futures))
-    require(isinstance(motion, Motion), f"refine gave {type(motion).__name__}, expected Motion")
+    _require_type("refine", motion, Motion)
     _require_past(motion.past, motion.tracked, trial)
     shape, expected = motion.futures.shape, recorded.futures.shape
     require(shape == expected, f"futures {shape}, expected {expected}")
@@ -139,7 +127,7 @@ def renderer(component: Any, trial: Trial, context: Context) -> Outputs:
 def predictor(component: Any, trial: Trial, context: Context) -> Outputs:
     """Predicted frames of the size of the past ones, one sample or as many as asked for."""
     prediction = component.predict(context, trial.num_samples)
-    require(isinstance(prediction, Prediction), f"predict gave {type(prediction).__name__}, expected Prediction")
+    _require_type("predict", prediction, Prediction)
     samples = len(prediction.frames) if len(prediction.frames) == 1 else trial.num_samples
     _require_array("frames", prediction.frames, np.uint8, (samples, trial.num_future, *context.frames.shape[1:]))
     outputs = {"frames": prediction.frames}
@@ -170,19 +158,18 @@ def frame_metric(component: Any, trial: Trial, context: Context) -> Outputs:
     truth = trial.frames
     noise = np.random.default_rng(0).integers(0, 256, truth.shape, dtype=np.uint8)
     everywhere = np.ones(truth.shape[:3], dtype=bool)
-    nowhere_first = everywhere.copy()
-    nowhere_first[0] = False
+    not_first = everywhere & (np.arange(len(truth)) > 0)[:, None, None]
     scores = {
         "truth": component(truth, truth, None),
         "noise": component(noise, truth, None),
-        "masked": component(noise, truth, nowhere_first),
+        "masked": component(noise, truth, not_first),
         "whole": component(noise, truth, everywhere),
     }
     for name, values in scores.items():
         _require_array(f"score of {name}", values, np.floating, (len(truth),))
     require(not np.isnan(scores["noise"]).any(), "a step without a mask scored NaN")
     require(bool(np.isnan(scores["masked"][0])), f"an empty mask scored {scores['masked'][0]}, expected NaN")
-    require(np.allclose(scores["whole"], scores["noise"]), "a mask of everything scores otherwise than no mask")
+    require(np.allclose(scores["whole"], scores["noise"]), "a full mask gives another score than no mask")
     sign = 1 if component.higher_is_better else -1
     require(bool((sign * scores["truth"] > sign * scores["noise"]).all()), "noise scores as well as the truth")
     return scores
@@ -209,7 +196,7 @@ def dataset(component: Any, trial: Trial, context: Context) -> Outputs:
     require(isinstance(component.name, str) and component.name != "", f"its name is {component.name!r}")
     require(len(component) > 0, "it holds no clip")
     clip = component[0]
-    require(isinstance(clip, Clip), f"clip 0 is {type(clip).__name__}, expected Clip")
+    _require_type("indexing", clip, Clip)
     require(component[0].name == clip.name, "clip 0 has another name the second time")
     try:
         component[len(component)]
@@ -243,10 +230,14 @@ def same_bytes(first: Outputs, second: Outputs) -> bool:
 def views(scene: Any, world_from_cam: FloatArray, times_s: FloatArray, trial: Trial) -> Outputs:
     """The views of a scene as arrays, their shapes and depths checked."""
     seen = scene.view(world_from_cam, times_s, trial.clip.intrinsics)
-    require(isinstance(seen, Views), f"view gave {type(seen).__name__}, expected Views")
+    _require_type("view", seen, Views)
     _require_array("frames", seen.frames, np.uint8, (len(times_s), *trial.frames.shape[1:]))
     require(bool((seen.depths >= 0).all()), "views have depths that are negative or NaN, expected 0 where unknown")
     return {"frames": seen.frames, "covered": seen.covered, "depths": seen.depths}
+
+
+def _require_type(method: str, returned: Any, expected: type) -> None:
+    require(isinstance(returned, expected), f"{method} gave {type(returned).__name__}, expected {expected.__name__}")
 
 
 def _require_past(past: Any, tracked: Any, trial: Trial) -> None:
