@@ -21,8 +21,8 @@ from geovp_classic.types import ByteArray
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"})
 CACHE_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
-LAST_BYTES = {"PNG": b"IEND\xaeB`\x82", "JPEG": b"\xff\xd9"}  # by Pillow's name of the format
-TAIL_BYTES = 4096  # padding after the end of an image that is allowed
+LAST_BYTES = {"PNG": b"IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "MPO": b"\xff\xd9"}  # by Pillow's name of the format
+TAIL_BYTES = 4096  # where the last bytes are looked for first
 
 
 class FrameReader(Protocol):
@@ -72,10 +72,12 @@ def _header_size(path: Path, file: BinaryIO) -> tuple[int, int]:
         image = Image.open(file)
     except (OSError, Image.DecompressionBombError) as problem:
         raise BadData(f"{path} cannot be decoded as an image: restore the file") from problem
-    file.seek(-min(TAIL_BYTES, file.seek(0, io.SEEK_END)), io.SEEK_END)
-    if LAST_BYTES.get(image.format or "", b"") not in file.read():
-        raise BadData(f"{path} is cut short: its end is missing: restore the file")
-    return image.size
+    header_end, file_end = file.tell(), file.seek(0, io.SEEK_END)
+    for start in (max(header_end, file_end - TAIL_BYTES), header_end):  # a phone's JPEG may be followed by a film
+        file.seek(start)
+        if LAST_BYTES.get(image.format or "", b"") in file.read():
+            return image.size
+    raise BadData(f"{path} is cut short: its end is missing: restore the file")
 
 
 @dataclass(frozen=True)

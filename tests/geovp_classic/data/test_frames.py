@@ -99,12 +99,24 @@ def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> Non
         image_files(tmp_path / "none")
 
 
-def test_padding_after_the_end_of_an_image_is_allowed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("trailer", [bytes(100), b"film" * 10_000])
+def test_something_may_follow_the_end_of_an_image(tmp_path: Path, trailer: bytes) -> None:
     for name in ("a.png", "a.jpg"):
         cv2.imwrite(str(tmp_path / name), scene())
         with (tmp_path / name).open("ab") as file:
-            file.write(bytes(100))
+            file.write(trailer)
         assert read_image(tmp_path / name).shape == (37, 53, 3)
+        assert image_size(tmp_path / name) == (53, 37)
+
+
+def test_the_end_of_a_thumbnail_is_not_the_end_of_the_image(tmp_path: Path) -> None:
+    data = cv2.imencode(".jpg", scene())[1].tobytes()
+    thumbnail = b"\xff\xe9" + (2 + 100).to_bytes(2, "big") + bytes(98) + b"\xff\xd9"  # in an APP9 segment
+    for name, content in (("whole.jpg", data), ("cut.jpg", data[: 3 * len(data) // 4])):
+        (tmp_path / name).write_bytes(content[:2] + thumbnail + content[2:])
+    assert image_size(tmp_path / "whole.jpg") == (53, 37)
+    with pytest.raises(BadData, match=r"cut\.jpg is cut short: its end is missing"):
+        image_size(tmp_path / "cut.jpg")
 
 
 def test_gaps_duplicates_and_foreign_files_are_found(tmp_path: Path) -> None:
