@@ -1,6 +1,6 @@
 """Scenes as files that other programs open: a coloured cloud (PLY), a COLMAP model, depth maps (16-bit PNG).
 
-A scene need not say how it is made inside: its cloud is what it shows from a few poses, put back into space.
+The cloud of a scene is unprojected from its views, so that it exists for every kind of scene.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ def write_colmap(
     points: FloatArray,  # [N, 3]
     colours: ByteArray,  # [N, 3]
 ) -> None:
-    """A COLMAP model, binary and, beside it, as text: one pinhole camera, a pose for every image, the points.
+    """A COLMAP model as binary and as text files: one pinhole camera, a pose for every image, the points.
 
-    COLMAP's principal point counts from the image's corner, half a pixel beside ours. Points have no tracks: they
-    come from dense depth, not from matched features.
+    COLMAP's pixel coordinates start at the image's corner, ours at the first pixel's centre: its principal point is
+    0.5 larger. Points have no tracks: they come from dense depth, not from matched features.
     """
     import pycolmap
 

@@ -149,6 +149,6 @@ def _read_images(path: Path) -> ByteArray:
 def _stack(path: Path, images: list[ByteArray]) -> ByteArray:
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
-        told = " and ".join(map(str, sorted(shapes))) or "nothing"
-        raise BadData(f"{path} holds {told}, expected images of one size, as many in every sample")
+        message = " and ".join(map(str, sorted(shapes))) or "nothing"
+        raise BadData(f"{path} holds {message}, expected images of one size, as many in every sample")
     return np.stack(images)

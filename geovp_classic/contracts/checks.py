@@ -12,8 +12,7 @@ import numpy as np
 from geovp_classic import registry
 from geovp_classic.contracts import street
 from geovp_classic.contracts.exercises import RUN, Outputs, Trial, require, same_bytes, views
-from geovp_classic.errors import Incompatible, UnknownComponent
-from geovp_classic.registry import nearest
+from geovp_classic.errors import Incompatible
 from geovp_classic.types import Clip, Context, ExtraView, Grant, Trajectory
 
 NUM_PAST = 6
@@ -38,8 +37,7 @@ def check(role: str, component: Any, clip: Clip | None = None) -> list[Finding]:
     The test clip is a rendered street of 128x128 pixels, or a `clip` with poses, depths and more than NUM_PAST frames
     for components that accept certain sizes only. Executors and scales are only described and built again.
     """
-    if role not in registry.ROLES:
-        raise UnknownComponent(f"there is no role {role!r}{nearest(role, registry.ROLES)}")
+    registry.names(role)  # UnknownComponent for a role that does not exist
     trial = Trial(clip or street.clip(), NUM_PAST)
     return [_find(name, promise, role, component, trial) for name, roles, promise in PROMISES if role in roles]
 

@@ -66,8 +66,8 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
         findings += found
     for path in sorted((root / "poses").glob("*.txt")):
         if path.stem not in names:
-            told = f"there is no sequence {path.stem!r} with images for these poses"
-            findings.append(Finding(path, None, "note", told))
+            message = f"there is no sequence {path.stem!r} with images for these poses"
+            findings.append(Finding(path, None, "note", message))
     return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
 
 
@@ -80,8 +80,8 @@ def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tup
     calibrated = _calibration(folder / "calib.txt", cameras, findings)
     counts = {camera.num_frames for camera in cameras} or {0}
     if len(counts) > 1:
-        told = ", ".join(f"image_{camera.number} has {camera.num_frames}" for camera in cameras)
-        findings.append(error(folder, None, f"cameras have different numbers of frames: {told}"))
+        message = ", ".join(f"image_{camera.number} has {camera.num_frames}" for camera in cameras)
+        findings.append(error(folder, None, f"cameras have different numbers of frames: {message}"))
     times_s = _times(folder / "times.txt", max(counts), findings)
     table = _poses(root / "poses" / f"{name}.txt", max(counts), times_s, findings)
     sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
@@ -115,8 +115,8 @@ def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> C
             sizes_px.append(size_px)
             if len(sizes_px) > 1:
                 (width_px, height_px), first = size_px, sizes_px[0]
-                told = f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
-                findings.append(error(path, None, told))
+                message = f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
+                findings.append(error(path, None, message))
     return Camera(camera, len(paths), tuple(sizes_px))
 
 
@@ -132,9 +132,9 @@ def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> 
         for size_px in camera.sizes_px[:1]:
             at = projection.matrix[:2, 2] / size_px
             if not ((at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])).all():
-                told = f"puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+                message = f"puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
                 hint = f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
-                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} {told} {hint}"))
+                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} {message} {hint}"))
     return tuple(sorted(projections))
 
 
@@ -148,15 +148,15 @@ def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
     steps_s = np.diff(times_s) / np.diff(numbers)
     usual_s = np.median(steps_s) if len(steps_s) else 0.0
     for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * usual_s):
-        told = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
-        findings.append(Finding(path, lines[step + 1], "warning", told))
+        message = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
+        findings.append(Finding(path, lines[step + 1], "warning", message))
     return times_s
 
 
 def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]) -> PoseTable | None:
     if not path.exists():
-        told = "does not exist: the sequence serves for prediction without ground truth"
-        findings.append(Finding(path, None, "note", told))
+        message = "does not exist: the sequence serves for prediction without ground truth"
+        findings.append(Finding(path, None, "note", message))
         return None
     table, found = pose_files.scan_kitti(path)
     findings += found
@@ -174,11 +174,11 @@ def _jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Findin
     earlier, later = table.world_from_cam[:-1], table.world_from_cam[1:]
     turn_deg = np.degrees(se3.rotation_angle_rad(se3.inverse(earlier) @ later)) if len(later) else speed_m_s
     for step in np.flatnonzero(speed_m_s > MAX_SPEED_M_S):
-        told = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
-        yield Finding(path, table.lines[step + 1], "warning", told)
+        message = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
+        yield Finding(path, table.lines[step + 1], "warning", message)
     for step in np.flatnonzero(turn_deg > MAX_TURN_DEG):
-        told = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
-        yield Finding(path, table.lines[step + 1], "warning", told)
+        message = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
+        yield Finding(path, table.lines[step + 1], "warning", message)
 
 
 def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[IndexArray, int]:

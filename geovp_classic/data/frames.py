@@ -136,9 +136,9 @@ class VideoFrames:
     """
 
     path: Path
-    count: int  # as the container says
+    count: int  # according to the container
     size_px: tuple[int, int]
-    rate_hz: float | None  # as the container says, None where it does not
+    rate_hz: float | None  # according to the container; None if unknown
     _capture: Any = field(repr=False)
     _next: int = 0
 

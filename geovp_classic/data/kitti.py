@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -45,11 +46,9 @@ class Kitti:
             raise BadData(f"both split {self.split!r} and sequences {list(self.sequences)} are given: keep one of them")
         if self.camera is not None and self.camera not in kitti_layout.PREFERRED_CAMERAS:
             raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
-        seen: set[str] = set()
-        for name in self.clip_names:
-            if name in seen:
+        for name, count in Counter(self.clip_names).items():
+            if count > 1:
                 raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
-            seen.add(name)
 
     def __getstate__(self) -> dict[str, Any]:
         """The settings alone, so that a copy in another process reads its own files."""

@@ -151,7 +151,7 @@ def _choose_camera(folder: Path, camera: int | None) -> int:
 def _side(
     folder: Path, camera: int, projections: dict[int, Projection], load: Callable[[Path], ByteArray]
 ) -> tuple[SideCamera, FloatArray]:
-    """A camera as seen from itself, and cam_from_cam0."""
+    """One camera with view_from_cam the identity, and its cam_from_cam0."""
     if camera not in projections:
         raise_first([missing_projection(folder / "calib.txt", camera)])
     paths, findings = scan_numbered(folder / f"image_{camera}")

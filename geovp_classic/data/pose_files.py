@@ -128,8 +128,8 @@ def scan_tum(path: Path) -> tuple[PoseTable, list[Finding]]:
     quaternions = np.where(is_unit[:, None], numbers[:, 4:], [0.0, 0.0, 0.0, 1.0])
     rotation = Rotation.from_quat(quaternions).as_matrix() if rows else np.zeros((0, 3, 3))
     entries = np.concatenate([rotation, numbers[:, 1:4, None]], axis=2)
-    told = [f"the quaternion has length {value:.4g}, expected 1" for value in length]
-    return _pose_table(path, rows, entries, list(np.where(is_unit, "", told)), findings)
+    message = [f"the quaternion has length {value:.4g}, expected 1" for value in length]
+    return _pose_table(path, rows, entries, list(np.where(is_unit, "", message)), findings)
 
 
 def scan_times(path: Path) -> tuple[FloatArray, tuple[int, ...], list[Finding]]:
@@ -232,5 +232,5 @@ def _write_lines(path: Path, lines: Iterable[str]) -> None:
         os.replace(partial, path)
     except OSError as problem:
         partial.unlink(missing_ok=True)
-        told = f"{path} cannot be written ({problem.strerror}): give a file in a folder that exists"
-        raise BadData(told) from problem
+        message = f"{path} cannot be written ({problem.strerror}): give a file in a folder that exists"
+        raise BadData(message) from problem
