@@ -226,8 +226,7 @@ def _doctor(chosen: argparse.Namespace) -> int:
     from geovp_classic.data import doctor
 
     found = doctor.examine(chosen.root, deep=chosen.deep, watch=_watched)
-    rows = [summary.cells() for summary in found.sequences]
-    for line in _columns([list(rows[0]), *(list(row.values()) for row in rows)]):
+    for line in _columns([list(found.rows[0]), *(list(row.values()) for row in found.rows)]):
         print(line)
     print()
     for finding in found.findings:

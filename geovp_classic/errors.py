@@ -1,8 +1,8 @@
-"""What can go wrong, sorted by who can mend it; every message says what was given, what was expected and what to do."""
+"""Exceptions; every message says what was given, what was expected and what to do."""
 
 
 class GeovpError(Exception):
-    """Base of all errors that are a user's to mend; the command line prints them in one line and exits with 2."""
+    """Base of all errors that a user can correct; the command line prints them in one line and exits with 2."""
 
 
 class BadData(GeovpError):

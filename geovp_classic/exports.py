@@ -1,6 +1,6 @@
 """Scenes as files that other programs open: a coloured cloud (PLY), a COLMAP model, depth maps (16-bit PNG).
 
-A scene need not say how it is made inside: its cloud is what it shows from a few poses, put back into space.
+The cloud of a scene is unprojected from its views, so that it exists for every kind of scene.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
-FARTHEST_MEDIANS = 10.0  # depths beyond so many medians are sky, and no points
-POINTS_PER_MEDIAN = 400  # points nearer to each other than this share of the median depth become one
+FARTHEST_MEDIANS = 10.0  # depths beyond this many medians are sky and give no points
+POINTS_PER_MEDIAN = 400  # voxels per median depth; points in one voxel become one
 METRIC_SCALE = 256.0  # as KITTI's depth maps: 1/256 m
-FARTHEST_VALUE = 65535  # infinitely far, or farther than 16 bits can say
-USED_VALUES = 16384.0  # where the unit is unknown the median depth lies at a quarter of what 16 bits hold
+FARTHEST_VALUE = 65535  # infinitely far, or beyond 16 bits
+MEDIAN_VALUE = 16384.0  # of the median depth where the unit is unknown: a quarter of 16 bits
 
 
 def cloud(
@@ -62,10 +62,10 @@ def write_colmap(
     points: FloatArray,  # [N, 3]
     colours: ByteArray,  # [N, 3]
 ) -> None:
-    """A COLMAP model, binary and, beside it, as text: one pinhole camera, a pose for every image, the points.
+    """A COLMAP model as binary and as text files: one pinhole camera, a pose for every image, the points.
 
-    COLMAP's principal point counts from the image's corner, half a pixel beside ours. Points have no tracks: they
-    come from dense depth, not from matched features.
+    COLMAP's pixel coordinates start at the image's corner, ours at the first pixel's centre: its principal point is
+    0.5 larger. Points have no tracks: they come from dense depth, not from matched features.
     """
     import pycolmap
 
@@ -92,7 +92,7 @@ def depth_scale(
     known = np.isfinite(depths) & (depths > 0)
     if is_metric or not known.any():
         return METRIC_SCALE
-    return float(USED_VALUES / np.median(depths[known]))
+    return float(MEDIAN_VALUE / np.median(depths[known]))
 
 
 def write_depth(path: Path, depth: FloatArray, scale: float) -> None:
@@ -103,14 +103,6 @@ def write_depth(path: Path, depth: FloatArray, scale: float) -> None:
     values = np.clip(np.rint(np.where(depth > 0, depth, 0) * scale), 1, FARTHEST_VALUE)
     values = np.where(depth > 0, values, 0).astype(np.uint16)
     path.write_bytes(cv2.imencode(".png", values)[1].tobytes())
-
-
-def read_depth(path: Path, scale: float) -> FloatArray:
-    """The depth map [H, W] float32 that `write_depth` wrote; inf where it was infinitely far or beyond."""
-    values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if values is None or values.dtype != np.uint16 or values.ndim != 2:
-        raise BadData(f"{path} is not a depth map: expected a grey PNG of 16 bits")
-    return np.where(values == FARTHEST_VALUE, np.inf, values / scale).astype(np.float32)
 
 
 def _point_cloud(points: FloatArray, colours: ByteArray) -> Any:  # open3d.geometry.PointCloud

@@ -1,7 +1,7 @@
-"""Images side by side: OpenCV and numpy let other threads work while they do, so that each core takes an image.
+"""Work on several images at once, in threads: OpenCV and numpy release the GIL, so each core takes an image.
 
-Linear algebra on small matrices gains nothing from more threads, and loses by them: those of OpenBLAS wait for the next
-product with the processor busy, for some hundredths of a second after each, and hold the cores that others need.
+BLAS gains nothing from more threads on small matrices: OpenBLAS's threads wait busily for the next product, for some
+hundredths of a second, and hold the cores that other threads need.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from threadpoolctl import ThreadpoolController
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-Given = ParamSpec("Given")
+Parameters = ParamSpec("Parameters")
 
 
 def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
-    """The results in the order of the tasks; the work must not start compiled code that is parallel itself.
+    """The results in the order of the tasks; the work must not call parallel compiled code (numba's prange).
 
-    Whoever asks works, too, beside helpers that wait from one call to the next. After an error no task is begun.
+    The calling thread works beside those of a pool, so that nested calls cannot deadlock. After an error no further
+    task is started.
     """
     todo = list(tasks)
     results: list[Any] = [None] * len(todo)
@@ -34,39 +35,36 @@ def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[
             for number in numbers:
                 results[number] = work(todo[number])
         except BaseException:
-            for _ in numbers:
-                pass
+            list(numbers)  # leaves none for the other threads
             raise
 
-    num_helpers = max(0, min(numba.get_num_threads(), len(todo)) - 1)
-    helpers = [_helpers(os.getpid()).submit(work_on) for _ in range(num_helpers)]
+    num_others = max(0, min(numba.get_num_threads(), len(todo)) - 1)
+    others = [_pool(os.getpid()).submit(work_on) for _ in range(num_others)]
     try:
         work_on()
     finally:
-        begun = [helper for helper in helpers if not helper.cancel()]  # others may keep all helpers busy
-        wait(begun)
-    for helper in begun:
-        helper.result()
+        started = [other for other in others if not other.cancel()]  # the pool may be busy with other calls
+        wait(started)
+    for other in started:
+        other.result()
     return results
 
 
 @functools.cache
-def _helpers(process: int) -> ThreadPoolExecutor:
-    """Threads of this process; a fork of it needs its own."""
+def _pool(process: int) -> ThreadPoolExecutor:
+    """The threads of this process; a fork of it needs its own."""
     return ThreadPoolExecutor(os.cpu_count())
 
 
-def single_threaded_blas(work: Callable[Given, Result]) -> Callable[Given, Result]:
-    """The same work, with linear algebra kept to one thread meanwhile (in the whole process)."""
+def single_threaded_blas(work: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """The same function with BLAS limited to one thread while it runs (in the whole process)."""
 
     @functools.wraps(work)
-    def alone(*given: Given.args, **named: Given.kwargs) -> Result:
+    def limited(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
         with _libraries().limit(limits=1, user_api="blas"):
-            return work(*given, **named)
+            return work(*args, **kwargs)
 
-    return alone
+    return limited
 
 
-@functools.cache
-def _libraries() -> ThreadpoolController:
-    return ThreadpoolController()
+_libraries = functools.cache(ThreadpoolController)

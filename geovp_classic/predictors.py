@@ -1,10 +1,11 @@
-"""Whole predictors: geometry (a pose source and a renderer meet here, and only here), the last frame, recordings."""
+"""Frame predictors: a pose source with a renderer (they meet only here), the last frame, recorded predictions."""
 
 from __future__ import annotations
 
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,10 +19,10 @@ VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
 
 @dataclass(frozen=True)
 class GeometricPredictor:
-    """Where the camera will be, by a pose source, and what it sees there, by a renderer.
+    """A pose source says where the camera will be, and a renderer shows the scene from there.
 
-    `predict` is its three steps in a row; who predicts often keeps their results: motions per pose source, scenes per
-    past.
+    `predict` runs three steps; a caller with many predictors runs them one by one and caches their results: a motion
+    per pose source, a scene per past.
     """
 
     pose_source: PoseSource
@@ -29,7 +30,7 @@ class GeometricPredictor:
 
     @property
     def needs(self) -> Grant:
-        """What the two parts need; each part sees only its own share."""
+        """The needs of both parts; each part is shown only what it needs itself."""
         return self.pose_source.needs | self.renderer.needs
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
@@ -38,16 +39,16 @@ class GeometricPredictor:
         return show(self.reconstruct(context, motion.past), motion, context)
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The first step: the motion."""
+        """Step 1: the motion."""
         return self.pose_source.estimate(context.only(self.pose_source.needs), num_samples)
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
-        """The second step: the scene, which depends on the past alone."""
+        """Step 2: the scene, which depends on the past alone."""
         return self.renderer.reconstruct(context.only(self.renderer.needs), past)
 
 
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
-    """The third step: the scene seen from every sampled future of the motion, at the times to predict."""
+    """Step 3: the views of the scene from every sampled future of the motion, at the future times."""
     times_s = context.times_s[context.num_past :]
     samples = [scene.view(future, times_s, context.intrinsics) for future in motion.futures]
     covered = np.stack([views.covered for views in samples])
@@ -56,12 +57,9 @@ def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
 
 @dataclass(frozen=True)
 class CopyLast:
-    """The last observed frame, again and again."""
+    """The last observed frame, repeated."""
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing but the frames."""
-        return Grant.NONE
+    needs: ClassVar[Grant] = Grant.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """The last frame F times, one sample."""
@@ -81,17 +79,13 @@ class Recorded:
     path: Path
     poses: Path | None = None
     poses_are_metric: bool = True
+    needs: ClassVar[Grant] = Grant.NONE
 
     def __post_init__(self) -> None:
         """Raise BadData when a folder is missing."""
         for folder in filter(None, (self.path, self.poses)):
             if not folder.is_dir():
                 raise BadData(f"{folder} is not a folder: give the one that holds a prediction for every clip")
-
-    @property
-    def needs(self) -> Grant:
-        """Nothing but the clip's name."""
-        return Grant.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """The recorded frames; BadData names a file that is missing or has other sizes than the clip."""
@@ -113,11 +107,13 @@ class Recorded:
             raise BadData("a recorded prediction is found by the clip's name, and this clip has none")
         candidates = [self.path / f"{name}{suffix}" for suffix in (".npz", *VIDEO_SUFFIXES, "")]
         found = [path for path in candidates if path.exists()]
-        if len(found) == 1:
-            return found[0]
-        if found:
+        if not found:
+            raise BadData(
+                f"{self.path / name} is missing, as .npz, video or folder of images: predict this clip as well"
+            )
+        if len(found) > 1:
             raise BadData(f"{found[0]} and {found[1]} both hold predictions of clip {name}: keep one")
-        raise BadData(f"{self.path / name} is missing, as .npz, video or folder of images: predict this clip as well")
+        return found[0]
 
     def _motion(self, path: Path, context: Context) -> Motion:
         if not path.is_file():
@@ -125,9 +121,9 @@ class Recorded:
         whole = pose_files.read_trajectory(path, context.times_s, is_metric=self.poses_are_metric)
         if len(whole) != len(context.times_s):
             raise BadData(f"{path}: {len(whole)} poses, expected {len(context.times_s)}, one per past and future frame")
-        past, num_past = whole.world_from_cam[: context.num_past], context.num_past
-        trajectory = Trajectory(past, context.times_s[:num_past], self.poses_are_metric)
-        return Motion(trajectory, whole.world_from_cam[None, num_past:], np.ones(num_past, dtype=bool))
+        num_past, poses = context.num_past, whole.world_from_cam
+        past = Trajectory(poses[:num_past], context.times_s[:num_past], self.poses_are_metric)
+        return Motion(past, poses[None, num_past:], np.ones(num_past, dtype=bool))
 
 
 def _read_npz(path: Path) -> tuple[ByteArray, BoolArray | None]:
@@ -153,6 +149,6 @@ def _read_images(path: Path) -> ByteArray:
 def _stack(path: Path, images: list[ByteArray]) -> ByteArray:
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
-        told = " and ".join(map(str, sorted(shapes))) or "nothing"
-        raise BadData(f"{path} holds {told}, expected images of one size, as many in every sample")
+        message = " and ".join(map(str, sorted(shapes))) or "nothing"
+        raise BadData(f"{path} holds {message}, expected images of one size, as many in every sample")
     return np.stack(images)

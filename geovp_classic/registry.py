@@ -1,10 +1,11 @@
-"""One door for every component, ours or a plug-in's: a name and settings in, a checked component out, and back.
+"""Build components, ours or a plug-in's, from a name and settings, and describe them as such a table again.
 
 Components register under entry-point groups `geovp.<role>` and are imported only when asked for by name.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import functools
@@ -18,21 +19,6 @@ from typing import Any
 from geovp_classic import interfaces
 from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
 
-ROLES = (
-    "pose_sources",
-    "pose_refinements",
-    "odometries",
-    "forecasters",
-    "scales",
-    "depth_sources",
-    "renderers",
-    "fills",
-    "predictors",
-    "frame_metrics",
-    "trajectory_metrics",
-    "datasets",
-    "executors",
-)
 PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
     "pose_refinements": interfaces.PoseRefinement,
@@ -47,14 +33,9 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
     "trajectory_metrics": interfaces.TrajectoryMetric,
     "datasets": interfaces.Dataset,
 }
-NO_PART = "none"  # what TOML has in place of None: a part that is left out
-EXTRA_OF_MODULE = {
-    "torch": "learned",
-    "safetensors": "learned",
-    "lightning": "learned",
-    "dask": "cluster",
-    "rerun": "viz",
-}
+ROLES = (*PROTOCOL_OF_ROLE, "executors")
+NO_PART = "none"  # TOML has no None: this leaves a part out
+EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster", "rerun": "viz"}
 
 
 def names(role: str) -> list[str]:
@@ -80,7 +61,7 @@ def load(role: str, name: str) -> type:
 
 
 def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:
-    """The component of {"name": ..., **fields}; fields that are components themselves are built from nested tables.
+    """The component of {"name": ..., **fields}; fields that are components are built from nested tables.
 
     `where` names the place in the user's file for messages. Raises UnknownComponent, MissingExtra or BadData.
     """
@@ -121,18 +102,17 @@ def describe(component: Any) -> dict[str, Any]:
 
 
 def _settings(owner: Any) -> dict[str, Any]:
-    """The fields of a dataclass as plain values; None is told where it is not the default."""
-    told = {f.name: _plain(getattr(owner, f.name)) for f in dataclasses.fields(owner) if f.init}
-    left_out = {f.name for f in dataclasses.fields(owner) if f.default is not None}
+    """The fields of a dataclass as plain values; a None that is the default is left out."""
+    values = [(field, _plain(getattr(owner, field.name))) for field in dataclasses.fields(owner) if field.init]
     return {
-        name: NO_PART if value is None else value
-        for name, value in told.items()
-        if value is not None or name in left_out
+        field.name: NO_PART if value is None else value
+        for field, value in values
+        if value is not None or field.default is not None
     }
 
 
 def name_of(component: Any) -> str:
-    """The registered name of a component's class; UnknownComponent when it came by another door."""
+    """The registered name of a component's class; UnknownComponent when it has none."""
     kind = type(component)
     wanted = f"{kind.__module__}:{kind.__qualname__}"
     for role in ROLES:
@@ -146,9 +126,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """A tail for a message: the nearest known word, or all of them."""
     known = sorted(known)
     close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    if close:
-        return f": did you mean {close[0]!r}?"
-    return f": known are {', '.join(known) or 'none'}"
+    return f": did you mean {close[0]!r}?" if close else f": known are {', '.join(known) or 'none'}"
 
 
 @functools.cache
@@ -189,9 +167,7 @@ def _value(value: Any, wanted: Any, where: str) -> Any:
     """A TOML value as the field's type; BadData when it is of another type."""
     origin = typing.get_origin(wanted)
     if origin in (typing.Union, types.UnionType):
-        if value == NO_PART and type(None) in typing.get_args(wanted):
-            return None
-        return _first_that_fits(value, typing.get_args(wanted), where)
+        return _optional(value, typing.get_args(wanted), where)
     role = next((role for role, protocol in PROTOCOL_OF_ROLE.items() if protocol is wanted), None)
     if role is not None:
         return build(role, value, where)
@@ -209,7 +185,7 @@ def _value(value: Any, wanted: Any, where: str) -> Any:
         return float(value)
     if isinstance(wanted, type) and isinstance(value, wanted) and isinstance(value, bool) == (wanted is bool):
         return value
-    raise BadData(f"{where} is {value!r}, expected {_say(wanted)}")
+    raise BadData(f"{where} is {value!r}, expected {_type_name(wanted)}")
 
 
 def _tuple(values: Iterable[Any], kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
@@ -221,16 +197,17 @@ def _tuple(values: Iterable[Any], kinds: tuple[Any, ...], where: str) -> tuple[A
     return tuple(_value(v, kind, f"{where}[{i}]") for i, (v, kind) in enumerate(zip(values, kinds, strict=True)))
 
 
-def _first_that_fits(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
-    kinds = tuple(kind for kind in kinds if kind is not type(None))
-    for kind in kinds[:-1]:
-        try:
+def _optional(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
+    """The value as the first of several types that accepts it; the last one's error when none does."""
+    if value == NO_PART and type(None) in kinds:
+        return None
+    *others, last = (kind for kind in kinds if kind is not type(None))
+    for kind in others:
+        with contextlib.suppress(BadData):
             return _value(value, kind, where)
-        except BadData:
-            continue
-    return _value(value, kinds[-1], where)
+    return _value(value, last, where)
 
 
-def _say(wanted: Any) -> str:
+def _type_name(wanted: Any) -> str:
     plain = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", pathlib.Path: "a path"}
     return plain.get(wanted, str(getattr(wanted, "__name__", wanted)))

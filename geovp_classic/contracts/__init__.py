@@ -1,4 +1,4 @@
-"""Checks that any component, ours or a plug-in's, can be put through: `check(role, component)` says what it breaks."""
+"""Contract tests for any component, ours or a plug-in's: `check(role, component)` lists the promises it breaks."""
 
 from geovp_classic.contracts.checks import Finding, check
 

@@ -1,4 +1,4 @@
-"""A small clip for trying components out: a drive between two walls, drawn exactly and in no time."""
+"""A small test clip: a drive between two walls, ray-traced exactly in milliseconds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HALF_WIDTH_M = 5.0
 BASELINE_M = 0.5
 CAMERA = Intrinsics(150.0, 150.0, 63.5, 63.5, 128, 128)
 WIDE = CAMERA.cropped(-32, 0, 192, 128)
-START = se3.exp(np.array([3.0, -2.0, 7.0, 0.1, -0.4, 0.2]))  # nobody may take the first pose for the identity
+START = se3.exp(np.array([3.0, -2.0, 7.0, 0.1, -0.4, 0.2]))  # so that the first pose is not the identity
 WAVES = np.random.default_rng(20).uniform(-1, 1, (9, 4))  # direction and phase
 
 
@@ -24,7 +24,7 @@ def clip(num_frames: int = 10, step_m: float = 0.5) -> Clip:
     start_from_cam = se3.exp(np.outer(np.arange(num_frames) * step_m, [0.0, 0.0, 1.0, 0.002, 0.02, 0.0]))
     start_from_right = start_from_cam @ se3.compose(np.eye(3), np.array([BASELINE_M, 0.0, 0.0]))
     times_s = 20.0 + 0.1 * np.arange(num_frames)
-    frames, depths = _film(start_from_cam, CAMERA)
+    frames, depths = _render(start_from_cam, CAMERA)
     right_from_cam = se3.compose(np.eye(3), np.array([-BASELINE_M, 0.0, 0.0]))
     return Clip(
         name="contract/street",
@@ -34,18 +34,18 @@ def clip(num_frames: int = 10, step_m: float = 0.5) -> Clip:
         trajectory=Trajectory(START @ start_from_cam, times_s, is_metric=True),
         depths=depths,
         moving=np.zeros(depths.shape, dtype=bool),
-        wide=ExtraView(_film(start_from_cam, WIDE)[0], WIDE, np.eye(4)),
-        right=ExtraView(_film(start_from_right, WIDE)[0], WIDE, right_from_cam),
+        wide=ExtraView(_render(start_from_cam, WIDE)[0], WIDE, np.eye(4)),
+        right=ExtraView(_render(start_from_right, WIDE)[0], WIDE, right_from_cam),
         camera_height_m=CAMERA_HEIGHT_M,
     )
 
 
-def _film(start_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, FloatArray]:
-    frames, depths = zip(*(_draw(pose, camera) for pose in start_from_cam), strict=True)
+def _render(start_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, FloatArray]:
+    frames, depths = zip(*(_ray_trace(pose, camera) for pose in start_from_cam), strict=True)
     return np.stack(frames), np.stack(depths)
 
 
-def _draw(start_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, FloatArray]:
+def _ray_trace(start_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, FloatArray]:
     """Image [H, W, 3] and depth [H, W]: every ray meets the road, a wall 6 m high, or the sky."""
     rays, eye = pinhole.rays(camera) @ start_from_cam[:3, :3].T, start_from_cam[:3, 3]
     with np.errstate(divide="ignore"):

@@ -1,6 +1,6 @@
-"""Look through a KITTI folder and list everything that is there and everything that is wrong, by file and line.
+"""Check a KITTI folder: list everything that is there and everything that is wrong, by file and line.
 
-Unlike the loader, which stops at the first error of what it needs, this reads on: every sequence, camera and pose.
+The loader stops at the first error of what it needs; the doctor reads every sequence, camera and pose.
 """
 
 from __future__ import annotations
@@ -15,73 +15,42 @@ from geovp_classic.data import kitti_layout, pose_files, splits
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import image_size, scan_numbered
 from geovp_classic.data.pose_files import IndexArray, PoseTable
+from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
-MAX_SPEED_M_S = 60.0  # 216 km/h: no car of KITTI came near it (26 m/s at most)
+MAX_SPEED_M_S = 60.0  # 216 km/h; 26 m/s at most in KITTI
 MAX_TURN_DEG = 20.0  # between two frames; 5 degrees at most in KITTI
 MAX_STEP_RATIO = 1.8  # a longer time step, in medians, is a dropped frame
 PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the image's width and height
 
 
 @dataclass(frozen=True)
-class CameraSummary:
-    """What one image_K holds."""
+class Camera:
+    """The contents of one folder image_K."""
 
-    camera: int
+    number: int
     num_frames: int
     sizes_px: tuple[tuple[int, int], ...]  # every (width, height) that occurs
 
 
 @dataclass(frozen=True)
-class SequenceSummary:
-    """What one sequence holds; its findings are in the examination."""
-
-    name: str
-    cameras: tuple[CameraSummary, ...]
-    calibrated: tuple[int, ...]  # the cameras that calib.txt describes
-    num_times: int
-    duration_s: float
-    num_poses: int | None  # good ones; None without a pose file
-    length_m: float  # of the way driven, as the poses say
-    num_errors: int
-    num_warnings: int
-
-    def cells(self) -> dict[str, str]:
-        """The row of a table, by column."""
-        sizes = sorted({size_px for camera in self.cameras for size_px in camera.sizes_px})
-        return {
-            "sequence": self.name,
-            "frames": ", ".join(f"image_{camera.camera}: {camera.num_frames}" for camera in self.cameras) or "none",
-            "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes) or "-",
-            "calibrated": ", ".join(f"P{camera}" for camera in self.calibrated) or "none",
-            "times": str(self.num_times),
-            "duration_s": f"{self.duration_s:.1f}",
-            "poses": "none" if self.num_poses is None else str(self.num_poses),
-            "length_m": "-" if self.num_poses is None else f"{self.length_m:.0f}",
-            "errors": str(self.num_errors),
-            "warnings": str(self.num_warnings),
-        }
-
-
-@dataclass(frozen=True)
 class Examination:
-    """All that was found under a root."""
+    """The contents of a root, and its findings."""
 
-    root: Path
-    sequences: tuple[SequenceSummary, ...]
+    rows: tuple[dict[str, str], ...]  # a table row for every sequence, by column
     findings: tuple[Finding, ...]  # sequence by sequence
     usable_splits: tuple[str, ...]  # the named splits whose frames are all here
 
     @property
     def is_sound(self) -> bool:
-        """Whether nothing stops a loader; there may be warnings and notes."""
+        """Whether there is no error; there may be warnings and notes."""
         return not any(finding.severity == "error" for finding in self.findings)
 
 
 def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter) -> Examination:
-    """Everything under a root; headers and ends of images are read, with `deep` every image is decoded as well.
+    """Everything under a root; headers and ends of images are read, with `deep` every image is decoded.
 
     The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does). BadData only when the
     root holds no sequences at all.
@@ -89,86 +58,84 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
     names = kitti_layout.sequence_names(root)
     if not names:
         raise BadData(f"{root / 'sequences'} holds no sequence: expected folders such as 00 with image_2, calib.txt")
-    summaries, findings = [], []
+    rows, findings, num_frames = [], [], {}
     for name in watch(names):
-        summary, found = _sequence(root, name, deep)
-        summaries.append(summary)
+        found: list[Finding] = []
+        row, num_frames[name] = _sequence(root, name, deep, found)
+        rows.append(row)
         findings += found
-    findings += _orphaned_poses(root, names)
-    return Examination(root, tuple(summaries), tuple(findings), _usable_splits(summaries))
+    for path in sorted((root / "poses").glob("*.txt")):
+        if path.stem not in names:
+            message = f"there is no sequence {path.stem!r} with images for these poses"
+            findings.append(Finding(path, None, "note", message))
+    return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
 
 
-def _sequence(root: Path, name: str, deep: bool) -> tuple[SequenceSummary, list[Finding]]:
-    folder = kitti_layout.sequence_folder(root, name)
-    findings: list[Finding] = []
-    seen = [_camera(folder, camera, deep, findings) for camera in kitti_layout.cameras(folder)]
-    if not seen:
-        findings.append(error(folder, None, "holds no images: expected a folder image_0, image_1, image_2 or image_3"))
-    calibrated = _calibration(folder / "calib.txt", seen, findings)
-    num_frames = max((camera.num_frames for camera in seen), default=0)
-    findings += _uneven(folder, seen)
-    times_s = _times(folder / "times.txt", num_frames, findings)
-    table = _poses(kitti_layout.pose_path(root, name), num_frames, times_s, findings)
-    summary = SequenceSummary(
-        name=name,
-        cameras=tuple(seen),
-        calibrated=calibrated,
-        num_times=len(times_s),
-        duration_s=float(times_s[-1] - times_s[0]) if len(times_s) else 0.0,
-        num_poses=None if table is None else len(table.lines),
-        length_m=0.0 if table is None else float(_steps(table).sum()),
-        num_errors=sum(finding.severity == "error" for finding in findings),
-        num_warnings=sum(finding.severity == "warning" for finding in findings),
-    )
-    return summary, findings
+def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
+    """The table row of a sequence, and the number of frames that all its cameras have."""
+    folder = root / "sequences" / name
+    cameras = [_camera(folder, camera, deep, findings) for camera in kitti_layout.cameras(folder)]
+    if not cameras:
+        findings.append(error(folder, None, kitti_layout.NO_IMAGES))
+    calibrated = _calibration(folder / "calib.txt", cameras, findings)
+    counts = {camera.num_frames for camera in cameras} or {0}
+    if len(counts) > 1:
+        message = ", ".join(f"image_{camera.number} has {camera.num_frames}" for camera in cameras)
+        findings.append(error(folder, None, f"cameras have different numbers of frames: {message}"))
+    times_s = _times(folder / "times.txt", max(counts), findings)
+    table = _poses(root / "poses" / f"{name}.txt", max(counts), times_s, findings)
+    sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
+    row = {
+        "sequence": name,
+        "frames": ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none",
+        "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes_px) or "-",
+        "calibrated": ", ".join(f"P{camera}" for camera in calibrated) or "none",
+        "times": str(len(times_s)),
+        "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
+        "poses": "none" if table is None else str(len(table.lines)),
+        "length_m": "-" if table is None else f"{_steps(table).sum():.0f}",
+        "errors": str(sum(finding.severity == "error" for finding in findings)),
+        "warnings": str(sum(finding.severity == "warning" for finding in findings)),
+    }
+    return row, min(counts)
 
 
-def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> CameraSummary:
+def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> Camera:
     """The images of one camera: numbering, sizes, damage."""
     paths, found = scan_numbered(folder / f"image_{camera}")
     findings += found
-    sizes_px: dict[tuple[int, int], int] = {}
+    sizes_px: list[tuple[int, int]] = []
     for path in paths:
         try:
             size_px = image_size(path, deep=deep)
         except BadData as problem:
             findings.append(error(path, None, str(problem).removeprefix(f"{path} ")))
             continue
-        if sizes_px and size_px not in sizes_px:
-            first = next(iter(sizes_px))
-            told = f"is {size_px[0]}x{size_px[1]} pixels, but those before are {first[0]}x{first[1]}"
-            findings.append(error(path, None, told))
-        sizes_px[size_px] = sizes_px.get(size_px, 0) + 1
-    return CameraSummary(camera, len(paths), tuple(sizes_px))
+        if size_px not in sizes_px:
+            sizes_px.append(size_px)
+            if len(sizes_px) > 1:
+                (width_px, height_px), first = size_px, sizes_px[0]
+                message = f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
+                findings.append(error(path, None, message))
+    return Camera(camera, len(paths), tuple(sizes_px))
 
 
-def _calibration(path: Path, seen: list[CameraSummary], findings: list[Finding]) -> tuple[int, ...]:
-    """Whether every camera with images has a projection that fits them."""
+def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> tuple[int, ...]:
+    """The cameras with a projection; each camera with images must have one that fits them."""
     projections, found = kitti_layout.scan_calibration(path)
     findings += found
-    for camera in seen:
-        if camera.camera not in projections:
-            if not found:
-                findings.append(kitti_layout.missing_projection(path, camera.camera))
+    for camera in cameras:
+        projection = projections.get(camera.number)
+        if projection is None:
+            findings += [] if found else [kitti_layout.missing_projection(path, camera.number)]
             continue
-        projection = projections[camera.camera]
-        for width_px, height_px in camera.sizes_px[:1]:
-            at = projection.matrix[0, 2] / width_px, projection.matrix[1, 2] / height_px
-            if not all(PRINCIPAL_POINT_RANGE[0] < part < PRINCIPAL_POINT_RANGE[1] for part in at):
-                told = (
-                    f"P{camera.camera} puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
-                )
-                hint = f"of {width_px}x{height_px} images: were they resized or cropped without it?"
-                findings.append(Finding(path, projection.line, "warning", f"{told} {hint}"))
+        for size_px in camera.sizes_px[:1]:
+            at = projection.matrix[:2, 2] / size_px
+            if not ((at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])).all():
+                message = f"puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+                hint = f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
+                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} {message} {hint}"))
     return tuple(sorted(projections))
-
-
-def _uneven(folder: Path, seen: list[CameraSummary]) -> list[Finding]:
-    counts = {camera.num_frames for camera in seen}
-    if len(counts) < 2:
-        return []
-    told = ", ".join(f"image_{camera.camera} has {camera.num_frames}" for camera in seen)
-    return [error(folder, None, f"cameras have different numbers of frames: {told}")]
 
 
 def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
@@ -181,16 +148,15 @@ def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
     steps_s = np.diff(times_s) / np.diff(numbers)
     usual_s = np.median(steps_s) if len(steps_s) else 0.0
     for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * usual_s):
-        told = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
-        findings.append(Finding(path, lines[step + 1], "warning", told))
+        message = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
+        findings.append(Finding(path, lines[step + 1], "warning", message))
     return times_s
 
 
 def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]) -> PoseTable | None:
     if not path.exists():
-        findings.append(
-            Finding(path, None, "note", "does not exist: the sequence serves for prediction without ground truth")
-        )
+        message = "does not exist: the sequence serves for prediction without ground truth"
+        findings.append(Finding(path, None, "note", message))
         return None
     table, found = pose_files.scan_kitti(path)
     findings += found
@@ -208,11 +174,11 @@ def _jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Findin
     earlier, later = table.world_from_cam[:-1], table.world_from_cam[1:]
     turn_deg = np.degrees(se3.rotation_angle_rad(se3.inverse(earlier) @ later)) if len(later) else speed_m_s
     for step in np.flatnonzero(speed_m_s > MAX_SPEED_M_S):
-        told = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
-        yield Finding(path, table.lines[step + 1], "warning", told)
+        message = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
+        yield Finding(path, table.lines[step + 1], "warning", message)
     for step in np.flatnonzero(turn_deg > MAX_TURN_DEG):
-        told = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
-        yield Finding(path, table.lines[step + 1], "warning", told)
+        message = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
+        yield Finding(path, table.lines[step + 1], "warning", message)
 
 
 def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[IndexArray, int]:
@@ -222,24 +188,15 @@ def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[
 
 
 def _steps(table: PoseTable) -> FloatArray:
-    """The way between one pose and the next [N - 1], in metres."""
+    """The distance from each pose to the next [N - 1], in metres."""
     steps_m: FloatArray = np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
     return steps_m
 
 
-def _orphaned_poses(root: Path, names: list[str]) -> Iterator[Finding]:
-    for path in sorted((root / "poses").glob("*.txt")):
-        if path.stem not in names:
-            yield Finding(path, None, "note", f"there is no sequence {path.stem!r} with images for these poses")
+def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:
+    """The named splits whose frames are all among the sequences' first `num_frames`."""
 
+    def is_here(frames: FrameRange) -> bool:
+        return num_frames.get(frames.sequence, 0) >= max(frames.last or 1, frames.first + 1)
 
-def _usable_splits(summaries: list[SequenceSummary]) -> tuple[str, ...]:
-    num_frames = {
-        summary.name: min((camera.num_frames for camera in summary.cameras), default=0) for summary in summaries
-    }
-    usable = []
-    for name in splits.names():
-        ranges = splits.load(name).ranges
-        if all(num_frames.get(frames.sequence, 0) >= max(frames.last or 1, frames.first + 1) for frames in ranges):
-            usable.append(name)
-    return tuple(usable)
+    return tuple(name for name in splits.names() if all(map(is_here, splits.load(name))))

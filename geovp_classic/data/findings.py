@@ -1,4 +1,4 @@
-"""One thing that is wrong, or worth knowing, about a file: loaders raise the first, the doctor lists them all."""
+"""Findings about files: a loader raises the first error, the doctor lists all of them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from typing import Literal
 
 from geovp_classic.errors import BadData
 
-Severity = Literal["error", "warning", "note"]
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -18,11 +16,11 @@ class Finding:
 
     path: Path
     line: int | None  # the first line of a file is 1
-    severity: Severity
+    severity: Literal["error", "warning", "note"]
     message: str
 
     def __str__(self) -> str:
-        """The file, the line where there is one, and what is the matter."""
+        """The file, the line if there is one, and the message."""
         return f"{self.path} line {self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
 
 
@@ -32,7 +30,7 @@ def error(path: Path, line: int | None, message: str) -> Finding:
 
 
 def raise_first(findings: Iterable[Finding]) -> None:
-    """BadData of the first error, if there is one."""
+    """Raise BadData for the first error, if there is one."""
     for finding in findings:
         if finding.severity == "error":
             raise BadData(str(finding))

@@ -11,15 +11,7 @@ from typing import Any
 import numpy as np
 
 from geovp_classic.data import pose_files, windows
-from geovp_classic.data.frames import (
-    FrameFiles,
-    FrameMemory,
-    FrameReader,
-    Remembered,
-    VideoFrames,
-    image_files,
-    read_image,
-)
+from geovp_classic.data.frames import FrameCache, FrameFiles, FrameReader, VideoFrames, image_files, read_image
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, FloatArray, Intrinsics, Trajectory
@@ -68,7 +60,7 @@ class Folder:
 
     @property
     def name(self) -> str:
-        """What the results call it: the folder's or the video's own name."""
+        """The data set's name in results: that of the folder or the video."""
         path = self.path.resolve()
         return path.name if path.is_dir() else path.stem
 
@@ -109,13 +101,13 @@ class Folder:
         """The frames, their size, and their rate in Hz where it is known."""
         if self.path.is_file():
             video = VideoFrames.open(self.path)
-            return Remembered(video, FrameMemory(video.read)), video.size_px, video.rate_hz
+            return video, video.size_px, video.rate_hz
         if not self.path.is_dir():
             raise BadData(f"{self.path} does not exist: give a folder of images or a video file")
         paths = tuple(image_files(self.path))
         if not paths:
             raise BadData(f"{self.path} holds no images (png, jpg, webp, bmp, tif, ppm, jp2)")
-        load = FrameMemory(read_image)
+        load = FrameCache(read_image)
         height_px, width_px = load(paths[0]).shape[:2]
         return FrameFiles(paths, (width_px, height_px), load), (width_px, height_px), FOLDER_RATE_HZ
 
@@ -130,28 +122,21 @@ class Folder:
 
     def _timed(self, num_frames: int, rate_hz: float | None) -> tuple[Trajectory | None, FloatArray]:
         """The trajectory, if there is one, and the times of all frames."""
-        times_s = self._given_times(num_frames)
+        times_s = None if self.times is None else pose_files.read_times(self.times)
+        if times_s is not None and len(times_s) != num_frames:
+            raise BadData(f"{self.times}: {len(times_s)} times for {num_frames} frames, expected one each")
+        has_own_times = self.trajectory is not None and pose_files.has_times(self.trajectory)
+        if times_s is None and (self.frame_rate_hz is not None or not has_own_times):
+            rate_hz = self.frame_rate_hz or rate_hz
+            if rate_hz is None:
+                raise BadData(f"{self.path} does not say how many frames a second it has: give frame_rate_hz")
+            times_s = np.arange(num_frames) / rate_hz
         if self.trajectory is None:
-            return None, self._regular(num_frames, rate_hz) if times_s is None else times_s
-        if times_s is None and not pose_files.has_times(self.trajectory):
-            times_s = self._regular(num_frames, rate_hz)
+            assert times_s is not None
+            return None, times_s
         trajectory = pose_files.read_trajectory(self.trajectory, times_s, is_metric=self.is_metric)
         if len(trajectory) != num_frames:
             raise BadData(f"{self.trajectory}: {len(trajectory)} poses for {num_frames} frames, expected one each")
         if times_s is not None:
             trajectory = Trajectory(trajectory.world_from_cam, times_s, self.is_metric)
         return trajectory, trajectory.times_s
-
-    def _given_times(self, num_frames: int) -> FloatArray | None:
-        """What the user says about times, None for nothing."""
-        if self.times is None:
-            return None if self.frame_rate_hz is None else self._regular(num_frames, self.frame_rate_hz)
-        times_s = pose_files.read_times(self.times)
-        if len(times_s) != num_frames:
-            raise BadData(f"{self.times}: {len(times_s)} times for {num_frames} frames, expected one each")
-        return times_s
-
-    def _regular(self, num_frames: int, rate_hz: float | None) -> FloatArray:
-        if rate_hz is None:
-            raise BadData(f"{self.path} does not say how many frames a second it has: give frame_rate_hz")
-        return np.arange(num_frames) / rate_hz

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import mmap
+import io
 import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import cv2
 import numpy as np
+from PIL import Image
 
-from geovp_classic.data import image_headers
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"})
-MEMORY_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
+CACHE_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
+LAST_BYTES = {"PNG": b"IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "MPO": b"\xff\xd9"}  # by Pillow's name of the format
+TAIL_BYTES = 4096  # where the last bytes are looked for first
 
 
 class FrameReader(Protocol):
@@ -36,12 +38,12 @@ class FrameReader(Protocol):
 
 
 def read_image(path: Path) -> ByteArray:
-    """The image [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is not a whole one."""
+    """The image [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is damaged."""
     try:
         data = path.read_bytes()
     except OSError as problem:
         raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
-    _inspected(path, data)
+    _header_size(path, io.BytesIO(data))
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         raise BadData(f"{path} cannot be decoded as an image: restore the file")
@@ -49,29 +51,33 @@ def read_image(path: Path) -> ByteArray:
 
 
 def image_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
-    """(width, height) from the header, or of the decoded image when `deep` or the format's header is not known.
+    """(width, height) from the header, or of the decoded image when `deep`.
 
-    BadData when the file is damaged; without `deep`, damage in the middle is not seen.
+    BadData when the file is damaged; without `deep`, damage in the middle is not found.
     """
+    if deep:
+        height_px, width_px = read_image(path).shape[:2]
+        return width_px, height_px
     try:
-        with path.open("rb") as file:
-            if path.stat().st_size == 0:
-                raise BadData(f"{path} is empty")
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                size_px = _inspected(path, data)
+        file = path.open("rb")
     except OSError as problem:
         raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
-    if size_px is not None and not deep:
-        return size_px
-    height_px, width_px = read_image(path).shape[:2]
-    return width_px, height_px
+    with file:
+        return _header_size(path, file)
 
 
-def _inspected(path: Path, data: image_headers.Buffer) -> tuple[int, int] | None:
+def _header_size(path: Path, file: BinaryIO) -> tuple[int, int]:
+    """(width, height); BadData when the end is missing: OpenCV 4 decodes such a file without an error, partly grey."""
     try:
-        return image_headers.inspect(data)
-    except BadData as problem:
-        raise BadData(f"{path} {problem}: restore the file") from problem
+        image = Image.open(file)
+    except (OSError, Image.DecompressionBombError) as problem:
+        raise BadData(f"{path} cannot be decoded as an image: restore the file") from problem
+    header_end, file_end = file.tell(), file.seek(0, io.SEEK_END)
+    for start in (max(header_end, file_end - TAIL_BYTES), header_end):  # a phone's JPEG may be followed by a film
+        file.seek(start)
+        if LAST_BYTES.get(image.format or "", b"") in file.read():
+            return image.size
+    raise BadData(f"{path} is cut short: its end is missing: restore the file")
 
 
 @dataclass(frozen=True)
@@ -96,17 +102,43 @@ class FrameFiles:
         return image
 
 
+class FrameCache:
+    """The frames decoded last, up to a number of bytes, so that overlapping clips decode each frame once."""
+
+    def __init__(self, load: Callable[[Any], ByteArray], limit_bytes: int = CACHE_LIMIT_BYTES) -> None:
+        """Cache what `load` returns for a key."""
+        self._load, self._limit_bytes, self._held_bytes = load, limit_bytes, 0
+        self._frames: OrderedDict[Any, ByteArray] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(self, key: Any) -> ByteArray:
+        """The frame of a key, decoded only when it is not in the cache; read-only, because it is shared."""
+        with self._lock:
+            if key in self._frames:
+                self._frames.move_to_end(key)
+                return self._frames[key]
+        frame = self._load(key)
+        frame.flags.writeable = False
+        with self._lock:
+            if key not in self._frames:
+                self._frames[key] = frame
+                self._held_bytes += frame.nbytes
+            while self._held_bytes > self._limit_bytes:
+                self._held_bytes -= self._frames.popitem(last=False)[1].nbytes
+        return frame
+
+
 @dataclass
 class VideoFrames:
-    """The frames of a video, counted from its start: a frame behind the last one read starts the video anew.
+    """The frames of a video, decoded from its start up to the frame that is read; the last ones are cached.
 
-    Seeking by number is not trusted, because containers lie about it.
+    Seeking by number is not used, because the index of many containers is wrong.
     """
 
     path: Path
-    count: int  # as the container says
+    count: int  # according to the container
     size_px: tuple[int, int]
-    rate_hz: float | None  # as the container says, None where it does not
+    rate_hz: float | None  # according to the container; None if unknown
     _capture: Any = field(repr=False)
     _next: int = 0
 
@@ -126,12 +158,19 @@ class VideoFrames:
         known = np.isfinite(rate_hz) and 0 < rate_hz < 1000
         return cls(path, count, size_px, rate_hz if known else None, capture)
 
+    def __post_init__(self) -> None:
+        """Start with an empty cache."""
+        self._cached = FrameCache(self._decode)
+
     def __len__(self) -> int:
         """The number of frames."""
         return self.count
 
     def read(self, index: int) -> ByteArray:
         """One frame; BadData when the video ends before it or is damaged there."""
+        return self._cached(index)
+
+    def _decode(self, index: int) -> ByteArray:
         if index < self._next:
             self._capture, self._next = cv2.VideoCapture(str(self.path)), 0
         while self._next < index and self._capture.grab():
@@ -143,85 +182,36 @@ class VideoFrames:
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
-class FrameMemory:
-    """The frames decoded last, up to a number of bytes, so that overlapping clips decode each frame once."""
-
-    def __init__(self, load: Callable[[Any], ByteArray], limit_bytes: int = MEMORY_LIMIT_BYTES) -> None:
-        """Remember what `load` returns."""
-        self._load, self._limit_bytes, self._held_bytes = load, limit_bytes, 0
-        self._frames: OrderedDict[Any, ByteArray] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def __call__(self, key: Any) -> ByteArray:
-        """The frame of a key, decoded only when it is not remembered; read-only, because it is shared."""
-        with self._lock:
-            if key in self._frames:
-                self._frames.move_to_end(key)
-                return self._frames[key]
-        frame = self._load(key)
-        frame.flags.writeable = False
-        with self._lock:
-            if key not in self._frames:
-                self._frames[key] = frame
-                self._held_bytes += frame.nbytes
-            while self._held_bytes > self._limit_bytes:
-                self._held_bytes -= self._frames.popitem(last=False)[1].nbytes
-        return frame
-
-
-@dataclass(frozen=True)
-class Remembered:
-    """A reader with a memory of its own, keyed by frame number."""
-
-    reader: FrameReader
-    memory: FrameMemory
-
-    def __len__(self) -> int:
-        """The number of frames."""
-        return len(self.reader)
-
-    def read(self, index: int) -> ByteArray:
-        """One frame."""
-        return self.memory(index)
-
-
 def image_files(folder: Path) -> list[Path]:
     """The images of a folder by name, numbers in names counted as numbers (2 before 10)."""
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
     except OSError as problem:
         raise BadData(f"{folder} cannot be listed ({problem.strerror}): give a folder of images") from problem
-    return sorted(found, key=_natural)
+    return sorted(found, key=_natural_order)
 
 
 def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
-    """The images 000000, 000001, ... of a folder, and a finding for every gap, doublet and foreign file."""
+    """The images 000000, 000001, ... of a folder, and a finding for every gap, duplicate and foreign file."""
     found: dict[int, Path] = {}
     findings = []
-    for path in sorted(folder.iterdir()):
+    for path in sorted(path for path in folder.iterdir() if not path.name.startswith(".")):
         if path.suffix.lower() not in SUFFIXES or not path.stem.isdecimal():
-            if not path.name.startswith("."):
-                findings.append(Finding(path, None, "note", "is not a numbered image and is left out"))
-        elif int(path.stem) in found:
-            findings.append(
-                error(path, None, f"is frame {int(path.stem)} as {found[int(path.stem)].name} is: keep one")
-            )
-        else:
-            found[int(path.stem)] = path
+            findings.append(Finding(path, None, "note", "is not a numbered image and is left out"))
+            continue
+        first = found.setdefault(int(path.stem), path)
+        if first is not path:
+            findings.append(error(path, None, f"is frame {int(path.stem)} as {first.name} is: keep one"))
     if not found:
         findings.append(error(folder, None, "holds no images, expected 000000.png (or jpg, webp, ...) and so on"))
-    expected = 0
-    for number in sorted(found):
-        if number > expected:
-            gap = (
-                f"frame {expected:06d} is"
-                if number == expected + 1
-                else f"frames {expected:06d} to {number - 1:06d} are"
-            )
+    numbers = sorted(found)
+    for before, number in zip([-1, *numbers], numbers, strict=False):
+        if number > before + 1:
+            one = number == before + 2
+            gap = f"frame {before + 1:06d} is" if one else f"frames {before + 1:06d} to {number - 1:06d} are"
             findings.append(error(folder, None, f"{gap} missing: frames must be numbered from 000000 without a gap"))
-        expected = number + 1
-    return tuple(found[number] for number in sorted(found)), findings
+    return tuple(found[number] for number in numbers), findings
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def _natural_order(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name) if part]

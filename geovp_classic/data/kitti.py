@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from geovp_classic.data import kitti_layout, splits, windows
-from geovp_classic.data.frames import FrameMemory, read_image
+from geovp_classic.data.frames import FrameCache, read_image
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
@@ -22,7 +23,7 @@ class Kitti:
     Either `split` (a name, or a .toml file) or `sequences` ("06", "03[180:360)") says which frames; with neither, all
     sequences are used. Without `camera`, each sequence shows image_2 if it has it, else image_0, else what it has.
     Poses are those of the camera shown, or None for a sequence without a pose file. Frames are the central square at
-    `size_px`; the uncropped ones and the right camera's come when asked for, the latter only where there are any.
+    `size_px`; `with_wide` adds the uncropped ones, `with_right` those of the right camera where there is one.
     Everything but the images is read and checked on construction.
     """
 
@@ -45,7 +46,9 @@ class Kitti:
             raise BadData(f"both split {self.split!r} and sequences {list(self.sequences)} are given: keep one of them")
         if self.camera is not None and self.camera not in kitti_layout.PREFERRED_CAMERAS:
             raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
-        windows.unique(self.clip_names)
+        for name, count in Counter(self.clip_names).items():
+            if count > 1:
+                raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
 
     def __getstate__(self) -> dict[str, Any]:
         """The settings alone, so that a copy in another process reads its own files."""
@@ -53,14 +56,13 @@ class Kitti:
 
     @property
     def name(self) -> str:
-        """What the results call it."""
+        """The data set's name in results."""
         return "kitti"
 
     @cached_property
     def ranges(self) -> tuple[FrameRange, ...]:
         """The frames that clips are cut from, every end spelled out."""
-        wanted = self._wanted
-        return tuple(frames.within(len(self.recordings[frames.sequence].frames)) for frames in wanted)
+        return tuple(frames.within(len(self.recordings[frames.sequence].frames)) for frames in self._wanted)
 
     @property
     def split_hash(self) -> str:
@@ -75,7 +77,7 @@ class Kitti:
     @cached_property
     def recordings(self) -> dict[str, Recording]:
         """The sequences in use, by name."""
-        load = FrameMemory(read_image)
+        load = FrameCache(read_image)
         return {
             name: kitti_layout.read_recording(
                 self.root, name, self.camera, load, self.camera_height_m, with_right=self.with_right
@@ -96,16 +98,13 @@ class Kitti:
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
         if self.split is not None:
-            return splits.load(self.split).ranges
+            return splits.load(self.split)
         texts = kitti_layout.sequence_names(self.root) if self.sequences is None else self.sequences
         if not texts:
             raise BadData(f"no sequence is named: name some that {self.root / 'sequences'} holds")
         return tuple(FrameRange.parse(text) for text in texts)
 
     @cached_property
-    def _starts(self) -> tuple[tuple[str, int], ...]:
-        return tuple(
-            (frames.sequence, first)
-            for frames in self.ranges
-            for first in windows.starts(frames, self.num_frames, self.stride)
-        )
+    def _starts(self) -> list[tuple[str, int]]:
+        cuts = ((frames, windows.starts(frames, self.num_frames, self.stride)) for frames in self.ranges)
+        return [(frames.sequence, first) for frames, firsts in cuts for first in firsts]

@@ -8,7 +8,7 @@ are camera 0's, so world_from_camk = world_from_cam0 @ cam0_from_camk.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,6 @@ import numpy as np
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Finding, error, raise_first
 from geovp_classic.data.frames import FrameFiles, scan_numbered
-from geovp_classic.data.text_tables import Row, parse_row, read_lines
 from geovp_classic.data.windows import Recording, SideCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -25,6 +24,7 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory
 
 PREFERRED_CAMERAS = (2, 0, 1, 3)  # left colour, left grey, then whatever is there
 RIGHT_OF = {0: 1, 2: 3}
+NO_IMAGES = "holds no images: expected a folder image_0, image_1, image_2 or image_3"
 _CAMERA_FOLDER = re.compile(r"image_([0-3])")
 _PROJECTION = re.compile(r"P([0-3]):")
 
@@ -38,7 +38,7 @@ class Projection:
 
     @property
     def cam_from_cam0(self) -> FloatArray:
-        """Where the fourth column puts this camera [4, 4]: t = K^-1 p4."""
+        """The transform [4, 4] that the fourth column gives: t = K^-1 p4."""
         return se3.compose(np.eye(3), np.linalg.solve(self.matrix[:, :3], self.matrix[:, 3]))
 
     def intrinsics(self, width_px: int, height_px: int) -> Intrinsics:
@@ -59,51 +59,24 @@ def sequence_names(root: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
 
 
-def sequence_folder(root: Path, name: str) -> Path:
-    """The folder of a sequence; BadData lists those that are there."""
-    names = sequence_names(root)
-    if name not in names:
-        raise BadData(f"sequence {name!r} is not in {root / 'sequences'}, which holds {_said(names)}")
-    return root / "sequences" / name
-
-
-def pose_path(root: Path, name: str) -> Path:
-    """Where the poses of a sequence lie, if they are known."""
-    return root / "poses" / f"{name}.txt"
-
-
 def cameras(folder: Path) -> list[int]:
     """The cameras of a sequence that have a folder image_K."""
     matches = [_CAMERA_FOLDER.fullmatch(path.name) for path in folder.iterdir() if path.is_dir()]
     return sorted(int(match[1]) for match in matches if match)
 
 
-def choose_camera(folder: Path, camera: int | None) -> int:
-    """The camera asked for, or the preferred one of those there; BadData when it is not there."""
-    there = cameras(folder)
-    if not there:
-        raise BadData(f"{folder} holds no images: expected a folder image_0, image_1, image_2 or image_3")
-    if camera is None:
-        return next(preferred for preferred in PREFERRED_CAMERAS if preferred in there)
-    if camera not in there:
-        raise BadData(f"{folder} has no image_{camera}: it has {_said(f'image_{number}' for number in there)}")
-    return camera
-
-
 def scan_calibration(path: Path) -> tuple[dict[int, Projection], list[Finding]]:
-    """The projections P0 to P3 by camera, and what is wrong with the others; lines of other names are left alone."""
-    lines, findings = read_lines(path)
+    """The projections P0 to P3 by camera, and the errors of the other P lines; lines of other names are skipped."""
+    lines, findings = pose_files.read_lines(path)
     projections = {}
     for number, text in lines:
         match = _PROJECTION.match(text)
         if match is None:
             continue
-        row = parse_row(path, number, text[match.end() :])
+        row = pose_files.parse_row(path, number, text[match.end() :])
         if isinstance(row, Finding):
             findings.append(row)
-            continue
-        problem = _projection_problem(row)
-        if problem:
+        elif problem := _projection_problem(row.numbers):
             findings.append(error(path, number, f"{match[0]} {problem}"))
         else:
             projections[int(match[1])] = Projection(number, np.array(row.numbers).reshape(3, 4))
@@ -113,17 +86,6 @@ def scan_calibration(path: Path) -> tuple[dict[int, Projection], list[Finding]]:
 def missing_projection(path: Path, camera: int) -> Finding:
     """The finding for a camera that has images but no line in calib.txt."""
     return error(path, None, f"has no line 'P{camera}:' for the images of image_{camera}")
-
-
-def read_trajectory(path: Path, times_s: FloatArray, cam_from_cam0: FloatArray) -> Trajectory | None:
-    """The poses of a camera, one for each time, of the file that gives those of camera 0; None without a file."""
-    if not path.exists():
-        return None
-    indices, world_from_cam0 = pose_files.read_kitti(path)
-    problem = pose_count_problem(indices, len(world_from_cam0), len(times_s))
-    if problem:
-        raise BadData(f"{path}: {problem}")
-    return Trajectory(world_from_cam0 @ se3.inverse(cam_from_cam0), times_s, is_metric=True)
 
 
 def pose_count_problem(indices: FloatArray | pose_files.IndexArray | None, num_poses: int, num_frames: int) -> str:
@@ -138,35 +100,58 @@ def pose_count_problem(indices: FloatArray | pose_files.IndexArray | None, num_p
 def read_recording(
     root: Path,
     name: str,
-    camera: int | None,
+    camera: int | None,  # None: the preferred one of those there
     load: Callable[[Path], ByteArray],
     camera_height_m: float | None,
     *,
     with_right: bool,
 ) -> Recording:
-    """One sequence seen by one camera, everything but the images read and checked."""
-    folder = sequence_folder(root, name)
-    camera = choose_camera(folder, camera)
+    """One sequence seen by one camera, everything but the images read and checked; BadData names what is wrong."""
+    names, folder = sequence_names(root), root / "sequences" / name
+    if name not in names:
+        raise BadData(f"sequence {name!r} is not in {folder.parent}, which holds {', '.join(names) or 'nothing'}")
+    camera = _choose_camera(folder, camera)
     projections, findings = scan_calibration(folder / "calib.txt")
     raise_first(findings)
     left, left_from_cam0 = _side(folder, camera, projections, load)
-    right, beside = None, RIGHT_OF.get(camera)
-    if with_right and beside in cameras(folder):
-        assert beside is not None
-        side, right_from_cam0 = _side(folder, beside, projections, load)
+    right, other = None, RIGHT_OF.get(camera)
+    if with_right and other in cameras(folder):
+        assert other is not None
+        side, right_from_cam0 = _side(folder, other, projections, load)
         right = SideCamera(side.frames, side.intrinsics, right_from_cam0 @ se3.inverse(left_from_cam0))
-    times_path = folder / "times.txt"
+    times_path, num_frames = folder / "times.txt", len(left.frames)
     times_s = pose_files.read_times(times_path)
-    if len(times_s) != len(left.frames):
-        raise BadData(f"{times_path}: {len(times_s)} times for {len(left.frames)} frames, expected one each")
-    trajectory = read_trajectory(pose_path(root, name), times_s, left_from_cam0)
+    if len(times_s) != num_frames:
+        raise BadData(f"{times_path}: {len(times_s)} times for {num_frames} frames, expected one each")
+    trajectory = _read_trajectory(root / "poses" / f"{name}.txt", times_s, left_from_cam0)
     return Recording(name, left.frames, times_s, left.intrinsics, trajectory, camera_height_m, right)
+
+
+def _read_trajectory(path: Path, times_s: FloatArray, cam_from_cam0: FloatArray) -> Trajectory | None:
+    """The poses of a camera, one for each time, from the file of camera 0's; None without a file."""
+    if not path.exists():
+        return None
+    indices, world_from_cam0 = pose_files.read_kitti(path)
+    if problem := pose_count_problem(indices, len(world_from_cam0), len(times_s)):
+        raise BadData(f"{path}: {problem}")
+    return Trajectory(world_from_cam0 @ se3.inverse(cam_from_cam0), times_s, is_metric=True)
+
+
+def _choose_camera(folder: Path, camera: int | None) -> int:
+    present = cameras(folder)
+    if not present:
+        raise BadData(f"{folder} {NO_IMAGES}")
+    if camera is None:
+        return next(preferred for preferred in PREFERRED_CAMERAS if preferred in present)
+    if camera not in present:
+        raise BadData(f"{folder} has no image_{camera}: it has {', '.join(f'image_{number}' for number in present)}")
+    return camera
 
 
 def _side(
     folder: Path, camera: int, projections: dict[int, Projection], load: Callable[[Path], ByteArray]
 ) -> tuple[SideCamera, FloatArray]:
-    """A camera as seen from itself, and cam_from_cam0."""
+    """One camera with view_from_cam the identity, and its cam_from_cam0."""
     if camera not in projections:
         raise_first([missing_projection(folder / "calib.txt", camera)])
     paths, findings = scan_numbered(folder / f"image_{camera}")
@@ -177,16 +162,10 @@ def _side(
     return SideCamera(frames, projection.intrinsics(width_px, height_px), np.eye(4)), projection.cam_from_cam0
 
 
-def _projection_problem(row: Row) -> str:
-    if len(row.numbers) != 12:
-        return f"has {len(row.numbers)} numbers, expected 12"
-    matrix = np.array(row.numbers).reshape(3, 4)
+def _projection_problem(numbers: tuple[float, ...]) -> str:
+    if len(numbers) != 12:
+        return f"has {len(numbers)} numbers, expected 12"
+    matrix = np.array(numbers).reshape(3, 4)
     if not np.allclose(matrix[2, :3], [0, 0, 1]) or not np.allclose([matrix[0, 1], matrix[1, 0]], 0):
         return "is not K [I | t] of a rectified camera: expected zeros beside the focal lengths and 0 0 1 below"
-    if min(matrix[0, 0], matrix[1, 1]) <= 0:
-        return "has a focal length that is not positive"
-    return ""
-
-
-def _said(names: Iterable[str]) -> str:
-    return ", ".join(names) or "nothing"
+    return "" if min(matrix[0, 0], matrix[1, 1]) > 0 else "has a focal length that is not positive"

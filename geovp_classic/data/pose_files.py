@@ -1,12 +1,15 @@
-"""Trajectories as text files: KITTI (12 numbers a line, or 13 with the frame's index in front) and TUM.
+"""Text files of numbers: trajectories in KITTI's format (12 or 13 numbers a line) or TUM's (8), and times.
 
-KITTI: the rows of world_from_cam[:3] one after the other. TUM: `t x y z qx qy qz qw`, time in seconds, world_from_cam.
-Blank lines and comments (#) are skipped. A `scan_` function returns what is good and a finding for every line that is
-not; a `read_` function raises BadData for the first one.
+KITTI: the rows of world_from_cam[:3] one after the other, with or without the frame index in front. TUM:
+`t x y z qx qy qz qw`, time in seconds, world_from_cam. Blank lines and comments (#) are skipped. A `scan_` function
+returns the good rows and a finding for every bad line; a `read_` function raises BadData for the first bad line.
 """
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +18,6 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.data.findings import Finding, error, raise_first
-from geovp_classic.data.text_tables import Row, read_rows, write_lines
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -25,10 +27,18 @@ IndexArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
+class Row:
+    """The numbers of one line, all finite."""
+
+    line: int
+    numbers: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class PoseTable:
     """The good rows of a pose file."""
 
-    lines: tuple[int, ...]  # where each row stands
+    lines: tuple[int, ...]  # [N] line numbers
     keys: FloatArray | None  # [N] frame indices (KITTI with 13 numbers) or times in seconds (TUM)
     world_from_cam: FloatArray  # [N, 4, 4]
 
@@ -41,7 +51,7 @@ def read_kitti(path: Path) -> tuple[IndexArray | None, FloatArray]:
 
 
 def read_tum(path: Path, *, is_metric: bool = True) -> Trajectory:
-    """The trajectory of a TUM file, which does not say whether its unit is the metre: the caller does."""
+    """The trajectory of a TUM file; the file does not say whether its unit is the metre, so the caller does."""
     table, findings = scan_tum(path)
     raise_first(findings)
     assert table.keys is not None
@@ -57,9 +67,9 @@ def read_times(path: Path) -> FloatArray:
 
 def has_times(path: Path) -> bool:
     """Whether a trajectory file is TUM (True) or KITTI (False), by the numbers on its first line."""
-    rows, findings = read_rows(path)
+    rows, findings = _read_rows(path, "poses")
     if not rows:
-        raise_first([*findings, error(path, None, "holds no poses")])
+        raise_first(findings)
     count = len(rows[0].numbers)
     if count not in (8, 12, 13):
         raise_first([error(path, rows[0].line, f"{count} numbers, expected 8 (TUM), 12 or 13 (KITTI)")])
@@ -83,111 +93,127 @@ def read_trajectory(path: Path, times_s: FloatArray | None = None, *, is_metric:
     return Trajectory(world_from_cam, times_s if indices is None else times_s[indices], is_metric)
 
 
-def write_kitti(path: Path, trajectory: Trajectory, indices: IndexArray | None = None) -> None:
-    """One line of 12 numbers a pose, 13 with the frame's index; exact to the last bit, written in one step."""
-    lines = [_text(pose[:3].ravel()) for pose in trajectory.world_from_cam]
-    if indices is not None:
-        lines = [f"{index} {line}" for index, line in zip(indices.tolist(), lines, strict=True)]
-    write_lines(path, lines)
+def write_kitti(path: Path, trajectory: Trajectory) -> None:
+    """One line of 12 numbers a pose, exact to the last bit, written atomically."""
+    _write_lines(path, [_text(pose[:3].ravel()) for pose in trajectory.world_from_cam])
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """One line `t x y z qx qy qz qw` a pose, exact to rounding, written in one step."""
+    """One line `t x y z qx qy qz qw` a pose, exact to rounding, written atomically."""
     quaternions = Rotation.from_matrix(trajectory.world_from_cam[:, :3, :3]).as_quat()
     columns = [trajectory.times_s[:, None], trajectory.world_from_cam[:, :3, 3], quaternions]
-    write_lines(path, ["# t_s x y z qx qy qz qw", *map(_text, np.hstack(columns))])
+    _write_lines(path, ["# t_s x y z qx qy qz qw", *map(_text, np.hstack(columns))])
 
 
 def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
-    """The good rows of a KITTI file, and what is wrong with the others."""
-    rows, findings = read_rows(path)
-    if not rows and not findings:
-        findings.append(error(path, None, "holds no poses"))
-    with_index = bool(rows) and len(rows[0].numbers) == 13
-    expected = 13 if with_index else 12
-    good = [row for row in rows if len(row.numbers) == expected]
-    findings += [_wrong_count(path, row, rows[0]) for row in rows if len(row.numbers) != expected]
-    if with_index:
-        good = _increasing(path, good, "frame", findings)
-    entries = np.array([row.numbers[-12:] for row in good]).reshape(-1, 3, 4)
+    """The good rows of a KITTI file, and the errors of the others."""
+    expected = "12 (KITTI) or 13 (with a frame index), the same on every line"
+    rows, findings = _scan_rows(path, "poses", (12, 13), expected)
+    entries = np.array([row.numbers[-12:] for row in rows]).reshape(-1, 3, 4)
     rotation = entries[:, :, :3]
     defect = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    proper = np.linalg.det(rotation) > 0
-    for row, off, right_handed in zip(good, defect, proper, strict=True):
-        if not off < ROTATION_TOLERANCE:
-            findings.append(error(path, row.line, f"not a rotation matrix: R R' is off the identity by {off:.2g}"))
-        elif not right_handed:
-            findings.append(error(path, row.line, "not a rotation matrix but a reflection (determinant -1)"))
-    return _table(good, (defect < ROTATION_TOLERANCE) & proper, entries, with_keys=with_index), _sorted(findings)
+    problems = [f"not a rotation matrix: R R' is off the identity by {value:.2g}" for value in defect]
+    for number in np.flatnonzero(defect < ROTATION_TOLERANCE):
+        mirrored = np.linalg.det(rotation[number]) < 0
+        problems[number] = "not a rotation matrix but a reflection (determinant -1)" if mirrored else ""
+    return _pose_table(path, rows, entries, problems, findings)
 
 
 def scan_tum(path: Path) -> tuple[PoseTable, list[Finding]]:
-    """The good rows of a TUM file, and what is wrong with the others."""
-    rows, findings = read_rows(path)
-    if not rows and not findings:
-        findings.append(error(path, None, "holds no poses"))
-    findings += [
-        error(path, row.line, f"{len(row.numbers)} numbers, expected 8 (TUM: t x y z qx qy qz qw)")
-        for row in rows
-        if len(row.numbers) != 8
-    ]
-    good = _increasing(path, [row for row in rows if len(row.numbers) == 8], "time", findings)
-    numbers = np.array([row.numbers for row in good]).reshape(-1, 8)
+    """The good rows of a TUM file, and the errors of the others."""
+    rows, findings = _scan_rows(path, "poses", (8,), "8 (TUM: t x y z qx qy qz qw)")
+    numbers = np.array([row.numbers for row in rows]).reshape(-1, 8)
     length = np.linalg.norm(numbers[:, 4:], axis=1)
-    unit = np.abs(length - 1) < ROTATION_TOLERANCE
-    for row, value, fits in zip(good, length, unit, strict=True):
-        if not fits:
-            findings.append(error(path, row.line, f"the quaternion has length {value:.4g}, expected 1"))
-    quaternions = np.where(unit[:, None], numbers[:, 4:], [0.0, 0.0, 0.0, 1.0])
-    rotation = Rotation.from_quat(quaternions).as_matrix() if good else np.zeros((0, 3, 3))
+    is_unit = np.abs(length - 1) < ROTATION_TOLERANCE
+    quaternions = np.where(is_unit[:, None], numbers[:, 4:], [0.0, 0.0, 0.0, 1.0])
+    rotation = Rotation.from_quat(quaternions).as_matrix() if rows else np.zeros((0, 3, 3))
     entries = np.concatenate([rotation, numbers[:, 1:4, None]], axis=2)
-    return _table(good, unit, entries, with_keys=True), _sorted(findings)
+    message = [f"the quaternion has length {value:.4g}, expected 1" for value in length]
+    return _pose_table(path, rows, entries, list(np.where(is_unit, "", message)), findings)
 
 
 def scan_times(path: Path) -> tuple[FloatArray, tuple[int, ...], list[Finding]]:
-    """The good times [N] in seconds, the lines they stand on, and what is wrong with the others."""
-    rows, findings = read_rows(path)
-    if not rows and not findings:
-        findings.append(error(path, None, "holds no times"))
-    findings += [
-        error(path, row.line, f"{len(row.numbers)} numbers, expected one time in seconds")
-        for row in rows
-        if len(row.numbers) != 1
-    ]
-    good = _increasing(path, [row for row in rows if len(row.numbers) == 1], "time", findings)
-    return np.array([row.numbers[0] for row in good]), tuple(row.line for row in good), _sorted(findings)
+    """The good times [N] in seconds, their line numbers, and the errors of the other lines."""
+    rows, findings = _scan_rows(path, "times", (1,), "one time in seconds")
+    return np.array([row.numbers[0] for row in rows]), tuple(row.line for row in rows), _sorted(findings)
 
 
-def _increasing(path: Path, rows: list[Row], what: str, findings: list[Finding]) -> list[Row]:
-    """The rows whose first number is larger than all before it (and whole, when frames are counted)."""
-    kept: list[Row] = []
+def read_lines(path: Path) -> tuple[list[tuple[int, str]], list[Finding]]:
+    """(line number, text) of every line that is not empty once comments (#) are removed."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return [], [error(path, None, "does not exist")]
+    except (OSError, UnicodeDecodeError) as problem:
+        return [], [error(path, None, f"cannot be read as text ({problem})")]
+    lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(text.splitlines(), start=1)]
+    return [(number, line) for number, line in lines if line], []
+
+
+def parse_row(path: Path, line: int, text: str) -> Row | Finding:
+    """The numbers of one line, or the first error in it."""
+    numbers = []
+    for word in text.split():
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            return error(path, line, f"{word!r} is not a number")
+        if not math.isfinite(numbers[-1]):
+            return error(path, line, f"{word!r} is not finite: every number must be known")
+    return Row(line, tuple(numbers))
+
+
+def _read_rows(path: Path, what: str) -> tuple[list[Row], list[Finding]]:
+    lines, findings = read_lines(path)
+    if not lines and not findings:
+        findings.append(error(path, None, f"holds no {what}"))
+    parsed = [parse_row(path, *line) for line in lines]
+    findings += [row for row in parsed if isinstance(row, Finding)]
+    return [row for row in parsed if isinstance(row, Row)], findings
+
+
+def _scan_rows(path: Path, what: str, lengths: tuple[int, ...], expected: str) -> tuple[list[Row], list[Finding]]:
+    """The rows as long as the first, whose first numbers, if they are times or frame indices, increase."""
+    rows, findings = _read_rows(path, what)
+    length = len(rows[0].numbers) if rows and len(rows[0].numbers) in lengths else lengths[0]
+    good: list[Row] = []
     for row in rows:
-        value = row.numbers[0]
-        if what == "frame" and (value < 0 or value != int(value)):
-            findings.append(error(path, row.line, f"frame index {value:g}, expected a whole number from 0"))
-        elif kept and value <= kept[-1].numbers[0]:
-            before = kept[-1]
-            findings.append(
-                error(path, row.line, f"{what} {value!r} is not after {before.numbers[0]!r} of line {before.line}")
-            )
+        if len(row.numbers) != length:
+            problem = f"{len(row.numbers)} numbers, expected {expected}"
         else:
-            kept.append(row)
-    return kept
+            problem = "" if length == 12 else _key_problem(row, good[-1] if good else None)
+        if problem:
+            findings.append(error(path, row.line, problem))
+        else:
+            good.append(row)
+    return good, findings
 
 
-def _wrong_count(path: Path, row: Row, first: Row) -> Finding:
-    if row is not first and len(row.numbers) in (12, 13):
-        return error(path, row.line, f"{len(row.numbers)} numbers, but line {first.line} has {len(first.numbers)}")
-    return error(path, row.line, f"{len(row.numbers)} numbers, expected 12 (KITTI) or 13 (with a frame index)")
+def _key_problem(row: Row, before: Row | None) -> str:
+    """Why a row's frame index (of 13 numbers) or time is wrong; empty when it is not."""
+    key, is_index = row.numbers[0], len(row.numbers) == 13
+    if is_index and (key < 0 or key != int(key)):
+        return f"frame index {key:g}, expected a whole number from 0"
+    if before is None or key > before.numbers[0]:
+        return ""
+    return f"{'frame' if is_index else 'time'} {key!r} is not after {before.numbers[0]!r} of line {before.line}"
 
 
-def _table(rows: list[Row], good: npt.NDArray[np.bool_], entries: FloatArray, *, with_keys: bool) -> PoseTable:
-    kept = [row for row, fits in zip(rows, good, strict=True) if fits]
+def _pose_table(
+    path: Path,
+    rows: list[Row],  # N
+    entries: FloatArray,  # [N, 3, 4]
+    problems: list[str],  # N, empty for a good row
+    findings: list[Finding],
+) -> tuple[PoseTable, list[Finding]]:
+    findings += [error(path, row.line, problem) for row, problem in zip(rows, problems, strict=True) if problem]
+    good = [number for number, problem in enumerate(problems) if not problem]
     world_from_cam = se3.compose(entries[good][:, :, :3], entries[good][:, :, 3])
-    if kept:
+    if good:
         world_from_cam = se3.orthonormalised(world_from_cam, ROTATION_TOLERANCE)
-    keys = np.array([row.numbers[0] for row in kept]) if with_keys else None
-    return PoseTable(tuple(row.line for row in kept), keys, world_from_cam)
+    with_keys = bool(rows) and len(rows[0].numbers) != 12
+    keys = np.array([rows[number].numbers[0] for number in good]) if with_keys else None
+    return PoseTable(tuple(rows[number].line for number in good), keys, world_from_cam), _sorted(findings)
 
 
 def _sorted(findings: list[Finding]) -> list[Finding]:
@@ -196,3 +222,15 @@ def _sorted(findings: list[Finding]) -> list[Finding]:
 
 def _text(numbers: FloatArray) -> str:
     return " ".join(repr(float(number)) for number in numbers)
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Write to a temporary file and rename it, so that nobody reads half a file; BadData when that fails."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+        os.replace(partial, path)
+    except OSError as problem:
+        partial.unlink(missing_ok=True)
+        message = f"{path} cannot be written ({problem.strerror}): give a file in a folder that exists"
+        raise BadData(message) from problem

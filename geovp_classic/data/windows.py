@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,7 +49,7 @@ class FrameRange:
 
 @dataclass(frozen=True)
 class SideCamera:
-    """A second camera that runs along, such as the right one of a stereo pair."""
+    """A second camera beside the first, such as the right one of a stereo pair."""
 
     frames: FrameReader
     intrinsics: Intrinsics
@@ -59,7 +58,7 @@ class SideCamera:
 
 @dataclass(frozen=True)
 class Recording:
-    """A long video with all that is known about it; its frames are read when a clip needs them."""
+    """A long video with everything known about it; its frames are read when a clip needs them."""
 
     name: str
     frames: FrameReader
@@ -70,19 +69,15 @@ class Recording:
     right: SideCamera | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData unless there is one time, one pose and one right frame for every frame."""
-        counts = {"times": len(self.times_s)}
-        if self.trajectory is not None:
-            counts["poses"] = len(self.trajectory)
-        if self.right is not None:
-            counts["right frames"] = len(self.right.frames)
-        for what, count in counts.items():
-            if count != len(self.frames):
-                raise BadData(f"{self.name}: {count} {what} for {len(self.frames)} frames, expected one each")
+        """Raise BadData unless there is one time, pose and right frame for every frame."""
+        right = None if self.right is None else self.right.frames
+        for what, given in (("times", self.times_s), ("poses", self.trajectory), ("right frames", right)):
+            if given is not None and len(given) != len(self.frames):
+                raise BadData(f"{self.name}: {len(given)} {what} for {len(self.frames)} frames, expected one each")
 
 
 def check_protocol(num_frames: int, stride: int, size_px: tuple[int, int]) -> None:
-    """BadData unless clips of these settings can be cut."""
+    """Raise BadData unless clips of these settings can be cut."""
     if num_frames < 2:
         raise BadData(f"num_frames is {num_frames}, expected 2 or more: one to look at and one to predict")
     if stride < 1:
@@ -100,17 +95,8 @@ def starts(frames: FrameRange, num_frames: int, stride: int) -> range:
 
 
 def clip_name(sequence: str, first: int) -> str:
-    """What results call a clip: its sequence and first frame, "03/000180"."""
+    """The name of a clip in results: its sequence and first frame, "03/000180"."""
     return f"{sequence}/{first:06d}"
-
-
-def unique(names: Sequence[str]) -> None:
-    """BadData when two clips have one name, as they do where ranges overlap."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
-        seen.add(name)
 
 
 def cut(
@@ -120,22 +106,20 @@ def cut(
 
     The wide view is the uncropped frames as they are stored; the right view comes with the recording.
     """
-    steps = slice(first, first + num_frames)
+    steps = range(first, first + num_frames)
     window, intrinsics = pinhole.square_crop(recording.intrinsics, size_px)
-    native = [recording.frames.read(step) for step in range(first, first + num_frames)]
-    identity = np.eye(4)
+    native = [recording.frames.read(step) for step in steps]
+    side = recording.right
+    right = None
+    if side is not None:
+        right = ExtraView(np.stack([side.frames.read(step) for step in steps]), side.intrinsics, side.view_from_cam)
     return Clip(
         name=clip_name(recording.name, first),
         frames=np.stack([pinhole.resize(image[window], size_px) for image in native]),
-        times_s=recording.times_s[steps],
+        times_s=recording.times_s[first : first + num_frames],
         intrinsics=intrinsics,
-        trajectory=None if recording.trajectory is None else recording.trajectory[steps],
-        wide=ExtraView(np.stack(native), recording.intrinsics, identity) if with_wide else None,
-        right=None if recording.right is None else _right(recording.right, range(first, first + num_frames)),
+        trajectory=None if recording.trajectory is None else recording.trajectory[first : first + num_frames],
+        wide=ExtraView(np.stack(native), recording.intrinsics, np.eye(4)) if with_wide else None,
+        right=right,
         camera_height_m=recording.camera_height_m,
     )
-
-
-def _right(camera: SideCamera, steps: range) -> ExtraView:
-    frames = np.stack([camera.frames.read(step) for step in steps])
-    return ExtraView(frames, camera.intrinsics, camera.view_from_cam)

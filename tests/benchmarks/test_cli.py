@@ -191,7 +191,7 @@ class TestCheck:
     def test_a_sound_component_is_0(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert cli.main(["check", "predictors", "copy-last"]) == 0
         printed = capsys.readouterr().out
-        assert "kept    fulfils its interface" in printed
+        assert "kept    has the methods of its interface" in printed
         assert "copy-last: 0 of " in printed
 
     def test_a_broken_one_is_1_and_says_what_is_broken(self, toys: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -64,7 +64,8 @@ def test_cloud_and_model_hold_the_same_points(written: Path) -> None:
 def test_depth_maps_say_their_scale(written: Path) -> None:
     words = (written / "depths" / "scale.txt").read_text()
     scale = float(words.split("/")[1].split(",")[0])
-    depth = exports.read_depth(written / "depths" / "000008.png", scale)
+    assert scale > 0
+    depth = cv2.imread(str(written / "depths" / "000008.png"), cv2.IMREAD_UNCHANGED)
     assert depth.shape == (96, 96)
     assert (depth > 0).mean() > 0.5
 

@@ -1,10 +1,10 @@
-"""Every registered component keeps its promises, and the checks notice one that breaks them."""
+"""Every registered component keeps its promises, and the checks find every promise that is broken."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from geovp_classic.pose_sources import GroundTruth, RecordedPast
 from geovp_classic.predictors import CopyLast
 from geovp_classic.render.fill import Blank
 from geovp_classic.render.given_depth import GivenDepth
-from geovp_classic.types import Context, FloatArray, Grant, Motion, Prediction, Trajectory, Views
+from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Motion, Prediction, Trajectory, Views
 
 REGISTERED = [(role, name) for role in registry.ROLES for name in registry.names(role)]
 
@@ -36,7 +36,7 @@ def test_registered_components_keep_their_promises(
 
 
 def broken(role: str, component: Any) -> dict[str, str]:
-    """What the checks find wrong, by promise; that a test's class is not registered is left out."""
+    """The details of the broken promises by name; that a test's class is not registered is left out."""
     findings = {finding.name: finding.detail for finding in check(role, component) if not finding.passed}
     assert "not registered" in findings.pop("can be described and built again")
     return findings
@@ -107,7 +107,7 @@ class Choosy(RecordedPast):
 
 @dataclass(frozen=True)
 class Painter(Blank):
-    def fill(self, views: Views) -> np.ndarray:
+    def fill(self, views: Views, last: np.ndarray) -> np.ndarray:
         return np.full_like(views.frames, 128)
 
 
@@ -130,39 +130,60 @@ class Speechless:
 
 
 @dataclass(frozen=True)
-class Wearing(GivenDepth):
-    """Its scene is another one after each view."""
+class Forgetful:
+    """A refinement that does not keep the motion of the pose source."""
+
+    needs: ClassVar[Grant] = Grant.NONE
+
+    def refine(self, context: Context, motion: Motion) -> Motion:
+        return Motion(motion.past, motion.futures, motion.tracked)
+
+
+@dataclass(frozen=True)
+class Biased(GivenDepth):
+    """Its frames are brighter by a number that depends on more than the pose and the time of a view."""
+
+    by: Literal["number of poses", "row", "previous row", "first call", "nothing"] = "nothing"
 
     def reconstruct(self, context: Context, past: Trajectory) -> Any:
-        scene, seen = super().reconstruct(context, past), []
+        scene, by, calls = super().reconstruct(context, past), self.by, []
 
-        class Scene:
-            def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Any) -> Views:
-                seen.append(1)
+        class BiasedScene:
+            def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
                 views = scene.view(world_from_cam, times_s, intrinsics)
-                return replace(views, frames=views.frames + np.uint8(len(seen)))
+                row = np.arange(len(times_s))
+                calls.append(row)
+                bias = {
+                    "number of poses": np.full(len(row), len(row)),
+                    "row": row,
+                    "previous row": np.rint(10 * times_s[np.maximum(row - 1, 0)]),
+                    "first call": np.full(len(row), len(calls) == 1),
+                    "nothing": 0 * row,
+                }[by]
+                brighter = np.clip(views.frames + bias.astype(int)[:, None, None, None], 0, 255)
+                return replace(views, frames=brighter.astype(np.uint8))
 
-        return Scene()
+        return BiasedScene()
 
 
 @pytest.mark.parametrize(
     ("role", "component", "promise", "detail"),
     [
-        ("pose_sources", Thief(), "uses nothing that it did not ask for", "when shown more than Grant.PAST_POSES"),
-        ("forecasters", Gambler(), "gives the same bytes again", "give randomness a seed field"),
+        ("pose_sources", Thief(), "uses only what it needs", "shown more than Grant.PAST_POSES"),
+        ("forecasters", Gambler(), "is deterministic", "give randomness a seed field"),
         (
             "forecasters",
             Miser(),
-            "gives as many samples as asked for",
+            "returns the number of samples asked for",
             r"shape \(1, 4, 4, 4\), expected \(3, 4, 4, 4\)",
         ),
-        ("predictors", Shrinker(), "gives what its interface promises", r"shape \(1, 4, 64, 128, 3\), expected"),
-        ("odometries", Fragile(), "bears a camera that stands still", "ZeroDivisionError: no parallax"),
-        ("odometries", Fragile(), "bears a past of two frames", "ZeroDivisionError: no parallax"),
-        ("fills", Painter(), "gives what its interface promises", "covered pixels were changed"),
-        ("frame_metrics", UpsideDown(), "gives what its interface promises", "noise scores as well as the truth"),
-        ("renderers", Wearing(), "gives what its interface promises", "looks different when viewed a second time"),
-        ("renderers", Speechless(), "fulfils its interface", "Speechless lacks needs, reconstruct"),
+        ("predictors", Shrinker(), "returns valid outputs", r"shape \(1, 4, 64, 128, 3\), expected"),
+        ("odometries", Fragile(), "accepts or refuses a standing camera", "ZeroDivisionError: no parallax"),
+        ("odometries", Fragile(), "accepts or refuses a past of two frames", "ZeroDivisionError: no parallax"),
+        ("fills", Painter(), "returns valid outputs", "covered pixels were changed"),
+        ("frame_metrics", UpsideDown(), "returns valid outputs", "noise scores as well as the truth"),
+        ("pose_refinements", Forgetful(), "returns valid outputs", "was not kept: use Motion.refined"),
+        ("renderers", Speechless(), "has the methods of its interface", "Speechless lacks needs, reconstruct"),
     ],
     ids=lambda part: type(part).__name__ if not isinstance(part, str) else part.split(" ")[0],
 )
@@ -172,10 +193,44 @@ def test_a_broken_promise_is_found(role: str, component: Any, promise: str, deta
         raise AssertionError(found[promise])
 
 
+INDEPENDENT = "renders every view from its own pose and time alone"
+
+
+@pytest.mark.parametrize("by", ["number of poses", "row", "previous row", "first call"])
+def test_a_view_that_depends_on_more_than_its_pose_and_time_is_found(by: Any) -> None:
+    assert "a view depends on its own pose and time alone" in broken("renderers", Biased(by=by))[INDEPENDENT]
+
+
+def test_a_scene_of_independent_views_keeps_every_promise() -> None:
+    assert broken("renderers", Biased(by="nothing")) == {}
+
+
+def test_how_well_the_last_frame_is_shown_is_a_remark() -> None:
+    promise = "shows the last observed frame from the last observed pose"
+    (exact,), (wrong,) = (
+        [finding for finding in check("renderers", component) if finding.name == promise]
+        for component in (GivenDepth(), Biased(by="number of poses"))
+    )
+    assert exact.passed
+    assert exact.detail == "mean absolute grey difference 0.00 of 255"
+    assert wrong.passed
+    assert wrong.detail == "mean absolute grey difference 1.00 of 255"  # brighter by one, as one pose was asked for
+
+
+def test_a_plug_in_that_raises_anything_is_a_finding() -> None:
+    @dataclass(frozen=True)
+    class Quitter(GroundTruth):
+        @property
+        def needs(self) -> Grant:
+            raise SystemExit("no licence")
+
+    assert "SystemExit: no licence" in broken("pose_sources", Quitter())["returns valid outputs"]
+
+
 def test_input_that_was_changed_is_noticed() -> None:
     own = replace(street.clip(), frames=street.clip().frames.copy())
     findings = {finding.name: finding for finding in check("predictors", Vandal(), own)}
-    assert not findings["leaves what it is given alone"].passed
+    assert not findings["does not change its input"].passed
 
 
 def test_a_component_that_can_be_changed_is_refused() -> None:
@@ -184,8 +239,8 @@ def test_a_component_that_can_be_changed_is_refused() -> None:
 
 def test_saying_that_a_clip_does_not_suit_is_keeping_the_promise() -> None:
     findings = {finding.name: finding for finding in check("odometries", Choosy())}
-    assert findings["bears a camera that stands still"].passed
-    assert findings["bears a camera that stands still"].detail.startswith("refuses: nothing moves")
+    assert findings["accepts or refuses a standing camera"].passed
+    assert findings["accepts or refuses a standing camera"].detail.startswith("refuses: nothing moves")
 
 
 def test_an_unknown_role_is_answered_with_the_nearest() -> None:
@@ -202,7 +257,7 @@ def test_the_street_is_what_it_says() -> None:
     views = (
         GivenDepth()
         .reconstruct(context, clip.trajectory[:1])
-        .view(target.trajectory.world_from_cam, np.zeros(len(target.trajectory.world_from_cam)), clip.intrinsics)
+        .view(target.trajectory.world_from_cam, clip.times_s[1:], clip.intrinsics)
     )
     near = views.covered & (clip.depths[1:] < 15)
     error = np.abs(views.frames.astype(float) - target.frames)[near]

@@ -20,7 +20,7 @@ from geovp_classic.render.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, Grant, Trajectory
 
 NUM_PAST = 6
-ROLES = ("pose_sources", "odometries", "depth_sources", "renderers", "predictors")
+ROLES = ("pose_sources", "pose_refinements", "odometries", "depth_sources", "renderers", "predictors")
 SHOWN_A_CONTEXT = [(role, name) for role in ROLES for name in registry.names(role)]
 FIELD_OF_GRANT = {
     Grant.PAST_POSES: "past",
@@ -115,7 +115,7 @@ class TestEveryRegisteredComponent:
         assert ungranted(context, component.needs) == []
         seen: list[tuple[str, list[str]]] = []
         trial = Trial(street.clip(), NUM_PAST)
-        RUN[role](watched(component, seen), trial, trial.everything)
+        RUN[role](watched(component, seen), trial, trial.full_context)
         assert [(part, fields) for part, fields in seen if fields] == []
 
     def test_gives_the_same_when_all_else_is_false(
@@ -137,7 +137,7 @@ def test_a_part_that_is_shown_too_much_is_noticed() -> None:
 
     seen: list[tuple[str, list[str]]] = []
     trial = Trial(street.clip(), NUM_PAST)
-    RUN["predictors"](watched(Careless(GroundTruth(), GivenDepth()), seen), trial, trial.everything)
+    RUN["predictors"](watched(Careless(GroundTruth(), GivenDepth()), seen), trial, trial.full_context)
     assert ("GroundTruth", ["past_depths", "camera_height_m", "wide", "right"]) in seen
 
 
@@ -145,7 +145,7 @@ def test_parts_deep_inside_are_watched() -> None:
     source = Planar(Chained(RecordedPast(), registry.build("forecasters", "hold")))
     seen: list[tuple[str, list[str]]] = []
     trial = Trial(street.clip(), NUM_PAST)
-    RUN["predictors"](watched(GeometricPredictor(source, GivenDepth()), seen), trial, trial.everything)
+    RUN["predictors"](watched(GeometricPredictor(source, GivenDepth()), seen), trial, trial.full_context)
     assert [part for part, _ in seen] == ["Planar", "Chained", "RecordedPast", "GivenDepth"]
     assert all(fields == [] for _, fields in seen)
 
@@ -191,10 +191,10 @@ def test_not_even_the_memory_behind_the_context_holds_the_future() -> None:
                 assert base.nbytes == value.nbytes
 
 
-def test_every_grant_is_looked_after_here() -> None:
+def test_every_grant_is_tested_here() -> None:
     assert set(FIELD_OF_GRANT) == set(Grant)
 
 
-def test_every_interface_that_is_shown_a_context_is_looked_after_here() -> None:
+def test_every_interface_that_is_shown_a_context_is_tested_here() -> None:
     with_needs = [role for role, protocol in registry.PROTOCOL_OF_ROLE.items() if hasattr(protocol, "needs")]
     assert set(ROLES) == set(with_needs) - {"scales"}  # a scale is told numbers by its odometry, never a context

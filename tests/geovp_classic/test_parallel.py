@@ -1,4 +1,4 @@
-"""Side by side means: same results, same order, the same errors."""
+"""A parallel map gives the same results in the same order, and the same errors, as a loop."""
 
 import os
 import threading
@@ -38,14 +38,14 @@ def test_no_task_begins_after_an_error() -> None:
     assert len(begun) <= numba.get_num_threads()
 
 
-def test_work_may_call_for_work_abreast_itself() -> None:
-    # Helpers that wait for helpers would wait for ever.
+def test_calls_may_be_nested() -> None:
+    # Pool threads that wait for pool threads would wait for ever.
     assert parallel_map(lambda n: sum(parallel_map(lambda m: n * m, range(5))), range(8)) == [10 * n for n in range(8)]
 
 
-def test_a_fork_has_helpers_of_its_own() -> None:
+def test_a_fork_has_threads_of_its_own() -> None:
     count = numba.get_num_threads()
-    parallel_map(str, range(count))  # the helpers are there
+    parallel_map(str, range(count))  # starts the threads
     child = os.fork()
     if child == 0:
         try:

@@ -27,14 +27,12 @@ def test_the_sample_is_sound_and_serves_its_splits(root: Path) -> None:
     examination = doctor.examine(root)
     assert examination.findings == ()
     assert examination.usable_splits == ("test", "test-colour", "train", "val")
-    rows = {
-        row.name: (row.cameras[0].num_frames, row.cameras[0].sizes_px, row.num_poses) for row in examination.sequences
-    }
+    rows = {row["sequence"]: (row["frames"], row["size_px"], row["poses"]) for row in examination.rows}
     assert rows == {
-        "00": (1018, ((416, 128),), 1018),
-        "03": (360, ((1242, 375),), 360),
-        "06": (51, ((1226, 370),), 51),
-        "raw0095": (268, ((848, 256),), 268),
+        "00": ("image_2: 1018", "416x128", "1018"),
+        "03": ("image_0: 360", "1242x375", "360"),
+        "06": ("image_0: 51, image_1: 51", "1226x370", "51"),
+        "raw0095": ("image_2: 268", "848x256", "268"),
     }
 
 

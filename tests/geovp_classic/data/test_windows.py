@@ -93,11 +93,6 @@ def test_settings_that_make_no_clip_are_refused(
         windows.check_protocol(num_frames, stride, size_px)
 
 
-def test_two_clips_of_one_name_are_refused() -> None:
-    with pytest.raises(BadData, match="clip a/000000 is named twice"):
-        windows.unique(["a/000000", "a/000010", "a/000000"])
-
-
 @pytest.mark.parametrize(
     ("native_px", "side_px", "tolerance_px"),
     [((1242, 375), 256, 0.01), ((1226, 370), 256, 0.01), ((416, 128), 128, 1e-6), ((416, 128), 256, 0.02)],
