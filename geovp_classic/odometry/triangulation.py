@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from geovp_classic.types import FloatArray
-
-DAMPING = 3e-15  # of the normal equations' trace, so that parallel rays raise no error
 
 
 def triangulate(
@@ -16,21 +15,63 @@ def triangulate(
 ) -> FloatArray:
     """Points [N, 3] with the least squared distances on z = 1: linear, reweighted by depth (Hartley & Sturm 1997).
 
-    NaN for points with fewer than two observations or without a unique solution. All points at once: pycolmap's
-    `triangulate_multi_view_point` takes one (benchmarks/performance/libraries.py).
+    NaN for points with fewer than two observations or without a finite solution. Several times as fast as pycolmap's
+    `triangulate_multi_view_point`, which takes one point (benchmarks/performance/libraries.py).
     """
-    rotation, translation = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
-    observed = np.isfinite(rays[..., 0]).T  # [N, V]
-    rays = np.where(observed[..., None], rays.transpose(1, 0, 2), 0.0)
-    rows = rotation[:, :2] - rays[..., None] * rotation[:, 2:]  # [N, V, 2, 3]
-    right = rays * translation[:, 2:] - translation[:, :2]  # [N, V, 2]
-    system = np.concatenate([rows, right[..., None]], axis=-1)
-    points, weight = np.zeros((len(rays), 3)), observed.astype(np.float64)
-    for _ in range(num_rounds):
-        weighted = (system * weight[..., None, None]).reshape(len(rays), -1, 4)
-        normal = weighted.transpose(0, 2, 1) @ weighted  # [N, 4, 4], the right side last
-        damping = DAMPING * np.trace(normal[:, :3, :3], axis1=1, axis2=2) + 1e-300
-        points = np.linalg.solve(normal[:, :3, :3] + damping[:, None, None] * np.eye(3), normal[:, :3, 3:])[..., 0]
-        weight = observed / np.maximum(np.abs(points @ rotation[:, 2].T + translation[:, 2]), 1e-6)
-    placed = (observed.sum(axis=1) >= 2) & np.isfinite(points).all(axis=1)
-    return np.where(placed[:, None], points, np.nan)
+    return _triangulated(np.ascontiguousarray(rays), np.ascontiguousarray(cam_from_world), num_rounds)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _triangulated(rays: FloatArray, cam_from_world: FloatArray, num_rounds: int) -> FloatArray:
+    num_views, num_points, _ = rays.shape
+    points, system = np.full((num_points, 3), np.nan), np.empty((3, 4))  # normal equations, their right side last
+    for n in range(num_points):
+        count = 0
+        for v in range(num_views):
+            count += np.isfinite(rays[v, n, 0])
+        if count < 2:
+            continue
+        x, y, z, weight = 0.0, 0.0, 0.0, 1.0
+        for iteration in range(num_rounds):
+            system[:] = 0
+            for v in range(num_views):
+                p = cam_from_world[v]
+                if np.isfinite(rays[v, n, 0]):
+                    depth = x * p[2, 0] + y * p[2, 1] + z * p[2, 2] + p[2, 3]
+                    weight = 1 / max(abs(depth), 1e-6) if iteration else 1.0
+                    _add_observation(system, p, rays[v, n], weight * weight)
+            x, y, z = _solve(system)
+        if np.isfinite(x) and np.isfinite(y) and np.isfinite(z):
+            points[n, 0], points[n, 1], points[n, 2] = x, y, z
+    return points
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _add_observation(system: FloatArray, pose: FloatArray, ray: FloatArray, weight: float) -> None:
+    """Add one observation to the normal equations [3, 4]."""
+    for axis in range(2):
+        right = ray[axis] * pose[2, 3] - pose[axis, 3]
+        for i in range(3):
+            weighted = weight * (pose[axis, i] - ray[axis] * pose[2, i])
+            for j in range(3):
+                system[i, j] += weighted * (pose[axis, j] - ray[axis] * pose[2, j])
+            system[i, 3] += weighted * right
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _solve(system: FloatArray) -> tuple[float, float, float]:
+    """The solution of three equations [3, 4], barely damped, by elimination in place."""
+    damping = 1e-15 * (system[0, 0] + system[1, 1] + system[2, 2]) + 1e-300
+    for i in range(3):
+        system[i, i] += damping
+    for i in range(3):
+        pivot = i + np.argmax(np.abs(system[i:, i]))
+        for j in range(i, 4):
+            system[i, j], system[pivot, j] = system[pivot, j], system[i, j]
+        for k in range(i + 1, 3):
+            factor = system[k, i] / system[i, i]
+            for j in range(i + 1, 4):
+                system[k, j] -= factor * system[i, j]
+    z = system[2, 3] / system[2, 2]
+    y = (system[1, 3] - system[1, 2] * z) / system[1, 1]
+    return (system[0, 3] - system[0, 1] * y - system[0, 2] * z) / system[0, 0], y, z
