@@ -34,8 +34,8 @@ class Odometry(Protocol):
 
 
 @runtime_checkable
-class Gauge(Protocol):
-    """Learns from image to image how long an odometry's unit of length is."""
+class ScaleEstimator(Protocol):
+    """Estimates from image to image how many metres an odometry's unit of length is."""
 
     @property
     def unit(self) -> float:
@@ -50,18 +50,18 @@ class Gauge(Protocol):
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry.
 
-        `radial` is what the odometry found of distortion: ideal ray = seen ray * (1 + radial * |seen ray|^2).
+        `radial` is the distortion that the odometry found: undistorted ray = ray * (1 + radial * |ray|^2).
         """
         ...
 
     def restart(self) -> None:
-        """The odometry has lost its unit and goes on with another."""
+        """The odometry has lost its unit of length and continues with another."""
         ...
 
 
 @runtime_checkable
 class Scale(Protocol):
-    """Gives an odometry metres, or says that it has none."""
+    """Gives an odometry metres, or says that its lengths have no unit."""
 
     @property
     def needs(self) -> Grant:
@@ -73,8 +73,8 @@ class Scale(Protocol):
         """Whether lengths become metres."""
         ...
 
-    def gauge(self, intrinsics: Intrinsics, camera_height_m: float | None) -> Gauge:
-        """A fresh gauge for one camera and one drive; Incompatible when what it needs is missing."""
+    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
+        """A fresh estimator for one camera and one drive; Incompatible when what it needs is missing."""
         ...
 
 

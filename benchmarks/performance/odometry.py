@@ -52,7 +52,7 @@ def measure(frames: Sequence[ByteArray], camera: Intrinsics, camera_height_m: fl
     for i, frame in enumerate(frames):
         start = time.perf_counter()
         stream.push(frame, 0.1 * i)
-        stream.take_settled()
+        stream.take_final()
         odometry_s.append(time.perf_counter() - start)
         if i:
             start = time.perf_counter()

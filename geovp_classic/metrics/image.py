@@ -11,15 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import cv2
 import numpy as np
+from skimage.metrics import structural_similarity
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 PEAK = 255.0
 SSIM_RADIUS_PX, SSIM_SIGMA_PX = 5, 1.5  # Wang et al. 2004, section III-B: 11x11 circular Gaussian
-SSIM_C1, SSIM_C2 = (0.01 * PEAK) ** 2, (0.03 * PEAK) ** 2  # ibid., eq. 13 with K1 = .01, K2 = .03
 
 
 @dataclass(frozen=True)
@@ -57,9 +56,8 @@ class Psnr:
 class Ssim:
     """Structural similarity of Wang et al. 2004: Gaussian window of 11 pixels and sigma 1.5, K = (.01, .03), peak 255.
 
-    Every channel on its own, averaged over R, G and B and over the windows that lie wholly inside the frame. Equal to
-    scikit-image's `structural_similarity` with gaussian_weights=True, sigma=1.5, use_sample_covariance=False,
-    data_range=255. A mask picks windows by their centre pixel; the windows also look at its unmasked neighbours.
+    Every channel on its own, averaged over R, G and B and over the windows that lie wholly inside the frame, by
+    scikit-image. A mask selects windows by their centre pixel; the windows extend over unmasked neighbours, too.
     """
 
     unit: ClassVar[str] = ""
@@ -91,14 +89,18 @@ def ssim_map(
     predicted: ByteArray,  # [H, W, 3]
     target: ByteArray,  # [H, W, 3]
 ) -> FloatArray:
-    """SSIM of the window around every pixel and channel [H, W, 3] (Wang et al. 2004, eq. 13); the rim is mirrored."""
-    x, y = predicted.astype(np.float64), target.astype(np.float64)
-    mean_x, mean_y = _blur(x), _blur(y)
-    mean_xy, mean_squares = mean_x * mean_y, mean_x**2 + mean_y**2
-    variances = _blur(x**2 + y**2) - mean_squares  # of x and of y, summed
-    covariance = _blur(x * y) - mean_xy
-    luminance = (2 * mean_xy + SSIM_C1) / (mean_squares + SSIM_C1)
-    return luminance * (2 * covariance + SSIM_C2) / (variances + SSIM_C2)
+    """SSIM of the window around every pixel and channel [H, W, 3] (Wang et al. 2004, eq. 13); borders are mirrored."""
+    _, similarity = structural_similarity(
+        predicted,
+        target,
+        data_range=PEAK,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=SSIM_SIGMA_PX,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return np.asarray(similarity)
 
 
 def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> None:
@@ -111,12 +113,6 @@ def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None
             )
     if mask is not None and (mask.dtype != np.bool_ or mask.shape != target.shape[:3]):
         raise BadData(f"metric: mask is {mask.dtype} of shape {mask.shape}, expected bool of shape {target.shape[:3]}")
-
-
-def _blur(channels: FloatArray) -> FloatArray:
-    taps = np.exp(-0.5 * (np.arange(-SSIM_RADIUS_PX, SSIM_RADIUS_PX + 1) / SSIM_SIGMA_PX) ** 2)
-    taps /= taps.sum()
-    return np.asarray(cv2.sepFilter2D(channels, cv2.CV_64F, taps, taps, borderType=cv2.BORDER_REFLECT))
 
 
 def _masked_mean(values: FloatArray, mask: BoolArray | None) -> float:

@@ -12,19 +12,19 @@ import numpy as np
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Scale
-from geovp_classic.odometry.features import FeatureName, front_end
+from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.scale import GroundPlane
-from geovp_classic.odometry.tracking import Pace, Tracker
+from geovp_classic.odometry.tracking import KeyframePolicy, Tracker
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
-MAX_BACKLOG = 200  # settled poses that wait for the first word of the scale
+MAX_BACKLOG = 200  # final poses that wait until the scale is known
 
 
 @dataclass(frozen=True)
 class Step:
-    """One image's pose as a stream knows it at once."""
+    """The pose of the latest image of a stream."""
 
     world_from_cam: FloatArray  # [4, 4]; the first image's is the identity
     tracked: bool  # False where the last motion was continued instead
@@ -33,23 +33,22 @@ class Step:
 
 @dataclass(frozen=True)
 class Monocular:
-    """Tracked or described features, a two-view start, location on a sliding map, bundle adjustment, a scale.
+    """Tracked corners, two-view initialisation, localisation in a sliding map, bundle adjustment, and scale.
 
     `frames` chooses between the protocol's images ("crop") and the uncropped ones ("wide", Grant.WIDE_FRAMES).
-    Sliding windows are for streams; a clip is adjusted as a whole.
+    Sliding windows are for streams; a clip is bundle-adjusted as a whole.
     """
 
-    features: FeatureName = "corners"
     scale: Scale = field(default_factory=GroundPlane)
     frames: Literal["crop", "wide"] = "crop"
-    radial: float = 0.0  # distortion known to be left in the images (`Lens.radial`); learnt further in turns
+    radial: float = 0.0  # distortion known to be left in the images (`Lens.radial`); refined in turns
     num_features: int = 600
     window: int = 16  # keyframes, of a stream
     max_bundle_points: int = 300
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise BadData for numbers that nothing can be tracked with."""
+        """Raise BadData for numbers that are too small to track with."""
         if self.num_features < 50 or self.window < 3 or self.max_bundle_points < 20:
             raise BadData(
                 f"num_features is {self.num_features}, window {self.window}, max_bundle_points "
@@ -68,23 +67,24 @@ class Monocular:
         The trajectory is metric when the scale is and could be found, or when the camera never moved.
         """
         view = _view(context, self.frames)
-        gauge = self.scale.gauge(view.intrinsics, context.camera_height_m)
+        estimator = self.scale.estimator(view.intrinsics, context.camera_height_m)
         times_s = context.times_s[: context.num_past]
-        pace = Pace(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
+        policy = KeyframePolicy(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
         lens = Lens(view.intrinsics, self.radial)
-        tracker = Tracker(front_end(self.features, self.num_features), lens, pace, self.seed)
+        tracker = Tracker(CornerTracker(self.num_features), lens, policy, self.seed)
         greys = [as_grey(frame) for frame in view.frames]
         for grey, time_s in zip(greys, times_s, strict=True):
             tracker.push(grey, float(time_s))
         tracker.adjust_all()
-        poses, tracked = tracker.take_settled(all_of_them=True)
-        gap = min(2, len(poses) - 1)  # images further apart say more about the road
-        for now in range(gap, len(poses), gap) if gap else ():
-            before = now - gap
+        poses, tracked = tracker.take_final(all_of_them=True)
+        stride = min(2, len(poses) - 1)  # a longer baseline says more about the road
+        for now in range(stride, len(poses), stride) if stride else ():
+            before = now - stride
             if tracked[now] and tracked[before]:
                 before_from_now = se3.inverse(poses[before]) @ poses[now]
-                gauge.update(greys[before], greys[now], before_from_now, tracker.radial.mean)
-        return _trajectory(poses, times_s, self.scale.is_metric, gauge.unit, gauge.confidence), tracked
+                estimator.update(greys[before], greys[now], before_from_now, tracker.radial.mean)
+        poses[:, :3, 3] *= estimator.unit
+        return _trajectory(poses, times_s, self.scale.is_metric, estimator.confidence), tracked
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
         """A tracker for images that come one by one."""
@@ -97,22 +97,20 @@ class Monocular:
         intrinsics: Intrinsics,
         camera_height_m: float | None = None,
     ) -> tuple[Trajectory, BoolArray]:
-        """The trajectory [T] of a whole drive and its marks [T], in memory that does not grow but for the poses.
+        """The trajectory [T] of a whole drive and which images were tracked [T]; only the list of poses grows.
 
-        Poses are those known when they leave the window of keyframes, so better than what `stream` says at once.
+        Poses are taken when they leave the window of keyframes, so they are better than those of `Stream.push`.
         """
         stream = self.stream(intrinsics, camera_height_m)
         poses: list[FloatArray] = []
         marks: list[BoolArray] = []
         for frame, time_s in zip(frames, times_s, strict=True):
             stream.push(frame, float(time_s))
-            settled, tracked = stream.take_settled()
+            settled, tracked = stream.take_final()
             poses.append(settled)
             marks.append(tracked)
-        settled, tracked = stream.take_settled(all_of_them=True)
-        path = np.concatenate([*poses, settled])
-        is_metric = self.scale.is_metric and (stream.confidence > 0 or not _moves(path))
-        trajectory = Trajectory(path if is_metric else _unit_steps(path), np.asarray(times_s), is_metric)
+        settled, tracked = stream.take_final(all_of_them=True)
+        trajectory = _trajectory(np.concatenate([*poses, settled]), times_s, self.scale.is_metric, stream.confidence)
         return trajectory, np.concatenate([*marks, tracked])
 
 
@@ -120,46 +118,46 @@ class Stream:
     """Odometry image by image, in memory that does not grow."""
 
     def __init__(self, odometry: Monocular, intrinsics: Intrinsics, camera_height_m: float | None) -> None:
-        """A stream that has seen nothing yet."""
+        """A stream before its first image."""
         lens = Lens(intrinsics, odometry.radial)
-        pace = Pace(odometry.window, max_bundle_points=odometry.max_bundle_points)
-        self._tracker = Tracker(front_end(odometry.features, odometry.num_features), lens, pace, odometry.seed)
-        self._gauge = odometry.scale.gauge(intrinsics, camera_height_m)
+        policy = KeyframePolicy(odometry.window, max_bundle_points=odometry.max_bundle_points)
+        self._tracker = Tracker(CornerTracker(odometry.num_features), lens, policy, odometry.seed)
+        self._estimator = odometry.scale.estimator(intrinsics, camera_height_m)
         self._num_starts = 0
-        self._now, self._settled = _Path(), _Path()
+        self._path, self._final_path = _Path(), _Path()
         self._backlog: list[tuple[FloatArray, bool]] = []
 
     @property
     def confidence(self) -> float:
         """Of the scale, from 0 (unknown) to 1."""
-        return self._gauge.confidence
+        return self._estimator.confidence
 
     def push(self, frame: ByteArray, time_s: float) -> Step:
         """Take the next image [H, W, 3] or [H, W] and say where the camera is."""
         tracked = self._tracker.push(as_grey(frame), time_s)
-        poses, marks = self._tracker.take_settled()
+        poses, marks = self._tracker.take_final()
         self._backlog += list(zip(poses, marks.tolist(), strict=True))
         if self._tracker.num_starts != self._num_starts:
             if self._num_starts:
-                self._gauge.restart()
+                self._estimator.restart()
             self._num_starts = self._tracker.num_starts
         pair = self._tracker.new_pair
         if pair is not None:
-            self._gauge.update(pair.before, pair.now, pair.before_from_now, pair.radial)
-        world_from_cam = self._now.extended(self._tracker.world_from_cam, self._gauge.unit)
+            self._estimator.update(pair.before, pair.now, pair.before_from_now, pair.radial)
+        world_from_cam = self._path.extended(self._tracker.world_from_cam, self._estimator.unit)
         return Step(world_from_cam, tracked, self.confidence)
 
-    def take_settled(self, *, all_of_them: bool = False) -> tuple[FloatArray, BoolArray]:
-        """Poses [T, 4, 4] and marks [T] since the last call that later images cannot change."""
+    def take_final(self, *, all_of_them: bool = False) -> tuple[FloatArray, BoolArray]:
+        """Poses [T, 4, 4] and marks [T] that have become final since the last call."""
         if all_of_them:
-            poses, marks = self._tracker.take_settled(all_of_them=True)
+            poses, marks = self._tracker.take_final(all_of_them=True)
             self._backlog += list(zip(poses, marks.tolist(), strict=True))
         elif self.confidence == 0 and len(self._backlog) < MAX_BACKLOG:
             return np.zeros((0, 4, 4)), np.zeros(0, dtype=bool)
-        path = [self._settled.extended(pose, self._gauge.unit) for pose, _ in self._backlog]
+        metric_poses = [self._final_path.extended(pose, self._estimator.unit) for pose, _ in self._backlog]
         tracked = np.array([mark for _, mark in self._backlog], dtype=bool)
         self._backlog = []
-        return np.array(path).reshape(-1, 4, 4), tracked
+        return np.array(metric_poses).reshape(-1, 4, 4), tracked
 
 
 class _Path:
@@ -193,25 +191,11 @@ def _view(context: Context, which: str) -> ExtraView:
     return context.wide
 
 
-def _trajectory(
-    poses: FloatArray, times_s: FloatArray, wants_metres: bool, unit: float, confidence: float
-) -> Trajectory:
-    is_metric = wants_metres and (confidence > 0 or not _moves(poses))
-    if not is_metric:
-        return Trajectory(_unit_steps(poses), times_s, False)
-    scaled = poses.copy()
-    scaled[:, :3, 3] *= unit
-    return Trajectory(scaled, times_s, True)
-
-
-def _moves(poses: FloatArray) -> bool:
-    return bool(np.ptp(poses[:, :3, 3], axis=0).max(initial=0.0) > 0)
-
-
-def _unit_steps(poses: FloatArray) -> FloatArray:
-    """The poses with steps of mean length 1, unless the camera stands."""
+def _trajectory(poses: FloatArray, times_s: FloatArray, is_scaled: bool, confidence: float) -> Trajectory:
+    """The trajectory in metres when the scale was found or nothing moved, else with steps of mean length 1."""
     lengths = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    is_metric = is_scaled and (confidence > 0 or not (lengths > 0).any())
     mean = float(lengths.mean()) if len(lengths) else 0.0
     scaled = poses.copy()
-    scaled[:, :3, 3] /= mean if mean > 1e-9 else 1.0
-    return scaled
+    scaled[:, :3, 3] /= mean if mean > 1e-9 and not is_metric else 1.0
+    return Trajectory(scaled, np.asarray(times_s), is_metric)

@@ -1,4 +1,4 @@
-"""How long the odometry's unit of length is in metres: from the road and the camera's height above it, if at all."""
+"""Metres per unit of the odometry: from the road and the camera's height above it, or not at all."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ import numpy as np
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.interfaces import Gauge
+from geovp_classic.interfaces import ScaleEstimator
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.road import RoadFit, agreement, align, level_plane, road_samples, road_window, smoothed
+from geovp_classic.odometry.road import RoadFit, align, correlation, level_plane, road_samples, road_window, smoothed
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 
 COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the images while the height is searched, and once it is known
 SEARCHED_HEIGHTS = np.geomspace(0.4, 40.0, 50)  # in lengths of the motion
 SEARCHED_PITCHES_RAD = np.radians([0.0, -2.0, 2.0])
 MIN_SAMPLES = 50
-UNKNOWN_TILT_RAD = np.radians(1.0)  # of pitch and roll before the first look
-MIN_AGREEMENT = 0.5
-CLEAR_AGREEMENT = 0.85  # that ends the search
+UNKNOWN_TILT_RAD = np.radians(1.0)  # of pitch and roll before the first measurement
+MIN_CORRELATION = 0.5
+CLEAR_CORRELATION = 0.85  # ends the search
 MAX_RELATIVE_SIGMA = 0.05  # of the height by the images' noise alone; above it the road has no texture
-GATE = 3.0  # standard deviations beyond which a measurement is not believed
-MAX_REFUSED = 6  # measurements in a row, before the search starts anew
-MIN_UNITED = 3  # measurements refused in a row that say the same are believed after all
+GATE = 3.0  # standard deviations beyond which a measurement is rejected
+MAX_REJECTED = 6  # measurements in a row, before the search starts anew
+MIN_CONSISTENT = 3  # rejected measurements in a row that agree with each other are accepted after all
 
 
 @dataclass(frozen=True)
@@ -40,18 +40,18 @@ class UnitSpeed:
         """No."""
         return False
 
-    def gauge(self, intrinsics: Intrinsics, camera_height_m: float | None) -> Gauge:
-        """A gauge that measures nothing."""
-        return UnitGauge()
+    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
+        """An estimator that measures nothing."""
+        return UnitScale()
 
 
 @dataclass(frozen=True)
 class GroundPlane:
-    """Metres from the camera's known height: the road ahead is laid onto itself from image to image.
+    """Metres from the camera's known height: the road ahead is aligned from image to image.
 
     Height above the road in units of the odometry, pitch and roll are measured together at every keyframe and smoothed
-    over time; the smoothing assumes that the unit drifts by `drift` a keyframe, more while turning, and that one look
-    at the road errs by `error`, more while turning, because then the road ahead is not the one driven on.
+    over time; the smoothing assumes that the unit drifts by `drift` a keyframe, more while turning, and that one
+    measurement has an error of `error`, more while turning, because then the road ahead is not the one driven on.
     """
 
     drift: float = 0.002
@@ -70,18 +70,18 @@ class GroundPlane:
         """Yes."""
         return True
 
-    def gauge(self, intrinsics: Intrinsics, camera_height_m: float | None) -> Gauge:
-        """A gauge for one camera; Incompatible when its height is not known."""
+    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
+        """An estimator for one camera; Incompatible when its height is not known."""
         if camera_height_m is None or not camera_height_m > 0:
             raise Incompatible(
                 "the ground-plane scale needs the camera's height above the road, which this clip lacks: "
                 "give the data set's camera_height_m or use the scale 'unit-speed'"
             )
-        return RoadGauge(self, Lens(intrinsics), camera_height_m)
+        return GroundPlaneEstimator(self, Lens(intrinsics), camera_height_m)
 
 
 @dataclass
-class UnitGauge:
+class UnitScale:
     """One unit is one unit."""
 
     unit: float = 1.0
@@ -95,7 +95,7 @@ class UnitGauge:
 
 
 @dataclass
-class RoadGauge:
+class GroundPlaneEstimator:
     """A Kalman filter of the logarithm of the camera's height in units of the odometry, and of pitch and roll."""
 
     settings: GroundPlane
@@ -105,13 +105,13 @@ class RoadGauge:
     variance: float = np.inf
     pitch_rad: float = 0.0
     roll_rad: float = 0.0
-    num_looks: int = 0
-    refused: list[float] = field(default_factory=list)  # logarithms of heights that were not believed, in a row
+    num_measurements: int = 0
+    rejected: list[float] = field(default_factory=list)  # logarithms of heights, in a row
     pixels: FloatArray = field(init=False)  # [N, 2] of the window
     window: tuple[slice, slice] = field(init=False)  # rows, columns
 
     def __post_init__(self) -> None:
-        """Choose where to look for the road, and look at nothing else."""
+        """Choose the window of the image that shows the road."""
         camera = self.lens.camera
         pixels = road_samples(self.lens, level_plane(1.0))
         if len(pixels) < MIN_SAMPLES:
@@ -134,10 +134,10 @@ class RoadGauge:
 
     def restart(self) -> None:
         """The odometry's unit has changed: forget the height, keep pitch and roll."""
-        self.variance, self.refused = np.inf, []
+        self.variance, self.rejected = np.inf, []
 
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
-        """Look at the road in two images between which the camera moved, in units of the odometry."""
+        """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry."""
         length = float(np.linalg.norm(before_from_now[:3, 3]))
         if length < 1e-6 or len(self.pixels) < MIN_SAMPLES:
             return
@@ -148,76 +148,77 @@ class RoadGauge:
         if searching and not self._search(before, now, before_from_now):
             return
         self.variance += (self.settings.drift + self.settings.drift_per_rad * turn_rad) ** 2
-        fit = self._look(before, now, before_from_now, (COARSE_PX, FINE_PX) if searching else (FINE_PX,))
+        fit = self._measure(before, now, before_from_now, (COARSE_PX, FINE_PX) if searching else (FINE_PX,))
         if fit is not None:
-            self._learn(fit, turn_rad)
+            self._correct(fit, turn_rad)
         elif searching:
             self.variance = np.inf
 
     def _search(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> bool:
-        """Find the height at all, from a level camera (give or take two degrees)."""
+        """Find the height by exhaustive search, for a level camera within two degrees."""
         images = [smoothed(grey, 1.5) - smoothed(grey, 6.0) for grey in (before, now)]
         length, pixels = float(np.linalg.norm(before_from_now[:3, 3])), self.pixels[::3]
-        best, best_agreement = None, MIN_AGREEMENT
+        best, best_correlation = None, MIN_CORRELATION
         for pitch_rad in SEARCHED_PITCHES_RAD + self.pitch_rad:
             for height in SEARCHED_HEIGHTS * length:
                 plane = level_plane(height, pitch_rad, self.roll_rad)
-                found = agreement(images[0], images[1], before_from_now, self.lens, pixels, plane)
-                if found > best_agreement:
-                    best, best_agreement = (float(np.log(height)), float(pitch_rad)), found
-            if best_agreement > CLEAR_AGREEMENT:
+                found = correlation(images[0], images[1], before_from_now, self.lens, pixels, plane)
+                if found > best_correlation:
+                    best, best_correlation = (float(np.log(height)), float(pitch_rad)), found
+            if best_correlation > CLEAR_CORRELATION:
                 break
         if best is None:
             return False
         (self.log_height, self.pitch_rad), self.variance = best, 0.1**2
         return True
 
-    def _look(
+    def _measure(
         self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, blurs_px: tuple[float, ...]
     ) -> RoadFit | None:
         """The road's plane; None when the road cannot be seen or has no texture."""
         fit: RoadFit | None = None
         plane = level_plane(float(np.exp(self.log_height)), self.pitch_rad, self.roll_rad)
-        trust = self._trust(plane)
+        prior_information = self._prior_information(plane)
         for blur_px in blurs_px:
             a, b = smoothed(before, blur_px), smoothed(now, blur_px)
-            fit = align(a, b, before_from_now, self.lens, self.pixels, plane, trust)
+            fit = align(a, b, before_from_now, self.lens, self.pixels, plane, prior_information)
             if fit is None:
                 return None
             plane = fit.plane
         assert fit is not None
         sigma = 1 / np.sqrt(max(float(plane @ fit.information @ plane), 1e-12))
-        return fit if fit.agreement > MIN_AGREEMENT and sigma < MAX_RELATIVE_SIGMA else None
+        return fit if fit.correlation > MIN_CORRELATION and sigma < MAX_RELATIVE_SIGMA else None
 
-    def _trust(self, plane: FloatArray) -> FloatArray:
-        """Inverse covariance [3, 3] of the plane before a look: loose in height, tighter in pitch and roll."""
+    def _prior_information(self, plane: FloatArray) -> FloatArray:
+        """Inverse covariance [3, 3] of the plane before a measurement: loose in height, tighter in pitch and roll."""
         size, normal = float(np.linalg.norm(plane)), plane / np.linalg.norm(plane)
-        tilt_rad = self.settings.wobble_rad + UNKNOWN_TILT_RAD / (1 + self.num_looks)
+        tilt_rad = self.settings.wobble_rad + UNKNOWN_TILT_RAD / (1 + self.num_measurements)
         loose, tight = (0.3 * size) ** 2, (tilt_rad * size) ** 2
         along = np.outer(normal, normal)
         return along / loose + (np.eye(3) - along) / tight
 
-    def _learn(self, fit: RoadFit, turn_rad: float) -> None:
+    def _correct(self, fit: RoadFit, turn_rad: float) -> None:
+        """The filter's correction by one measurement."""
         size = float(np.linalg.norm(fit.plane))
         noise = (self.settings.error + self.settings.error_per_rad * turn_rad) ** 2
         innovation = -np.log(size) - self.log_height
         if abs(innovation) > GATE * np.sqrt(self.variance + noise):
-            self._doubt(self.log_height + innovation, noise)
+            self._reject(self.log_height + innovation, noise)
             return
         gain = self.variance / (self.variance + noise)
         self.log_height += gain * innovation
         self.variance *= 1 - gain
-        self.refused, self.num_looks = [], self.num_looks + 1
+        self.rejected, self.num_measurements = [], self.num_measurements + 1
         normal = fit.plane / size
-        slow = max(0.05, 1 / (1 + self.num_looks)) * self.settings.error**2 / noise
-        self.pitch_rad += slow * (float(np.arcsin(-normal[2])) - self.pitch_rad)
-        self.roll_rad += slow * (float(np.arctan2(normal[0], normal[1])) - self.roll_rad)
+        rate = max(0.05, 1 / (1 + self.num_measurements)) * self.settings.error**2 / noise
+        self.pitch_rad += rate * (float(np.arcsin(-normal[2])) - self.pitch_rad)
+        self.roll_rad += rate * (float(np.arctan2(normal[0], normal[1])) - self.roll_rad)
 
-    def _doubt(self, log_height: float, noise: float) -> None:
-        """One more look that contradicts what is known; what several say alike is believed, what never ends is lost."""
-        self.refused.append(log_height)
-        united = np.array(self.refused[-MIN_UNITED:])
-        if len(united) == MIN_UNITED and np.ptp(united) < GATE * np.sqrt(noise):
-            self.log_height, self.variance, self.refused = float(np.median(united)), noise / MIN_UNITED, []
-        elif len(self.refused) > MAX_REFUSED:
+    def _reject(self, log_height: float, noise: float) -> None:
+        """Keep a rejected measurement: several that agree replace the estimate, too many in a row restart it."""
+        self.rejected.append(log_height)
+        latest = np.array(self.rejected[-MIN_CONSISTENT:])
+        if len(latest) == MIN_CONSISTENT and np.ptp(latest) < GATE * np.sqrt(noise):
+            self.log_height, self.variance, self.rejected = float(np.median(latest)), noise / MIN_CONSISTENT, []
+        elif len(self.rejected) > MAX_REJECTED:
             self.restart()

@@ -1,4 +1,4 @@
-"""Where points are that several cameras at known places saw."""
+"""Points from their observations by several cameras with known poses."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from geovp_classic.types import FloatArray
 
 
 def triangulate(
-    rays: FloatArray,  # [V, N, 2]; NaN where a view does not see the point
+    rays: FloatArray,  # [V, N, 2]; NaN where a view does not observe the point
     cam_from_world: FloatArray,  # [V, 4, 4]
     num_rounds: int = 3,
 ) -> FloatArray:
     """Points [N, 3] with the least squared distances on z = 1: linear, reweighted by depth (Hartley & Sturm 1997).
 
-    NaN for points that fewer than two views see or that the views cannot place.
+    NaN for points with fewer than two observations or without a finite solution. Several times as fast as pycolmap's
+    `triangulate_multi_view_point`, which takes one point (benchmarks/performance/libraries.py).
     """
     return _triangulated(np.ascontiguousarray(rays), np.ascontiguousarray(cam_from_world), num_rounds)
 
@@ -31,23 +32,23 @@ def _triangulated(rays: FloatArray, cam_from_world: FloatArray, num_rounds: int)
         if count < 2:
             continue
         x, y, z, weight = 0.0, 0.0, 0.0, 1.0
-        for done in range(num_rounds):
+        for iteration in range(num_rounds):
             system[:] = 0
             for v in range(num_views):
                 p = cam_from_world[v]
                 if np.isfinite(rays[v, n, 0]):
                     depth = x * p[2, 0] + y * p[2, 1] + z * p[2, 2] + p[2, 3]
-                    weight = 1 / max(abs(depth), 1e-6) if done else 1.0
-                    _add_sight(system, p, rays[v, n], weight * weight)
-            x, y, z = _solved(system)
+                    weight = 1 / max(abs(depth), 1e-6) if iteration else 1.0
+                    _add_observation(system, p, rays[v, n], weight * weight)
+            x, y, z = _solve(system)
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(z):
             points[n, 0], points[n, 1], points[n, 2] = x, y, z
     return points
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _add_sight(system: FloatArray, pose: FloatArray, ray: FloatArray, weight: float) -> None:
-    """What one view says, written into the normal equations [3, 4]."""
+def _add_observation(system: FloatArray, pose: FloatArray, ray: FloatArray, weight: float) -> None:
+    """Add one observation to the normal equations [3, 4]."""
     for axis in range(2):
         right = ray[axis] * pose[2, 3] - pose[axis, 3]
         for i in range(3):
@@ -58,8 +59,8 @@ def _add_sight(system: FloatArray, pose: FloatArray, ray: FloatArray, weight: fl
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _solved(system: FloatArray) -> tuple[float, float, float]:
-    """The solution of three equations [3, 4], barely damped, by elimination; written over."""
+def _solve(system: FloatArray) -> tuple[float, float, float]:
+    """The solution of three equations [3, 4], barely damped, by elimination in place."""
     damping = 1e-15 * (system[0, 0] + system[1, 1] + system[2, 2]) + 1e-300
     for i in range(3):
         system[i, i] += damping

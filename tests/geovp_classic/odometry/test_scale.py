@@ -10,24 +10,24 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry import road
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.scale import GroundPlane, RoadGauge, UnitSpeed
+from geovp_classic.odometry.scale import GroundPlane, GroundPlaneEstimator, UnitSpeed
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
 
-def gauge_of(camera: Intrinsics) -> RoadGauge:
-    gauge = GroundPlane().gauge(camera, 1.65)
-    assert isinstance(gauge, RoadGauge)
-    return gauge
+def estimator_of(camera: Intrinsics) -> GroundPlaneEstimator:
+    estimator = GroundPlane().estimator(camera, 1.65)
+    assert isinstance(estimator, GroundPlaneEstimator)
+    return estimator
 
 
-def show(gauge: interfaces.Gauge, frames: ByteArray, poses: FloatArray, unit_m: float = 1.0) -> None:
-    """Give a gauge all neighbouring images, lengths told in units of `unit_m`."""
+def show(estimator: interfaces.ScaleEstimator, frames: ByteArray, poses: FloatArray, unit_m: float = 1.0) -> None:
+    """Give an estimator all neighbouring images, lengths told in units of `unit_m`."""
     for i in range(1, len(poses)):
         before_from_now = se3.inverse(poses[i - 1]) @ poses[i]
         before_from_now[:3, 3] /= unit_m
-        gauge.update(frames[i - 1, ..., 0], frames[i, ..., 0], before_from_now)
+        estimator.update(frames[i - 1, ..., 0], frames[i, ..., 0], before_from_now)
 
 
 def test_a_level_plane_by_hand() -> None:
@@ -51,11 +51,11 @@ def test_samples_lie_on_the_road_ahead(camera: Intrinsics) -> None:
 def test_the_unit_is_found_whatever_it_is(
     straight: tuple[ByteArray, FloatArray], camera: Intrinsics, unit_m: float
 ) -> None:
-    gauge = gauge_of(camera)
-    assert gauge.confidence == 0
-    show(gauge, *straight, unit_m)
-    assert gauge.unit == pytest.approx(unit_m, rel=0.03)
-    assert gauge.confidence > 0.7
+    estimator = estimator_of(camera)
+    assert estimator.confidence == 0
+    show(estimator, *straight, unit_m)
+    assert estimator.unit == pytest.approx(unit_m, rel=0.03)
+    assert estimator.confidence > 0.7
 
 
 def test_the_camera_s_pitch_and_roll_are_found(drive: Film, camera: Intrinsics) -> None:
@@ -64,11 +64,11 @@ def test_the_camera_s_pitch_and_roll_are_found(drive: Film, camera: Intrinsics) 
     tilted_from_cam = se3.exp(np.array([0, 0, 0, tilt, 0, 0]))
     world_from_tilted = poses @ tilted_from_cam
     frames, seen_from = drive_from(drive, world_from_tilted)
-    gauge = gauge_of(camera)
-    show(gauge, frames, seen_from)
-    assert gauge.unit == pytest.approx(1.0, rel=0.03)
-    assert np.degrees(gauge.pitch_rad) == pytest.approx(1.5, abs=0.5)
-    assert np.degrees(gauge.roll_rad) == pytest.approx(0, abs=0.5)
+    estimator = estimator_of(camera)
+    show(estimator, frames, seen_from)
+    assert estimator.unit == pytest.approx(1.0, rel=0.03)
+    assert np.degrees(estimator.pitch_rad) == pytest.approx(1.5, abs=0.5)
+    assert np.degrees(estimator.roll_rad) == pytest.approx(0, abs=0.5)
     assert len(level) == len(frames)
 
 
@@ -83,37 +83,37 @@ def drive_from(drive: Film, world_from_cam: FloatArray) -> tuple[ByteArray, Floa
 def test_a_restart_forgets_the_unit_but_not_the_tilt(
     straight: tuple[ByteArray, FloatArray], camera: Intrinsics
 ) -> None:
-    gauge = gauge_of(camera)
-    show(gauge, *straight)
-    pitch_rad = gauge.pitch_rad
-    gauge.restart()
-    assert gauge.confidence == 0
-    assert gauge.unit == 1
-    assert gauge.pitch_rad == pitch_rad
-    show(gauge, *straight, unit_m=0.5)
-    assert gauge.unit == pytest.approx(0.5, rel=0.03)
+    estimator = estimator_of(camera)
+    show(estimator, *straight)
+    pitch_rad = estimator.pitch_rad
+    estimator.restart()
+    assert estimator.confidence == 0
+    assert estimator.unit == 1
+    assert estimator.pitch_rad == pitch_rad
+    show(estimator, *straight, unit_m=0.5)
+    assert estimator.unit == pytest.approx(0.5, rel=0.03)
 
 
 def test_a_blank_or_still_road_says_nothing(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
     frames, poses = straight
-    gauge = gauge_of(camera)
-    show(gauge, np.full_like(frames, 90), poses)
-    assert gauge.confidence == 0
-    show(gauge, frames, np.tile(np.eye(4), (len(poses), 1, 1)))
-    assert gauge.confidence == 0
+    estimator = estimator_of(camera)
+    show(estimator, np.full_like(frames, 90), poses)
+    assert estimator.confidence == 0
+    show(estimator, frames, np.tile(np.eye(4), (len(poses), 1, 1)))
+    assert estimator.confidence == 0
 
 
 def test_one_wrong_look_is_not_believed(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
     frames, poses = straight
-    gauge = gauge_of(camera)
-    show(gauge, frames, poses)
-    unit = gauge.unit
-    show(gauge, frames[:2], poses[:2], unit_m=0.3)  # a motion that is said three times too long
-    assert gauge.unit == pytest.approx(unit, rel=0.02)
+    estimator = estimator_of(camera)
+    show(estimator, frames, poses)
+    unit = estimator.unit
+    show(estimator, frames[:2], poses[:2], unit_m=0.3)  # a motion that is said three times too long
+    assert estimator.unit == pytest.approx(unit, rel=0.02)
 
 
 @pytest.mark.parametrize(
-    ("looks", "height"),
+    ("heights", "height"),
     [
         ([3.0, 3.1, 3.05], 3.05),  # alike: their median
         ([3.0, 0.5, 3.0], 1.65),  # not alike
@@ -121,7 +121,7 @@ def test_one_wrong_look_is_not_believed(straight: tuple[ByteArray, FloatArray], 
     ],
 )
 def test_three_looks_in_a_row_that_say_alike_are_believed(
-    looks: list[float],
+    heights: list[float],
     height: float,
     straight: tuple[ByteArray, FloatArray],
     camera: Intrinsics,
@@ -129,22 +129,22 @@ def test_three_looks_in_a_row_that_say_alike_are_believed(
 ) -> None:
     """A search that took the wrong peak, as on the stripes of a crossing, is not followed for the rest of the clip."""
     frames, poses = straight
-    gauge = gauge_of(camera)
-    gauge.log_height, gauge.variance = float(np.log(1.65)), 0.03**2
-    fits = iter(road.RoadFit(road.level_plane(look), np.eye(3), 0.99) for look in looks)
-    monkeypatch.setattr(RoadGauge, "_look", lambda *_: next(fits))
-    show(gauge, frames[: len(looks) + 1], poses[: len(looks) + 1])
-    assert 1.65 / gauge.unit == pytest.approx(height, rel=0.01)
-    assert gauge.confidence > 0.6
+    estimator = estimator_of(camera)
+    estimator.log_height, estimator.variance = float(np.log(1.65)), 0.03**2
+    fits = iter(road.RoadFit(road.level_plane(height), np.eye(3), 0.99) for height in heights)
+    monkeypatch.setattr(GroundPlaneEstimator, "_measure", lambda *_: next(fits))
+    show(estimator, frames[: len(heights) + 1], poses[: len(heights) + 1])
+    assert 1.65 / estimator.unit == pytest.approx(height, rel=0.01)
+    assert estimator.confidence > 0.6
 
 
 def test_what_the_scales_ask_for_and_promise(camera: Intrinsics) -> None:
     assert (GroundPlane().needs, GroundPlane().is_metric) == (Grant.CAMERA_HEIGHT, True)
     assert (UnitSpeed().needs, UnitSpeed().is_metric) == (Grant.NONE, False)
-    nothing = UnitSpeed().gauge(camera, None)
+    nothing = UnitSpeed().estimator(camera, None)
     assert (nothing.unit, nothing.confidence) == (1.0, 0.0)
     with pytest.raises(Incompatible, match="unit-speed"):
-        GroundPlane().gauge(camera, None)
+        GroundPlane().estimator(camera, None)
 
 
 def test_scales_come_by_name_and_go_back() -> None:

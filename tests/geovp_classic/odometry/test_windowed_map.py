@@ -1,8 +1,7 @@
-"""Compiled loops over the points of a window of keyframes, against slow twins in numpy."""
+"""Predicted pixels and parallax of a window of keyframes, against loops over its points."""
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from geovp_classic.geometry import se3, two_view
 from geovp_classic.odometry import windowed_map
@@ -21,52 +20,58 @@ def rays() -> FloatArray:
 
 
 def slow_prediction(window: WindowedMap, motion: FloatArray) -> FloatArray:
-    """Each followed point carried along, at its own depth or at that of its three neighbours."""
-    known = window.known
-    depth = np.full(len(known), 1e9)
-    depth[known] = np.maximum(window.points[known, 2], 1e-3)
-    near = cKDTree(window.pixels[known]).query(window.pixels[~known], k=3)[1]
-    depth[~known] = 1 / (1 / depth[known])[near].mean(axis=1)
-    ahead = se3.transform(motion, two_view.homogeneous(window.lens.rays(window.pixels)) * depth[:, None])
-    front = ahead[:, 2:] > 1e-6
-    return np.where(front, LENS.pixels(ahead[:, :2] / np.where(front, ahead[:, 2:], 1.0)), window.pixels)
+    """Each active point moved at its own depth or at that of its three neighbours."""
+    known, predicted = window.triangulated, window.pixels.copy()
+    inverse_depth = 1 / np.maximum(window.points[:, 2], 1e-3)
+    for n, pixel in enumerate(window.pixels):
+        nearest = np.argsort(np.linalg.norm(window.pixels[known] - pixel, axis=1))[:3]
+        inverse = inverse_depth[n] if known[n] else inverse_depth[known][nearest].mean()
+        x, y, z = motion[:3, :3] @ (*window.lens.rays(pixel), 1.0) / inverse + motion[:3, 3]
+        if z > 1e-6:
+            predicted[n] = window.lens.pixels(np.array([x / z, y / z]))
+    return predicted
 
 
-def slow_spread(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
-    """The greatest distance from the first ray, all turned into the world's axes, of length 1."""
-    turned = two_view.homogeneous(rays) @ cam_from_world[:, :3, :3]
-    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-    first = turned[np.isfinite(turned[..., 0]).argmax(axis=0), np.arange(turned.shape[1])]
-    return np.asarray(np.nanmax(np.linalg.norm(turned - first, axis=-1), axis=0))
+def slow_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+    """The greatest distance of a point's directions from its first one, in the world, of length 1."""
+    largest = np.zeros(rays.shape[1])
+    for n in range(rays.shape[1]):
+        views = np.flatnonzero(np.isfinite(rays[:, n, 0]))
+        directions = [cam_from_world[view, :3, :3].T @ (*rays[view, n], 1.0) for view in views]
+        directions = [direction / np.linalg.norm(direction) for direction in directions]
+        largest[n] = max(np.linalg.norm(direction - directions[0]) for direction in directions)
+    return largest
 
 
 @pytest.mark.parametrize("share_known", [0.1, 0.8])
-def test_points_are_predicted_as_by_the_slow_twin(rays: FloatArray, share_known: float) -> None:
+def test_points_are_predicted_as_one_by_one(rays: FloatArray, share_known: float) -> None:
     rng, window = np.random.default_rng(1), WindowedMap(LENS, 0.25, 8)
-    window.insert(np.eye(4))
-    window.add(LENS.pixels(rays))
+    window.add_keyframe(np.eye(4))
+    window.add_tracks(LENS.pixels(rays))
     depth = rng.uniform(0.3, 4, len(rays))  # those nearer than a metre come behind the camera
     window.points = np.where(
         rng.uniform(size=(len(rays), 1)) < share_known, two_view.homogeneous(rays) * depth[:, None], np.nan
     )
     expected = slow_prediction(window, MOTION)
     assert (expected == window.pixels).any()
-    np.testing.assert_allclose(window.predicted(np.eye(4), MOTION), expected, rtol=1e-12)
+    np.testing.assert_allclose(window.predict_pixels(np.eye(4), MOTION), expected, rtol=1e-9)
 
 
-def test_the_median_shift_is_that_of_the_slow_twin(rays: FloatArray) -> None:
-    now = rays + np.random.default_rng(2).normal(0, 0.02, rays.shape)
+def test_parallax_is_the_median_shift_of_what_stays_in_front(rays: FloatArray) -> None:
+    window = WindowedMap(LENS, 0.25, 8)
+    window.add_keyframe(np.eye(4))
+    window.add_tracks(LENS.pixels(rays))
     for turn_rad, all_in_front in ((0.1, True), (1.4, False)):
-        rotation = se3.exp(np.array([0, 0, 0, 0, turn_rad, 0]))[:3, :3]
-        before = two_view.rotate_rays(rotation, rays)
+        pose = se3.exp(np.array([0, 0, 0, 0, turn_rad, 0]))
+        before = two_view.rotate_rays(pose[:3, :3], rays)
         assert np.isfinite(before).all() == all_in_front
-        expected = np.nanmedian(np.linalg.norm(now - before, axis=1))
-        assert windowed_map._shift(rotation, rays, now) == pytest.approx(expected, rel=1e-12)
-    assert np.isnan(windowed_map._shift(se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))[:3, :3], rays, now))
+        expected = np.nanmedian(np.linalg.norm(rays - before, axis=1))
+        assert window.parallax(pose) == pytest.approx(expected, rel=1e-3)
+    assert np.isnan(window.parallax(se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))))
 
 
-def test_spread_is_that_of_the_slow_twin(rays: FloatArray) -> None:
+def test_the_largest_parallax_is_that_of_a_loop(rays: FloatArray) -> None:
     rng, poses = np.random.default_rng(3), np.stack([np.eye(4), MOTION, MOTION @ MOTION])
     views = rays + rng.normal(0, 0.05, (3, *rays.shape))
     views[rng.integers(0, 3, 200), np.arange(200)] = np.nan
-    np.testing.assert_allclose(windowed_map._spread(views, poses), slow_spread(views, poses), rtol=1e-12)
+    np.testing.assert_allclose(windowed_map.max_parallax(views, poses), slow_parallax(views, poses), rtol=1e-9)

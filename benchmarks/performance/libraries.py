@@ -1,0 +1,184 @@
+"""Our own solvers beside those of the libraries that could do their job: time, and error against the truth.
+
+`python -m benchmarks.performance.libraries [ROUNDS]`: random points before known cameras, with noise and, where the
+odometry meets them, wrong observations. Both solve the same problem, one after the other, and the medians over the
+rounds are of the processor's time. A solver of our own stays only where it is three times as fast or more accurate.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+
+from benchmarks.commands import command, whole_numbers
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.two_view import homogeneous, refine
+from geovp_classic.odometry.bundle import bundle_adjust
+from geovp_classic.odometry.lens import Lens
+from geovp_classic.odometry.resection import refine_pose
+from geovp_classic.odometry.triangulation import triangulate
+from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.pose_refinement import local_bundle
+from geovp_classic.types import FloatArray, Intrinsics
+
+CAMERA = Intrinsics(700.0, 700.0, 620.0, 185.0, 1241, 376)
+NUM_POINTS, NUM_VIEWS, WRONG_SHARE = 300, 8, 0.15
+NOISE = 0.25 / CAMERA.fx_px  # of a ray's coordinates
+
+Solver = Callable[[], FloatArray]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One problem with two solvers."""
+
+    name: str
+    unit: str  # of the errors
+    ours: Solver
+    library: Solver
+    error: Callable[[FloatArray], float]  # of a solution, against the truth
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Points observed by a camera that drives forward."""
+
+    points: FloatArray  # [N, 3]
+    cam_from_world: FloatArray  # [V, 4, 4]
+    rays: FloatArray  # [V, N, 2], with noise
+    wrong: FloatArray  # [N, 2], the last view's rays, some of them far off
+
+    @classmethod
+    def random(cls, seed: int = 0) -> Scene:
+        """A street's width, 6 to 60 m ahead."""
+        rng = np.random.default_rng(seed)
+        points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (NUM_POINTS, 3))
+        poses = se3.exp(np.arange(NUM_VIEWS)[:, None] * np.array([0.02, 0, -0.7, 0, 0.01, 0]))
+        cam = se3.transform(poses, points)
+        rays = cam[..., :2] / cam[..., 2:] + rng.normal(0, NOISE, (NUM_VIEWS, NUM_POINTS, 2))
+        wrong, count = rays[-1].copy(), int(WRONG_SHARE * NUM_POINTS)
+        wrong[:count] += rng.uniform(-0.1, 0.1, (count, 2))
+        return cls(points, poses, rays, wrong)
+
+
+def triangulation(scene: Scene) -> Comparison:
+    """All points from all views."""
+    directions = homogeneous(scene.rays)
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    poses = list(scene.cam_from_world[:, :3])
+
+    def library() -> FloatArray:
+        points = [pycolmap.triangulate_multi_view_point(poses, directions[:, n]) for n in range(NUM_POINTS)]
+        return np.reshape(np.asarray(points, dtype=np.float64), (-1, 3))
+
+    def error(points: FloatArray) -> float:
+        return float(np.median(np.linalg.norm(points - scene.points, axis=1)))
+
+    return Comparison("triangulation", "m", lambda: triangulate(scene.rays, scene.cam_from_world), library, error)
+
+
+def resection(scene: Scene) -> Comparison:
+    """The last view's pose by known points, from a guess half a metre off."""
+    truth, guess = scene.cam_from_world[-1], se3.exp(np.array([0, 0, 0.5, 0, 0.01, 0])) @ scene.cam_from_world[-1]
+    camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])
+    options = pycolmap.AbsolutePoseRefinementOptions(loss_function_scale=NOISE, gradient_tolerance=1e-9)
+    everything = np.ones(NUM_POINTS, dtype=bool)
+
+    def library() -> FloatArray:
+        given = (_rigid(guess), scene.wrong, scene.points, everything, camera, options)
+        return _matrix(pycolmap.refine_absolute_pose(*given)["cam_from_world"])
+
+    def ours() -> FloatArray:
+        return refine_pose(scene.points, scene.wrong, guess, NOISE)[0]
+
+    return Comparison("resection", "m", ours, library, lambda pose: _distance(pose, truth))
+
+
+def relative_pose(scene: Scene) -> Comparison:
+    """The motion between the first and the last view, from one or two degrees off; errors of its direction."""
+    truth, nearby = _unit(scene.cam_from_world[-1]), se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001]))
+    near, rays = _unit(nearby @ truth), (scene.rays[0], scene.wrong)
+    directions = [homogeneous(r) / np.linalg.norm(homogeneous(r), axis=1, keepdims=True) for r in rays]
+    everything = np.ones(NUM_POINTS, dtype=bool)
+
+    def library() -> FloatArray:
+        return _matrix(pycolmap.refine_relative_pose(_rigid(near), *directions, everything)["cam2_from_cam1"])
+
+    def error(pose: FloatArray) -> float:
+        return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
+
+    return Comparison("relative pose", "deg", lambda: refine(*rays, near, NOISE), library, error)
+
+
+def local_bundle_adjustment(scene: Scene) -> Comparison:
+    """All poses, from a hundredth of a degree and some millimetres off; pycolmap's adjustment fixes the scale alone."""
+    poses, rng = scene.cam_from_world, np.random.default_rng(1)
+    deviations = rng.normal(0, 1, (NUM_VIEWS - 1, 6)) * ((5e-3,) * 3 + (2e-4,) * 3)
+    given, pixels = np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]]), Lens(CAMERA).pixels(scene.rays)
+    visible = np.ones((NUM_VIEWS - 1, NUM_POINTS), dtype=bool)
+    corners = local_bundle.Corners(homogeneous(scene.rays[0]), pixels[1:], visible, CAMERA, given[1:])
+
+    def library() -> FloatArray:
+        return bundle_adjust(given, triangulate(scene.rays, given), pixels, Lens(CAMERA), num_fixed=1)[0][-1]
+
+    return Comparison(
+        "local bundle adjustment",
+        "m",
+        lambda: local_bundle.adjust(corners)[-1],
+        library,
+        lambda pose: _distance(pose, poses[-1]),
+    )
+
+
+@single_threaded_blas
+def measure(comparison: Comparison, rounds: int) -> str:
+    """One line: both times, their ratio, and both errors."""
+    solvers, milliseconds, errors = (comparison.ours, comparison.library), [], []
+    for solve in solvers:
+        errors.append(comparison.error(solve()))  # compiles, too
+        took_s = []
+        for _ in range(rounds):
+            start = time.process_time()
+            solve()
+            took_s.append(time.process_time() - start)
+        milliseconds.append(1e3 * float(np.median(took_s)))
+    (ours_ms, library_ms), (ours, library) = milliseconds, errors
+    return (
+        f"{comparison.name}: ours {ours_ms:.2f} ms, library {library_ms:.2f} ms, ratio {library_ms / ours_ms:.1f}; "
+        f"error {ours:.2g} and {library:.2g} {comparison.unit}"
+    )
+
+
+def _rigid(pose: FloatArray) -> pycolmap.Rigid3d:
+    return pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
+
+
+def _matrix(rigid: pycolmap.Rigid3d) -> FloatArray:
+    matrix = np.asarray(rigid.matrix())
+    return se3.compose(matrix[:, :3], matrix[:, 3])
+
+
+def _unit(pose: FloatArray) -> FloatArray:
+    return se3.compose(pose[:3, :3], pose[:3, 3] / np.linalg.norm(pose[:3, 3]))
+
+
+def _distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
+    return float(np.linalg.norm(se3.inverse(cam_from_world)[:3, 3] - se3.inverse(truth)[:3, 3]))
+
+
+@command
+def main(arguments: Sequence[str]) -> str:
+    """A line for each solver."""
+    (rounds,) = whole_numbers(arguments, (20,), "[ROUNDS]")
+    scene = Scene.random()
+    problems = (triangulation, resection, relative_pose, local_bundle_adjustment)
+    return "\n".join(measure(problem(scene), rounds) for problem in problems)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
