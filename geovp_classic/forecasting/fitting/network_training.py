@@ -87,5 +87,6 @@ def backward(network: Network, trace: Trace, slope: FloatArray) -> list[FloatArr
     for weight, (hidden, by_pre_activation) in zip(network.weights[::-1], trace[::-1], strict=True):
         weights.append(np.swapaxes(hidden, 1, 2) @ slope)
         biases.append(slope.sum(1, keepdims=True))
-        slope = (slope @ np.swapaxes(weight, 1, 2)) * by_pre_activation
+        if len(weights) < len(network.weights):
+            slope = (slope @ np.swapaxes(weight, 1, 2)) * by_pre_activation
     return [*weights[::-1], *biases[::-1]]
