@@ -88,7 +88,7 @@ def _add_poses(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
 
 
 def _add_forecast(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    from benchmarks.forecasting import command
+    from benchmarks.studies.forecasting import command
 
     forecast = verbs.add_parser("forecast", help="measure forecasters on pose files alone, and fit their constants")
     command.add_verbs(forecast.add_subparsers(metavar="VERB", required=True))

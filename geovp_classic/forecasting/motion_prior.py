@@ -1,10 +1,10 @@
-"""Forecast as drivers drive: a motion prior fitted to recorded poses, with an honest spread.
+"""Forecast as drivers drive: a motion prior fitted to recorded poses, with a calibrated distribution.
 
-Two small networks look at the camera's twists over the last 0.93 s. One says the centre path as a correction of a
-damped turn, fitted to the distance in metres and the absolute yaw error, so it is a median and not a mean. The other
-says a mixture of Gaussians over smooth deviations from it (turn or not, brake or not), fitted to the errors that the
-first one makes on roads it was not fitted to. The size of the regions is set last, step by step, so that they hold
-what they say on roads unknown to both. Recorded poses that no car could drive have no part in any of it.
+Two small networks see the camera's twists over the last 0.93 s. One gives the centre path as a correction of a damped
+turn, fitted to the distance in metres and the absolute yaw error, so it is a median and not a mean. The other gives a
+mixture of Gaussians over smooth deviations from it (turn or not, brake or not), fitted to the errors of the first one
+on roads that it was not fitted to. The size of the regions is set last, step by step, so that they hold their nominal
+share on roads unknown to both. Recorded poses that no car could drive are left out of all of it.
 
 The coefficients are fitted by `geovp forecast fit-prior` to ground-truth poses of KITTI odometry 00, 02, 08 and 09,
 the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-SA 3.0 and not included.
@@ -18,123 +18,119 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting import motion_network, past_motion
-from geovp_classic.forecasting.motion_network import MIRRORED_STATES, Coefficients, Network, Standard
+from geovp_classic.forecasting import past_motion
+from geovp_classic.forecasting.motion_network import (
+    MIRRORED_STATE,
+    SPREAD_LIMIT,
+    CentreModel,
+    Coefficients,
+    Network,
+    SpreadModel,
+    Standardisation,
+)
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
 NUM_PAST_STEPS = 9
-FASTEST_TURN_RAD_S = 1.5  # nothing on the train poses turns faster; beyond it the history is taken as turning so fast
-SCALE_FREE_SPEED_M_S = 9.0  # about the median of the train poses
-LICENCE = "Fitted to ground-truth poses of KITTI odometry 00, 01, 02, 04, 08, 09 (Geiger et al. 2012), CC BY-NC-SA 3.0."
+FASTEST_TURN_RAD_S = 1.5  # nothing in the train poses turns faster; turn rates of the past are clipped to it
 
 
 @dataclass(frozen=True)
 class MotionPrior:
     """The centre path, or draws around it when more than one sample is asked for.
 
-    Any number of past poses and any future times: histories are brought to an even grid of 0.1037 s, shorter ones
-    continued backwards by their earliest step, longer ones cut; a single pose is held. Beyond the fitted 2.2 s the path
-    goes on with its last speed and turn rate. A past without metres is taken as driven at SCALE_FREE_SPEED_M_S.
-    Height, pitch and roll are those of the last pose, on the plane that the past motion suggests.
+    Any number of past poses and any future times: the past is brought to an even grid of 0.1037 s, a shorter one
+    continued backwards by its earliest step, a longer one cut; a single pose is held. Beyond the fitted 2.2 s the path
+    goes on with its last speed and turn rate. A past without metres is taken as driven at
+    `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch and roll are those of the last pose, on the plane that the past
+    motion suggests.
     """
 
     seed: int = 0
-    coefficients: Path | None = None  # another file of `fit-prior`; None: the one that comes along
+    coefficients: Path | None = None  # another file of `fit-prior`; None: the packaged one
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4]; with one sample the centre path, otherwise all are draws."""
         ahead_s = past_motion.seconds_ahead(past, times_s)
         if len(past) == 1:
             return np.tile(past.world_from_cam[-1], (num_samples, len(ahead_s), 1, 1))
-        outlook = self._outlook(past, ahead_s)
-        if num_samples == 1:
-            states = outlook.centre[None]
-        else:
-            states = outlook.drawn(num_samples, np.random.default_rng(self.seed))
-        plane = past_motion.vehicle_from_cam(past)
-        return planar.lift(states / outlook.unit, past.world_from_cam[-1], plane)
+        paths, unit = self._paths(past, ahead_s)
+        states = paths.centre[None] if num_samples == 1 else paths.sample(num_samples, self.seed)
+        return planar.lift(states * unit, past.world_from_cam[-1], past_motion.vehicle_from_cam(past))
 
     def distribution(self, past: Trajectory, times_s: FloatArray) -> PlanarForecast:
         """The predictive mixture of (x, z, yaw) at every future time; BadData for a single past pose."""
         ahead_s = past_motion.seconds_ahead(past, times_s)
         if len(past) == 1:
             raise BadData("one past pose shows no motion, so there is no distribution to give: give at least two")
-        outlook = self._outlook(past, ahead_s)
-        means, covariances = outlook.moments()
-        scale = outlook.unit[:, None] * outlook.unit
+        paths, unit = self._paths(past, ahead_s)
+        means, covariances = paths.moments()
         plane = past_motion.vehicle_from_cam(past)
-        return PlanarForecast(
-            outlook.weights, means / outlook.unit, covariances / scale, past.world_from_cam[-1], plane
-        )
+        scale = unit[:, None] * unit
+        return PlanarForecast(paths.weights, means * unit, covariances * scale, past.world_from_cam[-1], plane)
 
-    def _outlook(self, past: Trajectory, ahead_s: FloatArray) -> Outlook:
+    def _paths(self, past: Trajectory, ahead_s: FloatArray) -> tuple[PathMixture, FloatArray]:
+        """The mixture in metres, and (x, z, yaw) [3] of the past's unit for its 1."""
         fitted = load(self.coefficients)
-        factor = past_motion.metres_per_unit(past, SCALE_FREE_SPEED_M_S)
-        rates = past_motion.body_rates(past_motion.scaled(past, factor), fitted.step_s, NUM_PAST_STEPS)[None]
-        rates[..., 3:] = np.clip(rates[..., 3:], -FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
-        return outlook(fitted, rates, ahead_s, factor)
+        metric, metres_per_unit = past_motion.in_metres(past)
+        twists = past_motion.twists_per_s(metric, fitted.centre.step_s, NUM_PAST_STEPS)[None]
+        twists[..., 3:] = np.clip(twists[..., 3:], -FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
+        return path_mixture(fitted, twists, ahead_s), np.array([1 / metres_per_unit, 1 / metres_per_unit, 1.0])
 
 
 @dataclass(frozen=True)
-class Outlook:
+class PathMixture:
     """A centre path in metres and modes of smooth deviations from it, at T future times."""
 
     centre: FloatArray  # [T, 3]
     weights: FloatArray  # [K]
     means: FloatArray  # [K, D]
     deviations: FloatArray  # [K, D]
-    bases: FloatArray  # [K, T, 3, D], off the path: (right, ahead, yaw)
-    floor: FloatArray  # [T, 3]
-    unit: FloatArray  # [3], metres per unit of the past
+    bases: FloatArray  # [K, T, 3, D], deviations from the path as (x, z, yaw)
+    residual_covariance: FloatArray  # [T, 3, 3], what the bases leave out
 
-    def drawn(self, num_samples: int, rng: np.random.Generator) -> FloatArray:
-        """Smooth paths [S, T, 3]; the floor's variance, which is not smooth, is left out."""
-        which = rng.choice(len(self.weights), size=num_samples, p=self.weights)
-        amounts = self.means[which] + self.deviations[which] * rng.standard_normal((num_samples, self.means.shape[1]))
-        off = np.einsum("stid,sd->sti", self.bases[which], amounts)
-        return self.centre + np.einsum("tij,stj->sti", self._turned(), off)
+    def sample(self, num_samples: int, seed: int) -> FloatArray:
+        """Smooth paths [S, T, 3]; the residual covariance, which is not smooth, is left out."""
+        rng = np.random.default_rng(seed)
+        modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
+        amounts = self.means[modes] + self.deviations[modes] * rng.standard_normal((num_samples, self.means.shape[1]))
+        return self.centre + np.einsum("stid,sd->sti", self.bases[modes], amounts)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Means [K, T, 3] and covariances [K, T, 3, 3] of (x, z, yaw)."""
-        turned = self._turned()
-        axes = np.einsum("tij,ktjd->ktid", turned, self.bases)
-        means = self.centre + np.einsum("ktid,kd->kti", axes, self.means)
-        wide = axes * self.deviations[:, None, None]
-        floor = (turned * self.floor[:, None]) @ np.swapaxes(turned, 1, 2)
-        return means, wide @ np.swapaxes(wide, -1, -2) + floor
-
-    def _turned(self) -> FloatArray:
-        """(x, z, yaw) from (right, ahead, yaw) at every time [T, 3, 3]."""
-        yaw = self.centre[:, 2]
-        zero, one, cos, sin = np.zeros_like(yaw), np.ones_like(yaw), np.cos(yaw), np.sin(yaw)
-        return np.stack([cos, sin, zero, -sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
+        means = self.centre + np.einsum("ktid,kd->kti", self.bases, self.means)
+        roots = self.bases * self.deviations[:, None, None]
+        return means, roots @ np.swapaxes(roots, -1, -2) + self.residual_covariance
 
 
-def outlook(
+def path_mixture(
     fitted: Coefficients,
-    rates: FloatArray,  # [1, P, 6]
+    twists: FloatArray,  # [1, P, 6]
     ahead_s: FloatArray,  # [T]
-    metres_per_unit: float = 1.0,
-) -> Outlook:
-    """What the coefficients say about one history."""
-    centre = motion_network.centres(fitted, rates)
-    weights, means, deviations = motion_network.modes(fitted, rates, centre)
-    half = len(weights) // 2
-    bases = np.stack([fitted.basis] * half + [fitted.basis * MIRRORED_STATES[:, None]] * half)
-    between = _between(ahead_s, fitted.step_s, fitted.num_steps)
-    return Outlook(
-        centre=_path_at(centre[0], ahead_s, fitted.step_s),
-        weights=weights / weights.sum(),
+) -> PathMixture:
+    """The prior's answer to one past."""
+    grid = fitted.centre(twists)
+    weights, means, deviations = fitted.spread(twists, grid)
+    nodes_s = fitted.centre.step_s * np.arange(grid.shape[1] + 1)
+    # Deviations are 0 at time 0, linear between the steps of the grid, and go on as a line beyond.
+    interpolation = make_interp_spline(nodes_s, np.eye(len(nodes_s)), k=1)(ahead_s)[:, 1:]  # [T, F]
+    centre = _path_at(grid[0], ahead_s, fitted.centre.step_s)
+    rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()  # (x, z, yaw) from (right, ahead, yaw)
+    basis = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
+    mirrored = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis * MIRRORED_STATE[:, None])
+    variance = interpolation**2 @ fitted.spread.residual_variance
+    return PathMixture(
+        centre=centre,
+        weights=weights,
         means=means,
         deviations=deviations,
-        bases=np.einsum("tf,kfid->ktid", between, bases),
-        floor=between**2 @ fitted.floor,
-        unit=np.array([metres_per_unit, metres_per_unit, 1.0]),
+        bases=np.repeat(np.stack([basis, mirrored]), len(weights) // 2, axis=0),
+        residual_covariance=(rotations * variance[:, None]) @ np.swapaxes(rotations, 1, 2),
     )
 
 
@@ -144,51 +140,23 @@ def load(path: Path | None) -> Coefficients:
     source = path or resources.files("geovp_classic.poses") / "motion_prior.npz"
     try:
         with source.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-            table = {name: arrays[name] for name in arrays.files}
-        return unpacked(table)
+            return unpacked(dict(arrays))
     except (OSError, ValueError, KeyError) as error:
         raise BadData(f"{source} holds no motion prior ({error}): write one with fit-prior") from error
 
 
-def packed(coefficients: Coefficients) -> dict[str, FloatArray]:
-    """The arrays of a file."""
-    table: dict[str, FloatArray] = {
-        "step_s": np.array(coefficients.step_s),
-        "num_modes": np.array(coefficients.num_modes),
-        "centre_scale": coefficients.centre_scale,
-        "basis": coefficients.basis,
-        "floor": coefficients.floor,
-        "licence": np.array(LICENCE),
-    }
-    for name, network, standard in (
-        ("centre", coefficients.centre, coefficients.centre_standard),
-        ("spread", coefficients.spread, coefficients.spread_standard),
-    ):
-        table[f"{name}_mean"], table[f"{name}_deviation"] = standard.mean, standard.deviation
-        for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-            table[f"{name}_weight{layer}"], table[f"{name}_bias{layer}"] = weight, bias
-    return table
-
-
 def unpacked(table: dict[str, FloatArray]) -> Coefficients:
-    """The inverse of `packed`."""
-    return Coefficients(
-        step_s=float(table["step_s"]),
-        centre_standard=Standard(table["centre_mean"], table["centre_deviation"]),
-        centre_scale=table["centre_scale"],
-        centre=_network(table, "centre"),
-        spread_standard=Standard(table["spread_mean"], table["spread_deviation"], motion_network.SPREAD_LIMIT),
-        spread=_network(table, "spread"),
-        basis=table["basis"],
-        floor=table["floor"],
-        num_modes=int(table["num_modes"]),
-    )
+    """Coefficients from the arrays of a file, as `fitting.prior.packed` names them."""
 
+    def part(name: str, limit: float) -> tuple[Standardisation, Network]:
+        layers = range(sum(key.startswith(f"{name}_weight") for key in table))
+        weights, biases = (tuple(table[f"{name}_{kind}{layer}"] for layer in layers) for kind in ("weight", "bias"))
+        return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit), Network(weights, biases)
 
-def _network(table: dict[str, FloatArray], name: str) -> Network:
-    layers = range(sum(key.startswith(f"{name}_weight") for key in table))
-    weights = tuple(table[f"{name}_weight{layer}"] for layer in layers)
-    return Network(weights, tuple(table[f"{name}_bias{layer}"] for layer in layers))
+    inputs, network = part("centre", Standardisation.limit)
+    centre = CentreModel(float(table["step_s"]), inputs, table["centre_scale"], network)
+    spread = SpreadModel(*part("spread", SPREAD_LIMIT), table["basis"], table["floor"], int(table["num_modes"]))
+    return Coefficients(centre, spread)
 
 
 def _path_at(
@@ -200,23 +168,11 @@ def _path_at(
     nodes = np.concatenate([np.zeros((1, 3)), grid])
     inside_s = np.minimum(ahead_s, step_s * len(grid))
     states = CubicSpline(step_s * np.arange(len(nodes)), nodes)(inside_s)
-    (right, ahead, turned), yaw = grid[-1] - grid[-2], grid[-1, 2]
-    middle = yaw - turned / 2  # the direction in which the last step went, on average
-    side, forward = (np.cos(middle) * right - np.sin(middle) * ahead, np.sin(middle) * right + np.cos(middle) * ahead)
+    x, z, turned = grid[-1] - grid[-2]
     steps = (ahead_s - inside_s) / step_s
-    heading, chord = yaw + turned * steps / 2, steps * np.sinc(turned * steps / (2 * np.pi))
-    states[:, 0] += chord * (np.cos(heading) * side + np.sin(heading) * forward)
-    states[:, 1] += chord * (np.cos(heading) * forward - np.sin(heading) * side)
+    angle = turned * (steps + 1) / 2  # between the last step's chord and the one to the time asked for
+    chord = steps * np.sinc(turned * steps / (2 * np.pi))  # in lengths of the last step
+    states[:, 0] += chord * (np.cos(angle) * x + np.sin(angle) * z)
+    states[:, 1] += chord * (np.cos(angle) * z - np.sin(angle) * x)
     states[:, 2] += turned * steps
     return np.asarray(states)
-
-
-def _between(ahead_s: FloatArray, step_s: float, num_steps: int) -> FloatArray:
-    """Weights [T, F] that take a deviation from the grid to any time: linear between, and on as a line beyond."""
-    position = ahead_s / step_s
-    before = np.clip(np.floor(position).astype(int), 0, num_steps - 1)
-    share = position - before
-    weights = np.zeros((len(ahead_s), num_steps + 1))
-    rows = np.arange(len(ahead_s))
-    weights[rows, before], weights[rows, before + 1] = 1 - share, share
-    return weights[:, 1:]  # the deviation is 0 at time 0

@@ -1,4 +1,4 @@
-"""What past poses say about how the camera moves: the pitch of its road, its unit, its velocity on an even grid."""
+"""What past poses tell of the camera's motion: the pitch of its plane, its scale, its twists on an even time grid."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
 
 STANDING_M = 0.5  # a past shorter than this says little about the road's pitch
+SCALE_FREE_SPEED_M_S = 9.0  # assumed of a past without metres: about the median of the train poses
 
 
 def seconds_ahead(past: Trajectory, times_s: FloatArray) -> FloatArray:
@@ -21,20 +22,15 @@ def seconds_ahead(past: Trajectory, times_s: FloatArray) -> FloatArray:
     return ahead_s
 
 
-def metres_per_unit(past: Trajectory, assumed_speed_m_s: float) -> float:
-    """1 for a metric past; otherwise what makes its mean speed the assumed one (1 when it stands still)."""
-    if past.is_metric or len(past) < 2:
-        return 1.0
+def in_metres(past: Trajectory) -> tuple[Trajectory, float]:
+    """The past in metres, and metres per unit; without metres its mean speed is taken as SCALE_FREE_SPEED_M_S."""
     path = np.linalg.norm(np.diff(past.world_from_cam[:, :3, 3], axis=0), axis=-1).sum()
-    duration_s = past.times_s[-1] - past.times_s[0]
-    return float(assumed_speed_m_s * duration_s / path) if path > 0 else 1.0
-
-
-def scaled(past: Trajectory, factor: float) -> Trajectory:
-    """The same motion with lengths multiplied by the factor, in metres."""
+    if past.is_metric or path == 0:
+        return past, 1.0
+    metres_per_unit = float(SCALE_FREE_SPEED_M_S * (past.times_s[-1] - past.times_s[0]) / path)
     world_from_cam = past.world_from_cam.copy()
-    world_from_cam[:, :3, 3] *= factor
-    return Trajectory(world_from_cam, past.times_s, is_metric=True)
+    world_from_cam[:, :3, 3] *= metres_per_unit
+    return Trajectory(world_from_cam, past.times_s, is_metric=True), metres_per_unit
 
 
 def vehicle_from_cam(past: Trajectory) -> FloatArray:
@@ -50,19 +46,21 @@ def vehicle_from_cam(past: Trajectory) -> FloatArray:
     return planar.level_vehicle_from_cam(pitch_rad=float(np.arctan(np.clip(slope, -limit, limit))))
 
 
-def body_rates(past: Trajectory, step_s: float, num_steps: int) -> FloatArray:
+def poses_at(trajectory: Trajectory, times_s: FloatArray) -> FloatArray:
+    """world_from_cam [T, 4, 4] between the poses, and beyond them on the first or the last step's screw motion."""
+    after = np.clip(np.searchsorted(trajectory.times_s, times_s, side="right"), 1, len(trajectory) - 1)
+    before_s, after_s = trajectory.times_s[after - 1], trajectory.times_s[after]
+    share = (times_s - before_s) / (after_s - before_s)
+    return se3.interpolate(trajectory.world_from_cam[after - 1], trajectory.world_from_cam[after], share)
+
+
+def twists_per_s(past: Trajectory, step_s: float, num_steps: int) -> FloatArray:
     """Twists per second [num_steps, 6] = (v, w) of the camera in its own frame, on an even grid up to the last pose.
 
     Where the grid begins before the past does, its earliest known step is repeated; at least two poses are needed.
     """
-    grid_s = past.times_s[-1] - step_s * np.arange(num_steps, -1, -1)
     span_s = past.times_s[-1] - past.times_s[0]
     known = int(np.clip(np.floor(span_s / step_s + 0.1), 1, num_steps))  # a tenth of a step may be extrapolated
-    grid_s = grid_s[num_steps - known :]
-    after = np.clip(np.searchsorted(past.times_s, grid_s, side="right"), 1, len(past) - 1)
-    before_s, after_s = past.times_s[after - 1], past.times_s[after]
-    poses = se3.interpolate(
-        past.world_from_cam[after - 1], past.world_from_cam[after], (grid_s - before_s) / (after_s - before_s)
-    )
-    rates = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s
-    return np.concatenate([np.repeat(rates[:1], num_steps - known, axis=0), rates])
+    poses = poses_at(past, past.times_s[-1] - step_s * np.arange(known, -1, -1))
+    twists = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s
+    return np.concatenate([np.repeat(twists[:1], num_steps - known, axis=0), twists])

@@ -1,4 +1,4 @@
-"""Where the vehicle will be and how sure that is: a Gaussian mixture over (x, z, yaw) at every future time."""
+"""The distribution of a forecast: a Gaussian mixture over (x, z, yaw) at every future time."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ class PlanarForecast:
 
     def log_density(self, states: FloatArray) -> FloatArray:
         """Log density [N, F] (per square metre and radian) at states [N, F, 3]; yaw differences are wrapped."""
-        off = states[None] - self.means[:, None]  # [K, N, F, 3]
-        off[..., 2] = (off[..., 2] + np.pi) % (2 * np.pi) - np.pi
+        error = states[None] - self.means[:, None]  # [K, N, F, 3]
+        error[..., 2] = (error[..., 2] + np.pi) % (2 * np.pi) - np.pi
         lower = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
-        white = (np.linalg.inv(lower) @ off[..., None])[..., 0]  # one inverse serves all N
+        white = (np.linalg.inv(lower) @ error[..., None])[..., 0]  # one inverse serves all N
         log_volume = np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(-1) + 1.5 * np.log(2 * np.pi)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)[:, None, None]
         density: FloatArray = logsumexp(log_weights - 0.5 * (white**2).sum(-1) - log_volume, axis=0)
         return density
 
-    def draws(self, num_samples: int, seed: int) -> FloatArray:
-        """States [N, F, 3], right for every step on its own (a forecaster's futures are right as paths)."""
+    def sample(self, num_samples: int, seed: int) -> FloatArray:
+        """States [N, F, 3], independent from step to step (unlike the paths that a forecaster draws)."""
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
         lower = np.linalg.cholesky(self.covariances)[modes]

@@ -13,7 +13,7 @@ from geovp_classic.types import FloatArray, Trajectory
 
 ALL = [TurnRateKalman(), TurnRateUnscented(), AccelerationKalman()]
 STEP_S = 0.1
-LEVER_ARM_M = fitted("turn-rate").model.lever_arm
+LEVER_ARM_M = fitted("turn-rate").lever_arm
 
 
 def circle(speed_m_s: float, turn_rad_s: float, num_steps: int, first_yaw_rad: float = 0.0) -> FloatArray:

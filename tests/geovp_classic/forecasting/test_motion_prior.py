@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, motion_prior
+from geovp_classic.forecasting.fitting import prior
 from geovp_classic.forecasting.motion_network import Network
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import planar, se3
@@ -44,7 +45,7 @@ def test_a_straight_road_goes_on_straight() -> None:
 def test_left_is_right_in_the_mirror() -> None:
     left, right = (drive(7.0, turn, 10) for turn in (-0.4, 0.4))
     ahead = [states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0] for past in (left, right)]
-    np.testing.assert_allclose(ahead[0], ahead[1] * motion_network.MIRRORED_STATES, atol=1e-6)
+    np.testing.assert_allclose(ahead[0], ahead[1] * motion_network.MIRRORED_STATE, atol=1e-6)
     assert 0.1 < ahead[1][-1, 2] < 0.4 * 20 * STEP_S * 1.5  # goes on turning, not for ever
 
 
@@ -140,7 +141,7 @@ def test_a_file_without_a_prior_is_refused(tmp_path: Path) -> None:
 
 def test_coefficients_survive_a_file_and_say_their_licence(tmp_path: Path) -> None:
     path = tmp_path / "prior.npz"
-    np.savez(path, allow_pickle=False, **motion_prior.packed(motion_prior.load(None)))
+    np.savez(path, allow_pickle=False, **prior.packed(motion_prior.load(None)))
     with np.load(path) as arrays:
         assert "CC BY-NC-SA 3.0" in str(arrays["licence"])
     past = drive(5.0, 0.1, 10)
@@ -154,27 +155,27 @@ def test_a_network_is_matrices_with_silu_between() -> None:
     assert network(np.array([[2.0]]))[0, 0, 0] == pytest.approx(3 * 1.7615942 + 0.5)
 
 
-def test_the_first_guess_brakes_to_rest_and_keeps_less_and_less_of_the_turn() -> None:
-    rates = np.zeros((1, 9, 6))
-    rates[0, :, 2] = np.linspace(2.6, 1.0, 9)  # 0.2 m/s per step slower: rest after five steps
-    rates[0, :, 4] = 0.5
-    path = motion_network.first_guess(rates, 0.1, 10)[0]
+def test_the_damped_turn_brakes_to_rest_and_keeps_less_and_less_of_the_turn() -> None:
+    twists = np.zeros((1, 9, 6))
+    twists[0, :, 2] = np.linspace(2.6, 1.0, 9)  # 0.2 m/s per step slower: rest after five steps
+    twists[0, :, 4] = 0.5
+    path = motion_network.damped_turn(twists, 0.1, 10)[0]
     np.testing.assert_allclose(path[6:, :2], path[6, :2][None].repeat(4, 0))
     np.testing.assert_allclose(np.diff(path[:, 2])[1:] / np.diff(path[:, 2])[:-1], 0.95)
 
 
-def test_a_mirrored_past_is_as_calm() -> None:
-    rates = np.random.default_rng(0).standard_normal((5, 9, 6))
+def test_a_mirrored_past_changes_as_much() -> None:
+    twists = np.random.default_rng(0).standard_normal((5, 9, 6))
     centre = np.zeros((5, 21, 3))
-    calm = motion_network.spread_features(rates, centre)[:, -18:]  # 17 of the past, one of the centre's turn
-    mirrored = motion_network.spread_features(rates * motion_network.MIRRORED_RATES, centre)[:, -18:]
-    np.testing.assert_allclose(calm, mirrored)
+    changes = motion_network.spread_features(twists, centre)[:, -18:]  # 17 of the past, one of the centre's turn
+    mirrored = motion_network.spread_features(twists * motion_network.MIRRORED_TWIST, centre)[:, -18:]
+    np.testing.assert_allclose(changes, mirrored)
 
 
 def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:
     def width(speed_m_s: float) -> float:
-        rates = np.tile([0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0], (1, 9, 1))
-        _, covariances = motion_prior.outlook(motion_prior.load(None), rates, np.array([2.0])).moments()
+        twists = np.tile([0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0], (1, 9, 1))
+        _, covariances = motion_prior.path_mixture(motion_prior.load(None), twists, np.array([2.0])).moments()
         return float(np.sqrt(covariances[:, 0, 1, 1]).max())
 
     assert width(60.0) < 2 * width(25.0)

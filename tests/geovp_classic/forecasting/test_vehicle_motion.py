@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from filterpy.kalman import UnscentedKalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting import kalman, past_motion
-from geovp_classic.forecasting.kalman_filters import ExtendedFilter, KalmanConstants, UnscentedFilter, run
+from geovp_classic.forecasting import past_motion
+from geovp_classic.forecasting.kalman import ExtendedFilter, UnscentedFilter, fitted, joseph_update, run
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar, se3
@@ -25,31 +28,31 @@ def drive(twist_per_s: list[float], times_s: FloatArray, is_metric: bool = True)
 def test_a_quarter_circle_in_one_step() -> None:
     # 10 m/s, pi/2 rad/s: radius 20/pi; a quarter circle ends one radius ahead and one to the right.
     state = np.array([0, 0, 0, 10.0, np.pi / 2])
-    later = MODEL.moved(state, 1.0)
+    later = MODEL.transition(state, 1.0)
     np.testing.assert_allclose(later, [20 / np.pi, 20 / np.pi, np.pi / 2, 10, np.pi / 2], atol=1e-12)
 
 
-def test_without_a_turn_the_way_is_straight_and_smooth_in_the_turn_rate() -> None:
-    ends = [MODEL.moved(np.array([0, 0, 0, 10.0, turn]), 0.5)[:2] for turn in (0.0, 1e-9)]
+def test_without_a_turn_the_path_is_straight_and_smooth_in_the_turn_rate() -> None:
+    ends = [MODEL.transition(np.array([0, 0, 0, 10.0, turn]), 0.5)[:2] for turn in (0.0, 1e-9)]
     np.testing.assert_allclose(ends[0], [0, 5])
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-7)
 
 
 def test_a_camera_ahead_of_the_axle_swings_outwards() -> None:
     # Turning on the spot by 90 degrees takes a camera 2 m ahead of the axle from (0, 2) to (2, 0) about the axle.
-    swung = VehicleModel(0, 0, 2.0, 0, 0, 0, 0).moved(np.array([0, 2.0, 0, 0, np.pi / 2]), 1.0)
+    swung = VehicleModel(0, 0, 2.0, 0, 0, 0, 0).transition(np.array([0, 2.0, 0, 0, np.pi / 2]), 1.0)
     np.testing.assert_allclose(swung[:2], [2, 0], atol=1e-12)
 
 
 def test_braking_ends_at_rest() -> None:
-    later = MODEL.moved(np.array([0, 0, 0, 2.0, 0, -4.0]), 1.0)
+    later = MODEL.transition(np.array([0, 0, 0, 2.0, 0, -4.0]), 1.0)
     assert later[3] == 0
     assert later[5] == 0
     assert later[1] == pytest.approx(1.0)  # half of 2 m/s for a second
 
 
 def test_damping_takes_the_turn_rate_down_by_e() -> None:
-    damped = VehicleModel(0.5, 0.0, 0.0, 0, 0, 0, 0).moved(np.array([0, 0, 0, 5.0, 1.0]), 2.0)
+    damped = VehicleModel(0.5, 0.0, 0.0, 0, 0, 0, 0).transition(np.array([0, 0, 0, 5.0, 1.0]), 2.0)
     assert damped[4] == pytest.approx(np.exp(-1))
     assert damped[2] == pytest.approx((1 - np.exp(-1)) / 0.5)
 
@@ -57,16 +60,16 @@ def test_damping_takes_the_turn_rate_down_by_e() -> None:
 @given(st.floats(-3, 3), st.floats(0.5, 30), st.floats(0.01, 0.5), st.floats(0.01, 0.5))
 def test_two_short_steps_add_the_noise_of_one_long_one(yaw: float, speed: float, first: float, second: float) -> None:
     state = np.array([0, 0, yaw, speed, 0, 0])
-    middle = MODEL.moved(state, first)
+    middle = MODEL.transition(state, first)
     onward = MODEL.jacobian(middle, second)
-    in_two = onward @ MODEL.noise(state, first) @ onward.T + MODEL.noise(middle, second)
-    np.testing.assert_allclose(in_two, MODEL.noise(state, first + second), rtol=1e-4, atol=1e-6 * speed**2)
+    in_two = onward @ MODEL.process_noise(state, first) @ onward.T + MODEL.process_noise(middle, second)
+    np.testing.assert_allclose(in_two, MODEL.process_noise(state, first + second), rtol=1e-4, atol=1e-6 * speed**2)
 
 
 def test_many_states_at_once_are_each_one_alone() -> None:
     states = np.array([[0, 0, 0.1, 5, 0.2, 1], [1, 2, 3, 0, 0, 0], [0, 0, -2, 9, -1, -3.0]])
     steps_s = np.array([0.1, 0.2, 0.3])
-    for function in (MODEL.moved, MODEL.jacobian, MODEL.noise):
+    for function in (MODEL.transition, MODEL.jacobian, MODEL.process_noise):
         alone = [function(state, dt_s) for state, dt_s in zip(states, steps_s, strict=True)]
         np.testing.assert_allclose(function(states, steps_s), np.stack(alone), atol=1e-12)
 
@@ -74,8 +77,8 @@ def test_many_states_at_once_are_each_one_alone() -> None:
 @pytest.mark.parametrize("kind", [ExtendedFilter, UnscentedFilter])
 def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(kind: type) -> None:
     times_s = np.cumsum([0.1, 0.05, 0.2, 0.1, 0.1, 0.15, 0.1, 0.1])
-    measured = np.stack([MODEL.moved(np.array([0, 0, 3.0, 8.0, 0.5]), t)[:3] for t in times_s])  # over the seam
-    kalman = kind(KalmanConstants(MODEL, 1e-3, 1e-4), 5)
+    measured = np.stack([MODEL.transition(np.array([0, 0, 3.0, 8.0, 0.5]), t)[:3] for t in times_s])  # over the seam
+    kalman = kind(replace(MODEL, acceleration_noise=0.0, position_noise_m=1e-3, yaw_noise_rad=1e-4))
     run(kalman, measured, times_s)
     assert kalman.x[3] == pytest.approx(8.0, abs=0.05)
     assert kalman.x[4] == pytest.approx(0.5, abs=0.02)
@@ -98,16 +101,19 @@ def test_a_standing_camera_says_nothing_about_its_plane() -> None:
     np.testing.assert_allclose(past_motion.vehicle_from_cam(past), np.eye(4))
 
 
-def test_rates_come_on_an_even_grid_and_are_continued_backwards() -> None:
+def test_twists_are_on_an_even_grid_and_are_continued_backwards() -> None:
     twist = [0.1, 0.0, 8.0, 0.0, 0.3, 0.0]
     irregular = drive(twist, np.array([0, 0.07, 0.2, 0.31, 0.33, 0.5]))
-    np.testing.assert_allclose(past_motion.body_rates(irregular, 0.1, 9), np.tile(twist, (9, 1)), atol=1e-9)
+    np.testing.assert_allclose(past_motion.twists_per_s(irregular, 0.1, 9), np.tile(twist, (9, 1)), atol=1e-9)
 
 
 def test_a_past_without_metres_is_scaled_to_the_assumed_speed() -> None:
     past = drive([0, 0, 1.0, 0, 0, 0], np.arange(4) * 0.1, is_metric=False)
-    assert past_motion.metres_per_unit(past, 9.0) == pytest.approx(9.0)
-    assert past_motion.metres_per_unit(drive([0, 0, 0, 0, 0, 0], np.arange(4) * 0.1, False), 9.0) == 1.0
+    metric, metres_per_unit = past_motion.in_metres(past)
+    assert metric.is_metric
+    assert metres_per_unit == pytest.approx(9.0)
+    np.testing.assert_allclose(metric.world_from_cam[:, 2, 3], [0, 0.9, 1.8, 2.7])
+    assert past_motion.in_metres(drive([0, 0, 0, 0, 0, 0], np.arange(4) * 0.1, False))[1] == 1.0
 
 
 @pytest.mark.parametrize("times_s", [[0.3], [0.2], [np.nan]])
@@ -129,8 +135,8 @@ def test_the_density_is_the_gaussians_and_wraps_yaw() -> None:
     np.testing.assert_allclose(forecast.log_density(states)[:, 0], at_mean - np.array([0, 0.5, 0.5]))
 
 
-def test_draws_come_from_both_modes_in_their_shares() -> None:
-    states = mixture([0.25, 0.75], [[-50, 0, 0], [50, 0, 0]]).draws(4000, seed=1)
+def test_samples_are_of_both_modes_by_weight() -> None:
+    states = mixture([0.25, 0.75], [[-50, 0, 0], [50, 0, 0]]).sample(4000, seed=1)
     assert (states[:, 0, 0] > 0).mean() == pytest.approx(0.75, abs=0.03)
     assert states[states[:, 0, 0] > 0][:, 0, 0].std() == pytest.approx(2.0, abs=0.1)
 
@@ -141,11 +147,32 @@ def test_weights_that_do_not_sum_to_one_are_refused() -> None:
 
 
 def test_all_sigma_points_at_once_are_those_of_filterpys_loop() -> None:
-    unscented = UnscentedFilter(kalman.fitted("turn-rate"), 5)
+    unscented = UnscentedFilter(fitted("turn-rate"))
     unscented.x, unscented.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
     unscented.compute_process_sigmas(0.1)
-    one_by_one = [
-        unscented.constants.model.moved(point, 0.1)
-        for point in unscented.points_fn.sigma_points(unscented.x, unscented.P)
-    ]
-    np.testing.assert_array_equal(unscented.sigmas_f, one_by_one)
+    at_once = unscented.sigmas_f.copy()
+    UnscentedKalmanFilter.compute_process_sigmas(unscented, 0.1)
+    np.testing.assert_array_equal(at_once, unscented.sigmas_f)
+
+
+def test_the_linear_update_is_filterpys_unscented_one() -> None:
+    ours, filterpys = (UnscentedFilter(fitted("turn-rate")) for _ in range(2))
+    for unscented in (ours, filterpys):
+        unscented.x, unscented.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
+        unscented.predict(0.1)
+    ours.update(np.array([1.2, 2.7, 0.32]))
+    UnscentedKalmanFilter.update(filterpys, np.array([1.2, 2.7, 0.32]))
+    np.testing.assert_allclose(ours.x, filterpys.x, atol=1e-12)
+    np.testing.assert_allclose(ours.P, filterpys.P, atol=1e-14)
+
+
+def test_updates_of_many_filters_at_once_are_filterpys_extended_one() -> None:
+    extended = ExtendedFilter(fitted("acceleration"))
+    states, measured = np.random.default_rng(0).standard_normal((2, 5, 6))
+    covariance = np.diag([0.1, 0.2, 0.03, 4.0, 0.5, 1.0]) + 0.01
+    found = joseph_update(states, np.tile(covariance, (5, 1, 1)), measured[:, :3], extended.R)
+    for number in range(5):
+        extended.x, extended.P = states[number], covariance
+        extended.update(measured[number, :3])
+        np.testing.assert_allclose(found[0][number], extended.x, atol=1e-9)
+        np.testing.assert_allclose(found[1][number], extended.P, atol=1e-9)

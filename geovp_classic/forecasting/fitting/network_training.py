@@ -1,11 +1,10 @@
-"""Train an ensemble of small perceptrons with AdamW in plain numpy: minutes on one core, nothing else to install."""
+"""Train an ensemble of small perceptrons with AdamW in plain numpy: minutes on one core, without torch."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import expit
@@ -13,13 +12,14 @@ from scipy.special import expit
 from geovp_classic.forecasting.motion_network import Network
 from geovp_classic.types import FloatArray
 
-Batch = tuple[FloatArray, Any]  # features [M, B, in] and what the loss wants to know
-Gradient = Callable[[FloatArray, Any], FloatArray]  # outputs [M, B, out] -> d loss / d outputs
+Batch = Callable[[], tuple[FloatArray, FloatArray]]  # features [M, B, in] and targets [M, B, ...] of the next step
+Gradient = Callable[[FloatArray, FloatArray], FloatArray]  # d loss / d outputs, from outputs [M, B, out] and targets
+Trace = list[tuple[FloatArray, FloatArray]]  # per layer: its input, and d input / d pre-activation of the layer before
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How long and how fast (Loshchilov and Hutter 2019; one cycle of the learning rate, Smith 2018)."""
+    """AdamW (Loshchilov and Hutter 2019) with one cycle of the learning rate (Smith 2018)."""
 
     num_steps: int
     batch_size: int = 256
@@ -36,7 +36,7 @@ class Schedule:
         return self.learning_rate * 0.5 * (1 + np.cos(np.pi * (done - self.warm_up) / (1 - self.warm_up)))
 
 
-def fresh(sizes: tuple[int, ...], num_members: int, rng: np.random.Generator) -> Network:
+def initialised(sizes: tuple[int, ...], num_members: int, rng: np.random.Generator) -> Network:
     """Random weights (He et al. 2015), small in the last layer; biases 0."""
     weights, biases = [], []
     for layer, (num_in, num_out) in enumerate(itertools.pairwise(sizes)):
@@ -47,22 +47,16 @@ def fresh(sizes: tuple[int, ...], num_members: int, rng: np.random.Generator) ->
     return Network(tuple(weights), tuple(biases))
 
 
-def train(
-    network: Network,
-    batch: Callable[[], Batch],
-    gradient: Gradient,
-    schedule: Schedule,
-    rng: np.random.Generator,
-) -> Network:
+def train(network: Network, batch: Batch, gradient: Gradient, schedule: Schedule, rng: np.random.Generator) -> Network:
     """The trained network; the given one stays as it is."""
     parameters = [array.copy() for array in (*network.weights, *network.biases)]
     num_layers = len(network.weights)
+    current = Network(tuple(parameters[:num_layers]), tuple(parameters[num_layers:]))
     mean, square = [np.zeros_like(a) for a in parameters], [np.zeros_like(a) for a in parameters]
     for step in range(1, schedule.num_steps + 1):
-        features, wanted = batch()
-        current = Network(tuple(parameters[:num_layers]), tuple(parameters[num_layers:]))
-        outputs, trace = traced(current, features, schedule.dropout, rng)
-        slopes = propagated(current, trace, gradient(outputs, wanted))
+        features, target = batch()
+        outputs, trace = forward(current, features, schedule.dropout, rng)
+        slopes = backward(current, trace, gradient(outputs, target))
         rate = np.float32(schedule.rate(step))
         for i, (parameter, slope) in enumerate(zip(parameters, slopes, strict=True)):
             mean[i] += 0.1 * (slope - mean[i])
@@ -70,34 +64,29 @@ def train(
             move = mean[i] / (1 - 0.9**step) / (np.sqrt(square[i] / (1 - 0.999**step)) + 1e-8)
             decay = schedule.weight_decay if i < num_layers else 0.0
             parameter -= (rate * (move + decay * parameter)).astype(np.float32)
-    return Network(tuple(parameters[:num_layers]), tuple(parameters[num_layers:]))
+    return current
 
 
-Trace = list[tuple[FloatArray, FloatArray]]  # per layer: its input, and d hidden / d before
-
-
-def traced(
+def forward(
     network: Network, features: FloatArray, dropout: float, rng: np.random.Generator
 ) -> tuple[FloatArray, Trace]:
-    """Outputs [M, B, out] with hidden units dropped at random, and what back-propagation needs."""
-    hidden, trace = features, []
+    """Outputs [M, B, out] with dropout of hidden units, and what back-propagation needs."""
+    hidden, trace = features, [(features, np.ones(1, np.float32))]
     for weight, bias in zip(network.weights[:-1], network.biases[:-1], strict=True):
         before = hidden @ weight + bias
-        open_share = expit(before)
+        gate = expit(before)
         kept = (rng.random(before.shape, dtype=np.float32) >= dropout).astype(np.float32) / np.float32(1 - dropout)
-        trace.append((hidden, open_share * (1 + before * (1 - open_share)) * kept))
-        hidden = before * open_share * kept
-    trace.append((hidden, np.ones(1, np.float32)))
+        hidden = before * gate * kept
+        trace.append((hidden, gate * (1 + before * (1 - gate)) * kept))
     return hidden @ network.weights[-1] + network.biases[-1], trace
 
 
-def propagated(network: Network, trace: Trace, slope: FloatArray) -> list[FloatArray]:
+def backward(network: Network, trace: Trace, slope: FloatArray) -> list[FloatArray]:
     """Slopes of the loss by weights, then biases, from d loss / d outputs."""
     weights, biases = [], []
-    for layer in range(len(network.weights) - 1, -1, -1):
-        hidden, _ = trace[layer]
+    for weight, (hidden, by_pre_activation) in zip(network.weights[::-1], trace[::-1], strict=True):
         weights.append(np.swapaxes(hidden, 1, 2) @ slope)
         biases.append(slope.sum(1, keepdims=True))
-        if layer:
-            slope = (slope @ np.swapaxes(network.weights[layer], 1, 2)) * trace[layer - 1][1]
+        if len(weights) < len(network.weights):
+            slope = (slope @ np.swapaxes(weight, 1, 2)) * by_pre_activation
     return [*weights[::-1], *biases[::-1]]

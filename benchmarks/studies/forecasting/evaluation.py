@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.forecasting import windows
-from benchmarks.forecasting.scores import Scores, Spoil, measure
-from benchmarks.forecasting.watching import Watch, unwatched
-from benchmarks.forecasting.windows import Cut, Window
+from benchmarks.studies.forecasting.scores import Corruption, Scores, Window, measure
+from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
 from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, TurnRateUnscented
@@ -24,7 +22,7 @@ REGIONS = (0.5, 0.9)
 TURNING_DEG = 15.0  # a window that truly turns more than this is one of the turning ones
 
 
-def contestants(coefficients: Path | None = None) -> dict[str, Forecaster]:
+def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
     """The rows of the table."""
     return {
         "hold": Hold(),
@@ -38,33 +36,52 @@ def contestants(coefficients: Path | None = None) -> dict[str, Forecaster]:
     }
 
 
-def read_windows(folder: Path, names: Sequence[str], cut: Cut) -> list[Window]:
+def read_sequences(folder: Path, names: Sequence[str]) -> dict[str, Trajectory]:
+    """The trajectories folder/NN.txt with times folder/NN_times.txt; BadData says which file is wrong."""
+    return {
+        name: pose_files.read_trajectory(folder / f"{name}.txt", pose_files.read_times(folder / f"{name}_times.txt"))
+        for name in names
+    }
+
+
+def read_windows(
+    folder: Path, names: Sequence[str], num_past: int = 10, num_future: int = 20, stride: int = 5
+) -> list[Window]:
     """All windows of the named sequences; BadData when there is none."""
-    cuts = [
-        window for trajectory in windows.read(folder, names).values() for window in windows.windows(trajectory, cut)
-    ]
-    if not cuts:
-        raise BadData(f"{folder}: no sequence is as long as one window of {cut.num_past + cut.num_future} poses")
-    return cuts
+    if min(num_past, num_future, stride) < 1:
+        raise BadData(
+            f"windows of {num_past} past and {num_future} future steps, every {stride}: expected at least one of each"
+        )
+    sequences = read_sequences(folder, names).values()
+    windows = [window for trajectory in sequences for window in cut(trajectory, num_past, num_future, stride)]
+    if not windows:
+        raise BadData(f"{folder}: no sequence is as long as one window of {num_past + num_future} poses")
+    return windows
+
+
+def cut(trajectory: Trajectory, num_past: int = 10, num_future: int = 20, stride: int = 5) -> Iterator[Window]:
+    """All windows of one sequence, whose starts are `stride` frames apart; none when it is too short."""
+    for first in range(0, len(trajectory) - num_past - num_future + 1, stride):
+        middle = first + num_past
+        yield trajectory[first:middle], trajectory[middle : middle + num_future]
 
 
 def evaluate(
-    cuts: Sequence[Window],
-    forecasters: Mapping[str, Forecaster],
-    spoil: Spoil | None = None,
-    watch: Watch = unwatched,
+    windows: Sequence[Window],
+    rows: Mapping[str, Forecaster],
+    corruption: Corruption | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Scores]:
-    """Scores of every forecaster on the same windows; `watch` is told how many of all are done."""
-    total = len(forecasters) * len(cuts)
+    """Scores of every forecaster on the same windows; `progress` is called with the forecasts done and their total."""
 
-    def watched(first: int) -> Iterator[Window]:
-        for done, window in enumerate(cuts, first + 1):
+    def counted(first: int) -> Iterator[Window]:
+        for done, window in enumerate(windows, first + 1):
             yield window
-            watch(done, total)
+            progress(done, len(rows) * len(windows))
 
     return {
-        name: measure(forecaster, watched(number * len(cuts)), spoil=spoil)
-        for number, (name, forecaster) in enumerate(forecasters.items())
+        name: measure(forecaster, counted(number * len(windows)), corruption=corruption)
+        for number, (name, forecaster) in enumerate(rows.items())
     }
 
 
@@ -83,13 +100,13 @@ def columns(scores: Scores) -> dict[str, float]:
         row[f"in {region:.0%}"] = _share(scores.rank, region)
         row[f"in {region:.0%} @{num_future}"] = _share(scores.rank[:, -1], region)
     turning = np.abs(scores.turned_deg) > TURNING_DEG
-    row["ADE m, turning"] = float(scores.position_m[turning].mean()) if turning.any() else float("nan")
+    row["ADE m, turning"] = float(scores.position_m[turning].mean()) if turning.any() else np.nan
     row[f"yaw @{num_future} deg, turning"] = float(scores.yaw_deg[turning, -1].mean()) if turning.any() else np.nan
     return row
 
 
-def as_lines(table: Mapping[str, Scores]) -> Iterable[str]:
-    """How many windows turn, and the table in Markdown."""
+def as_lines(table: Mapping[str, Scores]) -> Iterator[str]:
+    """The number of turning windows, and the table in Markdown."""
     rows = {name: columns(scores) for name, scores in table.items()}
     turned_deg = next(iter(table.values())).turned_deg
     heads = list(next(iter(rows.values())))
@@ -102,15 +119,15 @@ def as_lines(table: Mapping[str, Scores]) -> Iterable[str]:
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Every step of the past measured with independent errors; the last pose is the one that stays.
+    """Independent errors of every step of the past; the last pose stays.
 
     Lengths are off by a common factor, whose logarithm is normal; the true last position is the reference all the same.
     """
 
     position_m: float = 0.02
     rotation_deg: float = 0.05
-    seed: int = 0
     scale: float = 0.0  # standard deviation of the factor's logarithm
+    seed: int = 0
 
     def __call__(self, past: Trajectory) -> Trajectory:
         """The past as an odometry of this noise gives it; the same windows get the same noise."""
@@ -124,13 +141,6 @@ class OdometryNoise:
         for step in steps[::-1]:
             poses.append(poses[-1] @ se3.inverse(step))
         return Trajectory(np.stack(poses[::-1]), past.times_s, past.is_metric)
-
-
-def odometry_noise(times: float, scale_error: float) -> OdometryNoise | None:
-    """The usual noise so many times, with a scale error; None for neither."""
-    usual = OdometryNoise()
-    noise = OdometryNoise(usual.position_m * times, usual.rotation_deg * times, scale=scale_error)
-    return noise if times > 0 or scale_error > 0 else None
 
 
 def _share(rank: FloatArray, region: float) -> float:

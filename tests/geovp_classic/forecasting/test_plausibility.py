@@ -1,13 +1,13 @@
-"""Which recorded poses a car could have driven, on drives with known faults."""
+"""Which recorded poses a car could have driven, on drives with known errors."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from benchmarks.forecasting import histories, plausibility, prior_fit
-from benchmarks.forecasting.prior_fit import Plan
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.fitting import plausibility, prior, training_windows
+from geovp_classic.forecasting.fitting.prior import Plan
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
@@ -33,11 +33,11 @@ def drive(rates: FloatArray) -> Trajectory:
     return Trajectory(np.stack(poses), np.arange(len(poses)) * STEP_S, is_metric=True)
 
 
-def test_a_car_in_town_is_believed() -> None:
+def test_a_car_in_town_is_drivable() -> None:
     assert plausibility.drivable(drive(twists(400))).all()
 
 
-def test_standing_still_is_believed() -> None:
+def test_standing_still_is_drivable() -> None:
     assert plausibility.drivable(drive(np.zeros((50, 6)))).all()
 
 
@@ -58,20 +58,20 @@ def test_a_jump_ahead_is_found_at_both_ends() -> None:
     np.testing.assert_array_equal(np.flatnonzero(~usable), [200, 201])
 
 
-def test_braking_for_a_light_is_believed() -> None:
+def test_braking_for_a_light_is_drivable() -> None:
     rates = np.zeros((80, 6))
     rates[:, 2] = np.interp(np.arange(80) * STEP_S, [2.0, 5.0], [12.0, 0.0])  # 4 m/s^2
     assert plausibility.drivable(drive(rates)).all()
 
 
-def test_examples_keep_away_from_unusable_steps() -> None:
+def test_training_windows_keep_away_from_unusable_steps() -> None:
     trajectory = drive(twists(120))
     usable = np.ones(120, dtype=bool)
     usable[60] = False
-    everything, some = histories.examples(trajectory, 1), histories.examples(trajectory, 1, usable)
-    reach = histories.NUM_FUTURE_STEPS + histories.NUM_PAST_STEPS
+    everything, some = training_windows.windows(trajectory, 1), training_windows.windows(trajectory, 1, usable)
+    reach = training_windows.NUM_FUTURE_STEPS + training_windows.NUM_PAST_STEPS
     assert len(everything) - len(some) == reach
-    np.testing.assert_array_equal(some.rates[0], everything.rates[0])
+    np.testing.assert_array_equal(some.twists[0], everything.twists[0])
     np.testing.assert_array_equal(some.states[-1], everything.states[-1])
 
 
@@ -79,15 +79,15 @@ def test_poses_that_no_car_could_drive_are_refused_with_their_name() -> None:
     rates = twists(200)
     rates[::8, 2] += 3
     with pytest.raises(BadData, match="sequence wild has no stretch"):
-        prior_fit.fit({"wild": drive(rates), "tame": drive(twists(200))}, Plan())
+        prior.fit({"wild": drive(rates), "tame": drive(twists(200))}, Plan())
 
 
-def test_a_long_sequence_is_left_out_piece_by_piece() -> None:
+def test_a_long_sequence_is_held_out_piece_by_piece() -> None:
     road = {"long": drive(twists(399)), "short": drive(twists(199))}
     plan = Plan(
         piece_steps=100, num_members=1, centre_width=4, centre_epochs=1, num_modes=2, depth=2, spread_width=4,
         spread_epochs=1,
     )  # fmt: skip
-    told: list[tuple[int, int]] = []
-    prior_fit.fit(road, plan, watch=lambda *done: told.append(done))
-    assert told[-1] == (14, 14)  # a centre and a spread without each of 4 + 2 pieces, and with all
+    calls: list[tuple[int, int]] = []
+    prior.fit(road, plan, progress=lambda *done: calls.append(done))
+    assert calls[-1] == (14, 14)  # a centre and a spread without each of 4 + 2 pieces, and with all

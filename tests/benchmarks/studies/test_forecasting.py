@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from benchmarks.forecasting import evaluation, windows
-from benchmarks.forecasting.evaluation import OdometryNoise
-from benchmarks.forecasting.scores import energy_score, highest_density_rank, measure
-from benchmarks.forecasting.windows import Cut
+from benchmarks.studies.forecasting import evaluation
+from benchmarks.studies.forecasting.evaluation import OdometryNoise, cut
+from benchmarks.studies.forecasting.scores import energy_score, highest_density_rank, measure
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, Hold
@@ -37,14 +36,14 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_windows_are_cut_every_stride_frames_to_the_end() -> None:
-    cuts = list(windows.windows(circle(41), Cut(10, 20, 5)))
-    assert [round(window.past.times_s[0], 6) for window in cuts] == [0.0, 0.5, 1.0]  # 11 starts, every fifth
-    assert (len(cuts[0].past), len(cuts[0].future)) == (10, 20)
-    assert list(windows.windows(circle(29), Cut(10, 20, 5))) == []
+    cuts = list(cut(circle(41), 10, 20, 5))
+    assert [round(past.times_s[0], 6) for past, _ in cuts] == [0.0, 0.5, 1.0]  # 11 starts, every fifth
+    assert tuple(len(part) for part in cuts[0]) == (10, 20)
+    assert list(cut(circle(29), 10, 20, 5)) == []
 
 
 def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
-    window = next(windows.windows(circle(30, 10.0, 0.1), Cut(10, 20, 5)))
+    window = next(cut(circle(30, 10.0, 0.1), 10, 20, 5))
     scores = measure(Hold(), [window])
     assert scores.position_m[0, 9] == pytest.approx(2 * 100 * np.sin(0.05))  # the chord of 0.1 rad at 100 m radius
     assert scores.yaw_deg[0, -1] == pytest.approx(np.degrees(0.2))
@@ -52,8 +51,8 @@ def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
     assert scores.energy_m[0] == pytest.approx(scores.position_m[0].mean())
 
 
-def test_a_circle_is_no_riddle_for_a_constant_turn() -> None:
-    scores = measure(ConstantTurn(), windows.windows(circle(60), Cut()))
+def test_a_constant_turn_forecasts_a_circle() -> None:
+    scores = measure(ConstantTurn(), cut(circle(60)))
     assert scores.position_m.max() < 1e-6
     assert scores.yaw_deg.max() < 1e-6
 
@@ -70,36 +69,35 @@ def test_ranks_are_the_ellipsoids_probability() -> None:
     # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %.
     for square, share in ((2.366, 0.5), (6.251, 0.9)):
         truth = np.array([[np.sqrt(square), 0.0, 0.0]])
-        assert highest_density_rank(forecast, truth, num_draws=20000)[0] == pytest.approx(share, abs=0.015)
+        assert highest_density_rank(forecast, truth, num_samples=20000)[0] == pytest.approx(share, abs=0.015)
 
 
 def test_odometry_noise_keeps_the_last_pose_and_repeats() -> None:
     past = circle(10)
-    spoiled = OdometryNoise()(past)
-    np.testing.assert_allclose(spoiled.world_from_cam[-1], past.world_from_cam[-1])
-    np.testing.assert_array_equal(spoiled.world_from_cam, OdometryNoise()(past).world_from_cam)
-    off = spoiled.world_from_cam[0, :3, 3] - past.world_from_cam[0, :3, 3]
+    noisy = OdometryNoise()(past)
+    np.testing.assert_allclose(noisy.world_from_cam[-1], past.world_from_cam[-1])
+    np.testing.assert_array_equal(noisy.world_from_cam, OdometryNoise()(past).world_from_cam)
+    off = noisy.world_from_cam[0, :3, 3] - past.world_from_cam[0, :3, 3]
     assert 0.005 < np.linalg.norm(off) < 0.4  # nine steps of 2 cm and 0.05 degrees
 
 
 def test_a_scale_error_stretches_the_past_alone() -> None:
     past = circle(10, 10.0, 0.0)
-    spoiled = OdometryNoise(0.0, 0.0, scale=0.05)(past)
-    lengths = np.linalg.norm(np.diff(spoiled.world_from_cam[:, :3, 3], axis=0), axis=-1)
+    noisy = OdometryNoise(0.0, 0.0, scale=0.05)(past)
+    lengths = np.linalg.norm(np.diff(noisy.world_from_cam[:, :3, 3], axis=0), axis=-1)
     np.testing.assert_allclose(lengths, lengths[0])  # one factor for all steps of 1 m
     assert 0.0 < abs(np.log(lengths[0])) < 0.2
-    assert evaluation.odometry_noise(0.0, 0.0) is None
 
 
 def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = ["--only", "hold", "CTRV, extended"]
     assert cli.main(["forecast", "evaluate", str(folder), "--sequences", "03", "05", *rows]) == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
-    assert said[1] == "turning: 0 windows, by more than 15 degrees"  # 2 s of 0.1 rad/s are 11.5
-    assert [line.split("|")[1].strip() for line in said[4:]] == ["hold", "CTRV, extended"]
-    assert "-" in said[4]
-    assert "in 90%" in said[2]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
+    assert lines[1] == "turning: 0 windows, by more than 15 degrees"  # 2 s of 0.1 rad/s are 11.5
+    assert [line.split("|")[1].strip() for line in lines[4:]] == ["hold", "CTRV, extended"]
+    assert "-" in lines[4]
+    assert "in 90%" in lines[2]
 
 
 def test_a_mistyped_row_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -108,8 +106,8 @@ def test_a_mistyped_row_is_refused(folder: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_turning_windows_have_columns_of_their_own() -> None:
-    tight = next(windows.windows(circle(30, 5.0, 0.2), Cut(10, 20, 5)))  # turns 0.4 rad = 22.9 degrees
-    wide = next(windows.windows(circle(30, 10.0, 0.1), Cut(10, 20, 5)))  # turns 11.5 degrees
+    tight = next(cut(circle(30, 5.0, 0.2), 10, 20, 5))  # turns 0.4 rad = 22.9 degrees
+    wide = next(cut(circle(30, 10.0, 0.1), 10, 20, 5))  # turns 11.5 degrees
     scores = measure(Hold(), [tight, wide])
     np.testing.assert_allclose(scores.turned_deg, np.degrees([0.4, 0.2]))
     row = evaluation.columns(scores)
@@ -118,21 +116,26 @@ def test_turning_windows_have_columns_of_their_own() -> None:
     assert np.isnan(evaluation.columns(measure(Hold(), [wide]))["ADE m, turning"])
 
 
-def test_whoever_waits_is_told_of_every_window() -> None:
-    told: list[tuple[int, int]] = []
-    cuts = list(windows.windows(circle(40), Cut(10, 20, 5)))
+def test_progress_counts_every_window() -> None:
+    calls: list[tuple[int, int]] = []
+    cuts = list(cut(circle(40), 10, 20, 5))
     rows = {"hold": Hold(), "turn": ConstantTurn()}
-    evaluation.evaluate(cuts, rows, watch=lambda done, total: told.append((done, total)))
-    assert told == [(done, 6) for done in range(1, 7)]  # 3 windows, 2 rows
+    evaluation.evaluate(cuts, rows, progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(done, 6) for done in range(1, 7)]  # 3 windows, 2 rows
 
 
 def test_sequences_too_short_for_a_window_are_refused(folder: Path) -> None:
     with pytest.raises(BadData, match="as long as one window"):
-        evaluation.read_windows(folder, ["03"], Cut(40, 40, 5))
+        evaluation.read_windows(folder, ["03"], 40, 40)
 
 
-def test_the_kalman_rows_are_sure_of_what_they_get_right() -> None:
-    scores = measure(TurnRateKalman(), windows.windows(circle(60), Cut()))
+def test_windows_of_no_pose_are_refused(folder: Path) -> None:
+    with pytest.raises(BadData, match="windows of 0 past and 20 future steps"):
+        evaluation.read_windows(folder, ["03"], 0)
+
+
+def test_kalman_regions_cover_a_circle() -> None:
+    scores = measure(TurnRateKalman(), cut(circle(60)))
     assert (scores.rank <= 0.9).all()
 
 
@@ -140,9 +143,9 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None or not (Path(root) / "kitti_full_poses").is_dir():
         pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
-    rows = evaluation.contestants()
+    rows = evaluation.forecasters()
     chosen = {name: rows[name] for name in ("hold", "constant twist", "CTRA, damped", "motion prior")}
-    cuts = evaluation.read_windows(Path(root) / "kitti_full_poses", ["04"], Cut(stride=60))
+    cuts = evaluation.read_windows(Path(root) / "kitti_full_poses", ["04"], stride=60)
     scores = evaluation.evaluate(cuts, chosen)
     errors = {name: float(row.position_m.mean()) for name, row in scores.items()}
     assert min(errors, key=errors.__getitem__) != "hold"

@@ -1,0 +1,1 @@
+"""Studies: experiments on parts of the pipeline, outside the matrix."""

@@ -1,0 +1,1 @@
+"""The study of forecasters on pose files alone: `geovp forecast`."""

@@ -1,0 +1,1 @@
+"""Fit the constants of forecasters to recorded poses."""
