@@ -11,8 +11,9 @@ import numpy as np
 
 from benchmarks import tables
 from benchmarks.statistics import Estimate
-from benchmarks.store import Results, write_bytes
+from benchmarks.store import Results
 from benchmarks.tables import Column, Row, Table
+from geovp_classic.data.atomic import write_bytes
 
 DASH = "-"
 TEX = {
@@ -94,6 +95,12 @@ def _numbers(estimate: Estimate | None) -> tuple[str, str, str]:
         return "", "", "0"
     error = "" if np.isnan(estimate.error) else repr(float(estimate.error))
     return repr(float(estimate.mean)), error, str(int(estimate.count))
+
+
+def columns(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of texts as lines whose columns are aligned on the left."""
+    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
+    return ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
 def _aligned(texts: Sequence[str], widths: Sequence[int]) -> list[str]:

@@ -60,6 +60,13 @@ class CellPlan:
         """One of "geometric", "predictor"."""
         return "geometric" if self.predictor is None else "predictor"
 
+    @property
+    def components(self) -> dict[str, tuple[str, str]]:
+        """(role in the registry, name in the matrix file) of the pose source and the renderer, or of the predictor."""
+        if self.predictor is not None:
+            return {"predictor": ("predictors", self.predictor)}
+        return {"pose_source": ("pose_sources", str(self.pose_source)), "renderer": ("renderers", str(self.renderer))}
+
 
 @dataclass(frozen=True)
 class Matrix:
@@ -87,6 +94,13 @@ class Matrix:
         ]
         whole = [CellPlan(entry.num_samples, predictor=name) for name, entry in self.predictors.items()]
         return (*crossed, *whole)
+
+    @property
+    def specs(self) -> dict[tuple[str, str], Spec]:
+        """Every component by role and name."""
+        sources = {("pose_sources", name): entry.spec for name, entry in self.pose_sources.items()}
+        renderers = {("renderers", name): spec for name, spec in self.renderers.items()}
+        return sources | renderers | {("predictors", name): entry.spec for name, entry in self.predictors.items()}
 
     def to_json(self) -> str:
         """The matrix as plain text, for another process."""

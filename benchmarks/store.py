@@ -19,7 +19,6 @@ carries in its metadata which clips these are, what they were computed with, and
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import zipfile
 from collections.abc import Mapping
@@ -32,6 +31,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from geovp_classic.data.atomic import atomic_write, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
@@ -251,8 +251,8 @@ class Results:
             "peak_is_own": part.peak_is_own,
             "code": part.code,
         }
-        with _beside(self._part(cell, part.index)) as scratch:
-            pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch.path)
+        with atomic_write(self._part(cell, part.index)) as scratch:
+            pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch)
 
     def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
@@ -291,33 +291,6 @@ class Results:
 
     def _part(self, cell: str, index: int) -> Path:
         return self.root / cell / "scores" / f"part-{index:05d}.parquet"
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file beside its place and rename it into it."""
-    with _beside(path) as scratch:
-        scratch.path.write_bytes(content)
-
-
-@dataclass(frozen=True)
-class _beside:  # noqa: N801  (reads as a verb: with _beside(path) as scratch)
-    """A scratch file in the same folder, renamed into place when all went well, removed otherwise."""
-
-    final: Path
-
-    @property
-    def path(self) -> Path:
-        return self.final.with_name(f".{self.final.name}.{os.getpid()}.part")
-
-    def __enter__(self) -> _beside:
-        self.final.parent.mkdir(parents=True, exist_ok=True)
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if kind is None:
-            os.replace(self.path, self.final)
-        else:
-            self.path.unlink(missing_ok=True)
 
 
 def _part(path: Path) -> Part | None:
@@ -370,5 +343,5 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    with _beside(path) as scratch, scratch.path.open("wb") as file:
+    with atomic_write(path) as scratch, scratch.open("wb") as file:
         np.savez_compressed(file, **arrays)

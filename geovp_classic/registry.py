@@ -53,7 +53,6 @@ EXTRA_OF_MODULE = {
     "safetensors": "learned",
     "lightning": "learned",
     "dask": "cluster",
-    "rerun": "viz",
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,19 +26,6 @@ class Page:
     caption: str
     figure: Figure
     formats: tuple[str, ...] = ("png", "svg")
-
-
-@dataclass(frozen=True)
-class Job:
-    """Figures that are drawn together."""
-
-    name: str
-    make: Callable[[], list[Page]]
-
-    def draw(self) -> list[Page]:
-        """The figures, in the suite's style."""
-        with style.settings():
-            return self.make()
 
 
 @dataclass(frozen=True)

@@ -5,23 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from benchmarks import plots
+from benchmarks.progress import Progress, no_progress
 from benchmarks.report import markup, sections
-from benchmarks.store import Results, write_bytes
+from benchmarks.store import Results
+from geovp_classic.data.atomic import write_bytes
 
 
-def write(results_dir: Path, progress: plots.Progress | None = None) -> Path:
+def write(results_dir: Path, progress: Progress = no_progress) -> Path:
     """Write report.html, figures drawn anew from the stored rows; BadData when the folder holds no results."""
     results = Results(results_dir)
-    jobs = plots.jobs(results)
-    figures: list[sections.Drawn] = []
-    for number, job in enumerate(jobs, 1):
-        figures += [sections.Drawn.of(page, {}) for page in job.draw()]
-        if progress is not None:
-            progress(number, len(jobs), job.name)
-    return _write(results, figures)
+    return _write(results, [sections.Drawn.of(page, {}) for page in plots.figures(results, progress)])
 
 
-def write_with_plots(results_dir: Path, progress: plots.Progress | None = None) -> Path:
+def write_with_plots(results_dir: Path, progress: Progress = no_progress) -> Path:
     """Write the results folder's plots and report.html, every figure drawn once; BadData as `write`."""
     figures: list[sections.Drawn] = []
     plots.write_all(results_dir, progress, lambda page, files: figures.append(sections.Drawn.of(page, files)))

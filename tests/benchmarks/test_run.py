@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 from benchmarks import matrix as matrix_module
-from benchmarks import peaks
+from benchmarks import profiling
 from benchmarks.executors import Executor, Processes, Serial
 from benchmarks.planning import Options
 from benchmarks.run import run
@@ -119,7 +119,7 @@ class TestRows:
     def test_where_peaks_are_not_forgotten_the_processs_own_is_told(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(peaks, "CLEAR_REFS", tmp_path / "proc" / "clear_refs")
+        monkeypatch.setattr(profiling, "CLEAR_REFS", tmp_path / "proc" / "clear_refs")
         predictors = {"large": {"name": "toy-hoard", "megabytes": 300}, "small": {"name": "toy-hoard"}}
         records = {name: cell.record for name, cell in go(tmp_path / "out", content(predictors=predictors)).items()}
         assert records["small"]["peak_memory_mb"] >= records["large"]["peak_memory_mb"] > 300

@@ -1,4 +1,4 @@
-"""A predicted clip as moving and still images: a film strip, an mp4 and a gif."""
+"""A predicted clip as a film strip, an mp4 video and a gif."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 
-PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above frames that were not seen
+PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above predicted frames
 BAR_SHARE = 1 / 64  # of a frame's height
 GAP_PX = 4
 LABEL_PX = 22
@@ -38,16 +38,16 @@ def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]
     return sheet
 
 
-def film(
-    seen: ByteArray,  # [P, H, W, 3]
+def side_by_side(
+    observed: ByteArray,  # [P, H, W, 3]
     predicted: ByteArray,  # [F, H, W, 3]
-    came: ByteArray | None,  # [F, H, W, 3], what really came, shown beside the prediction
+    actual: ByteArray | None,  # [F, H, W, 3], the ground truth, shown beside the prediction
 ) -> ByteArray:
-    """Frames [P + F, H', W', 3] of a film; predicted frames carry a coloured bar on top."""
+    """Frames [P + F, H', W', 3] of a video; predicted frames carry a coloured bar on top."""
     marked = predicted.copy()
     marked[:, : max(1, round(BAR_SHARE * predicted.shape[1]))] = PREDICTED
-    whole = np.concatenate([seen, marked])
-    return whole if came is None else np.concatenate([whole, np.concatenate([seen, came])], axis=2)
+    left = np.concatenate([observed, marked])
+    return left if actual is None else np.concatenate([left, np.concatenate([observed, actual])], axis=2)
 
 
 def write_mp4(path: Path, frames: ByteArray, rate_hz: float) -> None:
