@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.plots import horizon, kept_clips, style
-from benchmarks.plots.material import Material, Page, data_name
+from benchmarks.plots.material import Material, Page
 from benchmarks.progress import Progress, no_progress, tracked
 from benchmarks.store import Results
 from geovp_classic.data.atomic import write_bytes
 
-__all__ = ["Page", "data_name", "figures", "rendered", "write_all"]
+__all__ = ["Page", "figures", "rendered", "write_all"]
 
 OnFigure = Callable[[Page, Mapping[str, bytes]], None]  # (a figure, its files by kind)
 SAVING: dict[str, dict[str, Any]] = {

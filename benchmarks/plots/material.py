@@ -50,13 +50,7 @@ class Material:
     @property
     def data(self) -> str:
         """The data set and its split, for people."""
-        return data_name(self.protocol)
-
-
-def data_name(protocol: Mapping[str, Any]) -> str:
-    """The data set and its split, for people."""
-    split = protocol["dataset"].get("split")
-    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
+        return tables.data_name(self.protocol)
 
 
 def title(metric: str) -> str:

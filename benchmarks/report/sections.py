@@ -9,8 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from benchmarks import plots, tables
 from benchmarks.report.markup import Html, definitions, fold, image, joined, table, tag
 from benchmarks.store import Cell, Results
@@ -71,7 +69,7 @@ def opening(facts: Facts, chapters: Iterable[str]) -> Html:
     states = Counter(cell.status for cell in facts.cells)
     became = [joined((f"{count} ", tag("span", status, class_=status))) for status, count in states.items()]
     lead = (
-        f"{facts.num_clips} clips of {plots.data_name(protocol)}: {protocol['num_past']} frames observed, "
+        f"{facts.num_clips} clips of {tables.data_name(protocol)}: {protocol['num_past']} frames observed, "
         f"the next {protocol['num_future']} predicted at {width_px} x {height_px} pixels. Methods: "
     )
     links = (tag("a", title, href=f"#{_anchor(title)}") for title in chapters)
@@ -134,7 +132,7 @@ def protocol(facts: Facts) -> Html:
     told = facts.protocol
     width_px, height_px = told["size_px"]
     pairs = [
-        ("data set", f"{plots.data_name(told)}: " + "; ".join(_flat(told["dataset"]))),
+        ("data set", f"{tables.data_name(told)}: " + "; ".join(_flat(told["dataset"]))),
         ("split hash", str(told["split_hash"])),
         ("clips", f"{facts.num_clips}, a new one every {told['stride']} frames"),
         ("frames", f"{told['num_past']} observed, {told['num_future']} predicted"),
@@ -160,12 +158,9 @@ def _scores(scored: tables.Table) -> Html:
 
 def _score(scored: tables.Table, row: tables.Row, column: tables.Column) -> Html:
     """Mean and standard error, bold where no complete row is better."""
-    estimate = row.estimates.get(column.key)
-    if estimate is None or int(estimate.count) == 0:
-        return tag("td", "unavailable" if column.unavailable else NOTHING, class_="unit")
-    mean = f"{float(estimate.mean):.{column.decimals}f}"
-    error = f" ± {float(estimate.error):.{column.decimals}f}" if np.isfinite(estimate.error) else ""
-    error += f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
+    mean, error = scored.texts(row, column)
+    if mean in ("unavailable", NOTHING):
+        return tag("td", mean, class_="unit")
     return tag("td", tag("b", mean) if scored.is_best(row, column) else mean, tag("span", error, class_="error"))
 
 

@@ -86,7 +86,7 @@ def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(scheduler: str, tmp
     for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):
         results = Results(tmp_path / name)
         run(matrix.parse("m", tables), results, Options(), executor, lambda done, total: None)
-        found.append(results.scores().to_pylist())
+        found.append([row for cell in results.cells() for row in results.scores(cell.name).to_pylist()])
     assert found[0] == found[1]
     assert len(found[0]) == 5 * 2 * (2 + 1)
 
