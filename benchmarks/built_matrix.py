@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import pyarrow as pa
 
-from benchmarks.caching import Cache, CachedPoseSource, CachedRenderer
+from benchmarks.caching import Cache, scene_key
 from benchmarks.components import Failure, build, code_hash
 from benchmarks.matrix import CellPlan, Matrix, Spec
 from benchmarks.metric_set import MetricSet
@@ -18,9 +18,9 @@ from benchmarks.profiling import StageProfiler
 from benchmarks.scoring import ScoringContext, score
 from benchmarks.store import Part, Results
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import Dataset, FramePredictor
-from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.types import Clip, Grant
+from geovp_classic.interfaces import Dataset
+from geovp_classic.predictors import GeometricPredictor, show
+from geovp_classic.types import Clip, Context, Grant, Motion, Prediction
 
 
 @runtime_checkable
@@ -64,17 +64,6 @@ class BuiltMatrix:
     def code(self, plan: CellPlan) -> str:
         """A hash of the sources that the rows of a cell depend on."""
         return code_hash(self.components_of(plan).values())
-
-    def predictor(self, plan: CellPlan, cache: Cache, profiler: StageProfiler) -> FramePredictor:
-        """The predictor of a cell; one made of pose source and renderer shares motions and scenes by the cache."""
-        own = self.components_of(plan)
-        if plan.predictor is not None:
-            predictor: FramePredictor = own["predictor"]
-            return predictor
-        return GeometricPredictor(
-            CachedPoseSource(str(plan.pose_source), own["pose_source"], cache, profiler),
-            CachedRenderer(str(plan.renderer), own["renderer"], cache, profiler),
-        )
 
 
 @dataclass(frozen=True)
@@ -156,18 +145,32 @@ def compute(task: Task) -> TaskResult:
 def _predict_and_score(
     built: BuiltMatrix, plan: CellPlan, scoring: ScoringContext, cache: Cache, output: _CellOutput, task: Task
 ) -> None:
-    predictor = built.predictor(plan, cache, output.profiler)
-    context, _ = scoring.clip.split(scoring.num_past, predictor.needs)
-    if plan.predictor is None:
-        prediction = predictor.predict(context, plan.num_samples)  # its components are profiled one by one
-    else:
-        with output.profiler.measure("predict"):
-            prediction = predictor.predict(context, plan.num_samples)
+    context, _ = scoring.clip.split(scoring.num_past, built.needs(plan))
+    prediction = _predict(built.components_of(plan), plan, context, cache, output.profiler)
     if scoring.clip.name in task.kept:
         Results(Path(task.root)).write_prediction(plan.name, scoring.clip.name, prediction)
     _ = scoring.pixel_sets  # computed once for all cells, so charged to none
     with output.profiler.measure("metrics"):
         output.rows.append(score(scoring, prediction, built.metrics.chosen(task.columns)))
+
+
+def _predict(
+    components: Mapping[str, Any], plan: CellPlan, context: Context, cache: Cache, profiler: StageProfiler
+) -> Prediction:
+    """The prediction of a cell; cells share motions and scenes, and every cell is charged for what it uses."""
+    if plan.predictor is not None:
+        with profiler.measure("predict"):
+            prediction: Prediction = components["predictor"].predict(context, plan.num_samples)
+        return prediction
+    predictor = GeometricPredictor(**components)
+    motion_key = ("motion", plan.pose_source, plan.num_samples)
+    motion: Motion = cache.get_or_compute(
+        motion_key, lambda: predictor.estimate(context, plan.num_samples), profiler, "motion"
+    )
+    key = scene_key(str(plan.renderer), motion.past)
+    scene = cache.get_or_compute(key, lambda: predictor.reconstruct(context, motion.past), profiler, "reconstruct")
+    with profiler.measure("view"):
+        return show(scene, motion, context)
 
 
 def _clip(built: BuiltMatrix, index: int, name: str) -> Clip:

@@ -58,14 +58,8 @@ class Processes:
         pool = futures.ProcessPoolExecutor(
             self.workers, multiprocessing.get_context("spawn"), _begin_worker, (threads,)
         )
-        waiting: set[futures.Future[Result]] = set()
         try:
-            for task in tasks:
-                waiting.add(pool.submit(function, task))
-                if len(waiting) >= AHEAD * self.workers:
-                    done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
-                    yield from (future.result() for future in done)
-            yield from (future.result() for future in futures.as_completed(waiting))
+            yield from _results(pool, function, tasks, self.workers)
         except BrokenProcessPool as error:
             raise GeovpError("a worker process died (out of memory?): run again, with fewer --workers") from error
         finally:
@@ -88,15 +82,21 @@ class Dask:
             client = distributed.Client(self.address, timeout=PATIENCE_S)
         except (OSError, ValueError) as error:
             raise BadData(f"no Dask scheduler answers at {self.address!r}: give one such as tcp://host:8786") from error
-        with client:
-            room = AHEAD * max(1, sum(client.nthreads().values()))
-            submitted = distributed.as_completed()
-            for task in tasks:
-                submitted.add(client.submit(function, task, pure=False))
-                if submitted.count() >= room:
-                    yield next(submitted).result()
-            for future in submitted:
-                yield future.result()
+        with client, client.get_executor(pure=False) as pool:
+            yield from _results(pool, function, tasks, max(1, sum(client.nthreads().values())))
+
+
+def _results(
+    pool: futures.Executor, function: Callable[[Task], Result], tasks: Iterable[Task], workers: int
+) -> Iterator[Result]:
+    """The results as they come; a task is taken only when the pool has room for it."""
+    waiting: set[futures.Future[Result]] = set()
+    for task in tasks:
+        waiting.add(pool.submit(function, task))
+        if len(waiting) >= AHEAD * workers:
+            done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
+            yield from (future.result() for future in done)
+    yield from (future.result() for future in futures.as_completed(waiting))
 
 
 def _begin_worker(threads: int) -> None:

@@ -48,7 +48,7 @@ def pages(material: Material, metric: str) -> list[Page]:
     for line in _lines(material.cells, facts["role"]):
         cube = statistics.cube(material.rows[line.cell.name], metric)
         if np.isfinite(cube.values).any():
-            known.append((line, statistics.per_step(line.reduce(cube, facts["higher_is_better"]))))
+            known.append((line, statistics.over_clips(line.reduce(cube, facts["higher_is_better"]))))
     most = max(int(estimate.count.max()) for _, estimate in known)
     over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
     over += ", band ± one standard error over clips" if most > 1 else ""
@@ -66,7 +66,7 @@ def sample_pages(material: Material, metric: str) -> list[Page]:
     for cell in (cell for cell in material.cells if cell.num_samples > 1):
         cube = statistics.cube(material.rows[cell.name], metric)
         if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
-            found.append((cell.label, statistics.per_step(statistics.expected_best(cube, facts["higher_is_better"]))))
+            found.append((cell.label, statistics.over_clips(statistics.expected_best(cube, facts["higher_is_better"]))))
     if not found:
         return []
     strokes = style.strokes([(label, "") for label, _ in found])

@@ -127,7 +127,7 @@ class TestRows:
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors={"still": {"name": "toy-still"}}))
-        assert cells["a--r"].grants == ("PAST_POSES",)
+        assert cells["a--r"].grants == ["PAST_POSES"]
         assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == ("a", "r", None)
         assert cells["still"].components == {"predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}}
         protocol = Results(tmp_path).protocol()
