@@ -20,8 +20,8 @@ def positive(text: str) -> int:
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Let a component's fields be set with `--set FIELD=VALUE`, any number of times."""
-    told = "a setting, written as in TOML"
-    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help=told)
+    help_text = "a setting, written as in TOML"
+    parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help=help_text)
 
 
 def settings(chosen: argparse.Namespace) -> dict[str, Any]:

@@ -47,12 +47,12 @@ class CellPlan:
 
     @property
     def name(self) -> str:
-        """What its folder is called."""
+        """The name of its folder."""
         return self.predictor or f"{self.pose_source}--{self.renderer}"
 
     @property
     def label(self) -> str:
-        """What people read."""
+        """For people."""
         return self.predictor or f"{self.pose_source} + {self.renderer}"
 
     @property

@@ -1,4 +1,4 @@
-"""What is settled before the first clip is read: components, clips, metrics, and protocol.json, which says them all."""
+"""The plan of a run: built components, clips, metrics, and the protocol.json that describes them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from geovp_classic.errors import BadData
 CLIPS_PER_PART = 2
 KEPT_BY_DEFAULT = 3
 VERSIONS_OF = ("geovp-classic", "numpy", "scipy", "opencv-contrib-python-headless", "open3d", "pycolmap", "torch")
-NOT_THE_DATA = ("with_wide", "with_right")  # follow from what the components ask for
+NOT_HASHED = ("with_wide", "with_right")  # follow from the components' needs
 
 
 @runtime_checkable
@@ -29,7 +29,7 @@ class HasSplit(Protocol):
 
     @property
     def split_hash(self) -> str:
-        """The same for all who have the same frames."""
+        """Equal for equal frames."""
         ...
 
 
@@ -38,13 +38,13 @@ class Options:
     """How much of a matrix is run."""
 
     limit: int | None = None  # only the first clips
-    keep: int | None = KEPT_BY_DEFAULT  # predictions kept of so many clips, None for all
-    fresh: bool = False  # what other code computed is computed anew
+    keep: int | None = KEPT_BY_DEFAULT  # number of clips whose predictions are kept, None for all
+    fresh: bool = False  # recompute what another version of the code computed
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that is settled before the first clip is read."""
+    """Everything that is fixed before the first clip is read."""
 
     built: BuiltMatrix
     results: Results
@@ -52,7 +52,7 @@ class Plan:
     kept: frozenset[str]
     unavailable: Mapping[str, str]  # metric -> why
     shared: str  # the protocol's part of all fingerprints
-    fresh: bool = False  # what other code computed is missing
+    fresh: bool = False  # recompute what another version of the code computed
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -107,15 +107,15 @@ def _protocol(plan: Plan) -> dict[str, Any]:
 
 
 def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
-    """So many of the clips, evenly spread from the first to the last; the middle one when it is one."""
+    """`count` clips, evenly spread from the first to the last; the middle one when it is one."""
     count, last = min(count, len(clips)), len(clips) - 1
     return frozenset(clips[round(i * last / (count - 1)) if count > 1 else last // 2] for i in range(count))
 
 
 def _shared(built: BuiltMatrix) -> str:
-    """A hash of everything but the cell that a row depends on."""
+    """A hash of everything that a row depends on, the cell and the code aside."""
     matrix = built.matrix
-    dataset = {key: value for key, value in registry.describe(built.dataset).items() if key not in NOT_THE_DATA}
+    dataset = {key: value for key, value in registry.describe(built.dataset).items() if key not in NOT_HASHED}
     if "root" in dataset:
         dataset["root"] = str(Path(dataset["root"]).resolve())
     numbers = [matrix.num_past, matrix.num_future, matrix.stride, *matrix.size_px]
@@ -123,7 +123,7 @@ def _shared(built: BuiltMatrix) -> str:
 
 
 def _split_hash(built: BuiltMatrix) -> str:
-    """The data set's own; the empty one where its settings say all."""
+    """The data set's own, "" where its settings say all."""
     return built.dataset.split_hash if isinstance(built.dataset, HasSplit) else ""
 
 
@@ -133,7 +133,7 @@ def content_hash(value: Any) -> str:
 
 
 def versions() -> dict[str, str]:
-    """What is installed of the packages that numbers depend on."""
+    """Installed versions of the packages that numbers depend on."""
     installed = {"python": platform.python_version()}
     for package in VERSIONS_OF:
         try:

@@ -18,7 +18,7 @@ RESET_PEAK = "5"  # sets VmHWM to what is resident now (Linux 4.0 and newer, pro
 
 @dataclass(frozen=True)
 class Peak:
-    """A maximum of resident memory; all that the process holds at that moment is in it, whoever asked for it."""
+    """A maximum of resident memory; everything that the process holds at that moment counts."""
 
     memory_mb: float  # MiB
     is_own: bool  # of the piece of work alone; otherwise of the process since it began

@@ -1,4 +1,4 @@
-"""How far a long piece of work is: a callback for whoever does it, and a progress bar that can be one."""
+"""Progress of long work: the type of the callback, and a bar that can be one."""
 
 from __future__ import annotations
 

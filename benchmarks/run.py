@@ -1,4 +1,4 @@
-"""Fill what is missing or stale of a matrix's results, whatever happened to earlier runs."""
+"""Compute what is missing or stale of a matrix's results, however earlier runs ended."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from geovp_classic.types import Grant
 
 @dataclass(frozen=True)
 class _State:
-    """What is left to do of each cell that can be computed, and what went wrong."""
+    """Chunks still to be computed of each cell that can be, and the cells' failures."""
 
     missing: dict[str, set[int]]  # cell -> chunks
     failures: dict[str, tuple[int, Failure]] = field(default_factory=dict)  # cell -> of its first chunk that failed
@@ -51,7 +51,7 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
 
 
 def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
-    """The record of a cell, written; what is on disk of another one is removed. No fingerprint: it cannot be built."""
+    """Write and return the record of a cell, without a fingerprint when it cannot be built; stale files are removed."""
     own = plan.built.components_of(cell)
     before = plan.results.cell(cell.name)
     names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
@@ -84,7 +84,7 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
 
 
 def _missing(plan: Plan, name: str, code: str) -> set[int]:
-    """The chunks that a cell lacks; parts that no longer fit are removed, of other code only when that is asked for."""
+    """The chunks that a cell lacks; parts that no longer fit are removed, those of other code only with `fresh`."""
     chunks = plan.chunks
     specs = plan.built.metrics.describe(plan.columns)
     kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
@@ -121,7 +121,7 @@ def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) 
 
 
 def _note(result: TaskResult, state: _State) -> None:
-    """Strike off what is on disk; of several failures of a cell the one of the first chunk is told, in any order."""
+    """Remove from the missing what is on disk; of several failures of a cell the first chunk's is kept."""
     index = result.task.chunk
     for cell in result.task.cells:
         failure = result.failures.get(cell.name)
@@ -132,7 +132,7 @@ def _note(result: TaskResult, state: _State) -> None:
 
 
 def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> None:
-    """Write what became of a cell."""
+    """Write the final record of a cell."""
     verdict: dict[str, Any] = {"status": "partial" if state.missing[name] else "done"}
     if name in state.failures:
         failure = state.failures[name][1]
@@ -141,7 +141,7 @@ def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> 
 
 
 def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
-    """What the parts of a cell took together, and of how many clips they are that other code computed."""
+    """Totals over the parquet parts of a cell; outdated clips are those that other code computed."""
     stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
     peak = Peak.highest(Peak(part.peak_memory_mb, part.peak_is_own) for part in parts)

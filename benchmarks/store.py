@@ -1,4 +1,4 @@
-"""Results on disk: the only module that knows where what lies, and how it is written so that a kill loses nothing.
+"""Results on disk: the only module that knows where which file is, and writes them so that a kill loses nothing.
 
     <root>/protocol.json                  data set, clip names, sizes, metrics, versions
     <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory, depths where known

@@ -1,4 +1,4 @@
-"""Table 4.1 of the thesis in its own layout: our rows, and the published ones in a block of their own."""
+"""Table 4.1 of the thesis in its own layout: our rows, and the published ones in a separate block."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Line:
 
 
 def markdown(results: Results) -> str:
-    """Both blocks with what one must know to read them."""
+    """Both blocks, with notes."""
     protocol = results.protocol()
     lines = [_line(cell, results) for cell in results.cells() if cell.status in ("done", "partial")]
     in_thesis = sorted((line for line in lines if line.rank < len(_order())), key=lambda line: line.rank)

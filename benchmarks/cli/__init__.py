@@ -1,7 +1,7 @@
 """The command line `geovp VERB ...`: a module a verb, imported only when chosen, so that `--help` answers at once.
 
 A verb's module exposes `add_arguments(parser)` and `run(chosen)`, which returns the exit code: 0 when all was done, 1
-when some of it failed or was skipped, 2 for bad input, which is told in one sentence.
+when some of it failed or was skipped, 2 for bad input, with one sentence that says what to do.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def add_modules(parser: argparse.ArgumentParser, package: Path, names: Iterable[
     for name in names:
         file = package / f"{name}.py"
         text = (file if file.exists() else package / name / "__init__.py").read_text(encoding="utf-8")
-        told = (ast.get_docstring(ast.parse(text)) or "").replace("%", "%%")
+        description = (ast.get_docstring(ast.parse(text)) or "").replace("%", "%%")
         module = f"benchmarks.{package.name}.{name}"
-        summary = told.partition("\n")[0]
-        chosen.add_parser(name.replace("_", "-"), help=summary, description=told, module=module, dest=dest)
+        summary = description.partition("\n")[0]
+        chosen.add_parser(name.replace("_", "-"), help=summary, description=description, module=module, dest=dest)
 
 
 def main(given: Sequence[str] | None = None) -> int:

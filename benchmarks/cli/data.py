@@ -10,7 +10,7 @@ from benchmarks.progress import Bar, tracked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The one thing that can be done with a data set."""
+    """`doctor`, the only verb so far."""
     actions = parser.add_subparsers(metavar="VERB", required=True)
     doctor = actions.add_parser("doctor", help="what is there, and what is wrong with it, line by line")
     doctor.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")

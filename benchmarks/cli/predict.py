@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--past", type=positive, default=10, metavar="N", help="observed frames (10)")
     parser.add_argument("--future", type=positive, default=20, metavar="N", help="predicted frames (20)")
     parser.add_argument("--size", type=positive, default=256, metavar="PX", help="side of the square middle (256)")
-    parser.add_argument("--wide", action="store_true", help="see the whole images, not only their middle")
+    parser.add_argument("--wide", action="store_true", help="use the whole images, not only their middle")
     parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
 
 

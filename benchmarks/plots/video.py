@@ -19,22 +19,28 @@ LABEL_PX = 22
 FOURCC = "mp4v"
 
 
-def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]) -> ByteArray:
-    """One image [H, W, 3]: a row of frames for every (name, frames), a label above each column, white between.
-
-    A row may have fewer frames than there are columns.
-    """
-    height_px, width_px = rows[0][1][0].shape[:2]
-    right_px, down_px = width_px + GAP_PX, height_px + GAP_PX + LABEL_PX
-    sheet = np.full((len(rows) * down_px - GAP_PX, len(labels) * right_px - GAP_PX, 3), 255, np.uint8)
-    for i, (name, frames) in enumerate(rows):
-        for j, frame in enumerate(frames):
-            top_px, left_px = i * down_px + LABEL_PX, j * right_px
+def mosaic(rows: Sequence[Sequence[ByteArray]], gap_px: int, label_px: int = 0) -> ByteArray:
+    """One white image [H, W, 3] of rows of frames of one size, with room for a label above each row."""
+    height_px, width_px = rows[0][0].shape[:2]
+    right_px, down_px = width_px + gap_px, height_px + gap_px + label_px
+    size_px = len(rows) * down_px - gap_px, max(map(len, rows)) * right_px - gap_px
+    sheet = np.full((*size_px, 3), 255, np.uint8)
+    for i, row in enumerate(rows):
+        for j, frame in enumerate(row):
+            top_px, left_px = i * down_px + label_px, j * right_px
             sheet[top_px : top_px + height_px, left_px : left_px + width_px] = frame
-            place = (left_px + 2, top_px - 6)
-            cv2.putText(
-                sheet, f"{name} {labels[j]}", place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA
-            )
+    return sheet
+
+
+def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]) -> ByteArray:
+    """One image [H, W, 3]: a row of frames for every (name, frames), a label above each column, white between."""
+    sheet = mosaic([frames for _, frames in rows], GAP_PX, LABEL_PX)
+    height_px, width_px = rows[0][1][0].shape[:2]
+    for i, (name, frames) in enumerate(rows):
+        for j in range(len(frames)):
+            place = (j * (width_px + GAP_PX) + 2, i * (height_px + GAP_PX + LABEL_PX) + LABEL_PX - 6)
+            text, font = f"{name} {labels[j]}", cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(sheet, text, place, font, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
     return sheet
 
 

@@ -1,4 +1,4 @@
-"""One self-contained page about a results folder: numbers, figures, settings, and what became of each cell."""
+"""One self-contained page about a results folder: numbers, figures, settings, and the status of each cell."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geovp_classic.data.atomic import write_bytes
 
 
 def write(results_dir: Path, progress: Progress = no_progress) -> Path:
-    """Write report.html, figures drawn anew from the stored rows; BadData when the folder holds no results."""
+    """Write report.html, with figures drawn from the stored rows; BadData when the folder holds no results."""
     results = Results(results_dir)
     return _write(results, [sections.Drawn.of(page, {}) for page in plots.figures(results, progress)])
 
@@ -33,8 +33,8 @@ def _write(results: Results, figures: list[sections.Drawn]) -> Path:
         ("Methods", sections.methods(facts)),
         ("Protocol", sections.protocol(facts)),
     ]
-    told = [(title, inside) for title, inside in chapters if inside]
-    opening = sections.opening(facts, [title for title, _ in told])
-    page = markup.page(str(facts.protocol["name"]), opening, *(sections.chapter(*each) for each in told))
+    filled = [(title, inside) for title, inside in chapters if inside]
+    opening = sections.opening(facts, [title for title, _ in filled])
+    page = markup.page(str(facts.protocol["name"]), opening, *(sections.chapter(*each) for each in filled))
     write_bytes(results.report, page.encode())
     return results.report

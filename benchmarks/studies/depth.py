@@ -2,7 +2,7 @@
 
 The measures are those usual on KITTI (Eigen 2014): absolute relative error and the share of pixels whose depth is off
 by a factor of less than 1.25, over depths of at most 80 m, estimates being cut to that. Every pixel of known depth
-counts, whatever its confidence; pixels of static and moving objects, near the epipole and away from it, are told apart.
+counts, whatever its confidence; pixels of static and moving objects, near the epipole and away from it, are rows apart.
 Poses are the recorded ones.
 """
 

@@ -32,8 +32,8 @@ SMALL, SMALL_PX = "00", 128  # a sequence whose frames are no higher
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """A data set: eight clips a seed, or a clip every ten frames of the sequences."""
     parser.add_argument("dataset", choices=("synthetic", "kitti"), help="synthetic: its moving pixels are known")
-    told = "synthetic: seeds; kitti: the folder, then sequences or stretches of them, as 03 or 03[0:180)"
-    parser.add_argument("words", nargs="+", metavar="WORD", help=told)
+    help_text = "synthetic: seeds; kitti: the folder, then sequences or stretches of them, as 03 or 03[0:180)"
+    parser.add_argument("words", nargs="+", metavar="WORD", help=help_text)
 
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -38,8 +38,8 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         for tracked in list(paths.track(chosen.root, chosen.frames, spec, camera, progress)):
             yield f"{tracked.frames}: {tracked.tracked.mean():.1%} of {len(tracked.tracked)} frames tracked"
             rows = tracked.rows()
-            told = columns([paths.COLUMNS, *rows]) if rows else ["no real poses to compare with"]
-            yield from (f"  {line}" for line in [*told, *paths.write(tracked, chosen.out)])
+            lines = columns([paths.COLUMNS, *rows]) if rows else ["no real poses to compare with"]
+            yield from (f"  {line}" for line in [*lines, *paths.write(tracked, chosen.out)])
         return
     if chosen.clips < 2:
         raise BadData(f"--clips is {chosen.clips}, expected 2 frames or more: one has no motion")

@@ -221,7 +221,14 @@ class TestTrajectories:
         legend = axes.get_legend()
         assert legend is not None
         names = [text.get_text() for text in legend.get_texts()]
-        assert names == ["past", "ground truth", "gt", "_vo (true scale lent)", "kalman", "last observed camera"]
+        assert names == [
+            "past",
+            "ground truth",
+            "gt",
+            "_vo (scaled to the true path)",
+            "kalman",
+            "last observed camera",
+        ]
         ends = {round(float(np.asarray(line.get_xdata())[-1]), 6) for line in axes.lines if len(line.get_xdata()) == 7}
         assert ends == {6.0, 7.2}
 
