@@ -18,7 +18,6 @@ from benchmarks.arguments import positive
 from benchmarks.progress import Progress, tracked
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
-from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.types import BoolArray, Clip, FloatArray, Intrinsics, Trajectory
 
@@ -91,6 +90,8 @@ def pixel_sets(
     past: Trajectory,
 ) -> dict[str, BoolArray]:
     """Masks [H, W] by name; without a mask of moving objects all is static, standing still nothing is near."""
+    from geovp_classic.geometry import pinhole
+
     shape = (camera.height_px, camera.width_px)
     moving = np.zeros(shape, dtype=bool) if moving is None else moving
     epipole_px = epipole(past, camera)
@@ -102,6 +103,8 @@ def pixel_sets(
 
 def epipole(past: Trajectory, camera: Intrinsics) -> FloatArray | None:
     """The epipole [2] of the last two frames, in the last one; None for a camera that stood or moved sideways."""
+    from geovp_classic.geometry import pinhole, se3  # with scipy, too heavy for --help
+
     if len(past) < 2:
         return None
     last_from_before = se3.inverse(past.world_from_cam[-1]) @ past.world_from_cam[-2]
