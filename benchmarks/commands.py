@@ -1,16 +1,12 @@
-"""The frame of the small commands `python -m benchmarks.NAME`: a text to print, or one sentence and exit code 2."""
+"""The main function of `python -m benchmarks.performance.NAME`: a text to print, or one sentence and exit code 2."""
 
 from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Sequence
 
-from benchmarks.progress import Bar
 from geovp_classic.errors import BadData, GeovpError
-
-Item = TypeVar("Item")
 
 
 def command(text: Callable[[Sequence[str]], str]) -> Callable[[Sequence[str]], int]:
@@ -39,11 +35,3 @@ def whole_numbers(arguments: Sequence[str], defaults: Sequence[int], usage: str)
     if any(number < min(default, 1) for number, default in zip(numbers, defaults, strict=True)):
         raise BadData(f"arguments {' '.join(arguments)!r}: expected {usage}, counts of at least 1")
     return numbers
-
-
-def watched(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-    """The items, with a progress bar on standard error for how many of `total` have been dealt with."""
-    with Bar(what, "clips") as bar:
-        for done, item in enumerate(items, 1):
-            yield item
-            bar.show(done, total)

@@ -1,7 +1,7 @@
-"""Where chunks of work are done: here, in other processes of this machine, or on a Dask cluster.
+"""Where tasks are computed: in this process, in other processes of this machine, or on a Dask cluster.
 
-An executor maps a picklable function over tasks and yields the results as they come. It takes the next task only when
-it has room for it, so that whoever makes the tasks may look at earlier results first.
+An executor maps a picklable function over tasks and yields results as they are ready. It takes the next task only when
+it has room for it, so that the tasks' generator can use earlier results.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from geovp_classic.errors import BadData, GeovpError, MissingExtra
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-PATIENCE_S = 10.0  # until somebody answers at an address
-AHEAD = 2  # tasks a worker, so that none waits for the next one
+CONNECT_TIMEOUT_S = 10.0  # for a scheduler to answer
+TASKS_PER_WORKER = 2  # submitted at a time, so that no worker waits for the next one
 
 
 class Executor(Protocol):
-    """Does the tasks of a run."""
+    """Computes the tasks of a run."""
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
         """The results in any order; the function's own errors are raised."""
@@ -53,19 +53,13 @@ class Processes:
             raise BadData(f"workers is {self.workers}, expected 1 or more")
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """The results as they come; GeovpError when a process dies."""
+        """Results as they are ready; GeovpError when a process dies."""
         threads = max(1, (os.cpu_count() or 1) // self.workers)
         pool = futures.ProcessPoolExecutor(
             self.workers, multiprocessing.get_context("spawn"), _begin_worker, (threads,)
         )
-        waiting: set[futures.Future[Result]] = set()
         try:
-            for task in tasks:
-                waiting.add(pool.submit(function, task))
-                if len(waiting) >= AHEAD * self.workers:
-                    done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
-                    yield from (future.result() for future in done)
-            yield from (future.result() for future in futures.as_completed(waiting))
+            yield from _results(pool, function, tasks, self.workers)
         except BrokenProcessPool as error:
             raise GeovpError("a worker process died (out of memory?): run again, with fewer --workers") from error
         finally:
@@ -79,35 +73,42 @@ class Dask:
     address: str
 
     def map(self, function: Callable[[Task], Result], tasks: Iterable[Task]) -> Iterator[Result]:
-        """The results as they come; MissingExtra without Dask, BadData when nobody answers at the address."""
+        """Results as they are ready; MissingExtra without Dask, BadData when no scheduler answers."""
         try:
             import distributed
         except ModuleNotFoundError as error:
             raise MissingExtra("a Dask cluster needs dask: pip install 'geovp-classic[cluster]'") from error
         try:
-            client = distributed.Client(self.address, timeout=PATIENCE_S)
+            client = distributed.Client(self.address, timeout=CONNECT_TIMEOUT_S)
         except (OSError, ValueError) as error:
             raise BadData(f"no Dask scheduler answers at {self.address!r}: give one such as tcp://host:8786") from error
         with client:
-            room = AHEAD * max(1, sum(client.nthreads().values()))
-            submitted = distributed.as_completed()
-            for task in tasks:
-                submitted.add(client.submit(function, task, pure=False))
-                if submitted.count() >= room:
-                    yield next(submitted).result()
-            for future in submitted:
-                yield future.result()
+            workers = max(1, sum(client.nthreads().values()))
+            yield from _results(client.get_executor(pure=False), function, tasks, workers)
+
+
+def _results(
+    pool: futures.Executor, function: Callable[[Task], Result], tasks: Iterable[Task], workers: int
+) -> Iterator[Result]:
+    """Results as they are ready; a task is taken only when the pool has room for it."""
+    waiting: set[futures.Future[Result]] = set()
+    for task in tasks:
+        waiting.add(pool.submit(function, task))
+        if len(waiting) >= TASKS_PER_WORKER * workers:
+            done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
+            yield from (future.result() for future in done)
+    yield from (future.result() for future in futures.as_completed(waiting))
 
 
 def _begin_worker(threads: int) -> None:
-    """Keep a worker's libraries, imported later, from a thread a core each, and the worker from outliving the run."""
+    """Limit the threads of libraries that a worker imports later, and end the worker when the run ends."""
     for variable in THREAD_LIMITS:
         os.environ.setdefault(variable, str(threads))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """A killed run cannot tell its workers, and they would wait for it for ever, with all their memory."""
+    """A killed run cannot stop its workers: without this they would wait for it and keep their memory."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

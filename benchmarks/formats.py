@@ -1,4 +1,4 @@
-"""How tables look: as Markdown, LaTeX and CSV, on paper and on disk."""
+"""Tables as Markdown, LaTeX and CSV."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks import tables
 from benchmarks.statistics import Estimate
-from benchmarks.store import Results, write_bytes
+from benchmarks.store import Results
 from benchmarks.tables import Column, Row, Table
+from geovp_classic.data.atomic import write_bytes
 
-DASH = "-"
 TEX = {
     "&": r"\&",
     "%": r"\%",
@@ -43,13 +43,21 @@ def markdown(table: Table) -> str:
     lines = [["method", "clips", *(column.heading for column in table.columns)]]
     for row in table.rows:
         marks = f" [{row.marks}]" if row.marks else ""
-        values = [_text(table, row, column, "**{}**".format, str) for column in table.columns]
+        values = [_text(table, row, column, "**{}**") for column in table.columns]
         lines.append([row.name + marks, str(row.num_clips), *values])
-    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
-    padded = ["| " + " | ".join(_aligned(line, widths)) + " |" for line in lines]
-    rule = "| " + " | ".join(["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]) + " |"
     notes = [f"- {note}" for note in table.notes]
-    return "\n".join([f"## {table.title}", "", padded[0], rule, *padded[1:], "", *notes, ""])
+    return "\n".join([f"## {table.title}", "", *grid(lines), "", *notes, ""])
+
+
+def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
+    """A Markdown table of a head and rows; with `numbers`, all columns but the first are aligned on the right."""
+    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
+    aligned = [
+        [text.rjust(n) if numbers else text.ljust(n) for text, n in zip(line, widths, strict=True)] for line in lines
+    ]
+    rows = [[line[0].ljust(widths[0]), *texts[1:]] for line, texts in zip(lines, aligned, strict=True)]
+    rule = ["-" * widths[0], *("-" * (n - 1) + (":" if numbers else "-") for n in widths[1:])]
+    return [f"| {' | '.join(texts)} |" for texts in (rows[0], rule, *rows[1:])]
 
 
 def latex(table: Table) -> str:
@@ -58,7 +66,7 @@ def latex(table: Table) -> str:
     body = []
     for row in table.rows:
         marks = rf"$^{{\mathrm{{{row.marks}}}}}$" if row.marks else ""
-        values = [_text(table, row, column, r"\textbf{{{}}}".format, _tex) for column in table.columns]
+        values = [_text(table, row, column, r"\textbf{{{}}}") for column in table.columns]
         body.append(" & ".join([_tex(row.name) + marks, str(row.num_clips), *values]) + r" \\")
     lines = [r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.title)}.}}"]
     lines += [rf"\begin{{tabular}}{{lr{'r' * len(table.columns)}}}", r"\toprule", head + r" \\", r"\midrule", *body]
@@ -78,15 +86,11 @@ def comma_separated(table: Table) -> str:
     return stream.getvalue()
 
 
-def _text(table: Table, row: Row, column: Column, emphasise: Callable[[str], str], escape: Callable[[str], str]) -> str:
-    """Mean ± standard error, emphasised where no row is better; the clips, where fewer than the row has."""
-    estimate = row.estimates.get(column.key)
-    if estimate is None or int(estimate.count) == 0:
-        return "unavailable" if column.unavailable else DASH
-    mean = f"{float(estimate.mean):.{column.decimals}f}"
-    error = f" ± {float(estimate.error):.{column.decimals}f}" if np.isfinite(estimate.error) else ""
-    count = f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
-    return (emphasise(mean) if table.is_best(row, column) else mean) + escape(error + count)
+def _text(table: Table, row: Row, column: Column, emphasis: str) -> str:
+    mean, error = table.texts(row, column)
+    return (emphasis.format(mean) if table.is_best(row, column) else mean) + (
+        _tex(error) if "\\" in emphasis else error
+    )
 
 
 def _numbers(estimate: Estimate | None) -> tuple[str, str, str]:
@@ -96,8 +100,10 @@ def _numbers(estimate: Estimate | None) -> tuple[str, str, str]:
     return repr(float(estimate.mean)), error, str(int(estimate.count))
 
 
-def _aligned(texts: Sequence[str], widths: Sequence[int]) -> list[str]:
-    return [texts[0].ljust(widths[0]), *(text.rjust(width) for text, width in zip(texts[1:], widths[1:], strict=True))]
+def columns(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of texts as lines whose columns are aligned on the left."""
+    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
+    return ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
 def _tex(text: str) -> str:

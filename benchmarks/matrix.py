@@ -47,18 +47,25 @@ class CellPlan:
 
     @property
     def name(self) -> str:
-        """What its folder is called."""
+        """The name of its folder."""
         return self.predictor or f"{self.pose_source}--{self.renderer}"
 
     @property
     def label(self) -> str:
-        """What people read."""
+        """For people."""
         return self.predictor or f"{self.pose_source} + {self.renderer}"
 
     @property
     def kind(self) -> str:
         """One of "geometric", "predictor"."""
         return "geometric" if self.predictor is None else "predictor"
+
+    @property
+    def components(self) -> dict[str, tuple[str, str]]:
+        """(role in the registry, name in the matrix file) of the pose source and the renderer, or of the predictor."""
+        if self.predictor is not None:
+            return {"predictor": ("predictors", self.predictor)}
+        return {"pose_source": ("pose_sources", str(self.pose_source)), "renderer": ("renderers", str(self.renderer))}
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,13 @@ class Matrix:
         ]
         whole = [CellPlan(entry.num_samples, predictor=name) for name, entry in self.predictors.items()]
         return (*crossed, *whole)
+
+    @property
+    def specs(self) -> dict[tuple[str, str], Spec]:
+        """Every component by role and name."""
+        sources = {("pose_sources", name): entry.spec for name, entry in self.pose_sources.items()}
+        renderers = {("renderers", name): spec for name, spec in self.renderers.items()}
+        return sources | renderers | {("predictors", name): entry.spec for name, entry in self.predictors.items()}
 
     def to_json(self) -> str:
         """The matrix as plain text, for another process."""

@@ -1,4 +1,4 @@
-"""What is settled before the first clip is read: components, clips, metrics, and protocol.json, which says them all."""
+"""The plan of a run: built components, clips, metrics, and the protocol.json that describes them."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+from benchmarks.built_matrix import BuiltMatrix, build_matrix
 from benchmarks.matrix import Matrix
 from benchmarks.store import Results
-from benchmarks.workshop import Workshop, workshop
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 
 CLIPS_PER_PART = 2
 KEPT_BY_DEFAULT = 3
 VERSIONS_OF = ("geovp-classic", "numpy", "scipy", "opencv-contrib-python-headless", "open3d", "pycolmap", "torch")
-NOT_THE_DATA = ("with_wide", "with_right")  # follow from what the components ask for
+NOT_HASHED = ("with_wide", "with_right")  # follow from the components' needs
 
 
 @runtime_checkable
@@ -29,7 +29,7 @@ class HasSplit(Protocol):
 
     @property
     def split_hash(self) -> str:
-        """The same for all who have the same frames."""
+        """Equal for equal frames."""
         ...
 
 
@@ -38,26 +38,26 @@ class Options:
     """How much of a matrix is run."""
 
     limit: int | None = None  # only the first clips
-    keep: int | None = KEPT_BY_DEFAULT  # predictions kept of so many clips, None for all
-    fresh: bool = False  # what other code computed is computed anew
+    keep: int | None = KEPT_BY_DEFAULT  # number of clips whose predictions are kept, None for all
+    fresh: bool = False  # recompute what another version of the code computed
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that is settled before the first clip is read."""
+    """Everything that is fixed before the first clip is read."""
 
-    shop: Workshop
+    built: BuiltMatrix
     results: Results
     clips: tuple[str, ...]
     kept: frozenset[str]
     unavailable: Mapping[str, str]  # metric -> why
     shared: str  # the protocol's part of all fingerprints
-    fresh: bool = False  # what other code computed is missing
+    fresh: bool = False  # recompute what another version of the code computed
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The metrics that can be computed here."""
-        return tuple(name for name in self.shop.measures.built if name not in self.unavailable)
+        return tuple(name for name in self.built.metrics.built if name not in self.unavailable)
 
     @property
     def chunks(self) -> list[dict[int, str]]:
@@ -68,12 +68,12 @@ class Plan:
 
 def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     """Build everything once, choose the clips and write protocol.json."""
-    shop = workshop(matrix.to_json())
-    clips = shop.clip_names(options.limit)
+    built = build_matrix(matrix.to_json())
+    clips = built.clip_names(options.limit)
     if not clips:
         raise BadData("the data set has no clip of that length: give a longer sequence or fewer frames a clip")
     kept = spread(clips, len(clips) if options.keep is None else options.keep)
-    plan = Plan(shop, results, clips, kept, shop.measures.unavailable(matrix.size_px), _shared(shop), options.fresh)
+    plan = Plan(built, results, clips, kept, built.metrics.unavailable(matrix.size_px), _shared(built), options.fresh)
     before = results.protocol() if results.begun else {}
     if before.get("fingerprint") == plan.shared:
         if options.limit is not None and len(before["clips"]) > len(clips):
@@ -88,17 +88,17 @@ def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
 
 
 def _protocol(plan: Plan) -> dict[str, Any]:
-    matrix = plan.shop.matrix
+    matrix = plan.built.matrix
     return {
         "name": matrix.name,
-        "dataset": registry.describe(plan.shop.dataset),
-        "dataset_name": plan.shop.dataset.name,
-        "split_hash": _split_hash(plan.shop),
+        "dataset": registry.describe(plan.built.dataset),
+        "dataset_name": plan.built.dataset.name,
+        "split_hash": _split_hash(plan.built),
         "num_past": matrix.num_past,
         "num_future": matrix.num_future,
         "size_px": list(matrix.size_px),
         "stride": matrix.stride,
-        "metrics": plan.shop.measures.about(plan.unavailable),
+        "metrics": plan.built.metrics.about(plan.unavailable),
         "cells": [cell.name for cell in matrix.cells],
         "clips": list(plan.clips),
         "fingerprint": plan.shared,
@@ -107,24 +107,24 @@ def _protocol(plan: Plan) -> dict[str, Any]:
 
 
 def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
-    """So many of the clips, evenly spread from the first to the last; the middle one when it is one."""
+    """`count` clips, evenly spread from the first to the last; the middle one when it is one."""
     count, last = min(count, len(clips)), len(clips) - 1
     return frozenset(clips[round(i * last / (count - 1)) if count > 1 else last // 2] for i in range(count))
 
 
-def _shared(shop: Workshop) -> str:
-    """A hash of everything but the cell that a row depends on."""
-    matrix = shop.matrix
-    dataset = {key: value for key, value in registry.describe(shop.dataset).items() if key not in NOT_THE_DATA}
+def _shared(built: BuiltMatrix) -> str:
+    """A hash of everything that a row depends on, the cell and the code aside."""
+    matrix = built.matrix
+    dataset = {key: value for key, value in registry.describe(built.dataset).items() if key not in NOT_HASHED}
     if "root" in dataset:
         dataset["root"] = str(Path(dataset["root"]).resolve())
     numbers = [matrix.num_past, matrix.num_future, matrix.stride, *matrix.size_px]
-    return content_hash({"dataset": dataset, "split": _split_hash(shop), "numbers": numbers})
+    return content_hash({"dataset": dataset, "split": _split_hash(built), "numbers": numbers})
 
 
-def _split_hash(shop: Workshop) -> str:
-    """The data set's own; the empty one where its settings say all."""
-    return shop.dataset.split_hash if isinstance(shop.dataset, HasSplit) else ""
+def _split_hash(built: BuiltMatrix) -> str:
+    """The data set's own, "" where its settings say all."""
+    return built.dataset.split_hash if isinstance(built.dataset, HasSplit) else ""
 
 
 def content_hash(value: Any) -> str:
@@ -133,7 +133,7 @@ def content_hash(value: Any) -> str:
 
 
 def versions() -> dict[str, str]:
-    """What is installed of the packages that numbers depend on."""
+    """Installed versions of the packages that numbers depend on."""
     installed = {"python": platform.python_version()}
     for package in VERSIONS_OF:
         try:

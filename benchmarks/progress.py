@@ -1,9 +1,24 @@
-"""A progress bar on standard error."""
+"""Progress of long work: the type of the callback, and a bar that can be one."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, TypeVar
+
+Item = TypeVar("Item")
+Progress = Callable[[int, int], None]  # (done, total)
+
+
+def no_progress(done: int, total: int) -> None:
+    """Show nothing."""
+
+
+def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[Item]:
+    """The items; each is reported as done when the next one is asked for."""
+    for done, item in enumerate(items, 1):
+        yield item
+        progress(done, total)
 
 
 class Bar:
@@ -12,20 +27,17 @@ class Bar:
     def __init__(self, what: str, unit: str) -> None:
         """`what` is being done, counted in `unit`."""
         self._what, self._unit = what, unit
-        self._update: Callable[[int], object] | None = None
-        self._close: Callable[[], object] | None = None
-        self._shown = 0
+        self._bar: Any = None
 
     def show(self, done: int, total: int) -> None:
-        """So many are done."""
-        if self._update is None and total:
+        """A Progress."""
+        if self._bar is None and total:
             from tqdm import tqdm
 
-            bar = tqdm(total=total, desc=self._what, unit=f" {self._unit}", file=sys.stderr, delay=0.5)
-            self._update, self._close = bar.update, bar.close
-        if self._update is not None:
-            self._update(done - self._shown)
-            self._shown = done
+            self._bar = tqdm(total=total, desc=self._what, unit=f" {self._unit}", file=sys.stderr, delay=0.5)
+        if self._bar is not None:
+            self._bar.total = total
+            self._bar.update(done - self._bar.n)
 
     def __enter__(self) -> Bar:
         """Begin."""
@@ -33,5 +45,5 @@ class Bar:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Leave the last state on the screen."""
-        if self._close is not None:
-            self._close()
+        if self._bar is not None:
+            self._bar.close()

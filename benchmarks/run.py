@@ -1,27 +1,26 @@
-"""Fill what is missing or stale of a matrix's results, whatever happened to earlier runs."""
+"""Compute what is missing or stale of a matrix's results, however earlier runs ended."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.built_matrix import Task, TaskResult, compute
+from benchmarks.components import Failure
 from benchmarks.executors import Executor
-from benchmarks.failures import Failure
 from benchmarks.matrix import CellPlan, Matrix
-from benchmarks.peaks import Peak
 from benchmarks.planning import Options, Plan, content_hash, prepare
+from benchmarks.profiling import Peak
+from benchmarks.progress import Progress
 from benchmarks.store import Cell, Part, Results
-from benchmarks.workshop import Report, Task, compute
 from geovp_classic import registry
 from geovp_classic.types import Grant
-
-Progress = Callable[[int, int], None]  # (clips done, clips in all), both times cells
 
 
 @dataclass(frozen=True)
 class _State:
-    """What is left to do of each cell that can be computed, and what went wrong."""
+    """Chunks still to be computed of each cell that can be, and the cells' failures."""
 
     missing: dict[str, set[int]]  # cell -> chunks
     failures: dict[str, tuple[int, Failure]] = field(default_factory=dict)  # cell -> of its first chunk that failed
@@ -42,8 +41,8 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
     total = state.left(chunks)
     progress(0, total)
     try:
-        for report in executor.map(compute, _tasks(plan, state, records)):
-            _note(report, state)
+        for result in executor.map(compute, _tasks(plan, state, records)):
+            _note(result, state)
             progress(total - state.left(chunks), total)
     finally:
         for name in state.missing:
@@ -52,23 +51,23 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
 
 
 def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
-    """The record of a cell, written; what is on disk of another one is removed. No fingerprint: it cannot be built."""
-    parts = plan.shop.parts(cell)
+    """Write and return the record of a cell, without a fingerprint when it cannot be built; stale files are removed."""
+    own = plan.built.components_of(cell)
     before = plan.results.cell(cell.name)
     names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
     record: dict[str, Any] = {"label": cell.label, "kind": cell.kind, **names, "num_samples": cell.num_samples}
-    record |= {"asked": plan.shop.specs(cell), "protocol": plan.shared}
-    failures = [part for part in parts.values() if isinstance(part, Failure)]
+    record |= {"asked": plan.built.specs(cell), "protocol": plan.shared}
+    failures = [each for each in own.values() if isinstance(each, Failure)]
     if failures:
         _begin_without(plan, cell.name, record, failures[0])
         return record
-    components = {role: registry.describe(part) for role, part in parts.items()}
-    needs = plan.shop.needs(cell)
+    components = {role: registry.describe(each) for role, each in own.items()}
+    needs = plan.built.needs(cell)
     record |= {"components": components, "grants": [str(grant.name) for grant in Grant if grant in needs]}
     record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
     if before is None or before.fingerprint != record["fingerprint"]:
         plan.results.remove_cell(cell.name)
-    record["code"] = plan.shop.code(cell)
+    record["code"] = plan.built.code(cell)
     tally = _tally(plan.results.parts(cell.name), record["code"])
     plan.results.write_cell(cell.name, {**record, "status": "partial", **tally})
     return record
@@ -85,9 +84,9 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
 
 
 def _missing(plan: Plan, name: str, code: str) -> set[int]:
-    """The chunks that a cell lacks; parts that no longer fit are removed, of other code only when that is asked for."""
+    """The chunks that a cell lacks; parts that no longer fit are removed, those of other code only with `fresh`."""
     chunks = plan.chunks
-    specs = plan.shop.measures.describe(plan.columns)
+    specs = plan.built.metrics.describe(plan.columns)
     kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
     missing = set(range(len(chunks)))
     for part in plan.results.parts(name):
@@ -103,7 +102,7 @@ def _missing(plan: Plan, name: str, code: str) -> set[int]:
 
 def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) -> Iterator[Task]:
     """A task per chunk, without the cells that have failed by then."""
-    matrix = plan.shop.matrix
+    matrix = plan.built.matrix
     for index, clips in enumerate(plan.chunks):
         cells = [cell for cell in matrix.cells if index in state.missing.get(cell.name, ())]
         cells = [cell for cell in cells if cell.name not in state.failures]
@@ -121,11 +120,11 @@ def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) 
             )
 
 
-def _note(report: Report, state: _State) -> None:
-    """Strike off what is on disk; of several failures of a cell the one of the first chunk is told, in any order."""
-    index = report.task.chunk
-    for cell in report.task.cells:
-        failure = report.failures.get(cell.name)
+def _note(result: TaskResult, state: _State) -> None:
+    """Remove from the missing what is on disk; of several failures of a cell the first chunk's is kept."""
+    index = result.task.chunk
+    for cell in result.task.cells:
+        failure = result.failures.get(cell.name)
         if failure is None:
             state.missing[cell.name].discard(index)
         elif cell.name not in state.failures or index < state.failures[cell.name][0]:
@@ -133,7 +132,7 @@ def _note(report: Report, state: _State) -> None:
 
 
 def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> None:
-    """Write what became of a cell."""
+    """Write the final record of a cell."""
     verdict: dict[str, Any] = {"status": "partial" if state.missing[name] else "done"}
     if name in state.failures:
         failure = state.failures[name][1]
@@ -142,7 +141,7 @@ def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> 
 
 
 def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
-    """What the parts of a cell took together, and of how many clips they are that other code computed."""
+    """Totals over the parquet parts of a cell; outdated clips are those that other code computed."""
     stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
     peak = Peak.highest(Peak(part.peak_memory_mb, part.peak_is_own) for part in parts)

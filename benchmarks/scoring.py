@@ -1,4 +1,4 @@
-"""One prediction against one clip: the rows that go into a part."""
+"""Score one prediction against one clip: the rows that go into a parquet part."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from benchmarks.matrix import COVERAGE
-from benchmarks.peaks import give_back_free_memory
+from benchmarks.profiling import release_free_memory
 from benchmarks.store import SCORES
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
@@ -21,7 +21,7 @@ from geovp_classic.metrics.trajectory import relative_to_last_observed
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Prediction, Target, Trajectory
 
 EVERYTHING = ~Grant.NONE
-SAMPLES_A_BREATH = 5  # without one, a hundred samples of 256x256 take 1.2 GB more (measured with LPIPS)
+SAMPLES_PER_RELEASE = 5  # of free memory; without, 100 samples of 256x256 take 1.2 GB more (measured with LPIPS)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ManyMasks(Protocol):
 
 
 @dataclass(frozen=True)
-class Case:
+class ScoringContext:
     """A clip with what is needed to score any prediction of it; equal predictions are scored once."""
 
     clip: Clip
@@ -68,9 +68,9 @@ class Case:
         return relative_to_last_observed(context.past, target.trajectory.world_from_cam, target.trajectory.times_s)
 
 
-def score(case: Case, prediction: Prediction, metrics: Metrics) -> pa.Table:
+def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> pa.Table:
     """All rows of one clip, ordered by sample, metric and step; BadData when the prediction is of another size."""
-    expected = case.truth[1].frames.shape
+    expected = context.truth[1].frames.shape
     if prediction.frames.shape[1:] != expected:
         raise BadData(f"predicted frames have shape {prediction.frames.shape}, expected (S, {str(expected)[1:]}")
     if prediction.motion is not None and len(prediction.motion.futures) not in (1, len(prediction.frames)):
@@ -80,32 +80,34 @@ def score(case: Case, prediction: Prediction, metrics: Metrics) -> pa.Table:
         )
     blocks = []
     for sample in range(len(prediction.frames)):
-        if sample % SAMPLES_A_BREATH == SAMPLES_A_BREATH - 1:  # scores lie scattered between what metrics let go
-            give_back_free_memory()
-        scored = _values(case, prediction, sample, metrics)
-        blocks += [_block(case.clip.name, sample, name, values) for name, values in scored]
+        if (sample + 1) % SAMPLES_PER_RELEASE == 0:  # scores lie scattered among the memory that metrics freed
+            release_free_memory()
+        scored = _values(context, prediction, sample, metrics)
+        blocks += [_block(context.clip.name, sample, name, values) for name, values in scored]
     return pa.concat_tables(blocks) if blocks else SCORES.empty_table()
 
 
-def _values(case: Case, prediction: Prediction, sample: int, metrics: Metrics) -> Iterator[tuple[str, FloatArray]]:
+def _values(
+    context: ScoringContext, prediction: Prediction, sample: int, metrics: Metrics
+) -> Iterator[tuple[str, FloatArray]]:
     """(column, one number per step [F]) of one sample."""
-    predicted, target = prediction.frames[sample], case.truth[1].frames
+    predicted, target = prediction.frames[sample], context.truth[1].frames
     covered = None if prediction.covered is None else prediction.covered[sample]
     masks: dict[str, BoolArray | None] = {"": None}
     if covered is not None:
         masks["@covered"] = covered
         yield COVERAGE, covered.mean(axis=(1, 2))
-    masks.update({f"@{name}": mask for name, mask in case.pixel_sets.items()})
+    masks.update({f"@{name}": mask for name, mask in context.pixel_sets.items()})
     images = hashlib.sha256(predicted.tobytes() + (b"" if covered is None else covered.tobytes())).digest()
     for name, frame_metric in metrics.frame.items():
-        if (name, images) not in case.scored:
-            case.scored[name, images] = _over(frame_metric, predicted, target, list(masks.values()))
-        for suffix, values in zip(masks, case.scored[name, images], strict=True):
+        if (name, images) not in context.scored:
+            context.scored[name, images] = _over(frame_metric, predicted, target, list(masks.values()))
+        for suffix, values in zip(masks, context.scored[name, images], strict=True):
             yield name + suffix, values
-    future = _future(case, prediction, sample)
-    if future is not None and case.future is not None:
+    future = _future(context, prediction, sample)
+    if future is not None and context.future is not None:
         for name, trajectory_metric in metrics.trajectory.items():
-            yield name, trajectory_metric(future, case.future)
+            yield name, trajectory_metric(future, context.future)
 
 
 def _over(
@@ -116,12 +118,12 @@ def _over(
     return [metric(predicted, target, mask) for mask in masks]
 
 
-def _future(case: Case, prediction: Prediction, sample: int) -> Trajectory | None:
+def _future(context: ScoringContext, prediction: Prediction, sample: int) -> Trajectory | None:
     """The predicted future as seen from the predicted last observed camera; one future may serve all samples."""
     if prediction.motion is None:
         return None
     futures = prediction.motion.futures
-    times_s = case.truth[0].times_s[case.num_past :]
+    times_s = context.truth[0].times_s[context.num_past :]
     return relative_to_last_observed(prediction.motion.past, futures[sample % len(futures)], times_s)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -93,25 +94,17 @@ def expected_best(values: Cube, higher_is_better: bool) -> FloatArray:
     return curves
 
 
-def per_step(values: FloatArray) -> Estimate:
-    """The mean over clips at each step, from values [N, F]; arrays [F]."""
-    return over_clips(values)
-
-
 def overall(values: FloatArray) -> Estimate:
     """The mean over steps within each clip, then over clips, from values [N, F]; scalars."""
     return over_clips(_nanmean(values, axis=1))
 
 
 def over_clips(values: FloatArray) -> Estimate:
-    """Mean and standard error over the first axis; clips without a value are left out and not counted."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = _nanmean(values, axis=0)
-        spread = np.sqrt(np.where(known, (values - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count - 1, 1))
-        error = np.where(count > 1, spread / np.sqrt(np.maximum(count, 1)), np.nan)
-    return Estimate(mean, error, count)
+    """Mean and standard error over the first axis, of values [N] or [N, F]; NaN is left out and not counted."""
+    count = np.sum(~np.isnan(values), axis=0)
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        error = np.nanstd(values, axis=0, ddof=1) / np.sqrt(count)
+    return Estimate(_nanmean(values, axis=0), error, count)
 
 
 def _best(values: Cube, higher_is_better: bool) -> npt.NDArray[np.intp]:
@@ -133,8 +126,5 @@ def _shares(count: int) -> FloatArray:
 
 def _nanmean(values: FloatArray, axis: int) -> FloatArray:
     """np.nanmean that answers NaN for an empty slice without a warning."""
-    known = ~np.isnan(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    mean: FloatArray = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return mean
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
+        return np.asarray(np.nanmean(values, axis=axis))

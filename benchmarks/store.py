@@ -1,4 +1,4 @@
-"""Results on disk: the only module that knows where what lies, and how it is written so that a kill loses nothing.
+"""Results on disk: the only module that knows where which file is, and writes them so that a kill loses nothing.
 
     <root>/protocol.json                  data set, clip names, sizes, metrics, versions
     <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory, depths where known
@@ -18,11 +18,11 @@ carries in its metadata which clips these are, what they were computed with, and
 
 from __future__ import annotations
 
+import dataclasses
 import json
-import os
 import shutil
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from geovp_classic.data.atomic import atomic_write, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
@@ -50,75 +51,29 @@ NOT_CELLS = ("clips", "tables", "plots")
 
 @dataclass(frozen=True)
 class Cell:
-    """One row of a table: a pose source with a renderer, or a whole predictor; `record` is its cell.json."""
+    """One row of a table: a pose source with a renderer, or a whole predictor."""
 
     name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
-    record: Mapping[str, Any]
+    record: Mapping[str, Any]  # its cell.json, from which all that follows is taken
+    label: str  # for people: "gt-3d + ground-far-plane"
+    kind: str  # "geometric" or "predictor"
+    status: str  # "done", "partial", "skipped" or "failed"
+    grants: Sequence[str]  # names of the Grant members that its components use
+    num_samples: int  # S, how many futures it was asked for
+    num_clips: int  # how many clips have rows
+    seconds: Mapping[str, float]  # per stage, summed over its clips: motion, reconstruct, view (or predict), metrics
+    fingerprint: str  # a hash of the resolved components and the protocol: parts with another one are stale
+    components: Mapping[str, Any]  # resolved, every field spelled out: pose_source and renderer, or predictor
+    pose_source: str | None = None  # the matrix file's names; None for a whole predictor
+    renderer: str | None = None
+    reason: str = ""  # why it was skipped or failed
+    num_outdated: int = 0  # clips whose rows other code than the last run's computed; older versions did not say
 
-    @property
-    def label(self) -> str:
-        """What people read: "gt-3d + ground-far-plane"."""
-        return str(self.record["label"])
-
-    @property
-    def kind(self) -> str:
-        """One of "geometric", "predictor"."""
-        return str(self.record["kind"])
-
-    @property
-    def pose_source(self) -> str | None:
-        """The matrix file's name of the pose source; None for a whole predictor."""
-        return self.record.get("pose_source")
-
-    @property
-    def renderer(self) -> str | None:
-        """The matrix file's name of the renderer; None for a whole predictor."""
-        return self.record.get("renderer")
-
-    @property
-    def status(self) -> str:
-        """One of "done", "partial", "skipped", "failed"."""
-        return str(self.record["status"])
-
-    @property
-    def reason(self) -> str:
-        """Why it was skipped or failed; "" otherwise."""
-        return str(self.record.get("reason", ""))
-
-    @property
-    def grants(self) -> tuple[str, ...]:
-        """Names of the Grant members that its parts use."""
-        return tuple(self.record["grants"])
-
-    @property
-    def num_samples(self) -> int:
-        """S, how many futures it was asked for."""
-        return int(self.record["num_samples"])
-
-    @property
-    def num_clips(self) -> int:
-        """How many clips have rows."""
-        return int(self.record["num_clips"])
-
-    @property
-    def seconds(self) -> Mapping[str, float]:
-        """Seconds per stage, summed over its clips: motion, reconstruct, view (or predict), metrics."""
-        return dict(self.record["seconds"])
-
-    @property
-    def num_outdated(self) -> int:
-        """How many clips have rows of other code than the last run found; 0 where older versions did not say."""
-        return int(self.record.get("num_outdated", 0))
-
-    @property
-    def fingerprint(self) -> str:
-        """A hash of the resolved components and the protocol: parts with another one are stale."""
-        return str(self.record["fingerprint"])
-
-    @property
-    def components(self) -> Mapping[str, Any]:
-        """The resolved components, every field spelled out: pose_source and renderer, or predictor."""
-        return dict(self.record["components"])
+    @classmethod
+    def of(cls, name: str, record: Mapping[str, Any]) -> Cell:
+        """The cell of a cell.json."""
+        own = {field.name for field in dataclasses.fields(cls)} & record.keys()
+        return cls(name=name, record=record, **{key: record[key] for key in own})
 
 
 @dataclass(frozen=True)
@@ -163,19 +118,12 @@ class Results:
     def cell(self, name: str) -> Cell | None:
         """One cell, None when it has not been begun."""
         path = self.root / name / "cell.json"
-        return Cell(name, _read_json(path, "mend or remove it")) if path.exists() else None
+        return Cell.of(name, _read_json(path, "mend or remove it")) if path.exists() else None
 
-    def scores(self, cell: str | None = None) -> pa.Table:
-        """The rows of one cell (columns of SCORES), or of all cells, with a column "cell" in front."""
-        if cell is not None:
-            paths = [self._part(cell, part.index) for part in self.parts(cell)]
-            tables = [pq.read_table(path, schema=SCORES) for path in paths]
-            return pa.concat_tables(tables) if tables else SCORES.empty_table()
-        tables = []
-        for name in (each.name for each in self.cells()):
-            rows = self.scores(name)
-            tables.append(rows.add_column(0, "cell", pa.array([name] * len(rows), pa.string())))
-        return pa.concat_tables(tables) if tables else SCORES.insert(0, pa.field("cell", pa.string())).empty_table()
+    def scores(self, cell: str) -> pa.Table:
+        """The rows of one cell, columns as SCORES."""
+        paths = [self._part(cell, part.index) for part in self.parts(cell)]
+        return pa.concat_tables([SCORES.empty_table(), *(pq.read_table(path, schema=SCORES) for path in paths)])
 
     def predictions(self, cell: str) -> list[tuple[str, Path]]:
         """(clip name, file) of the predictions that were kept of one cell."""
@@ -242,17 +190,9 @@ class Results:
 
     def write_part(self, cell: str, rows: pa.Table, part: Part) -> None:
         """Write all rows of the part's clips at once."""
-        facts = {
-            "clips": list(part.clips),
-            "fingerprint": part.fingerprint,
-            "metrics": dict(part.metrics),
-            "seconds": dict(part.seconds),
-            "peak_memory_mb": part.peak_memory_mb,
-            "peak_is_own": part.peak_is_own,
-            "code": part.code,
-        }
-        with _beside(self._part(cell, part.index)) as scratch:
-            pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch.path)
+        facts = {key: value for key, value in dataclasses.asdict(part).items() if key != "index"}
+        with atomic_write(self._part(cell, part.index)) as scratch:
+            pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch)
 
     def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
@@ -291,33 +231,6 @@ class Results:
 
     def _part(self, cell: str, index: int) -> Path:
         return self.root / cell / "scores" / f"part-{index:05d}.parquet"
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file beside its place and rename it into it."""
-    with _beside(path) as scratch:
-        scratch.path.write_bytes(content)
-
-
-@dataclass(frozen=True)
-class _beside:  # noqa: N801  (reads as a verb: with _beside(path) as scratch)
-    """A scratch file in the same folder, renamed into place when all went well, removed otherwise."""
-
-    final: Path
-
-    @property
-    def path(self) -> Path:
-        return self.final.with_name(f".{self.final.name}.{os.getpid()}.part")
-
-    def __enter__(self) -> _beside:
-        self.final.parent.mkdir(parents=True, exist_ok=True)
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if kind is None:
-            os.replace(self.path, self.final)
-        else:
-            self.path.unlink(missing_ok=True)
 
 
 def _part(path: Path) -> Part | None:
@@ -370,5 +283,5 @@ def _read_npz(path: Path) -> dict[str, Any]:
 
 
 def _write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    with _beside(path) as scratch, scratch.path.open("wb") as file:
+    with atomic_write(path) as scratch, scratch.open("wb") as file:
         np.savez_compressed(file, **arrays)

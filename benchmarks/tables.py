@@ -1,8 +1,8 @@
-"""Tables of stored rows: means, how sure they are, and what each row was granted; see `formats` for how they look."""
+"""Tables of stored rows: means, standard errors, and what each row was granted; `formats` turns them into text."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,7 @@ MARKS = {  # Grant -> (mark beside the row's name, what it means)
 }
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BEST_OF = (
-    "A best sample is chosen by comparing with what really came, which nobody can do who predicts: such rows don't "
+    "A best sample is chosen by comparing with the real future, which nobody can do who predicts: such rows don't "
     "compete. 'best of N' chooses anew for every column, as the papers do; 'by' a metric, one sample for all columns."
 )
 
@@ -69,6 +69,15 @@ class Table:
         rivals = [value for value in rivals if not np.isnan(value)]
         return row.complete and bool(rivals) and rounded(row, column) * sign == max(rivals)
 
+    def texts(self, row: Row, column: Column) -> tuple[str, str]:
+        """The mean, and behind it the standard error and the clips, where fewer than the row has."""
+        estimate = row.estimates.get(column.key)
+        if estimate is None or int(estimate.count) == 0:
+            return "unavailable" if column.unavailable else "-", ""
+        error = f" ± {float(estimate.error):.{column.decimals}f}" if np.isfinite(estimate.error) else ""
+        count = f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
+        return f"{float(estimate.mean):.{column.decimals}f}", error + count
+
 
 def build(results: Results) -> list[Table]:
     """The main table (whole frames and poses), then one per frame metric that was also taken over sets of pixels."""
@@ -94,6 +103,19 @@ def title(metric: str) -> str:
     name, _, pixels = metric.partition("@")
     words = name.upper() if len(name) <= 5 else name.replace("-", " ")
     return f"{words}, {pixels} pixels" if pixels else words
+
+
+def data_name(protocol: Mapping[str, Any]) -> str:
+    """The data set and its split, for people."""
+    split = protocol["dataset"].get("split")
+    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
+
+
+def summary(protocol: Mapping[str, Any]) -> str:
+    """Which clips, and how many frames of which size are seen and predicted."""
+    frames = f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted"
+    width_px, height_px = protocol["size_px"]
+    return f"{len(protocol['clips'])} clips of {data_name(protocol)}; {frames} at {width_px}x{height_px}"
 
 
 def _table(
@@ -182,13 +204,7 @@ def _sampled(
 
 
 def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
-    width_px, height_px = protocol["size_px"]
-    split = f", split {protocol['dataset']['split']}" if "split" in protocol["dataset"] else ""
-    clips = f"{len(protocol['clips'])} clips of {protocol['dataset_name']}{split}"
-    frames = (
-        f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted at {width_px}x{height_px}"
-    )
-    notes = [f"{clips}; {frames}.", statistics.KIND + "; a clip's value is the mean over its steps."]
+    notes = [f"{summary(protocol)}.", statistics.KIND + "; a clip's value is the mean over its steps."]
     if any(cell.num_samples > 1 for cell in cells):
         notes.append(BEST_OF)
     used = {grant for cell in cells for grant in cell.grants}
@@ -211,7 +227,7 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
     return notes
 
 
-def _keys(tables: Any) -> list[str]:
+def _keys(tables: Iterable[pa.Table]) -> list[str]:
     """All columns that have rows, in their order."""
     return list(dict.fromkeys(key for rows in tables for key in pc.unique(rows["metric"]).to_pylist()))
 

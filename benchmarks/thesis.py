@@ -1,4 +1,4 @@
-"""Table 4.1 of the thesis in its own layout: our rows, and the published ones in a block of their own."""
+"""Table 4.1 of the thesis in its own layout: our rows, and the published ones in a separate block."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import statistics, tables
+from benchmarks.formats import grid
 from benchmarks.store import Cell, Results
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -30,23 +31,21 @@ class Line:
 
 
 def markdown(results: Results) -> str:
-    """Both blocks with what one must know to read them."""
+    """Both blocks, with notes."""
     protocol = results.protocol()
     lines = [_line(cell, results) for cell in results.cells() if cell.status in ("done", "partial")]
     in_thesis = sorted((line for line in lines if line.rank < len(_order())), key=lambda line: line.rank)
     beside = [line for line in lines if line.rank == len(_order())]
     published = _published()
-    width_px, height_px = protocol["size_px"]
     parts = [
         f"## {protocol['name']}: measured here, in the layout of the thesis's table 4.1",
-        _block([*in_thesis, *beside], protocol),
-        f"- {len(protocol['clips'])} clips of {_data(protocol)}; {protocol['num_past']} frames seen, the next "
-        f"{protocol['num_future']} predicted at {width_px}x{height_px}.",
+        _block([*in_thesis, *beside]),
+        f"- {tables.summary(protocol)}.",
         f"- {statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
         *_absences(results, in_thesis),
         "",
         "## Published, not measured here",
-        _block([Line(str(row["name"]), 0, _numbers(row)) for row in published["row"]], protocol),
+        _block([Line(str(row["name"]), 0, _numbers(row)) for row in published["row"]]),
         f"- {published['source']}: {published['about']}.",
         "- Other test clips, other training data and metrics that are not defined there: compare orders, not digits.",
     ]
@@ -102,15 +101,12 @@ def _numbers(row: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
     return tuple((float(row[metric][0]), float(row[metric][1])) for metric in METRICS)
 
 
-def _block(lines: Sequence[Line], protocol: Mapping[str, Any]) -> str:
+def _block(lines: Sequence[Line]) -> str:
     """The lines with the best of each column in bold, as the thesis prints them."""
     head = ["Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)"]
     best = [_best([line.values[i] for line in lines], metric != "lpips") for i, metric in enumerate(METRICS)]
     body = [[line.name, *(_text(v, b) for v, b in zip(line.values, best, strict=True))] for line in lines]
-    widths = [max(len(row[i]) for row in [head, *body]) for i in range(len(head))]
-    texts = [" | ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) for row in [head, *body]]
-    rule = " | ".join("-" * width for width in widths)
-    return "\n".join(["", *(f"| {text} |" for text in [texts[0], rule, *texts[1:]]), ""])
+    return "\n".join(["", *grid([head, *body], numbers=False), ""])
 
 
 def _best(values: Iterable[tuple[float, float] | None], higher: bool) -> float:
@@ -124,11 +120,6 @@ def _text(value: tuple[float, float] | None, best: float) -> str:
     mean = f"{value[0]:.{DECIMALS}f}"
     bold = f"**{mean}**" if round(value[0], DECIMALS) == best else mean
     return bold if np.isnan(value[1]) else f"{bold} ± {value[1]:.{DECIMALS}f}"
-
-
-def _data(protocol: Mapping[str, Any]) -> str:
-    split = protocol["dataset"].get("split")
-    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
 
 
 def _absences(results: Results, present: Sequence[Line]) -> list[str]:

@@ -88,7 +88,7 @@ def test_only_the_command_line_prints() -> None:
     wrong = [
         where(path, node.lineno)
         for path in SOURCES
-        if path.relative_to(ROOT).as_posix() not in ("benchmarks/cli.py", "learned/__main__.py")
+        if path.relative_to(ROOT).parts[:2] not in (("benchmarks", "cli"), ("learned", "__main__.py"))
         and "performance" not in path.parts
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"

@@ -15,7 +15,7 @@ from geovp_classic.types import FloatArray
 
 MOST_LINES = 12
 WIDTH_IN, HEIGHT_IN = 4.6, 3.1  # of the axes; names stand outside
-DWARFS = 3.0  # times the second largest
+OUTLIER_RATIO = 3.0  # to the second largest
 NAMES_FROM = 1.12  # in widths of the axes
 NAME_PT, NAME_GAP_PT = 7.5, 9.5
 
@@ -92,13 +92,13 @@ def _frame(axes: Axes, curves: Sequence[Curve], measure: Measure) -> None:
 def _limits(curves: Sequence[Curve], measure: Measure) -> tuple[float, float]:
     """The range of all bands with a margin; does not leave zero behind when no value does.
 
-    An error that dwarfs all others runs off the axis, so that the others can be told apart; its name says how far.
+    An error far larger than all others runs off the axis, so that these can be distinguished; its name has the value.
     """
     errors = [np.nan_to_num(curve.error) for curve in curves]
     low = min(np.nanmin(curve.mean - error) for curve, error in zip(curves, errors, strict=True))
     highs = sorted(np.nanmax(curve.mean + error) for curve, error in zip(curves, errors, strict=True))
-    dwarfs = not measure.higher_is_better and len(highs) > 2 and highs[-1] > DWARFS * highs[-2] > 0
-    high = highs[-2] if dwarfs else highs[-1]
+    is_outlier = not measure.higher_is_better and len(highs) > 2 and highs[-1] > OUTLIER_RATIO * highs[-2] > 0
+    high = highs[-2] if is_outlier else highs[-1]
     margin = 0.05 * (high - low) or 0.5
     floor = 0.0 if min(np.nanmin(curve.mean) for curve in curves) >= 0 else -np.inf
     return max(float(low - margin), floor), float(high + margin)
@@ -108,9 +108,9 @@ def _names(axes: Axes, curves: Sequence[Curve], names: Sequence[str]) -> None:
     """Names beside the ends of their lines, with a sample of the line, moved apart where lines end together."""
     ends = [_end(curve) for curve in curves]
     low, high = axes.get_ylim()
-    wanted = [(min(value, high) - low) / (high - low) for _, value in ends]
+    desired = [(min(value, high) - low) / (high - low) for _, value in ends]
     gap, edge = NAME_GAP_PT / 72 / HEIGHT_IN, 3 / 72 / HEIGHT_IN
-    heights = style.spread(wanted, gap, edge, 1 - edge)
+    heights = style.spread(desired, gap, edge, 1 - edge)
     leader = {"arrowstyle": "-", "color": style.FAINT, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 3}
     for curve, name, end, height in zip(curves, names, ends, heights, strict=True):
         if end[1] <= high:

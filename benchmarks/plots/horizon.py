@@ -1,4 +1,4 @@
-"""Which curves there are over the horizon, from stored rows."""
+"""Curves over the horizon, and over the number of samples to choose from, from stored rows."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def pages(material: Material, metric: str) -> list[Page]:
     for line in _lines(material.cells, facts["role"]):
         cube = statistics.cube(material.rows[line.cell.name], metric)
         if np.isfinite(cube.values).any():
-            known.append((line, statistics.per_step(line.reduce(cube, facts["higher_is_better"]))))
+            known.append((line, statistics.over_clips(line.reduce(cube, facts["higher_is_better"]))))
     most = max(int(estimate.count.max()) for _, estimate in known)
     over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
     over += ", band ± one standard error over clips" if most > 1 else ""
@@ -57,6 +57,29 @@ def pages(material: Material, metric: str) -> list[Page]:
     figures = curves.draw([_curve(line, estimate, most) for line, estimate in known], measure, words)
     drawn = numbered("horizon", metric, metric, words, figures)
     return [replace(page, formats=("svg",)) for page in drawn] if "@" in metric else drawn
+
+
+def sample_pages(material: Material, metric: str) -> list[Page]:
+    """What the best of k samples scores on average, over k; none where no cell has several samples."""
+    facts = material.protocol["metrics"][metric]
+    found = []
+    for cell in (cell for cell in material.cells if cell.num_samples > 1):
+        cube = statistics.cube(material.rows[cell.name], metric)
+        if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
+            found.append((cell.label, statistics.over_clips(statistics.expected_best(cube, facts["higher_is_better"]))))
+    if not found:
+        return []
+    strokes = style.strokes([(label, "") for label, _ in found])
+    lines = [
+        curves.Curve(label, np.arange(1.0, len(best.mean) + 1), best.mean, best.error, stroke)
+        for (label, best), stroke in zip(found, strokes, strict=True)
+    ]
+    measure = curves.Measure(title(metric), facts["unit"], facts["higher_is_better"], None, "samples to choose from")
+    words = style.Words(
+        f"{title(metric)} of the best of k samples",
+        f"{material.data}: chosen by the real future; mean over sets of k and over clips, band ± one standard error",
+    )
+    return numbered("samples", metric, metric, words, curves.draw(lines, measure, words))
 
 
 def _curve(line: _Line, estimate: statistics.Estimate, most: int) -> curves.Curve:

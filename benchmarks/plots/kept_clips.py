@@ -1,4 +1,4 @@
-"""Which film strips and paths there are of the clips that were kept."""
+"""Film strips and paths of the clips that were kept."""
 
 from __future__ import annotations
 
@@ -95,4 +95,4 @@ def _path(label: str, motion: Motion, true_past: FloatArray, stroke: style.Strok
     if motion.past.is_metric or length == 0:
         return trajectories.Path(label, past, futures, stroke)
     scale = true_length / length
-    return trajectories.Path(f"{label} (true scale lent)", past * scale, futures * scale, stroke)
+    return trajectories.Path(f"{label} (scaled to the true path)", past * scale, futures * scale, stroke)

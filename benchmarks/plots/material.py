@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,19 +29,6 @@ class Page:
 
 
 @dataclass(frozen=True)
-class Job:
-    """Figures that are drawn together."""
-
-    name: str
-    make: Callable[[], list[Page]]
-
-    def draw(self) -> list[Page]:
-        """The figures, in the suite's style."""
-        with style.settings():
-            return self.make()
-
-
-@dataclass(frozen=True)
 class Material:
     """What all figures of a results folder share."""
 
@@ -63,13 +50,7 @@ class Material:
     @property
     def data(self) -> str:
         """The data set and its split, for people."""
-        return data_name(self.protocol)
-
-
-def data_name(protocol: Mapping[str, Any]) -> str:
-    """The data set and its split, for people."""
-    split = protocol["dataset"].get("split")
-    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
+        return tables.data_name(self.protocol)
 
 
 def title(metric: str) -> str:

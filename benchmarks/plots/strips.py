@@ -1,4 +1,4 @@
-"""Film strips: what came and what every method predicted, at a few horizons, one row each."""
+"""Film strips: ground truth and every method's prediction at a few horizons, one row each."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.plots import style
+from benchmarks.plots.video import mosaic
 from geovp_classic.geometry.pinhole import resize
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
@@ -37,7 +38,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Truth:
-    """What was really seen."""
+    """The ground truth."""
 
     last_seen: ByteArray  # [H, W, 3]
     frames: ByteArray  # [K, H, W, 3]
@@ -54,11 +55,11 @@ def draw(truth: Truth, rows: Sequence[Row], words: style.Words) -> list[Figure]:
 
 
 def invented(row: Row) -> Row:
-    """The same row with a wash of colour on every pixel that was invented."""
+    """The same row tinted on every pixel that was invented."""
     if row.covered is None:
         return row
-    washed = (0.35 * row.frames + 0.65 * INVENTED).astype(np.uint8)
-    return Row(row.label, row.note, np.where(row.covered[..., None], row.frames, washed), row.covered)
+    tinted = (0.35 * row.frames + 0.65 * INVENTED).astype(np.uint8)
+    return Row(row.label, row.note, np.where(row.covered[..., None], row.frames, tinted), row.covered)
 
 
 class Sheet(Artist):
@@ -83,7 +84,9 @@ def _page(truth: Truth, rows: Sequence[Row], words: style.Words) -> Figure:
     """The figure; a predicted pixel is a whole number of pixels of the file, unless the frames are very large."""
     height_px, width_px = truth.last_seen.shape[:2]
     gap_px = max(1, width_px // 40)
-    sheet = _mosaic(truth, rows, gap_px)
+    first_column = [truth.last_seen, *([np.full_like(truth.last_seen, 255)] * len(rows))]  # names stand in the white
+    frames = [truth.frames, *(row.frames for row in rows)]
+    sheet = mosaic([[first, *row] for first, row in zip(first_column, frames, strict=True)], gap_px)
     high_px, wide_px = sheet.shape[:2]
     pixels, dpi = _enlarged(sheet, width_px)
     size_in = (TILE_IN * wide_px / width_px, TILE_IN * high_px / width_px)
@@ -109,20 +112,6 @@ def _enlarged(sheet: ByteArray, width_px: int) -> tuple[ByteArray, float]:
         return sheet.repeat(times, axis=0).repeat(times, axis=1), dpi
     scale = style.PRINT_DPI / dpi
     return resize(sheet, (round(sheet.shape[1] * scale), round(sheet.shape[0] * scale))), style.PRINT_DPI
-
-
-def _mosaic(truth: Truth, rows: Sequence[Row], gap_px: int) -> ByteArray:
-    """All images on one white sheet; the first column holds the last observed frame, then names."""
-    height_px, width_px = truth.last_seen.shape[:2]
-    down_px, right_px = height_px + gap_px, width_px + gap_px
-    sheet = np.full(
-        ((len(rows) + 1) * down_px - gap_px, (len(truth.horizons) + 1) * right_px - gap_px, 3), 255, np.uint8
-    )
-    sheet[:height_px, :width_px] = truth.last_seen
-    for i, frames in enumerate([truth.frames, *(row.frames for row in rows)]):
-        for j, frame in enumerate(frames, 1):
-            sheet[i * down_px : i * down_px + height_px, j * right_px : j * right_px + width_px] = frame
-    return sheet
 
 
 def _headings(axes: Axes, truth: Truth, right_px: int, width_px: int) -> None:

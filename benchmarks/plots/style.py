@@ -144,7 +144,7 @@ def _width_in(text: str, size_pt: float) -> float:
 
 
 def tidy(axes: Axes) -> None:
-    """Thin rules, no box, ticks that do not shout."""
+    """Thin rules, no box, light ticks."""
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -166,18 +166,18 @@ def wrapped(text: str, width: int) -> str:
     return "\n".join(line.strip() for line in lines)
 
 
-def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Positions nearest to the wanted ones that are at least `gap` apart and, while there is room, in [low, high]."""
-    order = sorted(range(len(wanted)), key=lambda i: wanted[i])
-    blocks: list[tuple[float, int]] = []  # (sum of wanted first positions, members): pool adjacent violators
+def spread(desired: Sequence[float], gap: float, low: float, high: float) -> list[float]:
+    """Positions nearest to the desired ones that are at least `gap` apart and, while there is room, in [low, high]."""
+    order = sorted(range(len(desired)), key=lambda i: desired[i])
+    blocks: list[tuple[float, int]] = []  # (sum of desired first positions, members): pool adjacent violators
     for rank, i in enumerate(order):
-        blocks.append((wanted[i] - rank * gap, 1))
+        blocks.append((desired[i] - rank * gap, 1))
         while len(blocks) > 1 and blocks[-2][0] / blocks[-2][1] > blocks[-1][0] / blocks[-1][1]:
             (total, count), (more, others) = blocks[-2:]
             blocks[-2:] = [(total + more, count + others)]
-    placed = [0.0] * len(wanted)
+    placed = [0.0] * len(desired)
     firsts = [total / count for total, count in blocks for _ in range(count)]
-    highest = max(low, high - gap * (len(wanted) - 1))
+    highest = max(low, high - gap * (len(desired) - 1))
     for rank, (i, first) in enumerate(zip(order, firsts, strict=True)):
         placed[i] = min(max(first, low), highest) + rank * gap
     return placed

@@ -9,8 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from benchmarks import plots, tables
 from benchmarks.report.markup import Html, definitions, fold, image, joined, table, tag
 from benchmarks.store import Cell, Results
@@ -69,13 +67,13 @@ def opening(facts: Facts, chapters: Iterable[str]) -> Html:
     protocol = facts.protocol
     width_px, height_px = protocol["size_px"]
     states = Counter(cell.status for cell in facts.cells)
-    became = [joined((f"{count} ", tag("span", status, class_=status))) for status, count in states.items()]
+    statuses = [joined((f"{count} ", tag("span", status, class_=status))) for status, count in states.items()]
     lead = (
-        f"{facts.num_clips} clips of {plots.data_name(protocol)}: {protocol['num_past']} frames observed, "
+        f"{facts.num_clips} clips of {tables.data_name(protocol)}: {protocol['num_past']} frames observed, "
         f"the next {protocol['num_future']} predicted at {width_px} x {height_px} pixels. Methods: "
     )
     links = (tag("a", title, href=f"#{_anchor(title)}") for title in chapters)
-    commas = itertools.chain.from_iterable((", ", item) for item in became)
+    commas = itertools.chain.from_iterable((", ", item) for item in statuses)
     return tag(
         "header",
         tag("h1", str(protocol["name"])),
@@ -114,7 +112,7 @@ def clips(figures: Sequence[Drawn]) -> Html:
 
 
 def methods(facts: Facts) -> Html:
-    """What became of each cell, what it took, and how it was set."""
+    """Status, time, memory and settings of each cell."""
     stages = list(dict.fromkeys(stage for cell in facts.cells for stage in cell.seconds))
     head = (
         "method",
@@ -130,18 +128,18 @@ def methods(facts: Facts) -> Html:
 
 
 def protocol(facts: Facts) -> Html:
-    """Everything that all methods share."""
-    told = facts.protocol
-    width_px, height_px = told["size_px"]
+    """What all methods share."""
+    shared = facts.protocol
+    width_px, height_px = shared["size_px"]
     pairs = [
-        ("data set", f"{plots.data_name(told)}: " + "; ".join(_flat(told["dataset"]))),
-        ("split hash", str(told["split_hash"])),
-        ("clips", f"{facts.num_clips}, a new one every {told['stride']} frames"),
-        ("frames", f"{told['num_past']} observed, {told['num_future']} predicted"),
+        ("data set", f"{tables.data_name(shared)}: " + "; ".join(_flat(shared["dataset"]))),
+        ("split hash", str(shared["split_hash"])),
+        ("clips", f"{facts.num_clips}, a new one every {shared['stride']} frames"),
+        ("frames", f"{shared['num_past']} observed, {shared['num_future']} predicted"),
         ("size", f"{width_px} x {height_px} pixels, centre-cropped to a square and resized"),
-        ("versions", ", ".join(f"{name} {version}" for name, version in told["versions"].items())),
+        ("versions", ", ".join(f"{name} {version}" for name, version in shared["versions"].items())),
     ]
-    names = tag("p", ", ".join(told["clips"]))
+    names = tag("p", ", ".join(shared["clips"]))
     return joined((definitions(pairs), fold(f"All {facts.num_clips} clips", names)))
 
 
@@ -160,12 +158,9 @@ def _scores(scored: tables.Table) -> Html:
 
 def _score(scored: tables.Table, row: tables.Row, column: tables.Column) -> Html:
     """Mean and standard error, bold where no complete row is better."""
-    estimate = row.estimates.get(column.key)
-    if estimate is None or int(estimate.count) == 0:
-        return tag("td", "unavailable" if column.unavailable else NOTHING, class_="unit")
-    mean = f"{float(estimate.mean):.{column.decimals}f}"
-    error = f" ± {float(estimate.error):.{column.decimals}f}" if np.isfinite(estimate.error) else ""
-    error += f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
+    mean, error = scored.texts(row, column)
+    if mean in ("unavailable", NOTHING):
+        return tag("td", mean, class_="unit")
     return tag("td", tag("b", mean) if scored.is_best(row, column) else mean, tag("span", error, class_="error"))
 
 
@@ -184,7 +179,7 @@ def _method(cell: Cell, stages: Sequence[str], num_clips: int) -> Iterator[str]:
 
 
 def _memory_notes(cells: Sequence[Cell]) -> Iterator[str]:
-    """What the column of memory says of which rows."""
+    """What the column of memory means in which rows."""
     known = [cell for cell in cells if cell.record.get("peak_memory_mb")]
     own = [cell.label for cell in known if cell.record.get("peak_is_own")]
     others = [cell.label for cell in known if not cell.record.get("peak_is_own")]

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import workshop
+from benchmarks import built_matrix
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic
@@ -20,10 +20,10 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder that has to be on the path for the toys to be found, already on ours."""
     monkeypatch.syspath_prepend(str(TOYS))
     registry._entry_points.cache_clear()
-    workshop.workshop.cache_clear()
+    built_matrix.build_matrix.cache_clear()
     yield TOYS
     registry._entry_points.cache_clear()
-    workshop.workshop.cache_clear()
+    built_matrix.build_matrix.cache_clear()
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from benchmarks import scoring, statistics, tables
 from benchmarks.executors import Serial
 from benchmarks.planning import Options
 from benchmarks.run import run
-from benchmarks.scoring import Case, Metrics, score
+from benchmarks.scoring import Metrics, ScoringContext, score
 from benchmarks.statistics import Cube
 from benchmarks.store import Results
 from benchmarks.tables import Row
@@ -74,9 +74,9 @@ def test_the_expected_best_rises_from_the_mean_to_the_best(results: Results, row
 
 
 def test_many_samples_are_scored_in_little_more_memory_than_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What metrics let go is handed back now and then, not kept in pieces between the scores."""
-    given_back = []
-    monkeypatch.setattr(scoring, "give_back_free_memory", lambda: given_back.append(scored[-1]))
+    """What metrics freed is returned to the system now and then, not kept in pieces between the scores."""
+    released = []
+    monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(scored[-1]))
     scored: list[int] = []
     clip = street.clip()
 
@@ -87,6 +87,6 @@ def test_many_samples_are_scored_in_little_more_memory_than_few(monkeypatch: pyt
 
     samples = np.stack([np.full_like(clip.frames[6:], level) for level in range(12)])
     metrics = Metrics({"watched": Watched()}, {})  # type: ignore[dict-item]
-    score(Case(clip, 6), Prediction(samples), metrics)
+    score(ScoringContext(clip, 6), Prediction(samples), metrics)
     assert sorted(set(scored)) == list(range(12))
-    assert given_back == [3, 8]  # the last sample before each
+    assert released == [3, 8]  # the last sample before each

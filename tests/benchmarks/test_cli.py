@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from benchmarks import cli
-from benchmarks.listing import Listed
 from benchmarks.store import Results
 from geovp_classic import registry
 
@@ -98,7 +97,7 @@ class TestRun:
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr("benchmarks.workshop.score", interrupt)
+            patch.setattr("benchmarks.built_matrix.score", interrupt)
             assert run(tmp_path) == 130
         assert "interrupted" in capsys.readouterr().err
         assert run(tmp_path) == 0
@@ -168,10 +167,6 @@ class TestList:
         printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
         assert "  toy-still [geovp-toys]" in printed.splitlines()
 
-    def test_missing_packages_are_named_by_their_extra(self) -> None:
-        assert Listed("predictors", "svg", "geovp-classic", "torch").remark == "(needs extra: learned)"
-        assert Listed("predictors", "svg", "geovp-classic", "").remark == ""
-
     def test_without_torch_what_needs_it_is_marked(self, tmp_path: Path) -> None:
         code = (
             "import importlib.util as u; find = u.find_spec\n"
@@ -228,11 +223,28 @@ assert not [name for name in {heavy!r} if name in sys.modules]
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode == 0, done.stderr
-    for verb in ("run", "table", "plot", "report", "score", "data", "list", "check"):
+    for verb in cli.VERBS:
         assert re.search(rf"^ +{verb} ", done.stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("arguments", [[], ["walk"], ["run"], ["run", "x.toml", "--limit", "0"], ["table"]])
+def test_studies_are_listed_without_being_imported() -> None:
+    code = """
+import sys
+from benchmarks import cli
+try:
+    cli.main(["study", "--help"])
+except SystemExit as end:
+    assert end.code == 0
+assert "numpy" not in sys.modules
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for name in ("depth", "dynamic-objects", "odometry"):
+        assert re.search(rf"^ +{name}( |$)", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["walk"], ["study"], ["study", "weather"], ["run"], ["run", "x.toml", "--limit", "0"], ["table"]]
+)
 def test_a_wrong_command_line_is_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as end:
         cli.main(arguments)

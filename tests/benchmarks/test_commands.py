@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import depth_evaluation, faults, moving
-from benchmarks.commands import command, watched, whole_numbers
+from benchmarks.commands import command, whole_numbers
 from benchmarks.performance import clip, odometry, splat
 from geovp_classic.errors import BadData
 
@@ -26,11 +25,6 @@ def test_what_is_not_the_users_mistake_is_raised() -> None:
         command(broken)([])
 
 
-def test_items_are_watched_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(watched(iter("abc"), 3, "letters")) == ["a", "b", "c"]
-    assert not capsys.readouterr().out
-
-
 def test_numbers_not_given_are_the_defaults() -> None:
     assert whole_numbers([], (8, 0), "") == [8, 0]
     assert whole_numbers(["3"], (8, 0), "") == [3, 0]
@@ -43,11 +37,6 @@ def test_numbers_not_given_are_the_defaults() -> None:
 @pytest.mark.parametrize(
     ("main", "arguments", "told"),
     [
-        (faults.main, [], "expected `synthetic` or `kitti ROOT`"),
-        (faults.main, ["kitti"], "expected `synthetic` or `kitti ROOT`"),
-        (faults.main, ["kitti", "nowhere"], "nowhere"),
-        (moving.main, ["synthetic"], "expected `synthetic SEED...`"),
-        (depth_evaluation.main, ["1", "2", "3"], "expected [CLIPS [SEED]]"),
         (clip.main, ["often"], "expected [ROUNDS [ROOT SEQUENCE]]"),
         (splat.main, ["often"], "expected [ROUNDS]"),
         (odometry.main, [], "expected IMAGES CALIB [COUNT]"),
@@ -55,7 +44,6 @@ def test_numbers_not_given_are_the_defaults() -> None:
         (odometry.main, ["nowhere", "calib.txt", "0"], "counts of at least 1"),
         (splat.main, ["0"], "counts of at least 1"),
         (clip.main, ["0"], "counts of at least 1"),
-        (depth_evaluation.main, ["0"], "counts of at least 1"),
     ],
 )
 def test_mistakes_give_one_sentence(

@@ -66,7 +66,7 @@ def test_dask_gives_every_result_once_and_holds_back(scheduler: str) -> None:
 
     results = executors.Dask(scheduler).map(doubled, tasks())
     first = next(results)
-    assert len(taken) <= executors.AHEAD + 1
+    assert len(taken) <= executors.TASKS_PER_WORKER + 1
     assert sorted([first, *results]) == [2 * number for number in range(20)]
 
 
@@ -86,13 +86,13 @@ def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(scheduler: str, tmp
     for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):
         results = Results(tmp_path / name)
         run(matrix.parse("m", tables), results, Options(), executor, lambda done, total: None)
-        found.append(results.scores().to_pylist())
+        found.append([row for cell in results.cells() for row in results.scores(cell.name).to_pylist()])
     assert found[0] == found[1]
     assert len(found[0]) == 5 * 2 * (2 + 1)
 
 
 def test_nobody_at_the_address_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(executors, "CONNECT_TIMEOUT_S", 0.2)
     with pytest.raises(BadData, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
         list(executors.Dask("tcp://127.0.0.1:9").map(doubled, [1]))
 

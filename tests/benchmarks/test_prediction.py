@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from benchmarks import cli, prediction
-from benchmarks.plots import film
+from benchmarks.plots import video
 from geovp_classic import exports
 from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
@@ -70,23 +70,23 @@ def test_depth_maps_say_their_scale(written: Path) -> None:
     assert (depth > 0).mean() > 0.5
 
 
-def test_the_film_shows_seen_and_predicted_frames(written: Path) -> None:
-    video = cv2.VideoCapture(str(written / "film.mp4"))
-    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 11
+def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
+    capture = cv2.VideoCapture(str(written / "film.mp4"))
+    assert int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) == 11
     with Image.open(written / "film.gif") as moving:
         assert (moving.n_frames, moving.info["duration"]) == (11, 100)
     strip = cv2.imread(str(written / "strip.png"))
-    assert strip.shape[1] == 2 * 96 + film.GAP_PX  # the last seen frame and horizon 1
+    assert strip.shape[1] == 2 * 96 + video.GAP_PX  # the last seen frame and horizon 1
 
 
 def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(images: Path, tmp_path: Path) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    wanted = prediction.Wanted(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
+    request = prediction.PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
     stages: list[int] = []
-    predicted = prediction.predict(wanted, lambda done, total: stages.append(done))
+    predicted = prediction.predict(request, lambda done, total: stages.append(done))
     assert stages == [1, 2, 3, 4]
     assert predicted.first == len(street.clip()) - 8
-    assert predicted.came is None
+    assert predicted.actual is None
     assert not predicted.motion.past.is_metric
     prediction.write(predicted, tmp_path / "new" / "out")
     assert "not known in metres" in (tmp_path / "new" / "out" / "depths" / "scale.txt").read_text()
@@ -126,8 +126,8 @@ def test_what_breaks_in_the_middle_leaves_nothing(
 
     monkeypatch.setattr(exports, "write_ply", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    wanted = prediction.Wanted(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
-    predicted = prediction.predict(wanted, lambda done, total: None)
+    request = prediction.PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    predicted = prediction.predict(request, lambda done, total: None)
     with pytest.raises(BadData, match="No space left on device"):
         prediction.write(predicted, tmp_path / "out")
     assert not any(tmp_path.iterdir())
@@ -135,14 +135,14 @@ def test_what_breaks_in_the_middle_leaves_nothing(
 
 def test_a_strip_has_a_row_for_each_kind_and_a_bar_marks_what_was_predicted() -> None:
     grey = np.full((3, 32, 40, 3), 90, np.uint8)
-    sheet = film.strip([("predicted", grey), ("real", grey[:2])], ["a", "b", "c"])
+    sheet = video.strip([("predicted", grey), ("real", grey[:2])], ["a", "b", "c"])
     assert sheet.shape == (
-        2 * (32 + film.GAP_PX + film.LABEL_PX) - film.GAP_PX,
-        3 * (40 + film.GAP_PX) - film.GAP_PX,
+        2 * (32 + video.GAP_PX + video.LABEL_PX) - video.GAP_PX,
+        3 * (40 + video.GAP_PX) - video.GAP_PX,
         3,
     )
-    frames = film.film(grey[:1], grey, grey)
+    frames = video.side_by_side(grey[:1], grey, grey)
     assert frames.shape == (4, 32, 80, 3)
     assert (frames[0] == 90).all()
-    assert (frames[1, 0, :40] == film.PREDICTED).all()
+    assert (frames[1, 0, :40] == video.PREDICTED).all()
     assert (frames[1, 1:] == 90).all()

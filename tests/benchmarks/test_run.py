@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 from benchmarks import matrix as matrix_module
-from benchmarks import peaks
+from benchmarks import profiling
 from benchmarks.executors import Executor, Processes, Serial
 from benchmarks.planning import Options
 from benchmarks.run import run
@@ -119,7 +119,7 @@ class TestRows:
     def test_where_peaks_are_not_forgotten_the_processs_own_is_told(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(peaks, "CLEAR_REFS", tmp_path / "proc" / "clear_refs")
+        monkeypatch.setattr(profiling, "CLEAR_REFS", tmp_path / "proc" / "clear_refs")
         predictors = {"large": {"name": "toy-hoard", "megabytes": 300}, "small": {"name": "toy-hoard"}}
         records = {name: cell.record for name, cell in go(tmp_path / "out", content(predictors=predictors)).items()}
         assert records["small"]["peak_memory_mb"] >= records["large"]["peak_memory_mb"] > 300
@@ -127,7 +127,7 @@ class TestRows:
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors={"still": {"name": "toy-still"}}))
-        assert cells["a--r"].grants == ("PAST_POSES",)
+        assert cells["a--r"].grants == ["PAST_POSES"]
         assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == ("a", "r", None)
         assert cells["still"].components == {"predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}}
         protocol = Results(tmp_path).protocol()

@@ -29,7 +29,7 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
 
 def test_steps_have_their_own_means() -> None:
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 9.0})
-    estimate = statistics.per_step(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
+    estimate = statistics.over_clips(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
     np.testing.assert_allclose(estimate.mean, [3.0, 6.0])
     np.testing.assert_allclose(estimate.error, [2.0, 3.0])
 

@@ -39,7 +39,8 @@ def rows(*values: float | None) -> pa.Table:
 def begun(root: Path, fingerprint: str = "f") -> Results:
     results = Results(root)
     results.write_protocol({"cells": ["x", "y"]})
-    results.write_cell("x", {"fingerprint": fingerprint, "status": "partial"})
+    facts = {"label": "x", "kind": "predictor", "grants": [], "num_samples": 1, "num_clips": 0, "components": {}}
+    results.write_cell("x", {**facts, "seconds": {}, "fingerprint": fingerprint, "status": "partial"})
     return results
 
 
@@ -88,7 +89,6 @@ def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Pa
     results.write_part("x", rows(3.0, None), Part(1, ("b",), "f", {}, {"view": 2.0}, 10.0))
     results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {"view": 1.0}, 11.0))
     assert results.scores("x")["value"].to_pylist() == [1.0, 3.0, None]
-    assert results.scores()["cell"].to_pylist() == ["x"] * 3
     assert [(part.index, part.clips, part.seconds) for part in results.parts("x")] == [
         (0, ("a",), {"view": 1.0}),
         (1, ("b",), {"view": 2.0}),
@@ -120,7 +120,7 @@ def test_nothing_begun_is_no_rows(tmp_path: Path) -> None:
     assert results.cell("y") is None
     assert [cell.name for cell in results.cells()] == ["x"]
     assert results.scores("y").num_rows == 0
-    assert results.scores().column_names == ["cell", "clip", "sample", "step", "metric", "value"]
+    assert results.scores("y").column_names == ["clip", "sample", "step", "metric", "value"]
 
 
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:

@@ -6,11 +6,22 @@ Nothing heavy is imported before a verb's lines are asked for.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-Progress = Callable[[int, int], None]  # (steps done, steps in all)
+from benchmarks.progress import Progress
+
 TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The three verbs."""
+    add_verbs(parser.add_subparsers(metavar="VERB", required=True))
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The lines of the chosen verb."""
+    yield from chosen.lines(chosen, progress)
 
 
 def add_verbs(verbs: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -104,7 +104,7 @@ class Slide:
 class SlideScene:
     frame: np.ndarray
 
-    def view(self, world_from_cam: np.ndarray, intrinsics: Intrinsics) -> Views:
+    def view(self, world_from_cam: np.ndarray, times_s: np.ndarray, intrinsics: Intrinsics) -> Views:
         shape = (len(world_from_cam), *self.frame.shape[:2])
         covered = np.ones(shape, bool)
         covered[:, :, : shape[2] // 2] = False

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.workshop import ListsClips
+from benchmarks.built_matrix import ListsClips
 from geovp_classic import registry
 from geovp_classic.data.synthetic import Manoeuvre, Synthetic
 from geovp_classic.data.synthetic import dataset as synthetic

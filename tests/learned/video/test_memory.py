@@ -10,16 +10,16 @@ pytest.importorskip("resource", reason="peak memory is read with getrusage, whic
 # getrusage tells a child the peak of the process that started it, if that was higher: the peak is asked for anew.
 PROGRAM = """
 import numpy as np
-from benchmarks import peaks
+from benchmarks import profiling
 from geovp_classic import registry
 from geovp_classic.types import Context, Intrinsics
 
 random = np.random.default_rng(0)
 frames = random.integers(0, 256, (10, 256, 256, 3), dtype=np.uint8)
 context = Context(frames, np.arange(30) / 10, Intrinsics(489.0, 489.0, 127.5, 127.5, 256, 256))
-begun = peaks.begin()
+begun = profiling.reset_peak()
 made = registry.build("predictors", "srvp").predict(context, num_samples=100).frames
-print(made.shape, made.nbytes, peaks.reached(begun).memory_mb)
+print(made.shape, made.nbytes, profiling.peak_since(begun).memory_mb)
 """
 
 

@@ -1,24 +1,24 @@
-"""Whole sequences through an odometry: pose files, how far they drift, and the path beside the real one."""
+"""Whole sequences through an odometry: pose files, their drift, and the path beside the ground truth."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.plots import style
-from benchmarks.store import write_bytes
+from benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.data import pose_files
+from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.metrics import odometry as drift
-from geovp_classic.types import BoolArray, ByteArray, Trajectory
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Trajectory
 
 COLUMNS = ("alignment", "t_rel (%)", "r_rel (deg/100m)", "ATE (m)", "RPE (m)", "RPE (deg)")
-Watch = Callable[[int, int], None]  # (frames done, frames in all)
 
 
 @dataclass(frozen=True)
@@ -41,16 +41,29 @@ class Tracked:
 
 
 def track(
-    root: Path, frames: Sequence[str], spec: dict[str, Any] | str, camera: int | None, watch: Watch
+    root: Path, frames: Sequence[str], spec: Mapping[str, Any], camera: Mapping[str, int], progress: Progress
 ) -> Iterator[Tracked]:
     """Run the odometry over stretches such as "03" or "03[0:360)" of a folder laid out as KITTI odometry."""
     odometry = registry.build("odometries", spec)
     if not hasattr(odometry, "track_sequence"):
         raise Incompatible(f"the odometry {registry.name_of(odometry)!r} works on clips only: choose a streaming one")
-    dataset = registry.build("datasets", _dataset(root, frames, camera))
-    for wanted in dataset.ranges:
-        recording = dataset.recordings[wanted.sequence]
-        yield _tracked(odometry, recording, wanted, watch)
+    asked = {"name": "kitti", "root": root, "sequences": list(frames), "num_frames": 2, **camera}
+    dataset = registry.build("datasets", asked)
+    for stretch in dataset.ranges:
+        recording = dataset.recordings[stretch.sequence]
+        steps = slice(stretch.first, stretch.last)
+        images = _images(recording, stretch, progress)
+        times_s, height_m = recording.times_s[steps], recording.camera_height_m
+        estimate, marks = odometry.track_sequence(images, times_s, recording.intrinsics, height_m)
+        truth = None if recording.trajectory is None else recording.trajectory[steps]
+        yield Tracked(stretch, estimate, marks, truth)
+
+
+def _images(recording: Recording, frames: FrameRange, progress: Progress) -> Iterator[ByteArray]:
+    assert frames.last is not None
+    for number in range(frames.first, frames.last):
+        yield recording.frames.read(number)
+        progress(number + 1 - frames.first, frames.last - frames.first)
 
 
 def write(tracked: Tracked, folder: Path) -> list[Path]:
@@ -60,29 +73,9 @@ def write(tracked: Tracked, folder: Path) -> list[Path]:
     pose_files.write_kitti(written[0], tracked.estimate)
     pose_files.write_tum(written[1], tracked.estimate)
     for path in written[2:]:
-        write_bytes(path, _figure(tracked, path.suffix.removeprefix(".")))
+        with atomic_write(path) as scratch:
+            _draw(tracked, scratch, path.suffix.removeprefix("."))
     return written
-
-
-def _dataset(root: Path, frames: Sequence[str], camera: int | None) -> dict[str, Any]:
-    spec: dict[str, Any] = {"name": "kitti", "root": root, "sequences": list(frames), "num_frames": 2}
-    return spec if camera is None else {**spec, "camera": camera}
-
-
-def _tracked(odometry: Any, recording: Recording, frames: FrameRange, watch: Watch) -> Tracked:
-    steps = slice(frames.first, frames.last)
-    times_s = recording.times_s[steps]
-    images = _watched(recording, frames, watch)
-    estimate, marks = odometry.track_sequence(images, times_s, recording.intrinsics, recording.camera_height_m)
-    truth = None if recording.trajectory is None else recording.trajectory[steps]
-    return Tracked(frames, estimate, marks, truth)
-
-
-def _watched(recording: Recording, frames: FrameRange, watch: Watch) -> Iterator[ByteArray]:
-    assert frames.last is not None
-    for number in range(frames.first, frames.last):
-        yield recording.frames.read(number)
-        watch(number + 1 - frames.first, frames.last - frames.first)
 
 
 def _row(estimate: Trajectory, truth: Trajectory, how: drift.Alignment) -> tuple[str, ...]:
@@ -108,25 +101,22 @@ def _number(value: float, digits: int) -> str:
     return "too short" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _figure(tracked: Tracked, kind: str) -> bytes:
+def _draw(tracked: Tracked, file: Path, kind: str) -> None:
     """The path from above, in the first camera's x and z."""
-    from io import BytesIO
-
     from matplotlib.figure import Figure
 
     with style.settings():
         figure = Figure(figsize=(6, 6), layout="constrained")
         axes = figure.subplots()
-        paths = [("estimate", tracked.estimate, "tab:blue", "-")]
+        estimate = tracked.estimate
         if tracked.truth is not None:
-            how: drift.Alignment = "origin" if tracked.estimate.is_metric else "scale"
-            paths = [("estimate", drift.aligned(tracked.estimate, tracked.truth, how), "tab:blue", "-")]
-            paths.insert(0, ("ground truth", tracked.truth, "black", "--"))
-        for label, path, colour, stroke in paths:
-            x, z = path.world_from_cam[:, 0, 3], path.world_from_cam[:, 2, 3]
-            axes.plot(x, z, stroke, color=colour, label=label)
+            estimate = drift.aligned(estimate, tracked.truth, "origin" if estimate.is_metric else "scale")
+            axes.plot(*_from_above(tracked.truth), "--", color="black", label="ground truth")
+        axes.plot(*_from_above(estimate), "-", color="tab:blue", label="estimate")
         axes.set(xlabel="x (m)", ylabel="z (m)", title=f"{tracked.frames}: path from above", aspect="equal")
         axes.legend()
-        buffer = BytesIO()
-        figure.savefig(buffer, format=kind, dpi=150)
-    return buffer.getvalue()
+        figure.savefig(file, format=kind, dpi=150)
+
+
+def _from_above(path: Trajectory) -> FloatArray:
+    return path.world_from_cam[:, [0, 2], 3].T

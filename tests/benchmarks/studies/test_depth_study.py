@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from benchmarks import depth_evaluation
+from benchmarks import cli
+from benchmarks.studies import depth
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
@@ -45,7 +46,7 @@ def _clip(step: tuple[float, float, float] = (0, 0, 1.0), **changes: object) -> 
 
 def test_errors_of_a_wall() -> None:
     # 12 m for 10 m: 0.2, within 1.25; 12 m for 20 m: 0.4, not within
-    rows = {row.pixels: row for row in depth_evaluation.evaluate(Wall(12.0), [_clip()], num_past=3)}
+    rows = {row.pixels: row for row in depth.evaluate(Wall(12.0), _clip(), num_past=3)}
     assert set(rows) == {"static", "moving", "near-epipole", "away"}
     assert rows["moving"].absolute_relative_error == pytest.approx(0.4)
     assert rows["moving"].share_within_factor == 0
@@ -58,12 +59,12 @@ def test_errors_of_a_wall() -> None:
 
 
 def test_exact_depth_has_no_error() -> None:
-    rows = depth_evaluation.evaluate(Given(), [_clip()], num_past=3)
+    rows = depth.evaluate(Given(), _clip(), num_past=3)
     assert all(row.absolute_relative_error < 1e-6 and row.share_within_factor == 1 for row in rows)
 
 
 def test_infinitely_far_counts_as_80_m() -> None:
-    rows = depth_evaluation.evaluate(Wall(np.inf), [_clip()], num_past=3)
+    rows = depth.evaluate(Wall(np.inf), _clip(), num_past=3)
     moving = next(row for row in rows if row.pixels == "moving")
     assert moving.absolute_relative_error == pytest.approx(3.0)  # (80 - 20) / 20
 
@@ -72,31 +73,30 @@ def test_infinitely_far_counts_as_80_m() -> None:
 def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
     past = _clip(step=(0.1 * sign, 0, sign)).trajectory
     assert past is not None
-    np.testing.assert_allclose(depth_evaluation.epipole(past, CAMERA), [59.5, 39.5])
+    np.testing.assert_allclose(depth.epipole(past, CAMERA), [59.5, 39.5])
 
 
 @pytest.mark.parametrize("step", [(0, 0, 0), (1.0, 0, 0)])
 def test_no_epipole_in_the_image_when_standing_or_going_aside(step: tuple[float, float, float]) -> None:
-    rows = depth_evaluation.evaluate(Wall(10.0), [_clip(step=step)], num_past=3)
+    rows = depth.evaluate(Wall(10.0), _clip(step=step), num_past=3)
     assert "near-epipole" not in {row.pixels for row in rows}
 
 
 def test_a_clip_without_exact_depth() -> None:
     with pytest.raises(Incompatible, match="street has no exact depth"):
-        depth_evaluation.evaluate(Wall(10.0), [_clip(depths=None)], num_past=3)
+        depth.evaluate(Wall(10.0), _clip(depths=None), num_past=3)
 
 
 def test_the_table_has_medians_over_clips() -> None:
-    errors = {"a": 0.1, "b": 0.2, "standing": 4.0}
-    rows = [depth_evaluation.DepthRow(clip, "static", 10, error, 0.5, 1.0) for clip, error in errors.items()]
-    rows.append(depth_evaluation.DepthRow("b", "moving", 5, 0.4, 0.25, 0.0))
-    _, static, moving = depth_evaluation.table({"wall": rows}).splitlines()
+    rows = [depth.DepthRow("static", 10, error, 0.5, 1.0) for error in (0.1, 0.2, 4.0)]  # the last clip stands
+    rows.append(depth.DepthRow("moving", 5, 0.4, 0.25, 0.0))
+    _, static, moving = depth.table({"wall": rows})
     assert static.split() == ["wall", "static", "3", "0.200", "0.500", "1.00"]
     assert moving.split() == ["wall", "moving", "1", "0.400", "0.250", "0.00"]
 
 
 def test_the_command_measures_the_synthetic_street(capsys: pytest.CaptureFixture[str]) -> None:
-    assert depth_evaluation.main(["1", "3"]) == 0
+    assert cli.main(["study", "depth", "1", "3"]) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     errors = {(" ".join(words[:-5]), words[-5]): float(words[-3]) for words in lines[1:]}
     assert errors["given", "static"] == 0
@@ -104,6 +104,9 @@ def test_the_command_measures_the_synthetic_street(capsys: pytest.CaptureFixture
     assert errors["multiview", "static"] <= errors["without ground", "static"] + 0.02
 
 
-def test_the_command_says_what_it_expects(capsys: pytest.CaptureFixture[str]) -> None:
-    assert depth_evaluation.main(["many"]) == 2
-    assert "expected [CLIPS [SEED]]" in capsys.readouterr().err
+@pytest.mark.parametrize("words", [["many"], ["0"], ["1", "2", "3"]])
+def test_a_wrong_command_line_is_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(["study", "depth", *words])
+    assert end.value.code == 2
+    assert "usage: geovp" in capsys.readouterr().err

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
+from benchmarks import built_matrix, components, tables
 from benchmarks import matrix as matrices
-from benchmarks import provenance, tables, workshop
 from benchmarks.cli import main
+from benchmarks.components import code_hash
 from benchmarks.executors import Serial
 from benchmarks.planning import Options
-from benchmarks.provenance import code_of
 from benchmarks.run import run
 from benchmarks.store import Cell, Results
 from geovp_classic.predictors import CopyLast
@@ -42,7 +42,7 @@ def edit(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     """Pretends that the sources have changed."""
 
     def changed(code: str) -> None:
-        monkeypatch.setattr(workshop, "code_of", lambda components: code)
+        monkeypatch.setattr(built_matrix, "code_hash", lambda _: code)
 
     return changed
 
@@ -114,24 +114,24 @@ class TestCode:
         (folder / "parts.py").write_text("class Hover:\n    pass\n")
         monkeypatch.syspath_prepend(tmp_path)
         yield folder
-        provenance._digest.cache_clear()
+        components._source_hash.cache_clear()
         for name in [name for name in sys.modules if name.startswith("somebodys_package")]:
             del sys.modules[name]
 
     def test_it_is_short_and_stays(self) -> None:
-        code = code_of([DepthFusion()])
-        assert len(code) == provenance.DIGITS
-        provenance._digest.cache_clear()
-        assert code_of([DepthFusion()]) == code == code_of([CopyLast()])
+        code = code_hash([DepthFusion()])
+        assert len(code) == components.DIGITS
+        components._source_hash.cache_clear()
+        assert code_hash([DepthFusion()]) == code == code_hash([CopyLast()])
 
     def test_a_change_in_a_users_package_is_seen_and_only_there(self, package: Path) -> None:
         hover = importlib.import_module("somebodys_package.parts").Hover()
-        before, ours = code_of([hover]), code_of([CopyLast()])
+        before, ours = code_hash([hover]), code_hash([CopyLast()])
         assert before != ours
         (package / "more.py").write_text("SPEED = 3\n")
-        provenance._digest.cache_clear()
-        assert code_of([hover]) != before
-        assert code_of([CopyLast()]) == ours
+        components._source_hash.cache_clear()
+        assert code_hash([hover]) != before
+        assert code_hash([CopyLast()]) == ours
 
     def test_parts_of_parts_count(self, package: Path) -> None:
         hover = importlib.import_module("somebodys_package.parts").Hover
@@ -141,10 +141,10 @@ class TestCode:
             value: int = 0
 
         Inner.__module__ = hover.__module__
-        assert code_of([DepthFusion(depth=Inner())]) != code_of([DepthFusion()])  # type: ignore[arg-type]
+        assert code_hash([DepthFusion(depth=Inner())]) != code_hash([DepthFusion()])  # type: ignore[arg-type]
 
     def test_what_was_typed_in_has_no_sources(self, monkeypatch: pytest.MonkeyPatch) -> None:
         typed = type(sys)("typed_in")
         monkeypatch.setitem(sys.modules, "typed_in", typed)
         hover = type("Hover", (), {"__module__": "typed_in"})()
-        assert len(code_of([hover])) == provenance.DIGITS
+        assert len(code_hash([hover])) == components.DIGITS

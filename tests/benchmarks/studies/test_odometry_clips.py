@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli, odometry_clips
+from benchmarks import cli
+from benchmarks.studies.odometry import clips
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, Clip, Context, Grant, Intrinsics, Trajectory
@@ -43,7 +44,7 @@ class Skewed:
 
 
 def test_wrong_steps_are_measured() -> None:
-    steps = odometry_clips.errors(Skewed(), drive(6), num_past=5)
+    steps = clips.errors(Skewed(), drive(6), num_past=5)
     np.testing.assert_allclose(steps.rotation_deg, [3.0] * 4)
     np.testing.assert_allclose(steps.direction_deg, [4.0] * 4)
     np.testing.assert_allclose(steps.length_percent, [10.0])
@@ -51,9 +52,9 @@ def test_wrong_steps_are_measured() -> None:
 
 
 def test_a_path_without_metres_has_no_length() -> None:
-    steps = odometry_clips.errors(Skewed(is_metric=False), drive(6), num_past=5)
+    steps = clips.errors(Skewed(is_metric=False), drive(6), num_past=5)
     assert np.isnan(steps.length_percent).all()
-    both = odometry_clips.joined([steps, odometry_clips.errors(Skewed(), drive(3), num_past=2)])
+    both = clips.StepErrors.joined([steps, clips.errors(Skewed(), drive(3), num_past=2)])
     assert both.row("07")[1] == "2"
     assert len(both.rotation_deg) == 5
     assert both.row("07")[-1] == "10.0"
@@ -63,7 +64,7 @@ def test_poses_are_needed() -> None:
     clip = drive(6)
     without = Clip("blind", clip.frames, clip.times_s, clip.intrinsics, None)
     with pytest.raises(Incompatible, match="blind has no real poses"):
-        odometry_clips.errors(Skewed(), without, num_past=5)
+        clips.errors(Skewed(), without, num_past=5)
 
 
 def test_the_command_prints_one_row_a_stretch(street: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import peaks
-from benchmarks.peaks import Peak
-from benchmarks.remembering import Memory, Stopwatch
+from benchmarks import profiling
+from benchmarks.caching import Cache
+from benchmarks.profiling import Peak, StageProfiler
 
 LARGE_MB = 300
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")
@@ -21,9 +21,9 @@ def hold(megabytes: int) -> int:
 
 
 def peak_of(megabytes: int) -> Peak:
-    begun = peaks.begin()
+    begun = profiling.reset_peak()
     hold(megabytes)
-    return peaks.reached(begun)
+    return profiling.peak_since(begun)
 
 
 @on_linux
@@ -42,21 +42,21 @@ def test_the_process_itself_is_in_the_peak() -> None:
 
 @pytest.mark.parametrize("name", ["CLEAR_REFS", "STATUS"])
 def test_elsewhere_it_is_the_processs_maximum(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(peaks, name, tmp_path / "proc" / "nowhere")
+    monkeypatch.setattr(profiling, name, tmp_path / "proc" / "nowhere")
     if name == "STATUS":
-        monkeypatch.setattr(peaks, "CLEAR_REFS", tmp_path / "accepts-anything")
+        monkeypatch.setattr(profiling, "CLEAR_REFS", tmp_path / "accepts-anything")
     large, small = peak_of(LARGE_MB), peak_of(1)
     assert (large.is_own, small.is_own) == (False, False)
     assert small.memory_mb >= large.memory_mb > LARGE_MB
-    assert small.memory_mb == peaks.process_peak_mb()
+    assert small.memory_mb == profiling.process_peak_mb()
 
 
 def test_a_status_without_the_peak_is_no_status(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(peaks, "STATUS", tmp_path / "status")
-    peaks.STATUS.write_text("Name:\tpython\nVmRSS:\t    1024 kB\n")
-    assert not peaks.reached(begun=True).is_own
-    peaks.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\nVmRSS:\t    1024 kB\n")
-    assert peaks.reached(begun=True) == Peak(2.0, is_own=True)
+    monkeypatch.setattr(profiling, "STATUS", tmp_path / "status")
+    profiling.STATUS.write_text("Name:\tpython\nVmRSS:\t    1024 kB\n")
+    assert not profiling.peak_since(was_reset=True).is_own
+    profiling.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\nVmRSS:\t    1024 kB\n")
+    assert profiling.peak_since(was_reset=True) == Peak(2.0, is_own=True)
 
 
 def test_pieces_together_have_the_highest_peak_and_own_it_when_all_do() -> None:
@@ -67,13 +67,13 @@ def test_pieces_together_have_the_highest_peak_and_own_it_when_all_do() -> None:
 
 @on_linux
 def test_what_is_remembered_keeps_its_peak_and_metrics_are_left_out() -> None:
-    memory, watches = Memory(), (Stopwatch(), Stopwatch(), Stopwatch())
+    memory, watches = Cache(), (StageProfiler(), StageProfiler(), StageProfiler())
     for watch in watches[:2]:
-        memory.recall("scene", lambda: hold(LARGE_MB), watch, "reconstruct")
-    with watches[2].time("metrics"):
+        memory.get_or_compute("scene", lambda: hold(LARGE_MB), watch, "reconstruct")
+    with watches[2].measure("metrics"):
         hold(LARGE_MB)
     for watch in watches:
-        with watch.time("view"):
+        with watch.measure("view"):
             hold(1)
     first, second, third = (watch.peak_without("metrics").memory_mb for watch in watches)
     assert first == pytest.approx(second, abs=20)  # made for the first, charged to both

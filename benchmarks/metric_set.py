@@ -1,4 +1,4 @@
-"""The metrics of a matrix: built, tried out, and described for whoever reads the results."""
+"""The metrics of a matrix: built, tried out, and described for the readers of the results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from benchmarks.failures import Failure, build
+from benchmarks.components import Failure, build
 from benchmarks.matrix import COVERAGE, Spec
 from benchmarks.scoring import Metrics
 from geovp_classic import registry
@@ -17,7 +17,7 @@ from geovp_classic.errors import BadData
 
 @runtime_checkable
 class StatesProtocol(Protocol):
-    """A metric that says by which of the usual definitions it goes."""
+    """A metric that says which of the usual definitions it follows."""
 
     @property
     def protocol(self) -> str:
@@ -26,7 +26,7 @@ class StatesProtocol(Protocol):
 
 
 @dataclass(frozen=True)
-class Measures:
+class MetricSet:
     """Metrics by column, a Failure in place of one that cannot be built here."""
 
     frame: Mapping[str, Spec]
@@ -34,7 +34,7 @@ class Measures:
     built: Mapping[str, Any]
 
     @classmethod
-    def build(cls, frame: Mapping[str, Spec], trajectory: Mapping[str, Spec]) -> Measures:
+    def build(cls, frame: Mapping[str, Spec], trajectory: Mapping[str, Spec]) -> MetricSet:
         """The metrics of a matrix file; a wrong name or setting is raised."""
         roles = {"frame_metrics": frame, "trajectory_metrics": trajectory}
         built = {name: build(role, name, spec) for role, specs in roles.items() for name, spec in specs.items()}
@@ -55,9 +55,9 @@ class Measures:
 
     def chosen(self, columns: Iterable[str]) -> Metrics:
         """The metrics of these columns."""
-        wanted = set(columns)
-        frame = {name: self.built[name] for name in self.frame if name in wanted}
-        return Metrics(frame, {name: self.built[name] for name in self.trajectory if name in wanted})
+        names = set(columns)
+        frame = {name: self.built[name] for name in self.frame if name in names}
+        return Metrics(frame, {name: self.built[name] for name in self.trajectory if name in names})
 
     def describe(self, columns: Iterable[str]) -> dict[str, Any]:
         """The resolved settings of these columns."""

@@ -1,0 +1,183 @@
+"""The components of a matrix, built, and how a task computes a chunk of clips with them, in any process."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import pyarrow as pa
+
+from benchmarks.caching import Cache, scene_key
+from benchmarks.components import Failure, build, code_hash
+from benchmarks.matrix import CellPlan, Matrix, Spec
+from benchmarks.metric_set import MetricSet
+from benchmarks.profiling import StageProfiler
+from benchmarks.scoring import ScoringContext, score
+from benchmarks.store import Part, Results
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import Dataset
+from geovp_classic.predictors import GeometricPredictor, show
+from geovp_classic.types import Clip, Context, Grant, Motion, Prediction
+
+
+@runtime_checkable
+class ListsClips(Protocol):
+    """A data set that knows its clips' names without reading them."""
+
+    @property
+    def clip_names(self) -> tuple[str, ...]:
+        """The names in order."""
+        ...
+
+
+@dataclass(frozen=True)
+class BuiltMatrix:
+    """The built components of a matrix by role and name, a Failure in place of one that cannot be built here."""
+
+    matrix: Matrix
+    dataset: Dataset
+    components: Mapping[tuple[str, str], Any]
+    metrics: MetricSet
+
+    def clip_names(self, limit: int | None) -> tuple[str, ...]:
+        """The names of the first clips, or of all; a data set that does not list them is read for it."""
+        if isinstance(self.dataset, ListsClips):
+            return tuple(self.dataset.clip_names[:limit])
+        return tuple(self.dataset[index].name for index in range(len(self.dataset))[:limit])
+
+    def specs(self, plan: CellPlan) -> dict[str, Spec]:
+        """What the matrix file says of a cell's components: pose_source and renderer, or predictor."""
+        specs = self.matrix.specs
+        return {role: specs[key] for role, key in plan.components.items()}
+
+    def components_of(self, plan: CellPlan) -> dict[str, Any]:
+        """The components themselves."""
+        return {role: self.components[key] for role, key in plan.components.items()}
+
+    def needs(self, plan: CellPlan) -> Grant:
+        """What the components of a cell need together."""
+        return functools.reduce(Grant.__or__, (each.needs for each in self.components_of(plan).values()))
+
+    def code(self, plan: CellPlan) -> str:
+        """A hash of the sources that the rows of a cell depend on."""
+        return code_hash(self.components_of(plan).values())
+
+
+@dataclass(frozen=True)
+class Task:
+    """A chunk of clips and the cells that lack it; plain data, so that it can travel."""
+
+    matrix: str  # Matrix.to_json
+    root: str
+    chunk: int
+    clips: Mapping[int, str]  # number in the data set -> name
+    cells: tuple[CellPlan, ...]
+    fingerprints: Mapping[str, str]
+    columns: tuple[str, ...]
+    kept: frozenset[str]
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """How a task ended; its parquet parts are on disk."""
+
+    task: Task
+    failures: Mapping[str, Failure]  # by cell
+
+
+@functools.lru_cache(maxsize=1)
+def build_matrix(matrix_json: str) -> BuiltMatrix:
+    """Build everything; a component's wrong name or setting is raised, what is not installed becomes a Failure."""
+    matrix = Matrix.from_json(matrix_json)
+    components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
+    needs = [each.needs for each in components.values() if not isinstance(each, Failure)]
+    dataset = matrix.build_dataset(functools.reduce(Grant.__or__, needs, Grant.NONE))
+    metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
+    return BuiltMatrix(matrix, dataset, components, metrics)
+
+
+@dataclass(frozen=True)
+class _CellOutput:
+    """What one cell has so far in this chunk."""
+
+    profiler: StageProfiler = field(default_factory=StageProfiler)
+    rows: list[pa.Table] = field(default_factory=list)
+
+
+def compute(task: Task) -> TaskResult:
+    """Predict and score the clips of a task in all its cells and write a part for every cell that did not fail."""
+    built, results = build_matrix(task.matrix), Results(Path(task.root))
+    codes = {plan.name: built.code(plan) for plan in task.cells}  # before anybody edits what is loaded by now
+    outputs = {plan.name: _CellOutput() for plan in task.cells}
+    failures: dict[str, Failure] = {}
+    for index, name in task.clips.items():
+        context = ScoringContext(_clip(built, index, name), built.matrix.num_past)
+        if name in task.kept:
+            results.write_clip(context.clip)
+        cache = Cache()
+        for plan in (plan for plan in task.cells if plan.name not in failures):
+            try:
+                _predict_and_score(built, plan, context, cache, outputs[plan.name], task)
+            except Exception as error:  # the cell's failure is recorded and the matrix goes on
+                failures[plan.name] = Failure.of(error)
+    specs = built.metrics.describe(task.columns)
+    for name, output in outputs.items():
+        if name in failures:
+            continue
+        peak = output.profiler.peak_without("metrics")  # they take the same memory in all cells
+        part = Part(
+            index=task.chunk,
+            clips=tuple(task.clips.values()),
+            fingerprint=task.fingerprints[name],
+            metrics=specs,
+            seconds=output.profiler.seconds,
+            peak_memory_mb=peak.memory_mb,
+            peak_is_own=peak.is_own,
+            code=codes[name],
+        )
+        results.write_part(name, pa.concat_tables(output.rows), part)
+    return TaskResult(task, failures)
+
+
+def _predict_and_score(
+    built: BuiltMatrix, plan: CellPlan, scoring: ScoringContext, cache: Cache, output: _CellOutput, task: Task
+) -> None:
+    context, _ = scoring.clip.split(scoring.num_past, built.needs(plan))
+    prediction = _predict(built.components_of(plan), plan, context, cache, output.profiler)
+    if scoring.clip.name in task.kept:
+        Results(Path(task.root)).write_prediction(plan.name, scoring.clip.name, prediction)
+    _ = scoring.pixel_sets  # computed once for all cells, so charged to none
+    with output.profiler.measure("metrics"):
+        output.rows.append(score(scoring, prediction, built.metrics.chosen(task.columns)))
+
+
+def _predict(
+    components: Mapping[str, Any], plan: CellPlan, context: Context, cache: Cache, profiler: StageProfiler
+) -> Prediction:
+    """The prediction of a cell; cells share motions and scenes, and every cell is charged for what it uses."""
+    if plan.predictor is not None:
+        with profiler.measure("predict"):
+            prediction: Prediction = components["predictor"].predict(context, plan.num_samples)
+        return prediction
+    predictor = GeometricPredictor(**components)
+    motion_key = ("motion", plan.pose_source, plan.num_samples)
+    motion: Motion = cache.get_or_compute(
+        motion_key, lambda: predictor.estimate(context, plan.num_samples), profiler, "motion"
+    )
+    key = scene_key(str(plan.renderer), motion.past)
+    scene = cache.get_or_compute(key, lambda: predictor.reconstruct(context, motion.past), profiler, "reconstruct")
+    with profiler.measure("view"):
+        return show(scene, motion, context)
+
+
+def _clip(built: BuiltMatrix, index: int, name: str) -> Clip:
+    clip = built.dataset[index]
+    length = built.matrix.num_past + built.matrix.num_future
+    if clip.name != name:
+        raise BadData(f"clip {index} of the data set is called {clip.name!r} now and {name!r} before: it must stay")
+    if len(clip) != length:
+        raise BadData(f"{clip.name}: {len(clip)} frames, expected num_past + num_future = {length}")
+    return clip

@@ -1,0 +1,28 @@
+"""Put a component through the contract tests of its role."""
+
+from __future__ import annotations
+
+import argparse
+
+from benchmarks.arguments import add_settings, settings
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which component, with which settings."""
+    parser.add_argument("role", metavar="ROLE", help="such as renderers")
+    parser.add_argument("name", metavar="NAME", help="as `geovp list` shows it")
+    add_settings(parser)
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print what it keeps and what it breaks."""
+    from geovp_classic import contracts, registry
+
+    component = registry.build(chosen.role, {"name": chosen.name, **settings(chosen)})
+    findings = contracts.check(chosen.role, component)
+    for finding in findings:
+        detail = f": {finding.detail}" if finding.detail else ""
+        print(f"{'kept  ' if finding.passed else 'BROKEN'}  {finding.name}{detail}")
+    broken = sum(not finding.passed for finding in findings)
+    print(f"{chosen.name}: {broken} of {len(findings)} promises broken")
+    return int(broken > 0)

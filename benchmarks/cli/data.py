@@ -1,0 +1,36 @@
+"""Look after data sets."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+
+from benchmarks.progress import Bar, tracked
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`doctor`, the only verb so far."""
+    actions = parser.add_subparsers(metavar="VERB", required=True)
+    doctor = actions.add_parser("doctor", help="what is there, and what is wrong with it, line by line")
+    doctor.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
+    doctor.add_argument("--deep", action="store_true", help="decode every image as well")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print a table of the sequences, the findings, and the splits that can be used."""
+    from benchmarks.formats import columns
+    from geovp_classic.data import doctor
+
+    found = doctor.examine(chosen.root, deep=chosen.deep, watch=_with_bar)
+    print(*columns([list(found.rows[0]), *(list(row.values()) for row in found.rows)]), "", sep="\n")
+    for finding in found.findings:
+        print(f"{finding.severity}: {finding}")
+    print(f"named splits whose frames are all here: {', '.join(found.usable_splits) or 'none'}")
+    return int(not found.is_sound)
+
+
+def _with_bar(names: list[str]) -> Iterable[str]:
+    with Bar("doctor", "sequences") as bar:
+        bar.show(0, len(names))
+        yield from tracked(names, len(names), bar.show)

@@ -1,0 +1,98 @@
+"""What is installed, by role and name, and what a name lacks; nothing heavy is imported to find out."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import functools
+import importlib.util
+import sys
+from collections.abc import Iterator
+from importlib import metadata
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which roles."""
+    parser.add_argument("role", nargs="?", metavar="ROLE", help="only this role, such as renderers")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print a line for every name, with the package that brought it and what it lacks."""
+    from geovp_classic import registry
+
+    for role in [chosen.role] if chosen.role else registry.ROLES:
+        registry.names(role)  # UnknownComponent with the nearest role
+        print(role)
+        for entry in sorted(metadata.entry_points(group=f"geovp.{role}"), key=lambda entry: entry.name):
+            package = entry.dist.name if entry.dist is not None else ""
+            brought = f"[{package}]" if package != "geovp-classic" else ""
+            lacks = missing_import(entry.value.partition(":")[0])
+            extra = registry.EXTRA_OF_MODULE.get(lacks.partition(".")[0])
+            remark = f"(needs extra: {extra})" if extra else f"(needs {lacks})" if lacks else ""
+            print("  " + " ".join(filter(None, (entry.name, brought, remark))))
+    return 0
+
+
+def missing_import(module: str) -> str:
+    """The first module that importing this one would ask for and not find, "" for none."""
+    seen, waiting = {module}, [module]
+    while waiting:
+        path = _source(waiting[0])
+        if path is None:
+            return waiting[0]
+        own, foreign = _imports(waiting.pop(0), path)
+        missing = next((name for name in foreign if _spec(name) is None), None)
+        if missing is not None:
+            return missing
+        waiting += [name for name in own if name not in seen]
+        seen.update(own)
+    return ""
+
+
+@functools.cache
+def _imports(module: str, path: Path) -> tuple[list[str], list[str]]:
+    """What a file imports when it is imported: modules of its own package, and other packages."""
+    if path.suffix != ".py":  # compiled: says nothing
+        return [], []
+    root = module.partition(".")[0]
+    names = list(dict.fromkeys(_imported_names(ast.parse(path.read_bytes()))))
+    # `from package.module import name` may mean a module or what is in one; only the former exists by that name
+    own = [name for name in names if name.partition(".")[0] == root and _source(name) is not None]
+    others = dict.fromkeys(name.partition(".")[0] for name in names)
+    return own, [name for name in others if name != root and name not in sys.stdlib_module_names]
+
+
+def _imported_names(tree: ast.Module) -> Iterator[str]:
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@functools.cache
+def _source(module: str) -> Path | None:
+    """The file of a module, found without importing the packages above it."""
+    root, *below = module.split(".")
+    spec = _spec(root)
+    if spec is None:
+        return None
+    if not below:
+        return Path(spec.origin or "compiled")
+    for folder in spec.submodule_search_locations or ():
+        base = Path(folder).joinpath(*below)
+        for path in (base / "__init__.py", base.with_name(base.name + ".py"), *base.parent.glob(f"{base.name}.*.so")):
+            if path.exists():
+                return path
+    return None
+
+
+@functools.cache
+def _spec(package: str) -> ModuleSpec | None:
+    try:
+        return importlib.util.find_spec(package)
+    except (ImportError, ValueError):
+        return None

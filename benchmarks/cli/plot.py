@@ -1,0 +1,20 @@
+"""Draw the figures of a results folder."""
+
+from __future__ import annotations
+
+import argparse
+
+from benchmarks.arguments import add_results_folder as add_arguments
+from benchmarks.progress import Bar
+
+__all__ = ["add_arguments", "run"]
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Write the figures and print their paths."""
+    from benchmarks import plots
+
+    with Bar("plots", "figures") as bar:
+        written = plots.write_all(chosen.folder, bar.show)
+    print(*written, sep="\n")
+    return 0

@@ -1,0 +1,52 @@
+"""One clip in; predicted frames, poses, cloud, film strip and video out."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from benchmarks.arguments import positive
+from benchmarks.progress import Bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which frames, what is known of the camera, and what is predicted."""
+    parser.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of images")
+    of_images = "in pixels of the images as they are stored, (0, 0) the centre of the top-left one"
+    parser.add_argument(
+        "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_images
+    )
+    parser.add_argument("--fps", type=float, metavar="HZ", help="frames a second; needed for a folder")
+    parser.add_argument("--camera-height", type=float, metavar="M", help="above the road: poses and cloud in metres")
+    parser.add_argument("--first", type=int, metavar="N", help="first observed frame (default: the latest possible)")
+    parser.add_argument("--past", type=positive, default=10, metavar="N", help="observed frames (10)")
+    parser.add_argument("--future", type=positive, default=20, metavar="N", help="predicted frames (20)")
+    parser.add_argument("--size", type=positive, default=256, metavar="PX", help="side of the square middle (256)")
+    parser.add_argument("--wide", action="store_true", help="use the whole images, not only their middle")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Predict, write everything and print the paths."""
+    from benchmarks import prediction
+
+    if chosen.out is not None:
+        prediction.check_free(chosen.out)
+    request = prediction.PredictionRequest(
+        path=chosen.path,
+        intrinsics=tuple(chosen.intrinsics),
+        rate_hz=chosen.fps,
+        camera_height_m=chosen.camera_height,
+        first=chosen.first,
+        num_past=chosen.past,
+        num_future=chosen.future,
+        size_px=chosen.size,
+        with_wide=chosen.wide,
+    )
+    with Bar("predict", "stages") as bar:
+        predicted = prediction.predict(request, bar.show)
+        name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
+        written = prediction.write(predicted, chosen.out or Path("results/predict") / name)
+        bar.show(prediction.NUM_STAGES, prediction.NUM_STAGES)
+    print(*written, sep="\n")
+    return 0

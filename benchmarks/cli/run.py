@@ -1,0 +1,80 @@
+"""Fill what is missing or stale of a matrix; can be killed at any moment."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from benchmarks.arguments import positive
+from benchmarks.progress import Bar
+
+if TYPE_CHECKING:
+    from benchmarks.store import Cell, Results
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What to run, where, and how much of it."""
+    parser.add_argument("matrix", type=Path, metavar="MATRIX.toml")
+    parser.add_argument("--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the file's")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="results folder (default: results/<name of the file>)")
+    parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
+    parser.add_argument("--keep", type=_keep, default=3, metavar="N", help="keep predictions of N clips, or of all (3)")
+    parser.add_argument("--fresh", action="store_true", help="compute anew what another version of the code computed")
+    parser.add_argument("--no-report", action="store_true", help="no plots and no report")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=positive, metavar="N", help="processes on this machine (default: this one)")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster that sees the same folders")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Compute, then write all views of the results."""
+    from benchmarks import matrix as matrices
+    from benchmarks.planning import Options
+    from benchmarks.run import run as fill
+    from benchmarks.store import Results
+    from geovp_classic import registry
+
+    matrix = matrices.read(chosen.matrix).with_root(chosen.root)
+    results = Results(chosen.out or Path("results") / matrix.name)
+    options = Options(chosen.limit, None if chosen.keep == "all" else chosen.keep, chosen.fresh)
+    spec: dict[str, object] = {"name": "serial"}
+    if chosen.workers is not None and chosen.workers > 1:
+        spec = {"name": "processes", "workers": chosen.workers}
+    if chosen.scheduler is not None:
+        spec = {"name": "dask", "address": chosen.scheduler}
+    executor = registry.build("executors", spec)
+    with Bar(matrix.name, "predictions") as bar:
+        cells = fill(matrix, results, options, executor, bar.show)
+    return conclude(results, cells, with_report=not chosen.no_report)
+
+
+def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
+    """Print the table, write all views, and say how the cells ended."""
+    from benchmarks import formats, report, tables
+
+    print(formats.markdown(tables.build(results)[0]))
+    formats.write_all(results)
+    print(f"tables: {results.tables}")
+    if with_report and any(cell.num_clips for cell in cells):
+        with Bar("plots", "figures") as bar:
+            report.write_with_plots(results.root, bar.show)
+        print(f"plots:  {results.plots}")
+        print(f"report: {results.report}")
+    outdated = sum(cell.num_outdated > 0 for cell in cells)
+    if outdated:
+        print(
+            f"geovp: {outdated} of {len(cells)} cells hold rows that another version of the code computed (named "
+            "below the table): `geovp run --fresh` computes them anew",
+            file=sys.stderr,
+        )
+    left = sum(cell.status != "done" for cell in cells)
+    if left:
+        print(f"geovp: {left} of {len(cells)} cells are not done: see below the table", file=sys.stderr)
+    return int(left > 0)
+
+
+def _keep(text: str) -> int | str:
+    return text if text == "all" else max(0, int(text))

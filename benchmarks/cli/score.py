@@ -1,0 +1,39 @@
+"""Score the kept predictions again, with the metrics as they are now."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from benchmarks.arguments import add_results_folder
+from benchmarks.cli.run import conclude
+from benchmarks.progress import Bar
+from geovp_classic.errors import BadData
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which predictions, with which metrics, and where to."""
+    add_results_folder(parser)
+    parser.add_argument("--metrics", type=Path, metavar="MATRIX.toml", help="take [metrics] from this file")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to (default: DIR-rescored)")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Write a results folder of the kept clips alone."""
+    from benchmarks import matrix as matrices
+    from benchmarks.metric_set import MetricSet
+    from benchmarks.rescoring import rescore, stored_metrics
+    from benchmarks.store import Results
+
+    results = Results(chosen.folder)
+    into = Results(chosen.out or chosen.folder.with_name(f"{chosen.folder.resolve().name}-rescored"))
+    if into.root.resolve() == results.root.resolve():
+        raise BadData(f"--out {into.root} is the folder that is scored: give another one, stored rows stay as they are")
+    if chosen.metrics is None:
+        metrics = stored_metrics(results)
+    else:
+        matrix = matrices.read(chosen.metrics)
+        metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
+    with Bar("score", "cells") as bar:
+        cells = rescore(results, into, metrics, bar.show)
+    return conclude(into, cells, with_report=False)

@@ -1,0 +1,83 @@
+"""The components of a matrix file: built or a reason why not, and a hash of the sources that compute with them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import sys
+import traceback
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.matrix import Spec
+from geovp_classic import registry
+from geovp_classic.errors import BadData, Incompatible, MissingExtra
+
+ALWAYS_HASHED = ("geovp_classic", "benchmarks.built_matrix", "benchmarks.scoring", "benchmarks.metric_set")
+DIGITS = 12
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a cell, a component or a metric cannot go on."""
+
+    status: str  # "skipped" or "failed"
+    reason: str
+    traceback: str = ""
+
+    @classmethod
+    def of(cls, error: Exception) -> Failure:
+        """Skipped when components do not suit each other or something is not installed, failed otherwise."""
+        if isinstance(error, (Incompatible, MissingExtra)):
+            return cls("skipped", str(error))
+        trace = "".join(traceback.format_exception(error))
+        reason = str(error) if isinstance(error, BadData) else f"{type(error).__name__}: {error}"
+        return cls("failed", reason.strip().partition("\n")[0], trace)
+
+
+def build(role: str, name: str, spec: Spec) -> Any:
+    """The component of a matrix file's entry, or a Failure when something that it needs is not installed."""
+    try:
+        return registry.build(role, spec, f"{role}.{name}")
+    except (Incompatible, MissingExtra) as error:
+        return Failure.of(error)
+
+
+def code_hash(components: Iterable[object]) -> str:
+    """A short hash: another one when a source file of these components' packages, or of the suite, has changed.
+
+    Libraries don't count; protocol.json has their versions.
+    """
+    packages = {type(each).__module__.partition(".")[0] for component in components for each in _nested(component)}
+    total = hashlib.sha256()
+    for name in sorted({*ALWAYS_HASHED, *packages & sys.modules.keys()} - {"builtins", "benchmarks"}):
+        total.update(name.encode() + _source_hash(name))
+    return total.hexdigest()[:DIGITS]
+
+
+def _nested(component: object) -> Iterator[object]:
+    """The component and the ones that it is made of."""
+    yield component
+    if dataclasses.is_dataclass(component):
+        values = [getattr(component, field.name) for field in dataclasses.fields(component)]
+        for value in filter(dataclasses.is_dataclass, values):
+            yield from _nested(value)
+
+
+@functools.cache
+def _source_hash(module: str) -> bytes:
+    """Of the sources of a module, or of all modules of a package."""
+    __import__(module)
+    loaded = sys.modules[module]
+    folders = [Path(folder) for folder in getattr(loaded, "__path__", [])]
+    files = [(path.relative_to(folder), path) for folder in folders for path in sorted(folder.rglob("*.py"))]
+    single = getattr(loaded, "__file__", None)  # an interactive session has none
+    if not folders and single:
+        files = [(Path(Path(single).name), Path(single))]
+    total = hashlib.sha256()
+    for name, path in files:
+        total.update(name.as_posix().encode() + hashlib.sha256(path.read_bytes()).digest())
+    return total.digest()

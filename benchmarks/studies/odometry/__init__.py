@@ -1,0 +1,48 @@
+"""Track whole sequences: pose files, drift, and the path beside the real one; or steps of many short clips."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from benchmarks.arguments import add_settings, positive, settings
+from benchmarks.progress import Progress
+from geovp_classic.errors import BadData
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which frames, which odometry, and whether clips are cut from them."""
+    parser.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
+    parser.add_argument(
+        "frames", nargs="+", metavar="FRAMES", help="sequences or stretches of them, as 03 or 03[0:360)"
+    )
+    parser.add_argument("--odometry", default="monocular", metavar="NAME", help="as `geovp list odometries` shows it")
+    add_settings(parser)
+    parser.add_argument("--camera", type=int, metavar="K", help="the camera image_K (default: 2, else 0)")
+    parser.add_argument("--out", type=Path, default=Path("results/poses"), metavar="DIR", help="where files go")
+    parser.add_argument("--clips", type=positive, metavar="N", help="instead: errors a step on clips of N frames each")
+    parser.add_argument("--stride", type=positive, default=5, metavar="N", help="frames between two clips' starts (5)")
+    parser.add_argument("--size", type=positive, default=256, metavar="PX", help="of the clips' square crops (256)")
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """Files and their drift, or with `--clips` a table of errors a step; BadData for one frame a clip."""
+    from benchmarks.formats import columns
+    from benchmarks.studies.odometry import clips, paths
+
+    spec = {"name": chosen.odometry, **settings(chosen)}
+    camera: dict[str, Any] = {} if chosen.camera is None else {"camera": chosen.camera}
+    if chosen.clips is None:
+        for tracked in list(paths.track(chosen.root, chosen.frames, spec, camera, progress)):
+            yield f"{tracked.frames}: {tracked.tracked.mean():.1%} of {len(tracked.tracked)} frames tracked"
+            rows = tracked.rows()
+            lines = columns([paths.COLUMNS, *rows]) if rows else ["no real poses to compare with"]
+            yield from (f"  {line}" for line in [*lines, *paths.write(tracked, chosen.out)])
+        return
+    if chosen.clips < 2:
+        raise BadData(f"--clips is {chosen.clips}, expected 2 frames or more: one has no motion")
+    cut = {"stride": chosen.stride, "size_px": [chosen.size, chosen.size], **camera}
+    found = list(clips.measure(chosen.root, chosen.frames, spec, chosen.clips, cut, progress))
+    yield from columns([clips.COLUMNS, *(steps.row(frames) for frames, steps in found)])

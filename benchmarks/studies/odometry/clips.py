@@ -1,0 +1,89 @@
+"""Short clips through an odometry, each from nothing: errors of its steps from frame to frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.progress import Progress
+from geovp_classic import registry
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.interfaces import Odometry
+from geovp_classic.types import BoolArray, Clip, FloatArray, Grant
+
+COLUMNS = ("frames", "clips", "tracked", "rotation (deg/frame)", "direction (deg)", "length (%)")
+MIN_STEP_M = 0.05  # shorter steps have no direction to speak of
+
+
+@dataclass(frozen=True)
+class StepErrors:
+    """Errors of the steps [N] of one clip, or of many clips joined."""
+
+    tracked: BoolArray  # [N], of the frame that a step leads to
+    rotation_deg: FloatArray  # [N]
+    direction_deg: FloatArray  # [N], NaN where the camera hardly moved
+    length_percent: FloatArray  # [clips], estimated by true length of the path - 1; NaN without metres or motion
+
+    @classmethod
+    def joined(cls, clips: Sequence[StepErrors]) -> StepErrors:
+        """The steps of all clips."""
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(*(np.concatenate([getattr(clip, name) for clip in clips]) for name in names))
+
+    def row(self, frames: str) -> tuple[str, ...]:
+        """Texts as COLUMNS: medians, of the length's absolute value."""
+        medians = [
+            f"{np.nanmedian(np.abs(errors)):.{digits}f}" if np.isfinite(errors).any() else "-"
+            for errors, digits in ((self.rotation_deg, 4), (self.direction_deg, 2), (self.length_percent, 1))
+        ]
+        return (frames, str(len(self.length_percent)), f"{self.tracked.mean():.1%}", *medians)
+
+
+def measure(
+    root: Path,
+    frames: Sequence[str],
+    spec: Mapping[str, Any],
+    num_past: int,
+    cut: Mapping[str, Any],
+    progress: Progress,
+) -> Iterator[tuple[str, StepErrors]]:
+    """(stretch, errors) for each stretch, such as "03" or "03[180:360)", of a folder laid out as KITTI odometry.
+
+    `cut` has the data set's stride, size_px and camera; a clip has one frame more than the past, its future.
+    """
+    odometry = registry.build("odometries", spec)
+    with_wide = bool(odometry.needs & Grant.WIDE_FRAMES)
+    shared = {"name": "kitti", "root": root, "num_frames": num_past + 1, "with_wide": with_wide, **cut}
+    for text in frames:
+        dataset = registry.build("datasets", {**shared, "sequences": [text]})
+        clips = []
+        for index in range(len(dataset)):
+            clips.append(errors(odometry, dataset[index], num_past))
+            progress(index + 1, len(dataset))
+        yield str(dataset.ranges[0]), StepErrors.joined(clips)
+
+
+def errors(odometry: Odometry, clip: Clip, num_past: int) -> StepErrors:
+    """The errors of one clip; Incompatible when it has no poses."""
+    if clip.trajectory is None:
+        raise Incompatible(f"{clip.name} has no real poses to compare with: choose a sequence that has")
+    context, _ = clip.split(num_past, odometry.needs)
+    estimate, tracked = odometry.track(context)
+    poses = clip.trajectory.world_from_cam[:num_past], estimate.world_from_cam
+    truth, ours = (se3.inverse(path[:-1]) @ path[1:] for path in poses)  # before_from_now [P - 1, 4, 4]
+    lengths, our_lengths = (np.linalg.norm(steps[:, :3, 3], axis=-1) for steps in (truth, ours))
+    cosine = (truth[:, :3, 3] * ours[:, :3, 3]).sum(axis=-1) / np.maximum(lengths * our_lengths, 1e-12)
+    direction_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    has_length = estimate.is_metric and lengths.sum() > MIN_STEP_M
+    return StepErrors(
+        tracked[1:],
+        np.degrees(se3.rotation_angle_rad(se3.inverse(truth) @ ours)),
+        np.where(lengths > MIN_STEP_M, direction_deg, np.nan),
+        np.array([100 * (our_lengths.sum() / lengths.sum() - 1) if has_length else np.nan]),
+    )
