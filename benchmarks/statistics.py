@@ -128,3 +128,40 @@ def _nanmean(values: FloatArray, axis: int) -> FloatArray:
     """np.nanmean that answers NaN for an empty slice without a warning."""
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
         return np.asarray(np.nanmean(values, axis=axis))
+
+
+def block_interval(
+    values: FloatArray,  # [N], in the order in which clips were taken
+    groups: npt.NDArray[np.integer],  # [N], which stretch of video each clip is from
+    level: float = 0.95,
+    num_samples: int = 4000,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """The interval of the mean from a circular block bootstrap (Politis & Romano 1992), percentiles.
+
+    Clips that follow each other overlap and are alike, so blocks of them are drawn with replacement, each from its own
+    stretch. A block is as long as the autocorrelation is above what independent values would show.
+    """
+    rng = np.random.default_rng(seed)
+    sums = np.zeros(num_samples)
+    for group in np.unique(groups):
+        own = values[groups == group]
+        length = block_length(own)
+        starts = rng.integers(0, len(own), (num_samples, -(-len(own) // length)))
+        drawn = (starts[..., None] + np.arange(length)).reshape(num_samples, -1)[:, : len(own)] % len(own)
+        sums += own[drawn].sum(axis=1)
+    low, high = np.quantile(sums / len(values), [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def block_length(
+    values: FloatArray,  # [N]
+) -> int:
+    """The first lag at which the autocorrelation is no larger than 2 / sqrt(N), at least 1 and at most N / 3."""
+    off = values - values.mean()
+    variance = float(off @ off)
+    longest = max(1, len(values) // 3)
+    for lag in range(1, longest):
+        if variance == 0 or off[lag:] @ off[:-lag] / variance <= 2 / np.sqrt(len(values)):
+            return lag
+    return longest

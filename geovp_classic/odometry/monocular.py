@@ -44,15 +44,15 @@ class Monocular:
     radial: float = 0.0  # distortion known to be left in the images (`Lens.radial`); refined in turns
     num_features: int = 600
     window: int = 16  # keyframes, of a stream
-    max_bundle_points: int = 300
+    max_bundle_points: int = 300  # 0: no bundle adjustment
     seed: int = 0
 
     def __post_init__(self) -> None:
         """Raise BadData for numbers that are too small to track with."""
-        if self.num_features < 50 or self.window < 3 or self.max_bundle_points < 20:
+        if self.num_features < 50 or self.window < 3 or 0 < self.max_bundle_points < 20:
             raise BadData(
                 f"num_features is {self.num_features}, window {self.window}, max_bundle_points "
-                f"{self.max_bundle_points}: expected at least 50, 3 and 20"
+                f"{self.max_bundle_points}: expected at least 50, 3 and 20 (or 0: no bundle adjustment)"
             )
 
     @property

@@ -115,7 +115,7 @@ class WindowedMap:
         """Bundle adjustment of the window; only the `max_points` with most observations, others are triangulated."""
         counts = self.observed.sum(axis=0)
         index: IntArray = np.flatnonzero(self.triangulated & (counts >= 2))
-        if len(self) <= num_fixed or len(index) < 8:
+        if len(self) <= num_fixed or len(index) < 8 or max_points == 0:
             return
         order = np.argsort(-counts[index], kind="stable")
         chosen, others = index[order[:max_points]], index[order[max_points:]]

@@ -1,0 +1,199 @@
+"""What every part is worth: each one taken out, on clips that constants may be chosen on.
+
+A line a part: what the whole has more than the whole without it (PSNR and SSIM up, LPIPS down is better), as the mean
+of paired differences over clips with its 95 % interval from a block bootstrap (Kuensch 1989), the time it takes, and its
+lines of code. Parts of the renderer and of the refinements are measured with true poses, parts of the odometry
+without any. A part earns its lines where an interval excludes zero and the gain is .05 dB or .002 LPIPS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.arguments import positive
+from benchmarks.progress import Progress
+from benchmarks.statistics import block_interval
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
+
+NUM_PAST, NUM_FUTURE = 10, 20
+SCORED = (0, 4, 9, 14, 19)  # of the future frames
+METRICS = ("psnr", "ssim", "lpips")
+STRETCHES = ("03[0:180)", "raw0095", "00[0:569)", "00[600:725)")  # train and val
+SMALL, SMALL_PX, SIZE_PX = "00", 128, 256  # a sequence whose frames are no higher
+CHAIN = ("registration", "unmeasured-intervals", "rotation-drift", "nonholonomic", "road-height")
+REFINEMENT, RENDER, OBJECTS = "geovp_classic.pose_refinement", "geovp_classic.render", "geovp_classic.dynamic_objects"
+
+Spec = Mapping[str, Any]
+TRUE: Spec = {"name": "ground-truth"}
+FUSION: Spec = {"name": "depth-fusion"}
+
+
+def refined(source: Spec, *left_out: str) -> Spec:
+    """The source with the default chain of refinements but for some."""
+    return {"name": "refined", "source": source, "refinements": [{"name": n} for n in CHAIN if n not in left_out]}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The whole without one part."""
+
+    part: str
+    pose_source: Spec = field(default_factory=lambda: refined(TRUE))
+    renderer: Spec = field(default_factory=lambda: FUSION)
+    modules: tuple[str, ...] = ()  # whose lines are the part's
+    whole: str = "all"  # the variant that it is compared with
+
+
+def variants() -> list[Variant]:
+    """The whole, and the whole without each part."""
+    chained: Spec = {"name": "chained"}
+
+    def without(part: str, modules: Sequence[str], **settings: Any) -> Variant:
+        return Variant(part, renderer={**FUSION, **settings}, modules=tuple(modules))
+
+    return [
+        Variant("all"),
+        Variant("all refinements", TRUE, modules=(REFINEMENT, "geovp_classic.refined")),
+        Variant("registration and what needs it", refined(TRUE, *CHAIN[:4]), modules=(f"{REFINEMENT}.registration",)),
+        Variant(
+            "unmeasured intervals",
+            refined(TRUE, "unmeasured-intervals"),
+            modules=(f"{REFINEMENT}.unmeasured_intervals", f"{REFINEMENT}.angle_kernels"),
+        ),
+        Variant("rotation drift", refined(TRUE, "rotation-drift"), modules=(f"{REFINEMENT}.rotation_drift",)),
+        Variant("nonholonomic", refined(TRUE, "nonholonomic"), modules=(f"{REFINEMENT}.nonholonomic",)),
+        Variant("road height", refined(TRUE, "road-height"), modules=(f"{REFINEMENT}.road_height",)),
+        without("ground prior", ["geovp_classic.geometry.ground_plane"], depth={"name": "multiview", "ground": "none"}),
+        without("crack closing", [f"{RENDER}.fusion"], crack_px=0),
+        without("detail transfer", [f"{RENDER}.detail_transfer"], detail_strength=0.0),
+        without("borrowed detail", [], fill={"name": "nearest-background"}),
+        without("dynamic objects", [OBJECTS], dynamic_objects="none"),
+        without("exposure", [f"{RENDER}.exposure"], exposure="none"),
+        Variant("all, odometry", refined(chained), whole="all, odometry"),
+        Variant("refinements, odometry", chained, modules=(REFINEMENT,), whole="all, odometry"),
+        Variant(
+            "motion prior (damped CTRA)",
+            refined({**chained, "forecaster": {"name": "acceleration-kalman"}}),
+            modules=("geovp_classic.forecasting.motion_prior", "geovp_classic.forecasting.motion_network"),
+            whole="all, odometry",
+        ),
+        Variant(
+            "bundle adjustment",
+            refined({**chained, "odometry": {"name": "monocular", "max_bundle_points": 0}}),
+            modules=("geovp_classic.odometry.bundle",),
+            whole="all, odometry",
+        ),
+        Variant(
+            "road scale (unit speed)",
+            refined({**chained, "odometry": {"name": "monocular", "scale": {"name": "unit-speed"}}}),
+            modules=("geovp_classic.odometry.scale", "geovp_classic.odometry.road"),
+            whole="all, odometry",
+        ),
+    ]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the data is, and what of it."""
+    parser.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
+    help_text = f"sequences or stretches of them ({' '.join(STRETCHES)})"
+    parser.add_argument("frames", nargs="*", default=STRETCHES, metavar="FRAMES", help=help_text)
+    parser.add_argument(
+        "--stride", type=positive, default=10, metavar="N", help="frames between two clips' starts (10)"
+    )
+    parser.add_argument("--only", nargs="+", metavar="PART", help="only these parts, by the words of the table")
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The table."""
+    wanted = [one for one in variants() if not chosen.only or one.part in chosen.only]
+    if not wanted:
+        raise BadData(f"no part is called {chosen.only[0]!r}: known are {', '.join(one.part for one in variants())}")
+    wholes = [one for one in variants() if any(one.part == other.whole for other in wanted) and one not in wanted]
+    results = measure(wholes + wanted, datasets(chosen.root, chosen.frames, chosen.stride), progress)
+    yield f"{len(next(iter(results.values())).scores)} clips of {', '.join(chosen.frames)}"
+    yield f"{'without':<32}{'PSNR (dB)':>26}{'SSIM':>27}{'LPIPS':>27}{'ms':>7}{'lines':>7}"
+    for one in wanted:
+        yield line(one, results[one.part], results[one.whole])
+
+
+def datasets(root: Path, frames: Sequence[str], stride: int) -> list[Any]:
+    """One data set a stretch, so that blocks of clips don't reach from one into another."""
+    specs = []
+    for stretch in frames:
+        side_px = SMALL_PX if stretch.startswith(SMALL) else SIZE_PX
+        spec = {"name": "kitti", "root": root, "sequences": [stretch], "size_px": [side_px, side_px]}
+        specs.append({**spec, "num_frames": NUM_PAST + NUM_FUTURE, "stride": stride})
+    return [registry.build("datasets", spec) for spec in specs]
+
+
+@dataclass
+class Results:
+    """What a variant scored."""
+
+    scores: list[FloatArray] = field(default_factory=list)  # [metrics] a clip
+    stretches: list[int] = field(default_factory=list)  # a clip
+    seconds: list[float] = field(default_factory=list)  # a clip, without scoring
+
+
+def measure(wanted: Sequence[Variant], data: Sequence[Any], progress: Progress) -> dict[str, Results]:
+    """Every variant on every clip."""
+    metrics = [registry.build("frame_metrics", name) for name in METRICS]
+    built = {one.part: _build(one) for one in wanted}
+    results = {one.part: Results() for one in wanted}
+    done, total = 0, len(wanted) * sum(map(len, data))
+    for stretch, dataset in enumerate(data):
+        for clip in (dataset[number] for number in range(len(dataset))):
+            for part, (source, renderer) in built.items():
+                start_s = time.perf_counter()
+                frames, actual = _predict(clip, source, renderer)
+                results[part].seconds.append(time.perf_counter() - start_s)
+                results[part].scores.append(np.array([metric(frames, actual, None).mean() for metric in metrics]))
+                results[part].stretches.append(stretch)
+                done += 1
+                progress(done, total)
+    return results
+
+
+def _build(variant: Variant) -> tuple[Any, Any]:
+    return registry.build("pose_sources", variant.pose_source), registry.build("renderers", variant.renderer)
+
+
+def _predict(clip: Clip, source: Any, renderer: Any) -> tuple[ByteArray, ByteArray]:
+    """Predicted and actual frames at the scored horizons; copies of the last one where nothing could be estimated."""
+    context, target = clip.split(NUM_PAST, source.needs | renderer.needs | Grant.NONE)
+    motion = source.estimate(context.only(source.needs))
+    scene = renderer.reconstruct(context.only(renderer.needs), motion.past)
+    steps = np.array(SCORED)
+    views = scene.view(motion.futures[0, steps], context.times_s[NUM_PAST + steps], context.intrinsics)
+    return views.frames, target.frames[steps]
+
+
+def line(variant: Variant, without: Results, whole: Results) -> str:
+    """The part's gain in every metric, its time and its lines."""
+    gains = np.array(whole.scores) - np.array(without.scores)
+    cells = [f"{variant.part:<32}"]
+    for number, digits in enumerate((3, 4, 4)):
+        low, high = block_interval(gains[:, number], np.array(whole.stretches))
+        cells.append(f"{gains[:, number].mean():+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]".rjust(27))
+    extra_ms = 1000 * float(np.median(np.array(whole.seconds) - np.array(without.seconds)))
+    return "".join([*cells, f"{extra_ms:7.0f}", f"{sum(map(count_lines, variant.modules)):7d}"])
+
+
+def count_lines(module: str) -> int:
+    """The lines of a module, or of all modules of a package."""
+    found = importlib.util.find_spec(module)
+    if found is None or found.origin is None:
+        raise BadData(f"{module} is not a module: mend the list of the study's parts")
+    path = Path(found.origin)
+    files = path.parent.rglob("*.py") if path.name == "__init__.py" else [path]
+    return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
