@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
 
 import cv2
 import numba
@@ -19,7 +18,6 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 IndexArray = npt.NDArray[np.intp]
 FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage and depth [H, W]
-FREQUENCY_SELECTIVE = {"fast": cv2.xphoto.INPAINT_FSR_FAST, "best": cv2.xphoto.INPAINT_FSR_BEST}
 
 
 @dataclass(frozen=True)
@@ -62,46 +60,15 @@ class Telea:
 
     def __post_init__(self) -> None:
         """Raise BadData unless the radius is positive."""
-        _check_radius(self.radius_px)
-
-    def fill(self, views: Views, last: ByteArray) -> ByteArray:
-        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
-        return _fill_each(views, last, _inpainting(self.radius_px, cv2.INPAINT_TELEA))
-
-
-@dataclass(frozen=True)
-class NavierStokes:
-    """Inpainting along isophotes (Bertalmio, Bertozzi, Sapiro 2001); `radius_px` is the neighbourhood it uses."""
-
-    radius_px: float = 3.0
-
-    def __post_init__(self) -> None:
-        """Raise BadData unless the radius is positive."""
-        _check_radius(self.radius_px)
-
-    def fill(self, views: Views, last: ByteArray) -> ByteArray:
-        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
-        return _fill_each(views, last, _inpainting(self.radius_px, cv2.INPAINT_NS))
-
-
-@dataclass(frozen=True)
-class FrequencySelective:
-    """Frequency selective reconstruction: what is around a hole goes on as a sum of few waves (Genser 2018).
-
-    Slow: on one core "fast" takes 1.3 s for a frame of 128x128 that is half uncovered and 6 s for one of 256x256 that
-    is nine tenths uncovered; "best" takes 25 times as long.
-    """
-
-    quality: Literal["fast", "best"] = "fast"
+        if not self.radius_px > 0:
+            raise BadData(f"radius_px is {self.radius_px}, expected a positive number of pixels")
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
         return _fill_each(views, last, self._fill_one)
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        filled = np.zeros_like(frame)
-        cv2.xphoto.inpaint(frame, 255 * covered.astype(np.uint8), filled, FREQUENCY_SELECTIVE[self.quality])
-        return filled
+        return np.asarray(cv2.inpaint(frame, (~covered).astype(np.uint8), self.radius_px, cv2.INPAINT_TELEA))
 
 
 @dataclass(frozen=True)
@@ -218,15 +185,3 @@ def _pull_along_rows(known: BoolArray, far: FloatArray, columns: IndexArray) -> 
             to_left, to_right = far[row, left], far[row, right]
             is_left = to_left > to_right or (to_left == to_right and column - left <= right - column)
             columns[row, column] = left if is_left else right
-
-
-def _inpainting(radius_px: float, method: int) -> FillOne:
-    def fill_one(frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        return np.asarray(cv2.inpaint(frame, (~covered).astype(np.uint8), radius_px, method))
-
-    return fill_one
-
-
-def _check_radius(radius_px: float) -> None:
-    if not radius_px > 0:
-        raise BadData(f"radius_px is {radius_px}, expected a positive number of pixels")
