@@ -56,10 +56,11 @@ def _train(options: argparse.Namespace) -> int:
     outcome = train(config, folder, options.limit_seconds)
     if not outcome.is_first:
         return 0 if outcome.finished else 1
+    progress = outcome.progress
     state = "finished" if outcome.finished else "stopped, goes on when started again,"
     print(
-        f"{state} after {outcome.step} steps and {outcome.seconds:.0f} s; best score {outcome.best_score:.5g} at step "
-        f"{outcome.best_step}: {folder / WEIGHTS}"
+        f"{state} after {progress.step} steps and {progress.seconds:.0f} s; best score {progress.best_score:.5g} at "
+        f"step {progress.best_step}: {folder / WEIGHTS}"
     )
     return 0 if outcome.finished else 1
 

@@ -91,10 +91,8 @@ def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Mod
     try:
         return network.eval().to(device), checkpoint.settings
     except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0]
-        raise BadData(
-            f"device {device!r} cannot be used ({reason}): give 'cpu', or 'cuda' where there is a GPU"
-        ) from error
+        given = f"device {device!r} cannot be used ({str(error).splitlines()[0]})"
+        raise BadData(f"{given}: give 'cpu', or 'cuda' where there is a GPU") from error
 
 
 def write(

@@ -67,7 +67,7 @@ def curves(rows: Iterable[Mapping[str, str]]) -> str:
 
 def _command(weights: Path, metadata: Mapping[str, Any], config: Path) -> str:
     name = str(metadata.get("method"))
-    method, training = training_config.settings(name, config)
+    method, training, _ = training_config.settings(name, config)
     wanted = {"method": checkpoints.plain(method), "training": training.decisive}
     given = {"method": metadata.get("settings"), "training": metadata.get("history", {}).get("training")}
     for table in wanted:

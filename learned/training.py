@@ -22,13 +22,13 @@ import numpy as np
 import torch
 from lightning.fabric import Fabric
 from torch import Tensor
-from torch.optim.swa_utils import AveragedModel
 from tqdm import tqdm
 
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
 from learned import checkpoints, precision, schedules, training_config
+from learned.ema import averaged_model
 from learned.methods import Batch, Losses
 from learned.training_config import TrainingConfig
 from learned.training_log import TrainingLog
@@ -53,12 +53,9 @@ class Progress:
 class Outcome:
     """How a run ended."""
 
-    step: int
-    best_score: float
-    best_step: int
-    seconds: float
+    progress: Progress
     finished: bool  # False: interrupted, goes on when started again
-    is_first: bool = True  # of several processes, the one that keeps the log
+    is_first: bool  # of several processes, the one that keeps the log
 
 
 def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = None) -> Outcome:
@@ -82,25 +79,12 @@ def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = No
         return trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
 
 
-def averaged_model(network: torch.nn.Module, num_steps: int) -> AveragedModel:
-    """EMA of weights and buffers with decay 1 - 1 / num_steps; of the first `num_steps` steps, the plain mean."""
-
-    def average(means: Any, values: Any, count: Any) -> None:
-        for mean, value in zip(means, values, strict=True):
-            if mean.is_floating_point():
-                mean.lerp_(value, 1 / min(int(count) + 1, num_steps))
-            else:
-                mean.copy_(value)
-
-    return AveragedModel(network, multi_avg_fn=average, use_buffers=True)
-
-
 class _Trainer:
     """One start of a run."""
 
     def __init__(self, config: TrainingConfig, folder: Path, fabric: Fabric) -> None:
         self.method, self.settings, self.config = config.method, config.training, config
-        self.folder, self.fabric = folder, fabric
+        self.folder, self.fabric, self.scaler = folder, fabric, fabric.strategy.precision
         _seed(self.settings.seed, BUILD_SEED)
         self.bare = self.method.build()  # stored in files: Fabric's wrappers would change the tensors' names
         self.bare_optimisers = self.method.optimisers(self.bare)
@@ -145,10 +129,7 @@ class _Trainer:
                     self.save()
                     saved_s = time.monotonic()
         self.save()
-        is_first = self.fabric.is_global_zero
-        return Outcome(
-            progress.step, progress.best_score, progress.best_step, progress.seconds, self.finished, is_first
-        )
+        return Outcome(progress, self.finished, self.fabric.is_global_zero)
 
     @property
     def finished(self) -> bool:
@@ -160,9 +141,8 @@ class _Trainer:
         """One step on the step's batch; its losses are logged every LOG_EVERY steps."""
         step, rank, settings = self.progress.step, self.fabric.global_rank, self.settings
         rng = np.random.default_rng([settings.seed, step, rank])
-        indices = schedules.batch_indices(
-            step, len(examples), settings.batch_size, self.fabric.world_size, settings.seed
-        )
+        sizes = (len(examples), settings.batch_size, self.fabric.world_size)
+        indices = schedules.batch_indices(step, *sizes, settings.seed)
         losses = self.optimise(self.method.batch(examples, indices[rank], rng), step)
         self.progress.step = step + 1
         for name, average in self.averages.items():
@@ -195,12 +175,9 @@ class _Trainer:
         self.fabric.backward(total)
         if self.settings.clip_norm:
             # With a gradient scaler, gradients may overflow: it skips the step and lowers the scale.
-            self.fabric.clip_gradients(
-                self.networks[name],
-                self.optimisers[name],
-                max_norm=self.settings.clip_norm,
-                error_if_nonfinite=not self.fabric.strategy.precision.state_dict(),
-            )
+            network, optimiser, norm = self.networks[name], self.optimisers[name], self.settings.clip_norm
+            is_strict = not self.scaler.state_dict()
+            self.fabric.clip_gradients(network, optimiser, max_norm=norm, error_if_nonfinite=is_strict)
         self.optimisers[name].step()
 
     def validate(self, held_out: Sequence[Any]) -> None:
@@ -220,12 +197,9 @@ class _Trainer:
     def write_weights(self, scores: Mapping[str, float]) -> None:
         """Write the weights file."""
         history = {
-            "train": training_config.describe(self.config.train),
-            "validation": training_config.describe(self.config.validation),
+            **{"step": self.progress.step, "seconds": round(self.progress.seconds, 1), "scores": dict(scores)},
+            **{"train": self.identity["data"], "validation": training_config.describe(self.config.validation)},
             "training": self.settings.decisive,
-            "step": self.progress.step,
-            "seconds": round(self.progress.seconds, 1),
-            "scores": dict(scores),
         }
         kept = {name: self.averages[name].module if self.averages else self.bare[name] for name in self.method.kept}
         if self.fabric.is_global_zero:
@@ -259,11 +233,8 @@ class _Trainer:
 
     def parts(self) -> tuple[tuple[str, Mapping[str, Any]], ...]:
         """The parts of the state that have a `state_dict`, in groups."""
-        scaler = {"scaler": self.fabric.strategy.precision}
-        return (
-            *(("networks", self.bare), ("averages", self.averages)),
-            *(("optimisers", self.bare_optimisers), ("precision", scaler)),
-        )
+        networks = (("networks", self.bare), ("averages", self.averages))
+        return *networks, ("optimisers", self.bare_optimisers), ("precision", {"scaler": self.scaler})
 
     def write_log(self, split: str, numbers: Mapping[str, float]) -> None:
         """One row of the log per number, from the first process."""
@@ -290,12 +261,8 @@ def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
 def _stop_on_signal() -> Iterator[list[int]]:
     """The signals that asked to stop (Ctrl-C, SIGTERM); the current step is finished first."""
     received: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield received
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number in before:
-        signal.signal(number, lambda caught, _: received.append(caught))
+    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    before = {number: signal.signal(number, lambda caught, _: received.append(caught)) for number in numbers}
     try:
         yield received
     finally:

@@ -80,15 +80,22 @@ def load(method_name: str, file: Path, root: Path | None = None) -> TrainingConf
 
     `root` replaces the root of every data set that has one. Raises BadData or UnknownComponent naming the field.
     """
-    content = _read(file)
-    method, training = _settings(method_name, file, content)
+    method, training, content = settings(method_name, file)
     datasets = (tuple(_datasets(content, key, file, root)) for key in ("train", "validation"))
     return TrainingConfig(method_name, method, training, *datasets)
 
 
-def settings(method_name: str, file: Path) -> tuple[methods.Method, Training]:
-    """The method and training of a config, whether or not its data is here; errors as those of `load`."""
-    return _settings(method_name, file, _read(file))
+def settings(method_name: str, file: Path) -> tuple[methods.Method, Training, Mapping[str, Any]]:
+    """The method and training of a config, and its tables, without building data sets; errors as those of `load`."""
+    content, kinds = _read(file), {"method": methods.load(method_name), "training": Training}
+    for key in content:
+        if key not in TABLES:
+            raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
+    for key in kinds:
+        if not isinstance(content.get(key, {}), Mapping):
+            raise BadData(f"{key} is {content[key]!r}, expected a table [{key}]")
+    method, training = (registry.construct(kinds[key], content.get(key, {}), f"{file}: {key}") for key in kinds)
+    return method, training, content
 
 
 def shipped() -> list[str]:
@@ -106,18 +113,6 @@ def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
         if split_hash := getattr(dataset, "split_hash", None):
             table["split_hash"] = split_hash
     return tables
-
-
-def _settings(method_name: str, file: Path, content: Mapping[str, Any]) -> tuple[methods.Method, Training]:
-    kinds = {"method": methods.load(method_name), "training": Training}
-    for key in content:
-        if key not in TABLES:
-            raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
-    for key in kinds:
-        if not isinstance(content.get(key, {}), Mapping):
-            raise BadData(f"{key} is {content[key]!r}, expected a table [{key}]")
-    method, training = (registry.construct(kinds[key], content.get(key, {}), f"{file}: {key}") for key in kinds)
-    return method, training
 
 
 def _read(file: Path) -> Mapping[str, Any]:

@@ -125,11 +125,11 @@ def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
     outcome = training.train(config(replace(SETTINGS, num_steps=300)), tmp_path)
     scores = logged(tmp_path, "score", "validation")
     assert [step for step, _ in scores] == list(range(20, 301, 20))
-    assert outcome.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
-    assert outcome.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
+    assert outcome.progress.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
+    assert outcome.progress.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
     stored = checkpoints.read(tmp_path / training.WEIGHTS, "line", LineTraining)
     assert stored.settings == LineTraining()
-    assert stored.history["step"] == outcome.best_step
+    assert stored.history["step"] == outcome.progress.best_step
     assert {name.partition(".")[0] for name in stored.tensors} == {"line"}  # the critic only served training
 
 
@@ -138,7 +138,7 @@ def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
     restless = LineTraining(rate=0.5)
     plain = training.train(config(SETTINGS, restless), tmp_path / "plain")
     mean = training.train(config(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
-    assert mean.best_score < plain.best_score
+    assert mean.progress.best_score < plain.progress.best_score
     assert logged(tmp_path / "mean", "line.total") == logged(tmp_path / "plain", "line.total")  # learns the same
     kept = checkpoints.read(tmp_path / "mean" / training.WEIGHTS, "line", LineTraining)
     state = state_of(tmp_path / "mean")
@@ -219,8 +219,12 @@ line.training.train(often, pathlib.Path({str(tmp_path)!r}) / "killed")
 def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path) -> None:
     still = LineTraining(rate=0.0)
     outcome = training.train(config(replace(SETTINGS, patience=2), still), tmp_path)
-    assert (outcome.step, outcome.best_step, outcome.finished) == (60, 20, True)  # 20 is the best, 40 and 60 are not
-    assert training.train(config(replace(SETTINGS, patience=2), still), tmp_path).step == 60
+    assert (outcome.progress.step, outcome.progress.best_step, outcome.finished) == (
+        60,
+        20,
+        True,
+    )  # 20 is the best, 40 and 60 are not
+    assert training.train(config(replace(SETTINGS, patience=2), still), tmp_path).progress.step == 60
 
 
 @pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
@@ -245,7 +249,7 @@ def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(
 
 def test_it_also_learns_in_mixed_precision(tmp_path: Path) -> None:
     mixed = replace(SETTINGS, num_steps=300, precision="bf16-mixed", accelerator="cpu")
-    assert training.train(config(mixed), tmp_path).best_score < 0.01
+    assert training.train(config(mixed), tmp_path).progress.best_score < 0.01
 
 
 def test_another_runs_folder_is_refused(tmp_path: Path) -> None:
