@@ -1,4 +1,4 @@
-"""The command line of the learned parts: `python -m learned train METHOD CONFIG.toml`, and cards of what came of it."""
+"""The command line of the learned parts: `python -m learned train METHOD CONFIG.toml`, and model cards."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from geovp_classic.errors import GeovpError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """0 when the training is finished, 1 when it was stopped before its end, 2 for bad input."""
+    """0 when the training is finished, 1 when it was interrupted, 2 for bad input."""
     options = _parser().parse_args(arguments)
     try:
         return _card(options) if options.verb == "card" else _train(options)
@@ -23,39 +23,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m learned", description="Train the learned parts.")
     verbs = parser.add_subparsers(dest="verb", required=True)
-    train = verbs.add_parser("train", help="train a method; started again, a stopped run goes on")
+    train = verbs.add_parser("train", help="train a method; an interrupted run goes on when started again")
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
-    train.add_argument("config", type=Path, metavar="CONFIG.toml", help="a recipe file, or the name of a shipped one")
-    train.add_argument("--out", type=Path, metavar="DIR", help="where the run is kept (default: runs/CONFIG)")
-    train.add_argument("--root", type=Path, metavar="FOLDER", help="where the data sets are, instead of what it says")
+    train.add_argument(
+        "config", type=Path, metavar="CONFIG.toml", help="a training config, or the name of a shipped one"
+    )
+    train.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/CONFIG)")
+    train.add_argument("--root", type=Path, metavar="FOLDER", help="root of the data sets, in place of the config's")
     train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
-    card.add_argument("--recipe", type=Path, metavar="CONFIG.toml", help="what it was trained with, for the command")
-    card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log, for its curves")
+    card.add_argument(
+        "--config", "--recipe", type=Path, metavar="CONFIG.toml", help="its training config; adds the command"
+    )
+    card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log; adds its curves")
     return parser
 
 
 def _card(options: argparse.Namespace) -> int:
-    from learned import cards
+    from learned import model_cards
 
-    print(cards.card(options.weights, options.recipe, options.log), end="")
+    print(model_cards.model_card(options.weights, options.config, options.log), end="")
     return 0
 
 
 def _train(options: argparse.Namespace) -> int:
-    from learned import recipes
+    from learned import training_config
     from learned.training import WEIGHTS, train
 
-    recipe = recipes.load(options.method, options.config, options.root)
+    config = training_config.load(options.method, options.config, options.root)
     folder = options.out or Path("runs") / options.config.stem
-    outcome = train(recipe, folder, options.limit_seconds)
+    outcome = train(config, folder, options.limit_seconds)
     if not outcome.is_first:
         return 0 if outcome.finished else 1
+    progress = outcome.progress
     state = "finished" if outcome.finished else "stopped, goes on when started again,"
     print(
-        f"{state} after {outcome.step} steps and {outcome.seconds:.0f} s; best score {outcome.best_score:.5g} at step "
-        f"{outcome.best_step}: {folder / WEIGHTS}"
+        f"{state} after {progress.step} steps and {progress.seconds:.0f} s; best score {progress.best_score:.5g} at "
+        f"step {progress.best_step}: {folder / WEIGHTS}"
     )
     return 0 if outcome.finished else 1
 

@@ -1,4 +1,4 @@
-"""Building blocks of the networks: BigGAN's residual block with noise in its normalisation, and a U-Net."""
+"""Building blocks of SynSin: BigGAN's residual block with noise in its normalisation, and a U-Net."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Resample = Literal["keep", "down", "up"]
 
 
 class NoisyNorm(nn.Module):
-    """Batch normalisation whose gain and offset are linear in a noise vector (Brock et al. 2019, appendix B).
+    """Conditional batch normalisation: gain and offset are linear in a noise vector (Brock et al. 2019, appendix B).
 
-    With `noise_size = 0` they are learned constants: ordinary batch normalisation.
+    With `noise_size = 0` it is ordinary batch normalisation.
     """
 
     def __init__(self, channels: int, noise_size: int = 0) -> None:
-        """Gains start near 1 and offsets near 0, whatever the noise."""
+        """Gains start near 1 and offsets near 0."""
         super().__init__()
         self.norm = nn.BatchNorm2d(channels, affine=noise_size == 0)
         self.gain_and_offset = nn.Linear(noise_size, 2 * channels) if noise_size else None
@@ -30,7 +30,7 @@ class NoisyNorm(nn.Module):
             nn.init.zeros_(self.gain_and_offset.bias)
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
-        """Maps [B, C, H, W] normalised, under noise [B, noise_size]."""
+        """Maps [B, C, H, W] normalised, with noise [B, noise_size]."""
         normal: Tensor = self.norm(maps)
         if self.gain_and_offset is None:
             return normal
@@ -39,13 +39,13 @@ class NoisyNorm(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """Norm, ReLU, convolution, twice, beside a shortcut (Brock et al. 2019, figure 15); convolutions spectral-normed.
+    """BigGAN's residual block (Brock et al. 2019, figure 15); convolutions with spectral normalisation.
 
     "up" doubles the size before the first convolution, "down" halves it after the second.
     """
 
     def __init__(self, in_channels: int, out_channels: int, noise_size: int = 0, resample: Resample = "keep") -> None:
-        """A block from `in_channels` to `out_channels`."""
+        """With new weights."""
         super().__init__()
         self.resample = resample
         self.norm1, self.norm2 = NoisyNorm(in_channels, noise_size), NoisyNorm(out_channels, noise_size)
@@ -57,49 +57,44 @@ class ResidualBlock(nn.Module):
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """Maps [B, C, H, W] to [B, C', H', W']."""
         inner = functional.relu(self.norm1(maps, noise))
-        inner = self.conv1(_doubled(inner) if self.resample == "up" else inner)
+        inner = self.conv1(_upsampled(inner) if self.resample == "up" else inner)
         inner = self.conv2(functional.relu(self.norm2(inner, noise)))
-        outer = self.shortcut(maps)  # of 1x1 pixels, so that it may be taken at the smaller size
+        outer = self.shortcut(maps)  # 1x1, so that it can run at the smaller size
         if self.resample == "up":
-            outer = _doubled(outer)
+            outer = _upsampled(outer)
         if self.resample == "down":
             inner, outer = functional.avg_pool2d(inner, 2), functional.avg_pool2d(outer, 2)
         return inner + outer
 
 
 class UNet(nn.Module):
-    """Down by strided convolutions, up by bilinear doubling, with bridges (Ronneberger et al. 2015).
+    """U-Net (Ronneberger et al. 2015): down by strided convolutions, up by bilinear upsampling, skip connections.
 
-    Sides of its input must be multiples of `2 ** len(channels)`.
+    The sides of its input must be multiples of `2 ** len(channels)`.
     """
 
     def __init__(self, in_channels: int, channels: Sequence[int], out_channels: int) -> None:
         """One level down per entry of `channels`; the result has the input's size."""
         super().__init__()
         sizes = [in_channels, *channels]
-        self.down = nn.ModuleList(_down(a, b) for a, b in itertools.pairwise(sizes))
+        self.down = nn.ModuleList(_convolution(a, b, stride=2) for a, b in itertools.pairwise(sizes))
         self.up = nn.ModuleList()
-        now = sizes[-1]
-        for bridge in reversed(sizes[:-1]):
-            out = max(bridge, sizes[1] // 2)
-            self.up.append(_convolution(now + bridge, out, stride=1))
-            now = out
-        self.head = nn.Conv2d(now, out_channels, 3, padding=1)
+        channels_now = sizes[-1]
+        for skip in reversed(sizes[:-1]):
+            out = max(skip, sizes[1] // 2)
+            self.up.append(_convolution(channels_now + skip, out, stride=1))
+            channels_now = out
+        self.head = nn.Conv2d(channels_now, out_channels, 3, padding=1)
 
     def forward(self, maps: Tensor) -> Tensor:
         """Maps [B, C, H, W] to [B, C', H, W]."""
-        bridges = []
+        skips = []
         for down in self.down:
-            bridges.append(maps)
+            skips.append(maps)
             maps = down(maps)
         for up in self.up:
-            maps = up(torch.cat([_doubled(maps), bridges.pop()], dim=1))
-        result: Tensor = self.head(maps)
-        return result
-
-
-def _down(in_channels: int, out_channels: int) -> nn.Module:
-    return _convolution(in_channels, out_channels, stride=2)
+            maps = up(torch.cat([_upsampled(maps), skips.pop()], dim=1))
+        return self.head(maps)
 
 
 def _convolution(in_channels: int, out_channels: int, stride: int) -> nn.Module:
@@ -108,5 +103,5 @@ def _convolution(in_channels: int, out_channels: int, stride: int) -> nn.Module:
     return nn.Sequential(convolution, nn.BatchNorm2d(out_channels), nn.LeakyReLU(0.2))
 
 
-def _doubled(maps: Tensor) -> Tensor:
+def _upsampled(maps: Tensor) -> Tensor:
     return functional.interpolate(maps, scale_factor=2, mode="bilinear", align_corners=False)

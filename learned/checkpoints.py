@@ -1,18 +1,20 @@
-"""Weights on disk: safetensors files that say in their metadata which method and which settings they belong to.
+"""Weights and training states as safetensors; the metadata have the settings. Nothing in them is executed.
 
-Nothing in such a file is ever run. Tensors are kept in half precision where their values allow it.
+Weights are stored in half precision where their values allow it.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -21,38 +23,95 @@ from torch import Tensor, nn
 
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.types import Grant
+from learned import methods
 
-FORMAT = "geovp-weights-1"
+FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a weights file holds."""
+    """The content of a weights file."""
 
     method: str
     settings: Any  # the method's dataclass
-    history: Mapping[str, Any]  # how it was trained, as the loop wrote it
+    history: Mapping[str, Any]  # how it was trained, as written by the training loop
     tensors: Mapping[str, Tensor]  # "<network>.<parameter>"
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """A component with a trained network.
+
+    `checkpoint` is a weights file of `python -m learned train`; without one, the weights that come with the package.
+    `fingerprint` identifies the weights in results; when given, other weights are refused.
+    """
+
+    checkpoint: Path | None = None
+    fingerprint: str = ""
+    device: str = "cpu"
+
+    method: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless the checkpoint can be loaded and has the fingerprint, and the device exists."""
+        object.__setattr__(self, "fingerprint", fingerprint(self.file, self.fingerprint))
+        self.load()
+
+    @property
+    def needs(self) -> Grant:
+        """Only the frames."""
+        return Grant.NONE
+
+    @property
+    def file(self) -> Path:
+        """The weights file."""
+        return self.checkpoint or shipped(self.method)
+
+    def load(self) -> tuple[nn.Module, Any]:
+        """The network, ready to predict, and the settings that it was trained with."""
+        return load(self.method, self.file, self.fingerprint, self.device)
+
+
+def shipped(method: str) -> Path:
+    """The weights file that comes with the package."""
+    return Path(str(resources.files("learned").joinpath("weights", f"{method}.safetensors")))
+
+
+@functools.lru_cache(maxsize=8)
+def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Module, Any]:
+    """The first network kept in a weights file, and its settings, once per process; BadData when it cannot be used.
+
+    The fingerprint only distinguishes files that had the same name at different times.
+    """
+    checkpoint = read(file, method, methods.load(method))
+    name = checkpoint.settings.kept[0]
+    network: nn.Module = checkpoint.settings.build()[name]
+    restore(file, network, checkpoint, name)
+    try:
+        return network.eval().to(device), checkpoint.settings
+    except (RuntimeError, AssertionError) as error:
+        given = f"device {device!r} cannot be used ({str(error).splitlines()[0]})"
+        raise BadData(f"{given}: give 'cpu', or 'cuda' where there is a GPU") from error
 
 
 def write(
     file: Path, method: str, settings: Any, networks: Mapping[str, nn.Module], history: Mapping[str, Any]
 ) -> None:
-    """Write weights in half precision, beside and then renamed into place."""
+    """Write the weights of networks in half precision, atomically."""
     tensors = {
         f"{name}.{key}": _halved(tensor)
         for name, network in networks.items()
         for key, tensor in network.state_dict().items()
     }
-    write_tensors(
-        file, tensors, {"format": FORMAT, "method": method, "settings": plain(settings), "history": dict(history)}
-    )
+    metadata = {"format": FORMAT, "method": method, "settings": plain(settings), "history": dict(history)}
+    write_tensors(file, tensors, metadata)
 
 
 def read(file: Path, method: str, kind: type) -> Checkpoint:
     """The weights of a file written for `method`, its settings checked against the dataclass `kind`.
 
-    BadData in one sentence when the file is missing, damaged, or not what it should be.
+    BadData in one sentence when the file is missing, damaged, or of another method.
     """
     metadata, tensors = read_tensors(file)
     if metadata.get("format") != FORMAT or metadata.get("method") != method:
@@ -66,7 +125,7 @@ def read(file: Path, method: str, kind: type) -> Checkpoint:
 
 
 def fingerprint(file: Path, wanted: str = "") -> str:
-    """The first digits of a file's SHA-256, by which results know their weights; BadData when others are wanted."""
+    """The first 12 digits of a file's SHA-256; BadData when they are not those wanted."""
     try:
         digits = hashlib.sha256(file.read_bytes()).hexdigest()[:12]
     except OSError as error:
@@ -77,10 +136,9 @@ def fingerprint(file: Path, wanted: str = "") -> str:
 
 
 def restore(file: Path, network: nn.Module, checkpoint: Checkpoint, name: str) -> None:
-    """Put the tensors of one network into it; BadData unless names, shapes and values are right."""
-    own = {
-        key.removeprefix(f"{name}."): tensor for key, tensor in checkpoint.tensors.items() if key.startswith(f"{name}.")
-    }
+    """Load one network's tensors into it; BadData unless names, shapes and values are right."""
+    prefix = f"{name}."
+    own = {key.removeprefix(prefix): value for key, value in checkpoint.tensors.items() if key.startswith(prefix)}
     expected = network.state_dict()
     for key in sorted(expected.keys() | own.keys()):
         if key not in own or key not in expected or own[key].shape != expected[key].shape:
@@ -94,14 +152,46 @@ def restore(file: Path, network: nn.Module, checkpoint: Checkpoint, name: str) -
     network.load_state_dict(own)
 
 
+def write_state(file: Path, state: Mapping[str, Any]) -> None:
+    """A nested state such as `state_dict`s: its tensors as safetensors, the rest as JSON in the metadata."""
+    tensors: dict[str, Tensor] = {}
+
+    def pack(path: str, value: Any) -> Any:
+        if isinstance(value, Tensor):
+            tensors[path] = value
+            return {"tensor": path}
+        if isinstance(value, Mapping):
+            return {"items": [[key, pack(f"{path}.{key}", part)] for key, part in value.items()]}
+        return [pack(f"{path}.{n}", part) for n, part in enumerate(value)] if isinstance(value, list | tuple) else value
+
+    tree = {name: pack(name, part) for name, part in state.items()}
+    write_tensors(file, tensors, {"format": STATE_FORMAT, "state": tree})
+
+
+def read_state(file: Path) -> dict[str, Any]:
+    """The inverse of `write_state`, tuples as lists; BadData when the file is damaged or of another kind."""
+    metadata, tensors = read_tensors(file)
+    if metadata.get("format") != STATE_FORMAT:
+        raise BadData(f"{file} is no training state ({metadata.get('format')}, expected {STATE_FORMAT}): remove it")
+
+    def unpack(value: Any) -> Any:
+        if isinstance(value, list):
+            return [unpack(part) for part in value]
+        if not isinstance(value, dict):
+            return value
+        return tensors[value["tensor"]] if "tensor" in value else {key: unpack(part) for key, part in value["items"]}
+
+    return {name: unpack(part) for name, part in metadata["state"].items()}
+
+
 def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
-    """A safetensors file with metadata as JSON, in place at once or not at all."""
-    beside = file.with_name(f"{file.name}.part")
+    """A safetensors file with metadata as JSON, written atomically."""
+    part = file.with_name(f"{file.name}.part")
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        save_file(contiguous, beside, {key: json.dumps(value) for key, value in metadata.items()})
-        os.replace(beside, file)
+        save_file(contiguous, part, {key: json.dumps(value) for key, value in metadata.items()})
+        os.replace(part, file)
     except (OSError, SafetensorError) as error:
         raise BadData(f"{file} cannot be written ({error}): make room there or choose another folder") from error
 
@@ -120,12 +210,11 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
 
 def plain(settings: Any) -> dict[str, Any]:
     """A dataclass of settings as JSON has it."""
-    table: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(settings)))
-    return table
+    return dict(json.loads(json.dumps(dataclasses.asdict(settings))))
 
 
 def _halved(tensor: Tensor) -> Tensor:
-    """In half precision, unless that would overflow or the tensor is no floating point one."""
+    """In half precision, unless it is no floating-point tensor or would overflow."""
     if not tensor.is_floating_point() or not torch.isfinite(tensor.half()).all():
         return tensor
     return tensor.half()

@@ -1,9 +1,9 @@
 """Learned perceptual distance LPIPS v0.1 (Zhang et al. 2018) in plain torch, on AlexNet or SqueezeNet 1.1.
 
-Weights are not part of the package. They come from the `weights` field, or else from what the environment variable
-GEOVP_LPIPS_WEIGHTS names (both: an npz file, or a folder with `lpips_alex_v0.1.npz` and `lpips_squeeze_v0.1.npz`), or
-else from the cache (GEOVP_CACHE, or the user's own), which is filled from torchvision's and the LPIPS authors' servers
-and checked by SHA-256. Wherever they come from, they must give a known score to a known pair of images first.
+Weights are not part of the package. They come from the `weights` field, else from the environment variable
+GEOVP_LPIPS_WEIGHTS (both: an npz file, or a folder with `lpips_alex_v0.1.npz` and `lpips_squeeze_v0.1.npz`), else from
+the cache (GEOVP_CACHE, or the user's), which is downloaded from torchvision and the LPIPS authors and checked by
+SHA-256. Weights from any source must first give a known pair of images its known score.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import http.client
+import io
 import logging
 import os
 import tempfile
@@ -35,35 +36,32 @@ Net = Literal["alex", "squeeze"]
 
 WEIGHTS_VARIABLE = "GEOVP_LPIPS_WEIGHTS"
 TORCHVISION = "https://download.pytorch.org/models/"
-AUTHORS = "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/082bb24f84c091ea94de2867d34c4544f68e0963/"
+AUTHORS = (
+    "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/082bb24f84c091ea94de2867d34c4544f68e0963/"
+    "lpips/weights/v0.1/"
+)
 REMOTES = {  # url and SHA-256 of the backbone, then of the linear layers
     "alex": (
         (
             TORCHVISION + "alexnet-owt-7be5be79.pth",  # 244 MB, most of it the classifier, which is not kept
             "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02",
         ),
-        (
-            AUTHORS + "lpips/weights/v0.1/alex.pth",
-            "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
-        ),
+        (AUTHORS + "alex.pth", "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0"),
     ),
     "squeeze": (
         (
             TORCHVISION + "squeezenet1_1-b8a52dc0.pth",  # 5 MB
             "b8a52dc049b60e4b6ab68ad0df457362afab8b6304b2febdc1650a5dab4d7e7b",
         ),
-        (
-            AUTHORS + "lpips/weights/v0.1/squeeze.pth",
-            "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76",
-        ),
+        (AUTHORS + "squeeze.pth", "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76"),
     ),
 }
 CHECK_SCORES = {"alex": 0.389235, "squeeze": 0.443713}  # of `check_images`, under the weights above
 CHECK_TOLERANCE = 1e-4
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of RGB in [-1, 1]: ImageNet's mean and deviation
-SMALLEST_PX = 32  # below it the deepest layers have no pixel left
-FRAMES_AT_ONCE = 10
-PARTS_KEPT = 4  # of FRAMES_AT_ONCE target frames whose features wait for the next prediction; 26 MB each at 256x256
+MIN_SIZE_PX = 32  # below it the deepest layers have no pixel left
+BATCH = 10  # frames
+CACHED_BATCHES = 4  # of target features; 26 MB each at 256x256
 TIMEOUT_S = 20.0
 
 logger = logging.getLogger(__name__)
@@ -73,8 +71,8 @@ logger = logging.getLogger(__name__)
 class Lpips:
     """LPIPS v0.1 with its linear layers, on RGB in [-1, 1] at the frames' own size.
 
-    With a mask, each layer's map of differences is averaged with the share of masked pixels under each of its cells as
-    the weight. Features look beyond a mask's rim, so what is outside still has some influence.
+    With a mask, each layer's map of differences is averaged with the share of masked pixels in each cell as the weight.
+    Receptive fields cross the mask's border, so pixels outside still have some influence.
     """
 
     net: Net = "alex"
@@ -91,65 +89,58 @@ class Lpips:
     def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
         """Distance per frame [F], at least 0.
 
-        BadData when the arrays do not fit together or are below 32 pixels; MissingExtra when there are no weights. The
-        first call finds and reads them; one that failed to download does not try again in the same process.
+        BadData when the arrays do not fit together or are below 32 pixels; MissingExtra when there are no weights. A
+        failed download is not tried again in the same process.
         """
         return self.over(predicted, target, [mask])[0]
 
     def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
-        """The same for each of several masks; features are computed once for all, the target's for all predictions."""
+        """The same for several masks, with the features computed once; those of targets are cached between calls."""
         for mask in masks:
             check_frames(predicted, target, mask)
-        if min(target.shape[1:3]) < SMALLEST_PX:
+        if min(target.shape[1:3]) < MIN_SIZE_PX:
             raise BadData(f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: use larger")
         file = find_weights(self.net, self.weights)
         weights = load_weights(self.net, file)
         scores = np.empty((len(masks), len(target)))
-        for start in range(0, len(target), FRAMES_AT_ONCE):
-            part = slice(start, start + FRAMES_AT_ONCE)
+        for start in range(0, len(target), BATCH):
+            part = slice(start, start + BATCH)
             parts = [None if mask is None else mask[part] for mask in masks]
             real = _target_features(self.net, file, target[part].shape, target[part].tobytes())
-            scores[:, part] = _compared(self.net, weights, predicted[part], real, parts)
+            scores[:, part] = _distances(weights, _features(self.net, weights, predicted[part]), real, parts)
         return list(scores)
 
 
-def distances(
-    net: Net,
-    weights: Weights,
-    predicted: ByteArray,  # [N, H, W, 3]
-    target: ByteArray,  # [N, H, W, 3]
-    masks: Sequence[BoolArray | None],  # of [N, H, W]
-) -> FloatArray:
-    """The distance of every pair under every mask [M, N] (Zhang et al. 2018, eq. 1); NaN where that is empty."""
-    return _compared(net, weights, predicted, unit_features(net, weights, target), masks)
+def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
+    """Features [N, C, h, w] of each layer, normalised over channels, of images [N, 3, H, W] in [-1, 1]."""
+    shift, scale = (images.new_tensor(values)[:, None, None] for values in (SHIFT, SCALE))
+    layers = {"alex": alex_features, "squeeze": squeeze_features}[net](weights, (images - shift) / scale)
+    return [layer / (layer.norm(dim=1, keepdim=True) + 1e-10) for layer in layers]
 
 
 @torch.inference_mode()
-def unit_features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
-    """Layer after layer the features [N, C, h, w] of frames [N, H, W, 3], of length 1 over the channels."""
-    features = {"alex": alex_features, "squeeze": squeeze_features}[net]
-    return [unit_length(layer) for layer in features(weights, normalised(frames))]
+def _features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
+    """The same of frames [N, H, W, 3]."""
+    return unit_features(net, weights, torch.tensor(frames).permute(0, 3, 1, 2).float() / 127.5 - 1.0)
 
 
-@functools.lru_cache(maxsize=PARTS_KEPT)
+@functools.lru_cache(maxsize=CACHED_BATCHES)
 def _target_features(net: Net, file: Path, shape: tuple[int, ...], pixels: bytes) -> list[Tensor]:
-    """Features of frames that many predictions are compared with: of a hundred samples, or of all cells of a matrix."""
-    frames = np.frombuffer(pixels, np.uint8).reshape(shape)
-    return unit_features(net, load_weights(net, file), frames)
+    """Features of target frames, which many predictions are compared with."""
+    return _features(net, load_weights(net, file), np.frombuffer(pixels, np.uint8).reshape(shape))
 
 
 @torch.inference_mode()
-def _compared(
-    net: Net,
+def _distances(
     weights: Weights,
-    predicted: ByteArray,  # [N, H, W, 3]
-    real_features: Sequence[Tensor],  # of the target
+    predicted: Sequence[Tensor],  # unit features of each layer
+    target: Sequence[Tensor],
     masks: Sequence[BoolArray | None],  # of [N, H, W]
 ) -> FloatArray:
+    """The distance of every pair under every mask [M, N] (Zhang et al. 2018, eq. 1); NaN where a mask is empty."""
     shares = [None if mask is None else torch.tensor(mask, dtype=torch.float32)[:, None] for mask in masks]
-    total = torch.zeros(len(masks), len(predicted), dtype=torch.float64)
-    layers = zip(unit_features(net, weights, predicted), real_features, strict=True)
-    for index, (ours, real) in enumerate(layers):
+    total = torch.zeros(len(masks), len(predicted[0]), dtype=torch.float64)
+    for index, (ours, real) in enumerate(zip(predicted, target, strict=True)):
         difference = functional.conv2d((ours - real) ** 2, weights[f"lin{index}.weight"][None, :, None, None])
         for number, share in enumerate(shares):
             total[number] += _masked_mean(difference, share)  # of [N, 1, h, w]
@@ -162,12 +153,6 @@ def _masked_mean(values: Tensor, share: Tensor | None) -> Tensor:
     cell_share = torch.ones(1) if share is None else functional.adaptive_avg_pool2d(share, cells)
     counted = cell_share.double().expand_as(values)
     return (values * counted).sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3))
-
-
-def normalised(frames: ByteArray) -> Tensor:
-    """Frames [N, H, W, 3] as the networks want them [N, 3, H, W]."""
-    pixels = torch.tensor(frames).permute(0, 3, 1, 2).float() / 127.5 - 1.0
-    return (pixels - torch.tensor(SHIFT)[:, None, None]) / torch.tensor(SCALE)[:, None, None]
 
 
 def find_weights(net: Net, named: Path | None) -> Path:
@@ -196,7 +181,8 @@ def load_weights(net: Net, file: Path) -> Weights:
     try:
         with np.load(file) as arrays:
             weights = {name: torch.from_numpy(arrays[name].astype(np.float32)) for name in arrays.files}
-        score = float(distances(net, weights, *check_images(), [None])[0, 0])
+        ours, real = (_features(net, weights, frames) for frames in check_images())
+        score = float(_distances(weights, ours, real, [None])[0, 0])
     except (OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
         raise MissingExtra(f"LPIPS weights {file} are not a readable npz file ({error}): get them anew") from error
     except (KeyError, ValueError, RuntimeError) as error:
@@ -210,45 +196,34 @@ def load_weights(net: Net, file: Path) -> Weights:
 
 
 def check_images() -> tuple[ByteArray, ByteArray]:
-    """A pair of images [1, 64, 64, 3] that every version of every library makes alike."""
+    """A pair of images [1, 64, 64, 3] made of integers, the same with every library version."""
     v, u, channel = np.mgrid[:64, :64, :3]
     waves = (u * (3 + channel) + v * v // 5) % 256
     return waves[None].astype(np.uint8), (255 - waves[None, ::-1] // 2).astype(np.uint8)
 
 
-def unit_length(features: Tensor) -> Tensor:
-    """Every pixel's features divided by their length over the channels."""
-    return features / (features.norm(dim=1, keepdim=True) + 1e-10)
-
-
 @functools.cache
 def _why_not_downloaded(net: Net, cached: Path) -> str:
-    """Fill the cache: "" when done, else why not; asked once per process: no table waits twice for a dead line."""
+    """Fill the cache: "" when done, else the reason why not; tried once per process."""
     try:
         cached.parent.mkdir(parents=True, exist_ok=True)
+        backbone, linear = (_downloaded(url, sha256) for url, sha256 in REMOTES[net])
+        arrays: dict[str, Any] = {name: value.numpy() for name, value in backbone.items() if "features." in name}
+        arrays |= {f"{name.partition('.')[0]}.weight": value.numpy().ravel() for name, value in linear.items()}
         with tempfile.TemporaryDirectory(dir=cached.parent) as folder:
-            backbone, linear = (_downloaded(url, sha256, Path(folder)) for url, sha256 in REMOTES[net])
-            arrays: dict[str, Any] = {
-                name: tensor.numpy() for name, tensor in backbone.items() if name.startswith("features.")
-            }
-            arrays |= {f"{name.partition('.')[0]}.weight": tensor.numpy().ravel() for name, tensor in linear.items()}
-            written = Path(folder) / "written.npz"
-            np.savez(written, **arrays)
-            written.replace(cached)
+            np.savez(Path(folder) / "weights.npz", **arrays)
+            (Path(folder) / "weights.npz").replace(cached)
     except (OSError, http.client.HTTPException, BadData) as error:
         return str(error)
     return ""
 
 
-def _downloaded(url: str, sha256: str, folder: Path) -> Mapping[str, Tensor]:
-    """The tensors of a .pth file; nothing in it is run, and it is opened only once its hash is right."""
+def _downloaded(url: str, sha256: str) -> Mapping[str, Tensor]:
+    """The tensors of a .pth file; it is opened only when its hash is right, and nothing in it is executed."""
     logger.info("downloading %s", url)
-    file, digest = folder / Path(url).name, hashlib.sha256()
-    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response, file.open("wb") as copy:
-        while block := response.read(1 << 20):
-            digest.update(block)
-            copy.write(block)
-    if digest.hexdigest() != sha256:
-        raise BadData(f"{url} has SHA-256 {digest.hexdigest()[:8]}..., expected {sha256[:8]}...")
-    tensors: Mapping[str, Tensor] = torch.load(file, map_location="cpu", weights_only=True)
-    return tensors
+    with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
+        content = response.read()
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != sha256:
+        raise BadData(f"{url} has SHA-256 {digest[:8]}..., expected {sha256[:8]}...")
+    return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)

@@ -24,7 +24,7 @@ def alex_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
 
 
 def squeeze_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
-    """The first convolution of SqueezeNet 1.1, then six of its stages,."""
+    """The first convolution of SqueezeNet 1.1, then six of its stages."""
     pixels = _convolved(weights, "features.0", pixels, stride=2)
     yield pixels
     for fires, is_pooled in SQUEEZE_FIRES:

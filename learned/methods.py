@@ -1,4 +1,4 @@
-"""What the training loop asks of a method, and which methods there are."""
+"""The interface between the training loop and the methods, and the list of methods."""
 
 from __future__ import annotations
 
@@ -15,52 +15,52 @@ from geovp_classic.registry import nearest
 from geovp_classic.types import Clip
 
 Batch = dict[str, Tensor]
-Losses = dict[str, Tensor]  # scalars; "total" is what is minimised, all are logged
+Losses = dict[str, Tensor]  # scalars; "total" is minimised, all are logged
 Networks = Mapping[str, nn.Module]
 
 METHODS = {  # imported when asked for by name
     "deepvo": "learned.deepvo.train:DeepVoTraining",
-    "svg": "learned.svg.train:SvgTraining",
-    "srvp": "learned.srvp.train:SrvpTraining",
-    "slamp": "learned.slamp.train:SlampTraining",
+    "svg": "learned.video.svg:SvgTraining",
+    "srvp": "learned.video.srvp:SrvpTraining",
+    "slamp": "learned.video.slamp:SlampTraining",
     "synsin": "learned.synsin.train:SynSinTraining",
 }
 
 
 class Method(Protocol):
-    """A frozen dataclass whose fields are its settings; numbers, texts, tuples and such dataclasses of them.
+    """A frozen dataclass whose fields are its settings: numbers, strings, tuples and dataclasses of these.
 
-    Networks and optimisers go by names. What happens at a step may depend on nothing but the networks, the batch and
-    torch's own random numbers, which the loop seeds anew at every step: so a killed run goes on exactly.
+    Networks and optimisers have names. A step may depend on the networks, the batch and torch's random numbers alone;
+    the loop seeds these at every step, so that a killed run can be resumed exactly.
     """
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """The networks that the weights file holds; the others (a discriminator) only serve training."""
+        """The networks in the weights file; the first predicts, others (a discriminator) may be left out."""
         ...
 
     def build(self) -> dict[str, nn.Module]:
-        """Fresh networks, drawn from torch's random numbers."""
+        """New networks, initialised with torch's random numbers."""
         ...
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
-        """One optimiser for each network that learns, under that network's name."""
+        """One optimiser for each trained network, under that network's name."""
         ...
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Any]:
-        """What it learns from, or is validated on, held in memory; BadData when a clip lacks something."""
+        """Examples for training or validation, in memory; BadData when a clip lacks something."""
         ...
 
     def batch(self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator) -> Batch:
-        """Tensors of the chosen training examples, augmented by draws from `rng`."""
+        """Tensors of the chosen training examples, augmented with `rng`."""
         ...
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
-        """Turn by turn, which network learns and from what; before the next turn it has made its step."""
+        """Each network to train with its losses; it takes its optimiser step before the next is yielded."""
         ...
 
     def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
-        """Numbers for the log; "score" (lower is better) says which weights are kept."""
+        """Numbers for the log; the weights with the lowest "score" are kept."""
         ...
 
 

@@ -1,11 +1,12 @@
 """The training loop of all methods, on Lightning Fabric: one CPU, one GPU, or several with DDP.
 
-A run is a folder: `state.safetensors` (where it stands), `weights.safetensors` (the best so far) and `log.csv`. It may
-be killed at any moment; started again it goes on from the last state, and ends with the same bytes.
+A run is a folder: `state.safetensors` (the last checkpoint), `weights.safetensors` (the best weights so far) and
+`log.csv`. A run that was killed goes on from its last checkpoint when started again, and ends with the same bytes.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import signal
 import threading
@@ -20,44 +21,49 @@ import cv2
 import numpy as np
 import torch
 from lightning.fabric import Fabric
-from torch import Tensor, nn
-from torch.optim import Optimizer
+from torch import Tensor
 from tqdm import tqdm
 
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from learned import checkpoints, precision, recipes, training_state
-from learned.averaging import RunningMean
+from learned import checkpoints, precision, schedules, training_config
+from learned.ema import averaged_model
 from learned.methods import Batch, Losses
-from learned.recipes import Recipe
-from learned.schedules import Order, rate_share
+from learned.training_config import TrainingConfig
 from learned.training_log import TrainingLog
-from learned.training_state import Progress, seed_everything
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.csv"
 LOG_EVERY = 20  # steps
-BUILDING, STEPPING = 1, 2  # seeds of torch's random numbers, apart from one another
+BUILD_SEED, STEP_SEED = 1, 2  # keep the seeds of torch's random numbers apart
+
+
+@dataclass
+class Progress:
+    """The loop's counters."""
+
+    step: int = 0  # steps done
+    seconds: float = 0.0  # of training, over all starts
+    best_score: float = math.inf
+    best_step: int = 0
+    misses: int = 0  # validations since the best one
 
 
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended."""
 
-    step: int
-    best_score: float
-    best_step: int
-    seconds: float
-    finished: bool  # False: stopped before its time, goes on when started again
-    is_first: bool = True  # of several processes, the one that keeps the log
+    progress: Progress
+    finished: bool  # False: interrupted, goes on when started again
+    is_first: bool  # of several processes, the one that keeps the log
 
 
-def train(recipe: Recipe, folder: Path, limit_seconds: float | None = None) -> Outcome:
-    """Train until the steps are done, the score stays away, or `limit_seconds` are over; the state is kept."""
-    settings = recipe.training
+def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = None) -> Outcome:
+    """Train until all steps are done, patience is exhausted, or `limit_seconds` are over; the state is kept."""
+    settings = config.training
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
-        cv2.setNumThreads(settings.num_threads)  # batches are drawn with it; its threads wait for one another at length
+        cv2.setNumThreads(settings.num_threads)  # used by batches; its default threads slow each other down
     plugins = precision.plugins(settings)
     fabric = Fabric(
         accelerator=settings.accelerator,
@@ -68,160 +74,180 @@ def train(recipe: Recipe, folder: Path, limit_seconds: float | None = None) -> O
         precision=None if plugins else settings.precision,  # type: ignore[arg-type]
     )
     fabric.launch()
-    run = _Run(recipe, folder, fabric)
-    with _stop_on_signal() as stopped:
-        return run.go(stopped, math.inf if limit_seconds is None else limit_seconds)
+    trainer = _Trainer(config, folder, fabric)
+    with _stop_on_signal() as signals:
+        return trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
 
 
-class _Run:
-    """One start of a run, with everything that it needs at hand."""
+class _Trainer:
+    """One start of a run."""
 
-    def __init__(self, recipe: Recipe, folder: Path, fabric: Fabric) -> None:
-        self.method, self.settings, self.recipe = recipe.method, recipe.training, recipe
-        self.folder, self.fabric = folder, fabric
-        seed_everything(self.settings.seed, BUILDING)
-        self.bare = self.method.build()  # what is stored: a device's wrapping would show in the names
+    def __init__(self, config: TrainingConfig, folder: Path, fabric: Fabric) -> None:
+        self.method, self.settings, self.config = config.method, config.training, config
+        self.folder, self.fabric, self.scaler = folder, fabric, fabric.strategy.precision
+        _seed(self.settings.seed, BUILD_SEED)
+        self.bare = self.method.build()  # stored in files: Fabric's wrappers would change the tensors' names
         self.bare_optimisers = self.method.optimisers(self.bare)
         self.rates = {name: [group["lr"] for group in own.param_groups] for name, own in self.bare_optimisers.items()}
-        self.may_overflow = bool(precision.loss_scale(fabric))
-        self.networks, self.optimisers = _set_up(fabric, self.bare, self.bare_optimisers)
-        self.mean = RunningMean(self.bare, self.settings.average_steps)
-        self.stored = {**self.bare, **self.mean.stored}
+        steps = self.settings.average_steps
+        self.averages = {name: averaged_model(net, steps) for name, net in self.bare.items()} if steps else {}
+        self.networks: dict[str, Any] = {}
+        self.optimisers: dict[str, Any] = {}
+        for name, network in self.bare.items():
+            if name in self.bare_optimisers:
+                self.networks[name], self.optimisers[name] = fabric.setup(network, self.bare_optimisers[name])
+            else:
+                self.networks[name] = fabric.to_device(network)
+        self.evaluated = {name: fabric.setup_module(each.module) for name, each in self.averages.items()}
         self.identity = {
-            "method": recipe.method_name,
+            "method": config.method_name,
             "settings": checkpoints.plain(self.method),
             "training": self.settings.decisive,
-            "data": recipes.describe(recipe.train),
+            "data": training_config.describe(config.train),
         }
         self.progress = Progress()
         if (folder / STATE).exists():
-            self.progress = training_state.read(folder / STATE, self.stored, self.bare_optimisers, self.identity)
-            precision.load_loss_scale(fabric, self.progress.loss_scale)
+            self.load()
         self.log = TrainingLog(folder / LOG, self.progress.step) if fabric.is_global_zero else None
 
-    def go(self, stopped: Sequence[int], limit_s: float) -> Outcome:
-        """Step after step, from where the run stands to its end, a signal, or the time limit."""
-        examples = self.method.examples(_clips(self.recipe.train), training=True)
-        held_out = self.method.examples(_clips(self.recipe.validation), training=False)
+    def fit(self, signals: Sequence[int], limit_s: float) -> Outcome:
+        """Train from the current step to the end, a signal, or the time limit."""
+        examples = self.method.examples(_clips(self.config.train), training=True)
+        held_out = self.method.examples(_clips(self.config.validation), training=False)
         if not len(examples) or not len(held_out):
             raise BadData("no clip is long enough for one example: give the data sets a larger num_frames")
-        order = Order(len(examples), self.settings.batch_size, self.fabric.world_size, self.settings.seed)
+        progress, settings = self.progress, self.settings
         start_s = saved_s = time.monotonic()
-        before_s = self.progress.seconds
-        with tqdm(total=self.settings.num_steps, initial=self.progress.step, disable=self.log is None) as bar:
-            while not self.over and not stopped and time.monotonic() - start_s < limit_s:
-                self.advance(examples, order, bar)
-                self.progress.seconds = before_s + time.monotonic() - start_s
-                if self.progress.step % self.settings.validate_every == 0 or self.progress.step == bar.total:
-                    with self.mean.in_place():
-                        self.validate(held_out)
-                if time.monotonic() - saved_s > self.settings.save_every_s:
+        before_s = progress.seconds
+        with tqdm(total=settings.num_steps, initial=progress.step, disable=self.log is None) as bar:
+            while not self.finished and not signals and time.monotonic() - start_s < limit_s:
+                self.train_step(examples, bar)
+                progress.seconds = before_s + time.monotonic() - start_s
+                if progress.step % settings.validate_every == 0 or progress.step == settings.num_steps:
+                    self.validate(held_out)
+                if time.monotonic() - saved_s > settings.save_every_s:
                     self.save()
                     saved_s = time.monotonic()
         self.save()
-        progress = self.progress
-        is_first = self.fabric.is_global_zero
-        return Outcome(progress.step, progress.best_score, progress.best_step, progress.seconds, self.over, is_first)
+        return Outcome(progress, self.finished, self.fabric.is_global_zero)
 
     @property
-    def over(self) -> bool:
-        """All steps done, or the best score too long ago."""
+    def finished(self) -> bool:
+        """All steps are done, or patience is exhausted."""
         impatient = 0 < self.settings.patience <= self.progress.misses
         return impatient or self.progress.step >= self.settings.num_steps
 
-    def advance(self, examples: Sequence[Any], order: Order, bar: Any) -> None:
-        """The batch of this step and what is learnt from it."""
-        step, rank = self.progress.step, self.fabric.global_rank
-        rng = np.random.default_rng([self.settings.seed, step, rank])
-        losses = self.step(self.method.batch(examples, order.at(step)[rank], rng), step)
+    def train_step(self, examples: Sequence[Any], bar: Any) -> None:
+        """One step on the step's batch; its losses are logged every LOG_EVERY steps."""
+        step, rank, settings = self.progress.step, self.fabric.global_rank, self.settings
+        rng = np.random.default_rng([settings.seed, step, rank])
+        sizes = (len(examples), settings.batch_size, self.fabric.world_size)
+        indices = schedules.batch_indices(step, *sizes, settings.seed)
+        losses = self.optimise(self.method.batch(examples, indices[rank], rng), step)
         self.progress.step = step + 1
-        self.mean.update(self.progress.step)
+        for name, average in self.averages.items():
+            average.update_parameters(self.bare[name])
         bar.update()
         if self.progress.step % LOG_EVERY == 0:
             numbers = {name: float(loss) for name, loss in losses.items()}
-            self.note("train", numbers)
+            self.write_log("train", numbers)
             bar.set_postfix({name: f"{number:.3g}" for name, number in numbers.items()})
 
-    def step(self, batch: Batch, step: int) -> Losses:
-        """One step of every network whose turn it is; the losses by name, "<network>.<loss>" where several learn."""
-        seed_everything(self.settings.seed, STEPPING, step, self.fabric.global_rank)
-        share = rate_share(step, self.settings)
+    def optimise(self, batch: Batch, step: int) -> Losses:
+        """Optimiser steps on a batch; the losses by name, "<network>.<loss>" where several networks learn."""
+        _seed(self.settings.seed, STEP_SEED, step, self.fabric.global_rank)
+        factor = schedules.learning_rate_factor(step, self.settings)
         for name, optimiser in self.bare_optimisers.items():
             for group, rate in zip(optimiser.param_groups, self.rates[name], strict=True):
-                group["lr"] = rate * share
+                group["lr"] = rate * factor
         for network in self.networks.values():
             network.train()
         logged: Losses = {}
-        for turn, losses in self.method.training_step(self.networks, self.fabric.to_device(batch), step):
-            self.learn(turn, losses["total"])
-            prefix = f"{turn}." if len(self.optimisers) > 1 else ""
-            logged |= {f"{prefix}{name}": loss.detach() for name, loss in losses.items()}
+        for name, losses in self.method.training_step(self.networks, self.fabric.to_device(batch), step):
+            self.optimiser_step(name, losses["total"])
+            prefix = f"{name}." if len(self.optimisers) > 1 else ""
+            logged |= {f"{prefix}{key}": loss.detach() for key, loss in losses.items()}
         return logged
 
-    def learn(self, turn: str, total: Tensor) -> None:
-        """One network's step down its loss."""
-        self.bare_optimisers[turn].zero_grad()  # other networks' turns leave gradients here, too
+    def optimiser_step(self, name: str, total: Tensor) -> None:
+        """Backward pass, gradient clipping and step of one network."""
+        self.bare_optimisers[name].zero_grad()  # the losses of other networks leave gradients here, too
         self.fabric.backward(total)
         if self.settings.clip_norm:
-            norm = self.settings.clip_norm
-            # In halves gradients may overflow: the step is left out then and the loss scale halved, as it should be.
-            self.fabric.clip_gradients(
-                self.networks[turn], self.optimisers[turn], max_norm=norm, error_if_nonfinite=not self.may_overflow
-            )
-        self.optimisers[turn].step()
+            # With a gradient scaler, gradients may overflow: it skips the step and lowers the scale.
+            network, optimiser, norm = self.networks[name], self.optimisers[name], self.settings.clip_norm
+            is_strict = not self.scaler.state_dict()
+            self.fabric.clip_gradients(network, optimiser, max_norm=norm, error_if_nonfinite=is_strict)
+        self.optimisers[name].step()
 
     def validate(self, held_out: Sequence[Any]) -> None:
-        """Score the networks as they stand, and keep their weights if they are the best so far."""
-        for network in self.networks.values():
+        """Score the networks, or their EMA, and write their weights if they are the best so far."""
+        networks = self.evaluated or self.networks
+        for network in networks.values():
             network.eval()
         with torch.no_grad():
-            scores = self.method.validate(self.networks, held_out)
-        self.note("validation", scores)
+            scores = self.method.validate(networks, held_out)
+        self.write_log("validation", scores)
+        self.progress.misses += 1
         if scores["score"] < self.progress.best_score:
             self.progress.best_score, self.progress.best_step = scores["score"], self.progress.step
             self.progress.misses = 0
-            self.keep(scores)
-        else:
-            self.progress.misses += 1
+            self.write_weights(scores)
 
-    def keep(self, scores: Mapping[str, float]) -> None:
+    def write_weights(self, scores: Mapping[str, float]) -> None:
         """Write the weights file."""
         history = {
-            "train": recipes.describe(self.recipe.train),
-            "validation": recipes.describe(self.recipe.validation),
+            **{"step": self.progress.step, "seconds": round(self.progress.seconds, 1), "scores": dict(scores)},
+            **{"train": self.identity["data"], "validation": training_config.describe(self.config.validation)},
             "training": self.settings.decisive,
-            "step": self.progress.step,
-            "seconds": round(self.progress.seconds, 1),
-            "scores": dict(scores),
         }
-        kept = {name: self.bare[name] for name in self.method.kept}
+        kept = {name: self.averages[name].module if self.averages else self.bare[name] for name in self.method.kept}
         if self.fabric.is_global_zero:
-            checkpoints.write(self.folder / WEIGHTS, self.recipe.method_name, self.method, kept, history)
+            checkpoints.write(self.folder / WEIGHTS, self.config.method_name, self.method, kept, history)
 
     def save(self) -> None:
-        """Write the state."""
-        self.progress.loss_scale = precision.loss_scale(self.fabric)
+        """Write the state: all that the next step depends on, but random numbers, which every step seeds anew."""
         if self.fabric.is_global_zero:
-            training_state.write(self.folder / STATE, self.stored, self.bare_optimisers, self.progress, self.identity)
+            state: dict[str, Any] = {
+                group: {name: part.state_dict() for name, part in parts.items()} for group, parts in self.parts()
+            }
+            state |= {"progress": dataclasses.asdict(self.progress), "identity": self.identity}
+            checkpoints.write_state(self.folder / STATE, state)
         self.fabric.barrier()
 
-    def note(self, split: str, numbers: Mapping[str, float]) -> None:
-        """A row of the log for every number, from the first device."""
+    def load(self) -> None:
+        """Go on from a stored state; BadData when it is damaged or of another run."""
+        file = self.folder / STATE
+        state = checkpoints.read_state(file)
+        stored = state["identity"]
+        if stored != self.identity:
+            keys = sorted(key for key in {*stored, *self.identity} if stored.get(key) != self.identity.get(key))
+            raise BadData(f"{file} belongs to a run with another {', '.join(keys)}: give another --out, or remove it")
+        try:
+            for group, parts in self.parts():
+                for name, part in parts.items():
+                    part.load_state_dict(state[group][name])
+        except (KeyError, RuntimeError, ValueError) as error:
+            raise BadData(f"{file} does not fit this method ({' '.join(str(error).split())}): remove it") from error
+        self.progress = Progress(**state["progress"])
+
+    def parts(self) -> tuple[tuple[str, Mapping[str, Any]], ...]:
+        """The parts of the state that have a `state_dict`, in groups."""
+        networks = (("networks", self.bare), ("averages", self.averages))
+        return *networks, ("optimisers", self.bare_optimisers), ("precision", {"scaler": self.scaler})
+
+    def write_log(self, split: str, numbers: Mapping[str, float]) -> None:
+        """One row of the log per number, from the first process."""
         if self.log is not None:
             self.log.write(self.progress.step, self.progress.seconds, split, numbers)
 
 
-def _set_up(
-    fabric: Fabric, networks: Mapping[str, nn.Module], optimisers: Mapping[str, Optimizer]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Networks and optimisers as Fabric wraps them for its devices; networks that don't learn are only moved there."""
-    wrapped, wrapped_optimisers = {}, {}
-    for name, network in networks.items():
-        if name in optimisers:
-            wrapped[name], wrapped_optimisers[name] = fabric.setup(network, optimisers[name])
-        else:
-            wrapped[name] = fabric.to_device(network)
-    return wrapped, wrapped_optimisers
+def _seed(*numbers: int) -> None:
+    """Seed torch's random numbers on every device from several numbers."""
+    mixed = 0
+    for number in numbers:
+        mixed = (mixed * 1_000_003 + number + 1) % (2**63 - 1)
+    torch.manual_seed(mixed)
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
@@ -233,14 +259,10 @@ def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[list[int]]:
-    """A list that is empty until someone asks to stop (Ctrl-C, SIGTERM): the step at hand is ended first."""
+    """The signals that asked to stop (Ctrl-C, SIGTERM); the current step is finished first."""
     received: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield received
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    for number in before:
-        signal.signal(number, lambda caught, _: received.append(caught))
+    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    before = {number: signal.signal(number, lambda caught, _: received.append(caught)) for number in numbers}
     try:
         yield received
     finally:

@@ -71,7 +71,7 @@ def dense(splatter: Splatter, points: Points, pixels: Tensor, side_px: int) -> T
     squares = (positions[None] - centres[:, None]).square().sum(dim=2) / splatter.radius_px**2  # [P, N]
     near = torch.where((squares < 1) & visible, inverse_depths, -1.0)
     found, chosen = near.topk(splatter.points_per_pixel, dim=1)
-    opacities = (1 - (squares.gather(1, chosen) + splatting.ROUNDING).sqrt()).clamp(min=0) ** splatter.sharpness
+    opacities = (1 - (squares.gather(1, chosen) + splatting.EPS).sqrt()).clamp(min=0) ** splatter.sharpness
     opacities = torch.where(found >= 0, opacities, 0.0)
     through = torch.cumprod(1 - opacities, dim=1)
     before = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], dim=1)

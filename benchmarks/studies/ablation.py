@@ -1,8 +1,8 @@
 """What every part is worth: each one taken out, on clips that constants may be chosen on.
 
 A line a part: what the whole has more than the whole without it (PSNR and SSIM up, LPIPS down is better), as the mean
-of paired differences over clips with its 95 % interval from a block bootstrap (Kuensch 1989), the time it takes, and its
-lines of code. Parts of the renderer and of the refinements are measured with true poses, parts of the odometry
+of paired differences over clips with its 95 % interval from a block bootstrap (Kuensch 1989), the time it takes, and
+its lines of code. Parts of the renderer and of the refinements are measured with true poses, parts of the odometry
 without any. A part earns its lines where an interval excludes zero and the gain is .05 dB or .002 LPIPS.
 """
 

@@ -1,12 +1,10 @@
-"""DeepVO as a component: the whole motion from the images alone, or the past of it as an odometry."""
+"""DeepVO as a pose source (past and future), and as an odometry (the past alone)."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib import resources
-from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -14,120 +12,79 @@ from torch import Tensor
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Motion, Trajectory
 from learned import checkpoints
 from learned.deepvo.network import Architecture, PoseNetwork
 from learned.deepvo.steps import motions
-from learned.deepvo.train import DeepVoTraining
-from learned.tensors import images_from_frames, retaken, shrunk
+from learned.tensors import images_from_frames, reproject, shrink
 
 
 @dataclass(frozen=True)
-class DeepVo:
-    """Past and future poses from the observed frames, by a trained network; one sample, in metres.
-
-    The world is the first observed camera. A network with a 2D head says nothing about height, pitch and roll: they
-    stay those of the first camera. A step is what lay between two frames in training (KITTI: 0.1 s); times are not
-    looked at. `checkpoint` is a weights file of `train deepvo`; without one, the weights that come with the package.
-    `fingerprint` says which weights these are; given, others are refused.
-    """
-
-    checkpoint: Path | None = None
-    fingerprint: str = ""
-
-    def __post_init__(self) -> None:
-        """Raise BadData unless the checkpoint is whole and the one that is asked for."""
-        object.__setattr__(self, "fingerprint", _checked(self.checkpoint, self.fingerprint))
+class _PretrainedDeepVo(checkpoints.Pretrained):
+    method: ClassVar[str] = "deepvo"
 
     @property
-    def needs(self) -> Grant:
-        """Nothing but the frames."""
-        return Grant.NONE
+    def network(self) -> PoseNetwork:
+        """The trained network."""
+        network, _ = self.load()
+        assert isinstance(network, PoseNetwork)
+        return network
+
+    def relative_motions(self, context: Context, num_future: int) -> tuple[FloatArray, FloatArray]:
+        """Motions from each camera to the next, within the past [P - 1, 4, 4] and after it [F, 4, 4]."""
+        images = network_images(list(context.frames), context.intrinsics, self.network.architecture)
+        return self.motions_of_images(images, num_future)
+
+    @torch.inference_mode()
+    def motions_of_images(self, images: Tensor, num_future: int) -> tuple[FloatArray, FloatArray]:
+        """The same of images [P, 3, H, W]."""
+        if len(images) < 2:
+            raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
+        network = self.network
+        past, future = network(images[None].to(self.device), num_future)
+        head = network.architecture.head
+        return motions(past[0].double().cpu(), head).numpy(), motions(future[0].double().cpu(), head).numpy()
+
+
+@dataclass(frozen=True)
+class DeepVo(_PretrainedDeepVo):
+    """Past and future poses from the observed frames, by a trained network; one sample, in metres.
+
+    The world is the first observed camera. A network with a 2D head keeps height, pitch and roll of the first camera.
+    Every step has the duration of the training data's (KITTI: 0.1 s); times are not used.
+    """
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The motion; Incompatible for fewer than two frames, BadData for a checkpoint that cannot be used."""
-        past_from_next, future_from_next = _steps(self, context, context.num_future)
+        """The motion; Incompatible for fewer than two frames."""
+        past_from_next, future_from_next = self.relative_motions(context, context.num_future)
         past = _trajectory(past_from_next, context.times_s[: context.num_past])
         futures = past.world_from_cam[-1] @ _chained(future_from_next)
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
 
 
 @dataclass(frozen=True)
-class DeepVoOdometry:
-    """The past alone, for forecasters other than DeepVO's own decoder."""
-
-    checkpoint: Path | None = None
-    fingerprint: str = ""
-
-    def __post_init__(self) -> None:
-        """As DeepVo's."""
-        object.__setattr__(self, "fingerprint", _checked(self.checkpoint, self.fingerprint))
-
-    @property
-    def needs(self) -> Grant:
-        """Nothing but the frames."""
-        return Grant.NONE
+class DeepVoOdometry(_PretrainedDeepVo):
+    """The past alone, for other forecasters than DeepVO's own decoder."""
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory, every step tracked; errors as `DeepVo.estimate`."""
-        past_from_next, _ = _steps(self, context, 1)
-        past = _trajectory(past_from_next, context.times_s[: context.num_past])
+        past = _trajectory(self.relative_motions(context, 1)[0], context.times_s[: context.num_past])
         return past, np.ones(len(past), dtype=bool)
 
     def track_sequence(
         self, frames: Iterable[ByteArray], times_s: FloatArray, intrinsics: Intrinsics, camera_height_m: float | None
     ) -> tuple[Trajectory, BoolArray]:
-        """A whole sequence, frame by frame; its length comes from training alone, not from the camera's height."""
-        network = load(self.checkpoint or shipped(), self.fingerprint)
-        images = torch.cat([taken([frame], intrinsics, network.architecture) for frame in frames])
-        past = _trajectory(_motions(network, images, 1)[0], times_s)
+        """A whole sequence, read frame by frame; the scale was learnt, so the camera's height is not used."""
+        architecture = self.network.architecture
+        images = torch.cat([network_images([frame], intrinsics, architecture) for frame in frames])
+        past = _trajectory(self.motions_of_images(images, 1)[0], times_s)
         return past, np.ones(len(past), dtype=bool)
 
 
-def shipped() -> Path:
-    """The weights file that comes with the package."""
-    return Path(str(resources.files("learned").joinpath("weights", "deepvo.safetensors")))
-
-
-@functools.lru_cache(maxsize=4)
-def load(file: Path, fingerprint: str) -> PoseNetwork:
-    """The network of a weights file, once per process; BadData when it cannot be used.
-
-    The fingerprint is only there to tell another file of the same name.
-    """
-    checkpoint = checkpoints.read(file, "deepvo", DeepVoTraining)
-    network = PoseNetwork(checkpoint.settings.architecture)
-    checkpoints.restore(file, network, checkpoint, "poses")
-    return network.eval()
-
-
-def taken(frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture) -> Tensor:
-    """Frames [P, 3, H, W] as the network's own camera would have taken them."""
-    smaller, camera = shrunk(frames, camera, architecture.camera)
-    return images_from_frames(np.stack([retaken(frame, camera, architecture.camera) for frame in smaller]))
-
-
-def _checked(checkpoint: Path | None, wanted: str) -> str:
-    """The fingerprint of a weights file that can be loaded."""
-    file = checkpoint or shipped()
-    found = checkpoints.fingerprint(file, wanted)
-    load(file, found)
-    return found
-
-
-def _steps(component: DeepVo | DeepVoOdometry, context: Context, num_future: int) -> tuple[FloatArray, FloatArray]:
-    """Motions from each camera to the next, within the past [P - 1, 4, 4] and after it [F, 4, 4]."""
-    network = load(component.checkpoint or shipped(), component.fingerprint)
-    return _motions(network, taken(list(context.frames), context.intrinsics, network.architecture), num_future)
-
-
-@torch.inference_mode()
-def _motions(network: PoseNetwork, images: Tensor, num_future: int) -> tuple[FloatArray, FloatArray]:
-    if len(images) < 2:
-        raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
-    past, future = network(images[None], num_future)
-    head = network.architecture.head
-    return motions(past[0].double(), head).numpy(), motions(future[0].double(), head).numpy()
+def network_images(frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture) -> Tensor:
+    """Images [P, 3, H, W] in [0, 1] of frames [H, W, 3] as the network's own camera would have taken them."""
+    resized, camera = shrink(frames, camera, architecture.camera)
+    return images_from_frames(np.stack([reproject(frame, camera, architecture.camera) for frame in resized]))
 
 
 def _trajectory(past_from_next: FloatArray, times_s: FloatArray) -> Trajectory:
@@ -137,9 +94,7 @@ def _trajectory(past_from_next: FloatArray, times_s: FloatArray) -> Trajectory:
 
 def _chained(relative: FloatArray) -> FloatArray:
     """Poses [N, 4, 4] in the first camera's frame, kept orthonormal over long videos (eq. 3.4)."""
-    poses: list[FloatArray] = []
-    now: FloatArray = np.eye(4)
+    poses: list[FloatArray] = [np.eye(4)]
     for motion in relative:
-        now = se3.orthonormalised(now @ motion)
-        poses.append(now)
-    return np.stack(poses)
+        poses.append(se3.orthonormalised(poses[-1] @ motion))
+    return np.stack(poses[1:])

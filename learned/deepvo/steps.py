@@ -1,4 +1,4 @@
-"""Steps as rigid motions, steps chained to absolute poses, and the loss between them (eq. 3.4 to 3.6)."""
+"""Steps as rigid motions, chained to absolute poses, and squared errors between poses (thesis, eq. 3.4 to 3.6)."""
 
 from __future__ import annotations
 

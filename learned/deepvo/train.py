@@ -1,10 +1,10 @@
-"""How DeepVO learns: the loss on absolute poses of eq. 3.4 to 3.6, and the settings that vary it."""
+"""Training of DeepVO on the loss of absolute poses (thesis, eq. 3.4 to 3.6)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import torch
@@ -13,10 +13,10 @@ from torch.optim import Optimizer
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
-from learned.deepvo import drives
-from learned.deepvo.drives import NOTHING, Augmentation, Window
+from learned.deepvo import windows
 from learned.deepvo.network import Architecture, PoseNetwork
 from learned.deepvo.steps import chained, motions, squared_errors
+from learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
 from learned.methods import Batch, Losses, Networks
 
 VALIDATION_BATCH = 16
@@ -24,13 +24,12 @@ VALIDATION_BATCH = 16
 
 @dataclass(frozen=True)
 class DeepVoTraining:
-    """The pose network's training.
+    """Settings of the pose network's training.
 
-    With `auxiliary` the past's error is learnt from as well as the future's; it passes through the encoder only, the
-    future's through both, since absolute poses of the future build upon those of the past. With `loss` "relative"
-    every step is compared by itself instead. Squared errors of the absolute pose after n steps are divided by n to the
-    `drift_power`: 0 as published, where the last poses outweigh all others; 2 compares drift per step. The number of
-    observed frames is drawn anew for every batch, from `shortest_past` to `num_past`.
+    With `auxiliary` the loss also has the error of the past poses, which trains the encoder alone. `loss` "relative"
+    compares single steps instead of absolute poses. Squared errors of the absolute pose after n steps are divided by
+    n ** `drift_power`: 0 as published, where late poses dominate; 2 compares the drift per step. Each batch has a
+    random number of observed frames, `shortest_past` to `num_past`.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
@@ -45,18 +44,15 @@ class DeepVoTraining:
     rate: float = 1e-3
     weight_decay: float = 1e-4
 
+    kept: ClassVar[tuple[str, ...]] = ("poses",)
+
     def __post_init__(self) -> None:
-        """Raise BadData for windows that cannot be."""
+        """Raise BadData for impossible windows."""
         if not 2 <= self.shortest_past <= self.num_past or self.num_future < 1:
             raise BadData(
                 f"shortest_past {self.shortest_past}, num_past {self.num_past}, num_future {self.num_future}: expected "
                 "2 <= shortest_past <= num_past and at least one future step"
             )
-
-    @property
-    def kept(self) -> tuple[str, ...]:
-        """All there is."""
-        return ("poses",)
 
     def build(self) -> dict[str, nn.Module]:
         """The pose network."""
@@ -68,21 +64,21 @@ class DeepVoTraining:
         return {"poses": torch.optim.AdamW(parameters, self.rate, weight_decay=self.weight_decay)}
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Window]:
-        """Windows of the clips: all of them to learn from, every fifth to validate on."""
+        """Windows of the clips: all for training, every fifth for validation."""
         camera = self.architecture.camera
         num_frames = self.num_past + self.num_future
-        return drives.windows((drives.read(clip, camera) for clip in clips), num_frames, 1 if training else 5)
+        return windows.windows((windows.read(clip, camera) for clip in clips), num_frames, 1 if training else 5)
 
     def batch(self, examples: Sequence[Window], indices: Sequence[int], rng: np.random.Generator) -> Batch:
         """Augmented windows, all with the same number of observed frames."""
         num_past = int(rng.integers(self.shortest_past, self.num_past + 1))
         skipped = self.num_past - num_past
-        chosen = [Window(examples[index].drive, examples[index].first + skipped) for index in indices]
+        chosen = [Window(examples[index].clip, examples[index].first + skipped) for index in indices]
         camera = self.architecture.camera
-        return drives.batch(chosen, camera, num_past, self.num_future, self.augmentation, rng)
+        return windows.batch(chosen, camera, num_past, self.num_future, self.augmentation, rng)
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
-        """The one network's one turn."""
+        """The losses of the only network."""
         past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
         yield "poses", self.losses(past, future, batch["motions"], batch["known"])
 
@@ -109,12 +105,13 @@ class DeepVoTraining:
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
     def validate(self, networks: Networks, examples: Sequence[Window]) -> dict[str, float]:
-        """Mean errors at the future steps, in metres and degrees, whose sum is the score; and of single past steps."""
+        """Mean errors of future poses and of single past steps, in m and deg; the score is the sum of the future's."""
         errors = []
         rng = np.random.default_rng(0)
         for start in range(0, len(examples), VALIDATION_BATCH):
             chosen = examples[start : start + VALIDATION_BATCH]
-            batch = drives.batch(chosen, self.architecture.camera, self.num_past, self.num_future, NOTHING, rng)
+            sizes = (self.architecture.camera, self.num_past, self.num_future)
+            batch = windows.batch(chosen, *sizes, NO_AUGMENTATION, rng)
             device = next(networks["poses"].parameters()).device
             past, future = networks["poses"](batch["images"].to(device).float() / 255.0, self.num_future)
             errors.append(self._errors(past.cpu().float(), future.cpu().float(), batch["motions"]))
@@ -133,7 +130,6 @@ class DeepVoTraining:
         return torch.stack([ahead_m, torch.rad2deg(ahead_rad), behind_m, torch.rad2deg(behind_rad)], dim=1)
 
 
-def _mean(values: Any, weights: Tensor) -> Tensor:
-    """The mean of the values that are known, each with its weight; 0 when none is."""
-    total: Tensor = (values * weights).sum() / (weights > 0).sum().clamp(min=1)
-    return total
+def _mean(values: Tensor, weights: Tensor) -> Tensor:
+    """The weighted mean over the values of positive weight; 0 when there are none."""
+    return (values * weights).sum() / (weights > 0).sum().clamp(min=1)

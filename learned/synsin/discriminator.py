@@ -1,4 +1,4 @@
-"""A discriminator of patches at several scales (Wang et al. 2018, section 3.2), and its losses."""
+"""Multi-scale PatchGAN discriminator (Wang et al. 2018, section 3.2) and the losses made of its scores."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from torch.nn.utils.parametrizations import spectral_norm
 
 from geovp_classic.errors import BadData
 
-Judgement = list[Tensor]  # of one scale: feature maps from fine to coarse, the scores last
+Features = list[Tensor]  # of one scale: feature maps from fine to coarse, then the scores
 
 
 class MultiScaleDiscriminator(nn.Module):
-    """The same kind of patch network at the full size, at half of it, and so on; convolutions spectral-normed."""
+    """Patch networks at full size, at half of it, and so on; convolutions with spectral normalisation."""
 
     def __init__(self, width: int = 64, num_levels: int = 3, num_scales: int = 2) -> None:
         """Patch networks of `num_levels` strided convolutions, the first with `width` channels."""
@@ -27,13 +27,13 @@ class MultiScaleDiscriminator(nn.Module):
             )
         self.scales = nn.ModuleList(_PatchNetwork(width, num_levels) for _ in range(num_scales))
 
-    def forward(self, frames: Tensor) -> list[Judgement]:
-        """Of frames [B, 3, H, W] in [0, 1], one judgement for each scale."""
-        judgements = []
+    def forward(self, frames: Tensor) -> list[Features]:
+        """Features and scores of frames [B, 3, H, W] in [0, 1] at each scale."""
+        outputs = []
         for scale in self.scales:
-            judgements.append(scale(frames))
+            outputs.append(scale(frames))
             frames = functional.avg_pool2d(frames, 3, stride=2, padding=1, count_include_pad=False)
-        return judgements
+        return outputs
 
 
 class _PatchNetwork(nn.Module):
@@ -46,7 +46,7 @@ class _PatchNetwork(nn.Module):
         )
         self.head = spectral_norm(nn.Conv2d(channels[-1], 1, 4, padding=2))
 
-    def forward(self, frames: Tensor) -> Judgement:
+    def forward(self, frames: Tensor) -> Features:
         maps = []
         now = 2 * frames - 1
         for layer in self.layers:
@@ -55,25 +55,25 @@ class _PatchNetwork(nn.Module):
         return [*maps, self.head(now)]
 
 
-def hinge_of_discriminator(real: Sequence[Judgement], made: Sequence[Judgement]) -> Tensor:
-    """Mean over scales of max(0, 1 - D(real)) + max(0, 1 + D(made)) (Lim and Ye 2017)."""
+def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:
+    """Mean over scales of max(0, 1 - D(real)) + max(0, 1 + D(fake)) (Lim and Ye 2017)."""
     losses = [
         functional.relu(1 - ours[-1]).mean() + functional.relu(1 + theirs[-1]).mean()
-        for ours, theirs in zip(real, made, strict=True)
+        for ours, theirs in zip(real, fake, strict=True)
     ]
     return torch.stack(losses).mean()
 
 
-def hinge_of_generator(made: Sequence[Judgement]) -> Tensor:
-    """Mean over scales of -D(made)."""
-    return torch.stack([-judgement[-1].mean() for judgement in made]).mean()
+def generator_hinge_loss(fake: Sequence[Features]) -> Tensor:
+    """Mean over scales of -D(fake)."""
+    return torch.stack([-scale[-1].mean() for scale in fake]).mean()
 
 
-def feature_distance(real: Sequence[Judgement], made: Sequence[Judgement]) -> Tensor:
+def feature_matching_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:
     """Mean absolute difference of the discriminator's features (Wang et al. 2018, eq. 4)."""
     distances = [
         (a.detach() - b).abs().mean()
-        for ours, theirs in zip(real, made, strict=True)
+        for ours, theirs in zip(real, fake, strict=True)
         for a, b in zip(ours[:-1], theirs[:-1], strict=True)
     ]
     return torch.stack(distances).mean()

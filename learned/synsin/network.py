@@ -1,10 +1,9 @@
 """SynSin's generator: features and inverse depths of one frame, splatted into other cameras and refined to images.
 
-Three departures from Wiles et al. 2020. The first three features of a point are its colours and the refinement
-network mends the splatted colours instead of painting anew: on a small budget of training that is the difference
-between sharp and blurred. The depth network is told every pixel's ray and always sees frames of `depth_px` rows, so
-that it is not misled by another focal length or size of frame. With `patch_px` = 2 the residual blocks work on squares
-of 2x2 pixels, four times cheaper; 1 is the paper's way.
+Three differences from Wiles et al. 2020. The first three features of a point are its colours, and the refinement
+network corrects the splatted colours: with little training, images are sharp that would be blurred otherwise. The depth
+network also gets every pixel's ray and always sees `depth_px` rows, so that focal length and frame size do not matter.
+With `patch_px` = 2 the residual blocks work on 2x2 pixels, four times cheaper; 1 is as in the paper.
 """
 
 from __future__ import annotations
@@ -19,22 +18,21 @@ from torch.nn import functional
 from geovp_classic.errors import BadData
 from learned.blocks import NoisyNorm, ResidualBlock, UNet
 from learned.synsin import splatting
-from learned.synsin.filling import SOLIDITY, pull_push
-from learned.synsin.splatting import Splatter
+from learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
 
 COLOURS = 3
 NEAREST_M = 2.0  # the depth network's range is from here to infinity
-TYPICAL_M = 20.0  # what it says before it has learnt anything
+INITIAL_M = 20.0  # the untrained network's depth
 
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of the three networks and the splatter between them."""
+    """Sizes of the three networks, and the splatter; stored with the weights."""
 
     features: int = 64  # of a point, its three colours included
     width: int = 64  # channels of a residual block at the finest level
     feature_blocks: int = 8
-    inner_blocks: int = 4  # of the refinement network at its coarsest level, beside four more
+    inner_blocks: int = 4  # of the refinement network at its coarsest level
     noise_size: int = 16
     patch_px: int = 1
     depth_px: int = 256
@@ -42,7 +40,7 @@ class Architecture:
     splatter: Splatter = field(default_factory=Splatter)
 
     def __post_init__(self) -> None:
-        """Raise BadData for sizes that make no network."""
+        """Raise BadData for impossible sizes."""
         if self.features <= COLOURS:
             raise BadData(f"features is {self.features}, expected more than the {COLOURS} colours")
         if not self.depth_channels or self.depth_px % 2 ** len(self.depth_channels):
@@ -55,31 +53,31 @@ class Architecture:
                 raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
 
 
-class Cloud(NamedTuple):
-    """One frame as feature points, one a pixel, in its own camera's frame."""
+class FeatureCloud(NamedTuple):
+    """Feature points of frames, one per pixel, in their own cameras' frames."""
 
     rays: Tensor  # [B, N, 3], z = 1
     inverse_depths: Tensor  # [B, N] 1/m
     features: Tensor  # [B, N, C], the colours in [0, 1] first
 
-    def repeated(self, times: int) -> Cloud:
+    def repeated(self, times: int) -> FeatureCloud:
         """Each cloud `times` times in a row."""
-        return Cloud(*(part.repeat_interleave(times, dim=0) for part in self))
+        return FeatureCloud(*(part.repeat_interleave(times, dim=0) for part in self))
 
 
 class Images(NamedTuple):
-    """A cloud seen from new cameras."""
+    """Clouds rendered from new cameras."""
 
     frames: Tensor  # [B, 3, H, W] in [0, 1]; not clamped
-    opacities: Tensor  # [B, 1, H, W]; 0 where no point fell
-    inverse_depths: Tensor  # [B, 1, H, W] 1/m; 0 also where no point fell
+    opacities: Tensor  # [B, 1, H, W]; 0 where there is no point
+    inverse_depths: Tensor  # [B, 1, H, W] 1/m; 0 also where there is no point
 
 
 class Generator(nn.Module):
-    """All of SynSin but its discriminator."""
+    """SynSin without its discriminator."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """Fresh networks: at first a cloud at TYPICAL_M in its own colours."""
+        """With new weights; untrained, it renders a cloud at INITIAL_M in its own colours."""
         super().__init__()
         self.architecture = architecture
         self.feature_network = FeatureNetwork(architecture)
@@ -95,30 +93,29 @@ class Generator(nn.Module):
     ) -> tuple[Images | None, Tensor]:
         """The images of V views each [B * V, ...], under random noise, and the frames' inverse depths [B, H, W].
 
-        Without motion only the depths are computed.
-        `depth_share` is how much of the images' gradient goes on to the depth network.
+        Without motion only the depths are computed. `depth_share` scales the images' gradient in the depth network.
         """
         size_px = (frames.shape[2], frames.shape[3])
         if cam_from_last is None:
             return None, self.depth_network(frames, splatting.rays(intrinsics, size_px))
         cloud = self.encode(frames, intrinsics)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
-        cloud = cloud._replace(inverse_depths=_throttled(inverse_depths, depth_share))
+        cloud = cloud._replace(inverse_depths=_scale_gradient(inverse_depths, depth_share))
         noise = torch.randn(len(frames) * views, self.architecture.noise_size, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
         images = self.render(cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise)
         return images, inverse_depths.unflatten(1, size_px)
 
-    def encode(self, frames: Tensor, intrinsics: Tensor) -> Cloud:
+    def encode(self, frames: Tensor, intrinsics: Tensor) -> FeatureCloud:
         """Frames [B, 3, H, W] of cameras [B, 4] as clouds."""
         rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
         features = torch.cat([frames, self.feature_network(frames).float()], dim=1).flatten(2).transpose(1, 2)
-        return Cloud(rays, self.depth_network(frames, rays).flatten(1), features)
+        return FeatureCloud(rays, self.depth_network(frames, rays).flatten(1), features)
 
     def render(
-        self, cloud: Cloud, cam_from_last: Tensor, intrinsics: Tensor, size_px: tuple[int, int], noise: Tensor
+        self, cloud: FeatureCloud, cam_from_last: Tensor, intrinsics: Tensor, size_px: tuple[int, int], noise: Tensor
     ) -> Images:
-        """Clouds seen by the cameras [B, 4] at [B, 4, 4], in images of (height, width)."""
+        """Clouds from the poses [B, 4, 4] of cameras [B, 4], in images of (height, width)."""
         with torch.autocast(cloud.rays.device.type, enabled=False):
             positions, inverse_depths, visible = splatting.project(
                 cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics
@@ -126,7 +123,7 @@ class Generator(nn.Module):
             points = torch.cat([cloud.features, inverse_depths[..., None]], dim=2)
             blended, opacities = self.architecture.splatter(positions, inverse_depths, visible, points, size_px)
             filled = pull_push(blended, opacities)
-        maps = torch.cat([filled[:, :-1], (SOLIDITY * opacities).clamp(max=1)], dim=1)
+        maps = torch.cat([filled[:, :-1], (SOLID_FACTOR * opacities).clamp(max=1)], dim=1)
         return Images(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
 
 
@@ -134,12 +131,12 @@ class DepthNetwork(nn.Module):
     """A U-Net from colours and rays to inverse depths in (0, 1 / NEAREST_M]; computed in full precision."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """Says TYPICAL_M everywhere at first, or nearly."""
+        """With new weights; untrained, it predicts about INITIAL_M everywhere."""
         super().__init__()
         self.rows = architecture.depth_px
         self.multiple = 2 ** len(architecture.depth_channels)
         self.unet = UNet(COLOURS + 2, architecture.depth_channels, 1)
-        share = NEAREST_M / TYPICAL_M
+        share = NEAREST_M / INITIAL_M
         nn.init.normal_(self.unet.head.weight, std=1e-3)
         self.unet.head.bias = nn.Parameter(torch.logit(torch.tensor([share])))
 
@@ -157,10 +154,10 @@ class DepthNetwork(nn.Module):
 
 
 class FeatureNetwork(nn.Module):
-    """Residual blocks from colours to what else a point should carry."""
+    """Residual blocks from colours to the other features of a point."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """As many blocks as `feature_blocks`, all at one size."""
+        """With new weights."""
         super().__init__()
         self.patches = Patches(architecture.patch_px, 1)
         width = architecture.width
@@ -179,24 +176,18 @@ class FeatureNetwork(nn.Module):
 
 
 class RefinementNetwork(nn.Module):
-    """Residual blocks under noise, down two levels and up again, that mend splatted colours and paint holes."""
+    """Residual blocks with noise, down two levels and up again, that correct splatted colours and inpaint holes."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """At first it leaves the colours as they are."""
+        """With new weights; untrained, it leaves the colours as they are."""
         super().__init__()
         self.patches = Patches(architecture.patch_px, 4)
         width, noise, seen = architecture.width, architecture.noise_size, architecture.features + 1
         self.stem = nn.Conv2d(seen * architecture.patch_px**2, width, 3, padding=1)
-        inner = (ResidualBlock(2 * width, 2 * width, noise) for _ in range(architecture.inner_blocks))
-        self.blocks = nn.ModuleList(
-            [
-                ResidualBlock(width, width, noise, "down"),
-                ResidualBlock(width, 2 * width, noise, "down"),
-                *inner,
-                ResidualBlock(2 * width, width, noise, "up"),
-                ResidualBlock(width, width, noise, "up"),
-            ]
-        )
+        down = (ResidualBlock(width, width, noise, "down"), ResidualBlock(width, 2 * width, noise, "down"))
+        inner = [ResidualBlock(2 * width, 2 * width, noise) for _ in range(architecture.inner_blocks)]
+        up = (ResidualBlock(2 * width, width, noise, "up"), ResidualBlock(width, width, noise, "up"))
+        self.blocks = nn.ModuleList([*down, *inner, *up])
         self.norm = NoisyNorm(width, noise)
         self.detail = nn.Conv2d(width + seen, width // 2, 3, padding=1)
         self.head = nn.Conv2d(width // 2, COLOURS, 3, padding=1)
@@ -210,34 +201,31 @@ class RefinementNetwork(nn.Module):
             inner = block(inner, noise)
         painted = self.patches.spread(functional.relu(self.norm(inner + finest, noise)), maps.shape[2:])
         detail = self.detail(torch.cat([maps, painted], dim=1))
-        change = self.head(functional.leaky_relu(detail, 0.2))  # a plain ReLU without a norm before it can die for good
+        change = self.head(functional.leaky_relu(detail, 0.2))  # a ReLU without a norm before it can die
         return maps[:, :COLOURS] + change
 
 
 class Patches(nn.Module):
-    """Squares of pixels as channels, and smoothly back to pixels, so that the squares' grid does not show.
-
-    Frames are padded to whole squares of `edge_px * levels`.
-    """
+    """Squares of pixels as channels (pixel unshuffle), and bilinearly back to pixels, so that no grid shows."""
 
     def __init__(self, edge_px: int, levels: int) -> None:
-        """`levels` is what the sides must also be divisible by, counted in squares."""
+        """Sides are padded to multiples of `edge_px * levels`."""
         super().__init__()
         self.edge_px, self.multiple = edge_px, edge_px * levels
 
     def gather(self, maps: Tensor) -> Tensor:
-        """[B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge], padded by repetition at the right and below."""
+        """[B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge], padded with the border at the right and below."""
         height, width = maps.shape[2:]
         padding = (0, -width % self.multiple, 0, -height % self.multiple)
         return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), self.edge_px)
 
     def spread(self, maps: Tensor, size_px: torch.Size) -> Tensor:
-        """Maps [B, C, H' / edge, W' / edge] at pixels again, between squares bilinearly, cut to (height, width)."""
+        """Maps [B, C, H' / edge, W' / edge] upsampled to pixels and cut to (height, width)."""
         if self.edge_px > 1:
             maps = functional.interpolate(maps, scale_factor=self.edge_px, mode="bilinear")
         return maps[:, :, : size_px[0], : size_px[1]]
 
 
-def _throttled(values: Tensor, share: float) -> Tensor:
-    """The same values, with only a share of their gradient."""
+def _scale_gradient(values: Tensor, share: float) -> Tensor:
+    """The same values with their gradient times `share`."""
     return share * values + (1 - share) * values.detach()

@@ -1,9 +1,8 @@
-"""Differentiable splatting of feature points in plain torch: soft discs, the nearest K of a pixel blended (Wiles 2020).
+"""Differentiable splatting of feature points: soft discs, the nearest K of a pixel blended (Wiles et al. 2020).
 
 A point is a ray and an inverse depth q, so that the sky needs no special case: under cam_from_last = (R, t) it lies at
-R ray + q t, up to scale, and its new inverse depth is q over that vector's z. Nothing ever divides by q. Gradients flow
-to the features through the blending weights' products and to the positions through the discs; which points are the
-nearest K of a pixel, and whether one is in front of another, is not differentiable and taken as it is.
+R ray + q t, up to scale, and its new inverse depth is q over that vector's z. Nothing divides by q. Features and
+positions have gradients; the choice of the nearest K and their order are treated as constant.
 """
 
 from __future__ import annotations
@@ -18,16 +17,18 @@ from torch.nn import functional
 
 Blending = Literal["alpha", "sum", "mean"]
 
-NEAR_M = 0.5  # points nearer than this to the new camera are not drawn
-LEAST_Z = 1e-3  # nor are infinitely far ones this close to its image plane (z of a ray that was 1)
-NOTHING = -1
-ROUNDING = 1e-6  # keeps the square root of a distance differentiable at 0
-LEAST_OPACITY = 1e-3  # of a pixel whose mean is taken
+NEAR_M = 0.5  # points nearer than this to the new camera are not splatted
+MIN_Z = 1e-3  # nor are infinitely far ones this close to its image plane (z of a ray that was 1)
+EMPTY = -1
+EPS = 1e-6  # keeps the square root of a distance differentiable at 0
+MIN_OPACITY = 1e-3  # divisor of the mean, at least
+SOLID_FACTOR = 4.0  # pull_push treats pixels of a quarter of full opacity as solid
+MIN_PULL_OPACITY = 1e-4  # thinner pixels count as empty in pull_push
 
 
 @dataclass(frozen=True)
 class Splatter:
-    """How points become images.
+    """The splatting of points into images.
 
     A point covers the pixels whose centre lies less than `radius_px` from it, with opacity (1 - distance / radius) to
     the power of `sharpness`. Of a pixel's points the nearest `points_per_pixel` are blended: "alpha" composites them
@@ -47,7 +48,7 @@ class Splatter:
         features: Tensor,  # [B, N, C]
         size_px: tuple[int, int],  # height, width
     ) -> tuple[Tensor, Tensor]:
-        """Blended features [B, C, H, W], 0 where there is nothing, and their weights' sum [B, 1, H, W]."""
+        """Blended features [B, C, H, W], 0 where no point is, and the sum of their weights [B, 1, H, W]."""
         batch, (height, width) = len(features), size_px
         slots = self._slots(positions_px, inverse_depths, visible, size_px)  # [B * H * W, K]
         weights = self._weights(self._opacities(positions_px, slots, size_px), slots)
@@ -59,21 +60,21 @@ class Splatter:
 
     @torch.no_grad()
     def _slots(self, positions_px: Tensor, inverse_depths: Tensor, visible: Tensor, size_px: tuple[int, int]) -> Tensor:
-        """Which points are a pixel's nearest [B * H * W, K], in the order of depth; NOTHING where there are fewer."""
+        """The nearest points of each pixel [B * H * W, K], in the order of depth; EMPTY where there are fewer."""
         height, width = size_px
         pixels, points = self._pairs(positions_px, inverse_depths, visible, size_px)
         pixels, order = pixels.sort(stable=True)  # within a pixel, points stay in the order of depth
         counts = torch.bincount(pixels, minlength=len(positions_px) * height * width)
         ranks = torch.arange(len(pixels), device=pixels.device) - (counts.cumsum(0) - counts)[pixels]
         kept = ranks < self.points_per_pixel
-        slots = pixels.new_full((len(counts), self.points_per_pixel), NOTHING)
+        slots = pixels.new_full((len(counts), self.points_per_pixel), EMPTY)
         slots[pixels[kept], ranks[kept]] = points[order][kept]
         return slots
 
     def _pairs(
         self, positions_px: Tensor, inverse_depths: Tensor, visible: Tensor, size_px: tuple[int, int]
     ) -> tuple[Tensor, Tensor]:
-        """All pixels [M] and the points [M] that cover them, nearest points first; both numbered over the batch."""
+        """Every pair of a pixel [M] and a point [M] that covers it, nearest points first; indices over the batch."""
         (batch, num_points), (height, width) = visible.shape, size_px
         numbers = inverse_depths.argsort(dim=1, descending=True, stable=True)
         numbers = numbers + num_points * torch.arange(batch, device=visible.device)[:, None]
@@ -92,23 +93,23 @@ class Splatter:
         return (points // num_points * height + chosen[:, 1]) * width + chosen[:, 0], points
 
     def _opacities(self, positions_px: Tensor, slots: Tensor, size_px: tuple[int, int]) -> Tensor:
-        """Of the points in the slots [B * H * W, K]; 0 in empty ones."""
+        """Opacities of the points in the slots [B * H * W, K]; 0 in empty ones."""
         height, width = size_px
         pixels = torch.arange(len(slots), device=slots.device)
         centres = torch.stack([pixels % width, pixels // width % height], dim=1)  # [B * H * W, 2]
         positions = positions_px.flatten(0, 1)[slots.clamp(min=0)]
         squares = (positions - centres[:, None]).square().sum(dim=2) / self.radius_px**2
-        opacities = (1 - (squares + ROUNDING).sqrt()).clamp(min=0)
-        return torch.where(slots == NOTHING, 0.0, opacities**self.sharpness)
+        opacities = (1 - (squares + EPS).sqrt()).clamp(min=0)
+        return torch.where(slots == EMPTY, 0.0, opacities**self.sharpness)
 
     def _weights(self, opacities: Tensor, slots: Tensor) -> Tensor:
-        """What each slot adds to its pixel [B * H * W, K]."""
+        """Blending weights of the slots [B * H * W, K]."""
         if self.blending == "sum":
             return opacities
         if self.blending == "mean":
-            return opacities / opacities.sum(dim=1, keepdim=True).clamp(min=LEAST_OPACITY)
-        through = torch.cumprod(1 - opacities, dim=1)  # what is left of the light behind each
-        before = torch.cat([torch.ones_like(through[:, :1]), through[:, :-1]], dim=1)
+            return opacities / opacities.sum(dim=1, keepdim=True).clamp(min=MIN_OPACITY)
+        transmittance = torch.cumprod(1 - opacities, dim=1)
+        before = torch.cat([torch.ones_like(transmittance[:, :1]), transmittance[:, :-1]], dim=1)
         return opacities * before
 
 
@@ -133,14 +134,32 @@ def project(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Positions in pixels [B, N, 2], inverse depths there [B, N], and whether they are in front of the camera [B, N].
 
-    The last says False for points behind the new camera, at its image plane or nearer than NEAR_M.
+    Points at the image plane or nearer than NEAR_M do not count as in front.
     """
     rotation, translation = cam_from_last[:, :3, :3], cam_from_last[:, :3, 3]
     points = rays_last @ rotation.transpose(1, 2) + inverse_depths[..., None] * translation[:, None]
     z = points[..., 2]
-    in_front = (z > LEAST_Z) & (z > NEAR_M * inverse_depths)
+    in_front = (z > MIN_Z) & (z > NEAR_M * inverse_depths)
     z = torch.where(in_front, z, 1.0)
     fx, fy, cx, cy = intrinsics[:, :, None].unbind(dim=1)
     positions = torch.stack([fx * points[..., 0] / z + cx, fy * points[..., 1] / z + cy], dim=2)
-    on_image = positions.detach().abs().amax(dim=2) < 1e5  # beyond, whole numbers are no longer exact
+    on_image = positions.detach().abs().amax(dim=2) < 1e5  # beyond, float32 pixel indices are not exact
     return positions, inverse_depths / z, in_front & on_image
+
+
+def pull_push(blended: Tensor, opacities: Tensor) -> Tensor:
+    """Hole filling: where the opacity [B, 1, H, W] is thin, blended values [B, C, H, W] of coarser images show through.
+
+    Pull-push over an image pyramid (Gortler et al. 1996, section 3.4), so that the refinement network starts with the
+    surrounding colours in gaps between points and in disoccluded regions.
+    """
+    solid = SOLID_FACTOR * opacities
+    share = solid.clamp(max=1)
+    blended = blended * (share / opacities.clamp(min=MIN_PULL_OPACITY))
+    height, width = blended.shape[2:]
+    if max(height, width) == 1:
+        return blended / share.clamp(min=MIN_PULL_OPACITY)
+    padding = (0, width % 2, 0, height % 2)
+    coarse, thin = (functional.avg_pool2d(functional.pad(maps, padding), 2) for maps in (blended, share))
+    behind = functional.interpolate(pull_push(coarse, thin), scale_factor=2, mode="bilinear")[:, :, :height, :width]
+    return blended + (1 - share) * behind

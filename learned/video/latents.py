@@ -1,4 +1,4 @@
-"""Gaussian latents: drawing from them, how far two of them are apart, and LSTMs that say which they are."""
+"""Gaussian latent variables, their KL divergence, and the LSTMs that predict them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-Memory = tuple[Tensor, Tensor]  # an LSTM's hidden and cell state, each [layers, B, size]
+LstmState = tuple[Tensor, Tensor]  # hidden and cell state, each [layers, B, size]
 
 
-class Gaussian(NamedTuple):  # a tuple, so that Lightning Fabric can look into what a network gives
+class Gaussian(NamedTuple):  # a tuple, so that Lightning Fabric finds the tensors in a network's output
     """Independent normal distributions."""
 
     mean: Tensor
@@ -22,50 +22,49 @@ class Gaussian(NamedTuple):  # a tuple, so that Lightning Fabric can look into w
         return cls(torch.zeros_like(like), torch.zeros_like(like))
 
     @classmethod
-    def halves(cls, numbers: Tensor) -> Gaussian:
-        """Means and log variances side by side in the last axis, as a network gives them."""
-        mean, log_variance = numbers.chunk(2, dim=-1)
+    def from_output(cls, output: Tensor) -> Gaussian:
+        """A network's output [..., 2 * D]: D means, then D log variances."""
+        mean, log_variance = output.chunk(2, dim=-1)
         return cls(mean, log_variance.clamp(-10, 10))
 
-    def at(self, noise: Tensor) -> Tensor:
-        """The draw that standard normal noise makes; gradients reach mean and variance (Kingma and Welling 2014)."""
+    def reparameterise(self, noise: Tensor) -> Tensor:
+        """The sample that standard normal noise gives (reparameterisation trick, Kingma and Welling 2014)."""
         return self.mean + torch.exp(0.5 * self.log_variance) * noise
 
-    def draw(self) -> Tensor:
-        """A draw with noise from torch's random numbers."""
-        return self.at(torch.randn_like(self.mean))
+    def sample(self) -> Tensor:
+        """A sample with torch's own random numbers."""
+        return self.reparameterise(torch.randn_like(self.mean))
 
 
-def divergence(a: Gaussian, b: Gaussian) -> Tensor:
+def kl_divergence(a: Gaussian, b: Gaussian) -> Tensor:
     """KL(a || b) in nats, summed over the last axis."""
     variances = torch.exp(a.log_variance - b.log_variance)
     distances = (a.mean - b.mean) ** 2 * torch.exp(-b.log_variance)
-    nats: Tensor = 0.5 * (b.log_variance - a.log_variance + variances + distances - 1).sum(-1)
-    return nats
+    return 0.5 * (b.log_variance - a.log_variance + variances + distances - 1).sum(-1)
 
 
-class RecurrentMap(nn.Module):
-    """Linear, LSTM, linear: numbers from all numbers so far."""
+class Lstm(nn.Module):
+    """An LSTM between two linear layers."""
 
     def __init__(self, in_size: int, hidden_size: int, layers: int, out_size: int) -> None:
-        """With so many layers of LSTM."""
+        """`layers` counts those of the LSTM."""
         super().__init__()
         self.inward = nn.Linear(in_size, hidden_size)
         self.lstm = nn.LSTM(hidden_size, hidden_size, layers, batch_first=True)
         self.outward = nn.Linear(hidden_size, out_size)
 
-    def forward(self, numbers: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
-        """[B, T, in_size] to [B, T, out_size], going on from a memory; with the memory after the last step."""
-        hidden, after = self.lstm(self.inward(numbers), memory)
-        return self.outward(hidden), after
+    def forward(self, inputs: Tensor, state: LstmState | None = None) -> tuple[Tensor, LstmState]:
+        """Outputs [B, T, out_size] of inputs [B, T, in_size], and the state after the last step."""
+        hidden, state = self.lstm(self.inward(inputs), state)
+        return self.outward(hidden), state
 
-    def step(self, numbers: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
-        """One step on: [B, in_size] to [B, out_size]."""
-        out, after = self(numbers[:, None], memory)
-        return out[:, 0], after
+    def step(self, inputs: Tensor, state: LstmState) -> tuple[Tensor, LstmState]:
+        """One time step: [B, in_size] to [B, out_size]."""
+        outputs, state = self(inputs[:, None], state)
+        return outputs[:, 0], state
 
 
-def many(memory: Memory, rows: int) -> Memory:
-    """The memory of one clip so many times over."""
-    hidden, cell = (part.expand(-1, rows, -1).contiguous() for part in memory)
+def expand_state(state: LstmState, rows: int) -> LstmState:
+    """The state of one clip as that of a batch of `rows` equal ones."""
+    hidden, cell = (part.expand(-1, rows, -1).contiguous() for part in state)
     return hidden, cell

@@ -1,11 +1,11 @@
-"""Training as SVG, SRVP and SLAMP share it; a method adds its networks' shape and its losses."""
+"""What training SVG, SRVP and SLAMP has in common; a method adds its network and its losses."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -14,72 +14,67 @@ from torch import Tensor, nn
 from torch.optim import Adam, Optimizer
 
 from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
 from learned.methods import Batch, Losses, Networks
-from learned.video import windows
+from learned.tensors import psnr_db
+from learned.video.autoencoder import AutoencoderConfig, images_from_maps
 
 VALIDATION_BATCH = 8
 NEAR_STEPS = 5
+LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 
 
-@runtime_checkable
-class VideoNetwork(Protocol):
-    """What a video predictor's network can do besides learning."""
+class VideoNetwork(nn.Module):
+    """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1]."""
 
-    @property
-    def size_px(self) -> int:
-        """The side of its square images."""
-        ...
-
-    @property
-    def noise_size(self) -> int:
-        """How many normal numbers decide over one step."""
-        ...
+    def __init__(self, coding: AutoencoderConfig, noise_size: int) -> None:
+        """`noise_size` normal numbers decide on one predicted frame."""
+        super().__init__()
+        self.size_px, self.noise_size, self.is_residual = coding.size_px, noise_size, coding.residual
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
-        """Futures [N, F, 3, H, W] of observed images [N, P, 3, H, W], or [1, P, 3, H, W] for all alike.
+        """Futures [N, F, 3, H, W] of images [N, P, 3, H, W], or of the same [1, P, 3, H, W] for all.
 
-        `noise` [N, F, noise_size] is all that futures of one past differ by.
+        Futures of the same past differ by `noise` [N, F, noise_size] alone.
         """
-        ...
+        raise NotImplementedError
+
+    def images(self, maps: Tensor, base: Tensor) -> Tensor:
+        """Images [N, 3, H, W] of decoded maps; `base` [N, 3, H, W] counts in residual networks alone."""
+        return images_from_maps(maps, base if self.is_residual else None)
 
 
 @dataclass(frozen=True)
 class VideoTraining(ABC):
-    """Settings of training that have nothing to do with the method."""
+    """The training settings that all three methods have."""
 
+    architecture: Any  # the method's dataclass; has a field `coding`
     num_past: int = 10
     num_future: int = 10
     window_stride: int = 1
     validation_stride: int = 5
-    grey_share: float = 0.3  # of windows shown without colours
+    grey_share: float = 0.3  # probability that a window is shown without colours
     rate: float = 1e-3
 
+    kept: ClassVar[tuple[str, ...]] = ("video",)
+    network: ClassVar[Any]  # the class of the network, built from the architecture
+
     def __post_init__(self) -> None:
-        """Raise BadData for windows that cannot be."""
+        """Raise BadData for impossible windows."""
         for name in ("num_future", "window_stride", "validation_stride"):
             if getattr(self, name) < 1:
                 raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
         if self.num_past < 2:
             raise BadData(f"num_past is {self.num_past}, expected 2 or more: one frame shows no motion")
 
-    @property
-    def kept(self) -> tuple[str, ...]:
-        """All there is."""
-        return ("video",)
-
-    @property
-    @abstractmethod
-    def size_px(self) -> int:
-        """The side of the network's square images."""
-
-    @abstractmethod
-    def build(self) -> dict[str, nn.Module]:
-        """The fresh network, under the name "video"."""
-
     @abstractmethod
     def losses(self, network: nn.Module, images: Tensor) -> Losses:
-        """Of images [B, T, 3, H, W] in [0, 1]; "total" among them."""
+        """Loss terms of images [B, T, 3, H, W] in [0, 1]; "total" is minimised."""
+
+    def build(self) -> dict[str, nn.Module]:
+        """A new network under the name "video"."""
+        return {"video": self.network(self.architecture)}
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         """Adam, as in all three papers."""
@@ -88,28 +83,30 @@ class VideoTraining(ABC):
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[ByteArray]:
         """Windows of num_past + num_future frames."""
         stride = self.window_stride if training else self.validation_stride
-        return windows.windows(clips, self.size_px, self.num_past + self.num_future, stride)
+        return windows(clips, self.architecture.coding.size_px, self.num_past + self.num_future, stride)
 
     def batch(self, examples: Sequence[ByteArray], indices: Sequence[int], rng: np.random.Generator) -> Batch:
-        """The chosen windows, half of them mirrored, some grey."""
-        return windows.batch([examples[index] for index in indices], rng, self.grey_share)
+        """The windows as "images" [B, T, 3, H, W] of bytes, half of them mirrored, some grey."""
+        return {"images": stack([_augmented(examples[index], rng, self.grey_share) for index in indices])}
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
-        """The one network's one turn."""
+        """The losses of the only network."""
         yield "video", self.losses(networks["video"], batch["images"].float() / 255.0)
 
     def validate(self, networks: Networks, examples: Sequence[ByteArray]) -> dict[str, float]:
-        """PSNR in dB of one sample and of the last frame repeated, at the network's size; the score is minus the first.
+        """Mean PSNR (dB) of one sample and of the last frame repeated, at the network's size; the score is -psnr.
 
-        `near` is over the first steps, the other over all; `spread` is how much samples differ, in grey levels.
+        The names with "near" are over the first NEAR_STEPS steps; "spread" is the mean difference of two samples in
+        grey levels.
         """
-        network = bare(networks["video"])
-        random = torch.Generator().manual_seed(0)
+        network = unwrapped(networks["video"])
+        device = next(network.parameters()).device
+        generator = torch.Generator().manual_seed(0)
         rows = []
         for start in range(0, len(examples), VALIDATION_BATCH):
-            images = windows.stacked(examples[start : start + VALIDATION_BATCH]).float() / 255.0
-            rows.append(self._measured(network, images.to(next(networks["video"].parameters()).device), random))
-        psnr, copied, spread = (torch.cat(column) for column in zip(*rows, strict=True))
+            images = stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0
+            rows.append(self._scores(network, images.to(device), generator))
+        psnr, copied, spread = (torch.cat(column) for column in zip(*rows, strict=True))  # [N, F] each
         return {
             "score": -float(psnr.mean()),
             "psnr": float(psnr.mean()),
@@ -119,26 +116,48 @@ class VideoTraining(ABC):
             "spread": float(spread.mean()),
         }
 
-    def _measured(
-        self, network: VideoNetwork, images: Tensor, random: torch.Generator
+    def _scores(
+        self, network: VideoNetwork, images: Tensor, generator: torch.Generator
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """PSNR of a sample [B, F], of the last frame [B, F], and how much two samples differ [B, F]."""
+        """PSNR of a sample, PSNR of the last frame repeated, and the difference of two samples, each [B, F]."""
         observed, future = images[:, : self.num_past], images[:, self.num_past :]
         shape = (len(images), future.shape[1], network.noise_size)
-        made, other = (
-            network.predict(observed, torch.randn(shape, generator=random).to(images.device)) for _ in range(2)
+        sample, other = (
+            network.predict(observed, torch.randn(shape, generator=generator).to(images.device)) for _ in range(2)
         )
-        apart = (made - other).abs().mean((-3, -2, -1)) * 255
-        return psnr_db(made, future), psnr_db(observed[:, -1:].expand_as(future), future), apart
+        spread = (sample - other).abs().mean((-3, -2, -1)) * 255
+        return psnr_db(sample, future), psnr_db(observed[:, -1:].expand_as(future), future), spread
 
 
-def psnr_db(made: Tensor, real: Tensor) -> Tensor:
-    """Of images [..., 3, H, W] in [0, 1]."""
-    return -10 * torch.log10(((made - real) ** 2).mean((-3, -2, -1)).clamp(min=1e-8))
-
-
-def bare(network: nn.Module) -> VideoNetwork:
-    """The network itself, without a device's wrapping."""
+def unwrapped(network: nn.Module) -> VideoNetwork:
+    """The network without Fabric's wrapper."""
     own = network.module if is_wrapped(network) else network
     assert isinstance(own, VideoNetwork)
     return own
+
+
+def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -> list[ByteArray]:
+    """Every `stride`-th window [num_frames, size, size, 3] of each clip; windows of a clip share their memory."""
+    found = []
+    for clip in clips:
+        frames = resize(clip.frames, size_px, size_px)
+        found += [frames[first : first + num_frames] for first in range(0, len(frames) - num_frames + 1, stride)]
+    return found
+
+
+def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:
+    """Frames [T, H, W, 3] at another size."""
+    return np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in frames])
+
+
+def stack(frames: Sequence[ByteArray]) -> Tensor:
+    """Windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.stack(frames), -1, -3)))
+
+
+def _augmented(frames: ByteArray, rng: np.random.Generator, grey_share: float) -> ByteArray:
+    if rng.random() < 0.5:
+        frames = frames[:, :, ::-1]
+    if rng.random() < grey_share:
+        frames = np.repeat((frames @ LUMA).round().astype(np.uint8)[..., None], 3, axis=-1)
+    return frames

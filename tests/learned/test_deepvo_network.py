@@ -10,9 +10,9 @@ torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO need
 
 from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.errors import BadData, Incompatible  # noqa: E402
-from learned.deepvo.drives import NOTHING  # noqa: E402
 from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
 from learned.deepvo.train import DeepVoTraining  # noqa: E402
+from learned.deepvo.windows import NO_AUGMENTATION  # noqa: E402
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
 
@@ -113,7 +113,7 @@ def test_impossible_architectures_are_refused(wrong: dict[str, object]) -> None:
 def test_it_overfits_eight_windows(future: str) -> None:
     """From 8 windows of a street it learns to say where the camera was and will be, to centimetres a step."""
     architecture = replace(TINY, encoder_width=1 / 8, future=future, window_pairs=2, window_future=4)
-    method = DeepVoTraining(architecture, NOTHING, num_past=4, num_future=4, shortest_past=4, rate=3e-3)
+    method = DeepVoTraining(architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3)
     examples = method.examples([street.clip()], training=True)[:8]
     batch = method.batch(examples, range(len(examples)), np.random.default_rng(0))
     torch.manual_seed(0)

@@ -14,7 +14,7 @@ from geovp_classic.errors import BadData, Incompatible  # noqa: E402
 from geovp_classic.types import Context, Grant  # noqa: E402
 from learned import checkpoints  # noqa: E402
 from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
-from learned.deepvo.poses import DeepVo, DeepVoOdometry, shipped, taken  # noqa: E402
+from learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images  # noqa: E402
 from learned.deepvo.train import DeepVoTraining  # noqa: E402
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
@@ -42,7 +42,7 @@ def test_it_keeps_every_promise(tmp_path: Path, head: str) -> None:
 
 
 def test_the_shipped_weights_keep_every_promise() -> None:
-    assert shipped().stat().st_size < 15e6
+    assert checkpoints.shipped("deepvo").stat().st_size < 15e6
     for role in ("pose_sources", "odometries"):
         assert all(finding.passed for finding in check(role, registry.build(role, "deepvo")))
 
@@ -85,7 +85,7 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
     narrow = replace(TINY, focal_widths=2.0)
 
     def seen(context: Context, architecture: Architecture) -> torch.Tensor:
-        return taken(list(context.frames), context.intrinsics, architecture)
+        return network_images(list(context.frames), context.intrinsics, architecture)
 
     difference = (seen(whole, narrow) - seen(small, narrow)).abs()
     assert float(difference.mean()) < 0.04

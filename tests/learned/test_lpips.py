@@ -20,7 +20,7 @@ from benchmarks.scoring import ManyMasks  # noqa: E402
 from geovp_classic import registry  # noqa: E402
 from geovp_classic.errors import BadData, MissingExtra  # noqa: E402
 from geovp_classic.interfaces import FrameMetric  # noqa: E402
-from geovp_classic.types import ByteArray  # noqa: E402
+from geovp_classic.types import ByteArray, FloatArray  # noqa: E402
 from learned import lpips  # noqa: E402
 from learned.lpips import Lpips, Net  # noqa: E402
 
@@ -80,9 +80,19 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     for net in NETS:
         weights = random_weights(net)
         np.savez(tmp_path / f"lpips_{net}_v0.1.npz", **{name: tensor.numpy() for name, tensor in weights.items()})
-        scores[net] = float(lpips.distances(net, weights, *lpips.check_images(), [None])[0, 0])
+        scores[net] = float(distances(net, weights, *map(images, lpips.check_images()))[0])
     monkeypatch.setattr(lpips, "CHECK_SCORES", scores)
     return tmp_path
+
+
+def images(frames: ByteArray) -> Tensor:
+    """Frames [N, H, W, 3] as [N, 3, H, W] in [-1, 1]."""
+    return torch.tensor(frames).permute(0, 3, 1, 2).float() / 127.5 - 1.0
+
+
+def distances(net: Net, weights: dict[str, Tensor], predicted: Tensor, target: Tensor) -> FloatArray:
+    features = [lpips.unit_features(net, weights, each) for each in (predicted, target)]
+    return lpips._distances(weights, *features, [None])[0]
 
 
 def noise(seed: int, shape: tuple[int, ...] = (3, 48, 64, 3)) -> ByteArray:
@@ -108,19 +118,15 @@ def test_the_authors_example_images_score_as_published(net: Net, published: tupl
     np.testing.assert_allclose(scores, published, atol=2e-6)
 
 
-def test_squeeze_scores_as_torchmetrics_documents_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its inputs are fractions, not bytes: they go in below the byte border."""
+def test_squeeze_scores_as_torchmetrics_documents_it() -> None:
+    """Its inputs are fractions, not bytes."""
     weights = lpips.load_weights("squeeze", real_weights("squeeze"))
-    shift, scale = torch.tensor(lpips.SHIFT)[:, None, None], torch.tensor(lpips.SCALE)[:, None, None]
-    monkeypatch.setattr(lpips, "normalised", lambda pixels: (pixels - shift) / scale)
     generator = torch.Generator().manual_seed(42)
     first, second = (torch.rand(2, 3, 100, 100, generator=generator) * 2 - 1 for _ in range(2))
-    np.testing.assert_allclose(
-        lpips.distances("squeeze", weights, first, second, [None])[0], [0.1024, 0.0938], atol=5e-5
-    )
+    np.testing.assert_allclose(distances("squeeze", weights, first, second), [0.1024, 0.0938], atol=5e-5)
     generator = torch.Generator().manual_seed(42)
     first, second = (torch.rand(10, 3, 100, 100, generator=generator) * 2 - 1 for _ in range(2))
-    assert lpips.distances("squeeze", weights, first, second, [None]).mean() == pytest.approx(0.1005, abs=5e-5)
+    assert distances("squeeze", weights, first, second).mean() == pytest.approx(0.1005, abs=5e-5)
 
 
 @pytest.mark.parametrize("net", NETS)

@@ -7,7 +7,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: the learned
 
 from geovp_classic.geometry import pinhole, se3  # noqa: E402
 from geovp_classic.types import ByteArray, Intrinsics  # noqa: E402
-from learned.tensors import images_from_frames, retaken, shrunk  # noqa: E402
+from learned.tensors import images_from_frames, reproject, shrink  # noqa: E402
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 
@@ -30,26 +30,28 @@ def test_channels_come_first_and_white_is_one() -> None:
 
 def test_another_calibration_sees_what_its_own_rays_see() -> None:
     wanted = Intrinsics(120.0, 110.0, 28.0, 33.0, 64, 64)
-    np.testing.assert_allclose(retaken(view(CAMERA), CAMERA, wanted).astype(int), view(wanted), atol=3)
+    np.testing.assert_allclose(reproject(view(CAMERA), CAMERA, wanted).astype(int), view(wanted), atol=3)
 
 
 def test_a_turned_camera_sees_along_its_own_axes() -> None:
     wanted = Intrinsics(120.0, 120.0, 31.5, 31.5, 64, 64)
     right = se3.exp(np.array([0, 0, 0, 0, 0.1, 0]))[:3, :3]  # 0.1 rad to the right: what is at x = 0.1 is in the middle
-    seen = retaken(view(CAMERA), CAMERA, wanted, right)
+    seen = reproject(view(CAMERA), CAMERA, wanted, right)
     np.testing.assert_allclose(seen.astype(int), view(wanted, right.T), atol=3)
     assert seen[32, 32, 2] == pytest.approx(127 + 10, abs=2)
 
 
 def test_mirrored_is_left_and_right_exchanged() -> None:
     wanted = Intrinsics(120.0, 120.0, 31.5, 31.5, 64, 64)
-    plain = retaken(view(CAMERA), CAMERA, wanted)
-    np.testing.assert_allclose(retaken(view(CAMERA), CAMERA, wanted, mirrored=True).astype(int), plain[:, ::-1], atol=1)
+    plain = reproject(view(CAMERA), CAMERA, wanted)
+    np.testing.assert_allclose(
+        reproject(view(CAMERA), CAMERA, wanted, mirrored=True).astype(int), plain[:, ::-1], atol=1
+    )
 
 
 def test_shrinking_keeps_directions_and_never_enlarges() -> None:
     wanted = Intrinsics(50.0, 400.0, 31.5, 31.5, 64, 64)
-    (small,), camera = shrunk([view(CAMERA)], CAMERA, wanted)
+    (small,), camera = shrink([view(CAMERA)], CAMERA, wanted)
     assert small.shape == (80, 50, 3)  # half as wide; as high as it was
     assert (camera.fx_px, camera.fy_px, camera.cx_px) == (50.0, 100.0, 24.5)
     np.testing.assert_allclose(small.astype(int), view(camera), atol=3)

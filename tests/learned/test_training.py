@@ -20,10 +20,10 @@ from torch.optim import Optimizer  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
 from geovp_classic.types import Clip, Intrinsics  # noqa: E402
-from learned import checkpoints, precision, training, training_state  # noqa: E402
+from learned import checkpoints, precision, training  # noqa: E402
 from learned.methods import Batch, Losses, Networks  # noqa: E402
-from learned.recipes import Recipe, Training  # noqa: E402
-from learned.schedules import Order, rate_share  # noqa: E402
+from learned.schedules import batch_indices, learning_rate_factor  # noqa: E402
+from learned.training_config import Training, TrainingConfig  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ SETTINGS = Training(
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data set has no entry point; describe it all the same."""
-    monkeypatch.setattr("learned.recipes.describe", lambda datasets: [{"name": each.name} for each in datasets])
+    monkeypatch.setattr("learned.training_config.describe", lambda datasets: [{"name": each.name} for each in datasets])
 
 
-def recipe(settings: Training = SETTINGS, method: LineTraining | None = None) -> Recipe:
-    return Recipe("line", method or LineTraining(), settings, (Fading(),), (Fading(num_clips=1),))
+def config(settings: Training = SETTINGS, method: LineTraining | None = None) -> TrainingConfig:
+    return TrainingConfig("line", method or LineTraining(), settings, (Fading(),), (Fading(num_clips=1),))
 
 
 def logged(folder: Path, name: str, split: str = "train") -> list[tuple[int, float]]:
@@ -112,40 +112,44 @@ def logged(folder: Path, name: str, split: str = "train") -> list[tuple[int, flo
         ]
 
 
-def weights(folder: Path) -> dict[str, Any]:
+def state_of(folder: Path) -> dict[str, Any]:
+    return checkpoints.read_state(folder / training.STATE)
+
+
+def tensors_of(folder: Path) -> dict[str, Any]:
+    """All tensors of the stored state, with their paths."""
     return checkpoints.read_tensors(folder / training.STATE)[1]
 
 
-def test_it_learns_and_keeps_the_best_weights(tmp_path: Path) -> None:
-    outcome = training.train(recipe(replace(SETTINGS, num_steps=300)), tmp_path)
+def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
+    outcome = training.train(config(replace(SETTINGS, num_steps=300)), tmp_path)
     scores = logged(tmp_path, "score", "validation")
     assert [step for step, _ in scores] == list(range(20, 301, 20))
-    assert outcome.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
-    assert outcome.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
+    assert outcome.progress.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
+    assert outcome.progress.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
     stored = checkpoints.read(tmp_path / training.WEIGHTS, "line", LineTraining)
     assert stored.settings == LineTraining()
-    assert stored.history["step"] == outcome.best_step
+    assert stored.history["step"] == outcome.progress.best_step
     assert {name.partition(".")[0] for name in stored.tensors} == {"line"}  # the critic only served training
 
 
 def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
     """Of a run that steps to and fro, the mean scores better than where it stands, and is what the file holds."""
     restless = LineTraining(rate=0.5)
-    plain = training.train(recipe(SETTINGS, restless), tmp_path / "plain")
-    mean = training.train(recipe(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
-    assert mean.best_score < plain.best_score
+    plain = training.train(config(SETTINGS, restless), tmp_path / "plain")
+    mean = training.train(config(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
+    assert mean.progress.best_score < plain.progress.best_score
     assert logged(tmp_path / "mean", "line.total") == logged(tmp_path / "plain", "line.total")  # learns the same
     kept = checkpoints.read(tmp_path / "mean" / training.WEIGHTS, "line", LineTraining)
-    state = weights(tmp_path / "mean")
+    state = state_of(tmp_path / "mean")
+    mean_bias, last_bias = state["averages"]["line"]["module.0.bias"], state["networks"]["line"]["0.bias"]
     assert kept.history["step"] == 60
-    torch.testing.assert_close(
-        kept.tensors["line.0.bias"].float(), state["network.line-mean.0.bias"], atol=1e-3, rtol=1e-3
-    )
-    assert not torch.allclose(state["network.line.0.bias"], state["network.line-mean.0.bias"], atol=1e-2)
+    torch.testing.assert_close(kept.tensors["line.0.bias"].float(), mean_bias, atol=1e-3, rtol=1e-3)
+    assert not torch.allclose(last_bias, mean_bias, atol=1e-2)
 
 
 def test_both_networks_take_their_turn(tmp_path: Path) -> None:
-    training.train(recipe(), tmp_path)
+    training.train(config(), tmp_path)
     assert [step for step, _ in logged(tmp_path, "line.total")] == [20, 40, 60]
     seen = logged(tmp_path, "critic.seen")
     assert abs(seen[-1][1] - 1) < abs(seen[0][1] - 1)
@@ -153,12 +157,12 @@ def test_both_networks_take_their_turn(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("average_steps", [0, 10])
 def test_a_resumed_run_ends_with_the_same_bytes(average_steps: int, tmp_path: Path) -> None:
-    own = recipe(replace(SETTINGS, average_steps=average_steps))
+    own = config(replace(SETTINGS, average_steps=average_steps))
     training.train(own, tmp_path / "whole")
     for _ in range(200):
         if training.train(own, tmp_path / "pieces", limit_seconds=0.01).finished:
             break
-    whole, pieces = weights(tmp_path / "whole"), weights(tmp_path / "pieces")
+    whole, pieces = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "pieces")
     assert whole.keys() == pieces.keys()
     assert any(name.endswith("exp_avg_sq") for name in whole)
     assert all(torch.equal(whole[name], pieces[name]) for name in whole)
@@ -170,54 +174,57 @@ def test_a_resumed_run_ends_with_the_same_bytes(average_steps: int, tmp_path: Pa
 def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As "16-mixed" is on a GPU; here on the CPU, with a factor that doubles every 7 good steps."""
 
-    def halves(_: Training) -> tuple[precision.InputsInFull]:
+    def halves(_: Training) -> tuple[precision.FullPrecisionInputs]:
         scaler = torch.amp.GradScaler("cpu", init_scale=4.0, growth_interval=7)
-        return (precision.InputsInFull("16-mixed", "cpu", scaler),)
+        return (precision.FullPrecisionInputs("16-mixed", "cpu", scaler),)
 
     monkeypatch.setattr(precision, "plugins", halves)
-    mixed = recipe(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
+    mixed = config(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
     training.train(mixed, tmp_path / "whole")
     for _ in range(200):
         if training.train(mixed, tmp_path / "pieces", limit_seconds=0.01).finished:
             break
-    stored = [checkpoints.read_tensors(tmp_path / each / training.STATE)[0] for each in ("whole", "pieces")]
-    factors = [state["progress"]["loss_scale"] for state in stored]
+    factors = [state_of(tmp_path / each)["precision"]["scaler"] for each in ("whole", "pieces")]
     assert factors[0] == factors[1]
     assert factors[0]["scale"] > 4.0
-    whole, pieces = weights(tmp_path / "whole"), weights(tmp_path / "pieces")
+    whole, pieces = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "pieces")
     assert all(torch.equal(whole[name], pieces[name]) for name in whole)
 
 
 def test_a_killed_run_goes_on(tmp_path: Path) -> None:
     """SIGKILL at some step; what was logged behind the last state is taken back."""
-    training.train(recipe(), tmp_path / "whole")
+    training.train(config(), tmp_path / "whole")
     code = f"""
 import importlib.util, os, pathlib, signal, sys
 spec = importlib.util.spec_from_file_location("line", {__file__!r})
 line = importlib.util.module_from_spec(spec); sys.modules["line"] = line; spec.loader.exec_module(line)
-line.training.recipes.describe = lambda datasets: [{{"name": each.name}} for each in datasets]
+line.training.training_config.describe = lambda datasets: [{{"name": each.name}} for each in datasets]
 step = line.LineTraining.training_step
 def deadly(self, networks, batch, number):
     if number == 45:
         os.kill(os.getpid(), signal.SIGKILL)
     return step(self, networks, batch, number)
 line.LineTraining.training_step = deadly
-often = line.recipe(line.replace(line.SETTINGS, save_every_s=0.05))
+often = line.config(line.replace(line.SETTINGS, save_every_s=0.05))
 line.training.train(often, pathlib.Path({str(tmp_path)!r}) / "killed")
 """
     done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
-    training.train(recipe(), tmp_path / "killed")
-    whole, killed = weights(tmp_path / "whole"), weights(tmp_path / "killed")
+    training.train(config(), tmp_path / "killed")
+    whole, killed = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "killed")
     assert all(torch.equal(whole[name], killed[name]) for name in whole)
     assert logged(tmp_path / "killed", "line.total") == logged(tmp_path / "whole", "line.total")
 
 
 def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path) -> None:
     still = LineTraining(rate=0.0)
-    outcome = training.train(recipe(replace(SETTINGS, patience=2), still), tmp_path)
-    assert (outcome.step, outcome.best_step, outcome.finished) == (60, 20, True)  # 20 is the best, 40 and 60 are not
-    assert training.train(recipe(replace(SETTINGS, patience=2), still), tmp_path).step == 60
+    outcome = training.train(config(replace(SETTINGS, patience=2), still), tmp_path)
+    assert (outcome.progress.step, outcome.progress.best_step, outcome.finished) == (
+        60,
+        20,
+        True,
+    )  # 20 is the best, 40 and 60 are not
+    assert training.train(config(replace(SETTINGS, patience=2), still), tmp_path).progress.step == 60
 
 
 @pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
@@ -242,52 +249,35 @@ def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(
 
 def test_it_also_learns_in_mixed_precision(tmp_path: Path) -> None:
     mixed = replace(SETTINGS, num_steps=300, precision="bf16-mixed", accelerator="cpu")
-    assert training.train(recipe(mixed), tmp_path).best_score < 0.01
+    assert training.train(config(mixed), tmp_path).progress.best_score < 0.01
 
 
 def test_another_runs_folder_is_refused(tmp_path: Path) -> None:
-    training.train(recipe(), tmp_path)
+    training.train(config(), tmp_path)
     with pytest.raises(BadData, match="belongs to a run with another settings: give another --out"):
-        training.train(recipe(method=LineTraining(rate=0.2)), tmp_path)
+        training.train(config(method=LineTraining(rate=0.2)), tmp_path)
     with pytest.raises(BadData, match="with another training"):
-        training.train(recipe(replace(SETTINGS, seed=4)), tmp_path)
+        training.train(config(replace(SETTINGS, seed=4)), tmp_path)
 
 
 def test_a_truncated_state_is_refused(tmp_path: Path) -> None:
-    training.train(recipe(), tmp_path)
+    training.train(config(), tmp_path)
     file = tmp_path / training.STATE
     file.write_bytes(file.read_bytes()[:-50])
     with pytest.raises(BadData, match="is not a whole safetensors file"):
-        training.train(recipe(), tmp_path)
-
-
-def test_an_optimiser_comes_back_as_it_was() -> None:
-    def fresh() -> tuple[nn.Module, Optimizer]:
-        torch.manual_seed(0)
-        network = nn.Linear(2, 1)
-        return network, torch.optim.AdamW(network.parameters(), 0.1, betas=(0.5, 0.9))
-
-    (network, optimiser), (other, restored) = fresh(), fresh()
-    network(torch.ones(1, 2)).sum().backward()
-    optimiser.step()
-    tensors, table = training_state.flattened(optimiser)
-    training_state.restore(restored, tensors, table)
-    assert restored.state_dict()["param_groups"] == optimiser.state_dict()["param_groups"]
-    parameter, same = next(iter(network.parameters())), next(iter(other.parameters()))
-    assert torch.equal(restored.state[same]["exp_avg"], optimiser.state[parameter]["exp_avg"])
+        training.train(config(), tmp_path)
 
 
 def test_the_rate_rises_and_falls() -> None:
     settings = replace(SETTINGS, num_steps=105, warmup_steps=5, final_rate=0.2)
-    assert [rate_share(step, settings) for step in (0, 4)] == [0.2, 1.0]
-    assert rate_share(5, settings) == 1.0
-    assert rate_share(55, settings) == pytest.approx(0.6)  # half way down from 1 to 0.2
-    assert rate_share(105, settings) == pytest.approx(0.2)
+    assert [learning_rate_factor(step, settings) for step in (0, 4)] == [0.2, 1.0]
+    assert learning_rate_factor(5, settings) == 1.0
+    assert learning_rate_factor(55, settings) == pytest.approx(0.6)  # half way down from 1 to 0.2
+    assert learning_rate_factor(105, settings) == pytest.approx(0.2)
 
 
 def test_every_example_comes_once_an_epoch() -> None:
-    order = Order(num_examples=10, batch_size=2, num_devices=2, seed=0)
-    dealt = [index for step in range(5) for device in order.at(step) for index in device]
+    dealt = [index for step in range(5) for device in batch_indices(step, 10, 2, 2, seed=0) for index in device]
     assert sorted(dealt[:8]) != sorted(dealt[8:16])
     assert sorted(dealt) == sorted(2 * list(range(10)))  # 5 steps of 4 are two epochs
-    assert order.at(3) == order.at(3)
+    assert batch_indices(3, 10, 2, 2, seed=0) == batch_indices(3, 10, 2, 2, seed=0)

@@ -7,9 +7,9 @@ import torch
 from geovp_classic.errors import MissingExtra
 from geovp_classic.types import Clip
 from learned.lpips import WEIGHTS_VARIABLE, Lpips, Net
-from learned.synsin import losses, pairs, reprojection
+from learned.synsin import losses, pairs
 from learned.synsin.pairs import Example
-from learned.tensors import images_from_frames
+from learned.tensors import images_from_frames, psnr_db, sample_images
 
 
 def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:
@@ -26,7 +26,7 @@ def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:
 def test_psnr_of_a_tenth_everywhere_is_twenty_decibels() -> None:
     black = torch.zeros(2, 3, 4, 4)
     np.testing.assert_allclose(
-        losses.psnr_db(black + torch.tensor([0.1, 0.01])[:, None, None, None], black), [20, 40], rtol=1e-5
+        psnr_db(black + torch.tensor([0.1, 0.01])[:, None, None, None], black), [20, 40], rtol=1e-5
     )
 
 
@@ -56,32 +56,39 @@ def test_content_without_weights_says_what_to_set(monkeypatch: pytest.MonkeyPatc
 
 
 def test_later_frames_read_at_the_true_depth_look_like_the_first(clip: Clip) -> None:
-    batch = pairs.batch([pairs.scene(Example(clip, 2), [1, 2])])
+    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1, 2])])
     motion = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
     truth = torch.nan_to_num(batch["inverse_depths"])
-    at_truth, *wrong = (float(reprojection.reprojection_loss(factor * truth, *motion)) for factor in (1.0, 0.6, 1.5))
+    at_truth, *wrong = (float(losses.reprojection_loss(factor * truth, *motion)) for factor in (1.0, 0.6, 1.5))
     assert at_truth < 0.7 * min(wrong)
 
 
 def test_its_gradient_leads_from_a_plane_to_the_true_depth(clip: Clip) -> None:
-    batch = pairs.batch([pairs.scene(Example(clip, 2), [1, 2])])
+    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1, 2])])
     motion = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
     truth = torch.nan_to_num(batch["inverse_depths"])
     guess = torch.full_like(truth, 0.05).requires_grad_()
-    (slope,) = torch.autograd.grad(reprojection.reprojection_loss(guess, *motion), [guess])
+    (slope,) = torch.autograd.grad(losses.reprojection_loss(guess, *motion), [guess])
     downhill = float(torch.nn.functional.cosine_similarity(-slope.flatten(), (truth - guess).detach().flatten(), dim=0))
     assert downhill > 0.2
 
 
-def test_an_image_is_read_at_its_own_pixels_unchanged_and_outside_not_at_all() -> None:
+def test_an_image_is_sampled_at_its_own_pixels_unchanged_and_its_border_goes_on() -> None:
     frames = torch.rand(1, 3, 4, 5)
     v, u = torch.meshgrid(torch.arange(4.0), torch.arange(5.0), indexing="ij")
-    read, inside = reprojection.read_at(frames, torch.stack([u, v], dim=2)[None])
-    torch.testing.assert_close(read, frames)
-    assert inside.all()
-    half, inside = reprojection.read_at(frames, torch.tensor([[[[1.5, 2.0], [-0.1, 2.0], [1.0, 3.1]]]]))
-    torch.testing.assert_close(half[0, :, 0, 0], (frames[0, :, 2, 1] + frames[0, :, 2, 2]) / 2)
-    assert inside.tolist() == [[[True, False, False]]]
+    torch.testing.assert_close(sample_images(frames, torch.stack([u, v], dim=2)[None]), frames)
+    between = sample_images(frames, torch.tensor([[[[1.5, 2.0], [-0.1, 2.0], [1.0, 3.1]]]]))
+    torch.testing.assert_close(between[0, :, 0, 0], (frames[0, :, 2, 1] + frames[0, :, 2, 2]) / 2)
+    torch.testing.assert_close(between[0, :, 0, 1:], torch.stack([frames[0, :, 2, 0], frames[0, :, 3, 1]], dim=1))
+
+
+def test_pixels_that_project_outside_every_view_do_not_count(clip: Clip) -> None:
+    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1])])
+    behind = torch.diag(torch.tensor([-1.0, 1.0, -1.0, 1.0])).expand(1, 1, 4, 4)
+    loss = losses.reprojection_loss(
+        torch.nan_to_num(batch["inverse_depths"]), batch["frames"], batch["targets"], behind, batch["intrinsics"]
+    )
+    assert float(loss) == 0.0
 
 
 def test_roughness_is_slope_but_where_the_image_has_an_edge() -> None:
@@ -89,6 +96,6 @@ def test_roughness_is_slope_but_where_the_image_has_an_edge() -> None:
     flat, edge = torch.zeros(1, 3, 4, 8), torch.zeros(1, 3, 4, 8)
     edge[..., 4:] = 1
     # one of seven columns of slopes is 0.2 / 0.2 = 1; no slope from row to row
-    assert float(reprojection.roughness(step, flat)) == pytest.approx(1 / 7)
-    assert float(reprojection.roughness(step, edge)) == pytest.approx(np.exp(-10) / 7, rel=1e-4)
-    assert float(reprojection.roughness(torch.full_like(step, 0.1), edge)) == 0
+    assert float(losses.smoothness_loss(step, flat)) == pytest.approx(1 / 7)
+    assert float(losses.smoothness_loss(step, edge)) == pytest.approx(np.exp(-10) / 7, rel=1e-4)
+    assert float(losses.smoothness_loss(torch.full_like(step, 0.1), edge)) == 0

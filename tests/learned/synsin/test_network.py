@@ -6,8 +6,8 @@ from torch import Tensor
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from learned.synsin import network, pairs
-from learned.synsin.filling import pull_push
 from learned.synsin.network import Architecture, Generator
+from learned.synsin.splatting import pull_push
 from learned.synsin.train import SynSinTraining
 from learned.tensors import images_from_frames
 

@@ -8,19 +8,19 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Clip
 from learned.synsin import pairs
-from learned.synsin.pairs import Example, Scene
+from learned.synsin.pairs import Example, FramePairs
 
 
 @pytest.fixture
-def scene(clip: Clip) -> Scene:
-    return pairs.scene(Example(clip, 3), [1, 4])
+def scene(clip: Clip) -> FramePairs:
+    return pairs.frame_pairs(Example(clip, 3), [1, 4])
 
 
 def test_every_frame_with_enough_frames_after_it_is_an_example(clip: Clip) -> None:
     assert [one.last for one in pairs.examples([clip], max_horizon=7)] == [0, 1, 2]
 
 
-def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: Scene, clip: Clip) -> None:
+def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: FramePairs, clip: Clip) -> None:
     np.testing.assert_array_equal(scene.frame, clip.frames[3])
     np.testing.assert_array_equal(scene.targets, clip.frames[[4, 7]])
     assert clip.trajectory is not None
@@ -29,16 +29,16 @@ def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: Scene, clip: C
     assert scene.cam_from_last[1, 2, 3] == pytest.approx(-2.0, abs=0.05)  # four steps of half a metre come nearer
 
 
-def test_known_depth_comes_as_its_inverse(scene: Scene, clip: Clip) -> None:
+def test_known_depth_comes_as_its_inverse(scene: FramePairs, clip: Clip) -> None:
     assert clip.depths is not None
     sky = np.isinf(clip.depths[3])
     assert (scene.inverse_depth[sky] == 0).all()
     np.testing.assert_allclose(scene.inverse_depth[~sky] * clip.depths[3][~sky], 1, rtol=1e-6)
-    without = pairs.scene(Example(replace(clip, depths=None), 3), [1])
+    without = pairs.frame_pairs(Example(replace(clip, depths=None), 3), [1])
     assert np.isnan(without.inverse_depth).all()
 
 
-def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: Scene) -> None:
+def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: FramePairs) -> None:
     point = np.array([[1.2, -0.4, 9.0]])
     mirrored = scene.mirrored()
     for number in range(2):
@@ -50,7 +50,7 @@ def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: Scene)
     np.testing.assert_array_equal(mirrored.mirrored().targets, scene.targets)
 
 
-def test_a_grey_scene_has_one_colour_a_pixel(scene: Scene) -> None:
+def test_a_grey_scene_has_one_colour_a_pixel(scene: FramePairs) -> None:
     grey = scene.grey()
     assert (grey.frame == grey.frame[..., :1]).all()
     assert (grey.targets == grey.targets[..., :1]).all()
@@ -58,7 +58,7 @@ def test_a_grey_scene_has_one_colour_a_pixel(scene: Scene) -> None:
     np.testing.assert_allclose(grey.frame[..., 0], luminance, atol=1)
 
 
-def test_augmentation_mirrors_half_and_greys_a_share(scene: Scene) -> None:
+def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
     drawn = [pairs.augmented(scene, np.random.default_rng(seed), grey_share=0.25) for seed in range(200)]
     mirrored = sum(one.intrinsics != scene.intrinsics or (one.frame[0, 0] != scene.frame[0, 0]).any() for one in drawn)
     grey = sum(bool((one.frame == one.frame[..., :1]).all()) for one in drawn)
@@ -66,8 +66,8 @@ def test_augmentation_mirrors_half_and_greys_a_share(scene: Scene) -> None:
     assert 30 <= grey <= 70
 
 
-def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: Scene, clip: Clip) -> None:
-    batch = pairs.batch([scene, pairs.scene(Example(clip, 0), [2, 5])])
+def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: FramePairs, clip: Clip) -> None:
+    batch = pairs.batch([scene, pairs.frame_pairs(Example(clip, 0), [2, 5])])
     assert {name: tuple(part.shape) for name, part in batch.items()} == {
         "frames": (2, 3, 32, 32),
         "targets": (4, 3, 32, 32),

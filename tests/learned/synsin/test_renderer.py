@@ -25,7 +25,7 @@ def overfitted(method: SynSinTraining, clip: Clip, tmp_path_factory: pytest.Temp
     torch.manual_seed(0)
     networks = method.build()
     optimisers = method.optimisers(networks)
-    batch = pairs.batch([pairs.scene(pairs.Example(clip, NUM_PAST - 1), [0, 1, 2, 3, 4])])
+    batch = pairs.batch([pairs.frame_pairs(pairs.Example(clip, NUM_PAST - 1), [0, 1, 2, 3, 4])])
     for step in range(150):
         for turn, losses in method.training_step(networks, batch, step):
             optimisers[turn].zero_grad()
@@ -61,11 +61,7 @@ def test_after_overfitting_the_frames_own_pose_gives_the_frame_back_and_later_po
     context, target = clip.split(NUM_PAST, Grant.NONE)
     assert clip.trajectory is not None
     scene = SynSin(overfitted).reconstruct(context, past_of(clip))
-    views = scene.view(
-        clip.trajectory.world_from_cam[NUM_PAST - 1 :],
-        np.zeros(len(clip.trajectory.world_from_cam[NUM_PAST - 1 :])),
-        clip.intrinsics,
-    )
+    views = scene.view(clip.trajectory.world_from_cam[NUM_PAST - 1 :], clip.times_s[NUM_PAST - 1 :], clip.intrinsics)
     last = context.frames[-1]
     assert rms(last, target.frames[-1]) > 25  # copying the last frame would not do
     assert rms(views.frames[0], last) < 10
@@ -81,11 +77,7 @@ def test_depths_are_those_of_the_new_views(overfitted: Path, clip: Clip) -> None
     views = (
         SynSin(overfitted)
         .reconstruct(context, past_of(clip))
-        .view(
-            clip.trajectory.world_from_cam[NUM_PAST - 1 :],
-            np.zeros(len(clip.trajectory.world_from_cam[NUM_PAST - 1 :])),
-            clip.intrinsics,
-        )
+        .view(clip.trajectory.world_from_cam[NUM_PAST - 1 :], clip.times_s[NUM_PAST - 1 :], clip.intrinsics)
     )
     for step in (0, 2):
         truth = clip.depths[NUM_PAST - 1 + step]
@@ -101,7 +93,7 @@ def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
     scene = SynSin(fresh).reconstruct(context, past)
     sideways = past.world_from_cam[-1] @ se3.exp(np.array([0, 0, 0, 0, np.arctan(16 / clip.intrinsics.fx_px), 0]))
     behind = past.world_from_cam[-1] @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    views = scene.view(np.stack([sideways, behind]), np.zeros(len(np.stack([sideways, behind]))), clip.intrinsics)
+    views = scene.view(np.stack([sideways, behind]), clip.times_s[-2:], clip.intrinsics)
     assert views.covered[0, 16, :12].all()  # half the image has gone out on the left
     assert not views.covered[0, 16, 20:].any()
     assert not views.covered[1].any()
@@ -114,7 +106,7 @@ def test_the_new_camera_may_have_another_size(fresh: Path, clip: Clip) -> None:
     views = (
         SynSin(fresh)
         .reconstruct(context, past)
-        .view(past.world_from_cam[-1:], np.zeros(len(past.world_from_cam[-1:])), clip.intrinsics.resized(40, 24))
+        .view(past.world_from_cam[-1:], past.times_s[-1:], clip.intrinsics.resized(40, 24))
     )
     assert views.frames.shape == (1, 24, 40, 3)
 
@@ -136,9 +128,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
 
     def seen(seed: int) -> ByteArray:
         scene = SynSin(tmp_path / "noisy.safetensors", seed=seed).reconstruct(context, past_of(clip))
-        return scene.view(
-            past_of(clip).world_from_cam[-2:], np.zeros(len(past_of(clip).world_from_cam[-2:])), clip.intrinsics
-        ).frames
+        return scene.view(past_of(clip).world_from_cam[-2:], clip.times_s[-2:], clip.intrinsics).frames
 
     np.testing.assert_array_equal(seen(1), seen(1))
     assert (seen(1) != seen(2)).any()
@@ -199,9 +189,5 @@ def test_frames_of_other_sizes_are_encoded_at_their_own(fresh: Path) -> None:
     context, _ = clip.split(NUM_PAST, Grant.NONE)
     assert clip.trajectory is not None
     scene = SynSin(fresh).reconstruct(context, clip.trajectory[:NUM_PAST])
-    views = scene.view(
-        clip.trajectory.world_from_cam[NUM_PAST - 1 : NUM_PAST],
-        np.zeros(len(clip.trajectory.world_from_cam[NUM_PAST - 1 : NUM_PAST])),
-        clip.intrinsics,
-    )
+    views = scene.view(clip.trajectory.world_from_cam[NUM_PAST - 1 : NUM_PAST], clip.times_s[:1], clip.intrinsics)
     assert rms(views.frames[0], context.frames[-1]) < 1

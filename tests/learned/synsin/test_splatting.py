@@ -35,11 +35,11 @@ def splatted_naively(
                         found.append((float(-depths[b, n]), n, distance / splatter.radius_px))
                 light, weights = 1.0, []
                 for _, n, share in sorted(found)[: splatter.points_per_pixel]:
-                    alpha = max(1 - (share**2 + splatting.ROUNDING) ** 0.5, 0) ** splatter.sharpness
+                    alpha = max(1 - (share**2 + splatting.EPS) ** 0.5, 0) ** splatter.sharpness
                     weights.append((n, alpha * light if splatter.blending == "alpha" else alpha))
                     light *= 1 - alpha
                 total = sum(weight for _, weight in weights)
-                divisor = max(total, splatting.LEAST_OPACITY) if splatter.blending == "mean" else 1.0
+                divisor = max(total, splatting.MIN_OPACITY) if splatter.blending == "mean" else 1.0
                 for n, weight in weights:
                     image[b, :, v, u] += weight / divisor * features[b, n]
                     opacity[b, 0, v, u] += weight / divisor

@@ -9,7 +9,7 @@ from torch import nn
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
-from learned import recipes
+from learned import training_config
 from learned.methods import Losses
 from learned.synsin import pairs
 from learned.synsin.pairs import Example
@@ -26,7 +26,7 @@ def trained(
     torch.manual_seed(0)
     networks = method.build()
     optimisers = method.optimisers(networks)
-    batch = pairs.batch([pairs.scene(one, [2]) for one in examples])
+    batch = pairs.batch([pairs.frame_pairs(one, [2]) for one in examples])
     history = []
     for step in range(num_steps):
         losses: Losses = {}
@@ -130,15 +130,15 @@ def test_settings_that_train_nothing_are_refused() -> None:
 
 
 @pytest.mark.parametrize("name", ["synsin-tiny", "synsin-small", "synsin-thesis"])
-def test_recipes_that_come_with_the_package_are_sound(
+def test_configs_that_come_with_the_package_are_sound(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recipes, "_datasets", lambda *_: ())  # KITTI need not be here
-    recipe = recipes.load("synsin", Path(name), tmp_path)
-    assert isinstance(recipe.method, SynSinTraining)
-    sizes = {name: sum(p.numel() for p in net.parameters()) for name, net in recipe.method.build().items()}
+    monkeypatch.setattr(training_config, "_datasets", lambda *_: ())  # KITTI need not be here
+    config = training_config.load("synsin", Path(name), tmp_path)
+    assert isinstance(config.method, SynSinTraining)
+    sizes = {name: sum(p.numel() for p in net.parameters()) for name, net in config.method.build().items()}
     assert sizes["generator"] * 2 < 20e6  # bytes in half precision
     if name == "synsin-thesis":
-        assert recipe.method.weights == Weights()  # the paper's losses alone
-        assert recipe.method.depth_share == 1
+        assert config.method.weights == Weights()  # the paper's losses alone
+        assert config.method.depth_share == 1
         assert "discriminator" in sizes

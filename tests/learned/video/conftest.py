@@ -11,17 +11,14 @@ from torch import Tensor  # noqa: E402
 
 from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.types import ByteArray  # noqa: E402
-from learned.slamp import network as slamp  # noqa: E402
-from learned.slamp.train import SlampTraining  # noqa: E402
-from learned.srvp import network as srvp  # noqa: E402
-from learned.srvp.train import SrvpTraining  # noqa: E402
-from learned.svg import network as svg  # noqa: E402
-from learned.svg.train import SvgTraining  # noqa: E402
-from learned.video import windows  # noqa: E402
-from learned.video.coders import Coding  # noqa: E402
+from learned.video import slamp, srvp, svg, training  # noqa: E402
+from learned.video.autoencoder import AutoencoderConfig  # noqa: E402
+from learned.video.slamp import SlampTraining  # noqa: E402
+from learned.video.srvp import SrvpTraining  # noqa: E402
+from learned.video.svg import SvgTraining  # noqa: E402
 from learned.video.training import VideoTraining  # noqa: E402
 
-CODING = Coding(style="dcgan", size_px=16, width=8, code_size=16)
+CODING = AutoencoderConfig(style="dcgan", size_px=16, width=8, code_size=16)
 NUM_PAST, NUM_FUTURE = 3, 3
 
 
@@ -53,7 +50,7 @@ def method(name: str) -> VideoTraining:
 @pytest.fixture(scope="session")
 def street_window() -> ByteArray:
     """Six frames [6, 16, 16, 3] of the contracts' street."""
-    return windows.resized(street.clip().frames[:6], 16, 16)
+    return training.resize(street.clip().frames[:6], 16, 16)
 
 
 @pytest.fixture(scope="session")

@@ -4,52 +4,52 @@ import math
 
 import torch
 
-from learned.video.latents import Gaussian, RecurrentMap, divergence, many
+from learned.video.latents import Gaussian, Lstm, expand_state, kl_divergence
 
 
 def test_equal_gaussians_are_zero_apart() -> None:
     random = torch.Generator().manual_seed(0)
     one = Gaussian(torch.randn(5, 4, generator=random), torch.randn(5, 4, generator=random))
-    torch.testing.assert_close(divergence(one, one), torch.zeros(5))
+    torch.testing.assert_close(kl_divergence(one, one), torch.zeros(5))
 
 
 def test_divergences_worked_out() -> None:
     standard = Gaussian(torch.zeros(1), torch.zeros(1))
     shifted = Gaussian(torch.tensor([3.0]), torch.zeros(1))
-    assert float(divergence(shifted, standard)) == 4.5  # 3^2 / 2
+    assert float(kl_divergence(shifted, standard)) == 4.5  # 3^2 / 2
     wide = Gaussian(torch.zeros(1), torch.tensor([math.log(4.0)]))  # a standard deviation of 2
     # KL(N(0, 4) || N(0, 1)) = (4 - 1 - ln 4) / 2; KL(N(3, 1) || N(0, 4)) = (ln 4 + 1 / 4 + 9 / 4 - 1) / 2
-    torch.testing.assert_close(float(divergence(wide, standard)), 0.5 * (3 - math.log(4)))
-    torch.testing.assert_close(float(divergence(shifted, wide)), 0.5 * (math.log(4) + 1.5))
+    torch.testing.assert_close(float(kl_divergence(wide, standard)), 0.5 * (3 - math.log(4)))
+    torch.testing.assert_close(float(kl_divergence(shifted, wide)), 0.5 * (math.log(4) + 1.5))
 
 
 def test_nats_of_independent_numbers_add_up() -> None:
     two = Gaussian(torch.tensor([[3.0, 1.0]]), torch.zeros(1, 2))
-    assert divergence(two, Gaussian.standard(two.mean)).tolist() == [5.0]  # 9 / 2 + 1 / 2
+    assert kl_divergence(two, Gaussian.standard(two.mean)).tolist() == [5.0]  # 9 / 2 + 1 / 2
 
 
 def test_draws_have_the_mean_and_deviation_asked_for() -> None:
     torch.manual_seed(0)
-    draws = Gaussian(torch.full((20000,), 5.0), torch.full((20000,), math.log(0.25))).draw()
+    draws = Gaussian(torch.full((20000,), 5.0), torch.full((20000,), math.log(0.25))).sample()
     assert abs(float(draws.mean()) - 5.0) < 0.02
     assert abs(float(draws.std()) - 0.5) < 0.02
 
 
 def test_gradients_reach_mean_and_variance() -> None:
     mean, log_variance = torch.zeros(1, requires_grad=True), torch.zeros(1, requires_grad=True)
-    Gaussian(mean, log_variance).at(torch.tensor([2.0])).sum().backward()
+    Gaussian(mean, log_variance).reparameterise(torch.tensor([2.0])).sum().backward()
     assert (float(mean.grad), float(log_variance.grad)) == (1.0, 1.0)  # d/dv of exp(v / 2) * 2 at 0 is 1
 
 
 def test_halves_are_means_and_log_variances_within_bounds() -> None:
-    gaussian = Gaussian.halves(torch.tensor([[1.0, 2.0, -99.0, 99.0]]))
+    gaussian = Gaussian.from_output(torch.tensor([[1.0, 2.0, -99.0, 99.0]]))
     assert gaussian.mean.tolist() == [[1.0, 2.0]]
     assert gaussian.log_variance.tolist() == [[-10.0, 10.0]]
 
 
 def test_steps_one_by_one_are_the_same_as_all_at_once() -> None:
     torch.manual_seed(0)
-    lstm = RecurrentMap(3, 5, 2, 4)
+    lstm = Lstm(3, 5, 2, 4)
     numbers = torch.randn(2, 6, 3)
     whole, _ = lstm(numbers)
     _, memory = lstm(numbers[:, :4])
@@ -60,9 +60,9 @@ def test_steps_one_by_one_are_the_same_as_all_at_once() -> None:
 
 def test_one_memory_serves_many_rows() -> None:
     torch.manual_seed(0)
-    lstm = RecurrentMap(3, 5, 2, 4)
+    lstm = Lstm(3, 5, 2, 4)
     _, memory = lstm(torch.randn(1, 3, 3))
     ahead = torch.randn(1, 3)
     alone, _ = lstm.step(ahead, memory)
-    rows, _ = lstm.step(ahead.expand(3, -1), many(memory, 3))
+    rows, _ = lstm.step(ahead.expand(3, -1), expand_state(memory, 3))
     torch.testing.assert_close(rows, alone.expand(3, -1))

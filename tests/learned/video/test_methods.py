@@ -11,10 +11,10 @@ from torch import Tensor, nn
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
-from learned import recipes
-from learned.slamp.network import Learned as SlampLearned
-from learned.video import windows
-from learned.video.training import VideoTraining, bare
+from learned import training_config
+from learned.video import training
+from learned.video.slamp import Output as SlampOutput
+from learned.video.training import VideoTraining, unwrapped
 
 PAST, FUTURE = 3, 3
 
@@ -37,7 +37,7 @@ def trained(method: VideoTraining, images: Tensor, num_steps: int) -> tuple[nn.M
 def explained(network: nn.Module, images: Tensor) -> Tensor:
     """The future frames as the network shows them when its posterior may look at them."""
     learned: Any = network(images, PAST)
-    shown = learned.shown.images if isinstance(learned, SlampLearned) else learned.images
+    shown = learned.prediction.images if isinstance(learned, SlampOutput) else learned.images
     return shown[:, -FUTURE:]
 
 
@@ -46,12 +46,12 @@ def error(made: Tensor, real: Tensor) -> float:
 
 
 def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteArray) -> None:
-    images = windows.stacked([street_window]).float() / 255.0
+    images = training.stack([street_window]).float() / 255.0
     network, history = trained(method, images, num_steps=150)
     assert history[-1]["error"] < 0.2 * history[0]["error"]
-    noise = torch.randn(1, FUTURE, bare(network).noise_size, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(1, FUTURE, unwrapped(network).noise_size, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
-        made = bare(network).predict(images[:, :PAST], noise)
+        made = unwrapped(network).predict(images[:, :PAST], noise)
     copied = error(images[:, PAST - 1 : PAST].expand(-1, FUTURE, -1, -1, -1), images[:, PAST:])
     assert error(made, images[:, PAST:]) < 0.5 * copied
 
@@ -62,8 +62,8 @@ def test_the_posterior_knows_what_the_prior_must_guess(method: VideoTraining, co
     random = torch.Generator().manual_seed(0)
     with torch.no_grad():
         seen, real = coin_flips[:, :PAST], coin_flips[:, PAST:]
-        shape = (len(seen), FUTURE, bare(network).noise_size)
-        first, second = (bare(network).predict(seen, torch.randn(shape, generator=random)) for _ in range(2))
+        shape = (len(seen), FUTURE, unwrapped(network).noise_size)
+        first, second = (unwrapped(network).predict(seen, torch.randn(shape, generator=random)) for _ in range(2))
         knowing = error(explained(network, coin_flips), real)
     # Levels are 0.2 and 0.8: the best that one can do without knowing is to say 0.5, which is 0.09 off in square.
     assert knowing < 0.03
@@ -73,7 +73,7 @@ def test_the_posterior_knows_what_the_prior_must_guess(method: VideoTraining, co
 
 def test_predictions_depend_on_nothing_but_past_and_noise(method: VideoTraining) -> None:
     torch.manual_seed(0)
-    network = bare(method.build()["video"].eval())
+    network = unwrapped(method.build()["video"].eval())
     random = torch.Generator().manual_seed(1)
     seen = torch.rand(2, PAST, 3, 16, 16, generator=random)
     noise = torch.randn(2, 4, network.noise_size, generator=random)
@@ -115,7 +115,7 @@ def test_a_batch_is_mirrored_or_grey_at_random(method: VideoTraining, street_win
     assert images.shape == (40, 6, 3, 16, 16)
     assert bool((images[:, :, 0] == images[:, :, 2]).all())
     colours = method.batch([street_window], [0] * 40, np.random.default_rng(0))["images"]
-    plain = windows.stacked([street_window])[0]
+    plain = training.stack([street_window])[0]
     is_plain = [bool((one == plain).all()) for one in colours]
     is_mirrored = [bool((one == plain.flip(-1)).all()) for one in colours]
     assert 10 < sum(is_plain) < 30
@@ -130,13 +130,13 @@ def test_windows_that_cannot_be_are_refused(method: VideoTraining) -> None:
 
 
 @pytest.mark.parametrize("size", ["tiny", "small", "thesis"])
-def test_recipes_that_come_with_the_package_are_sound(
+def test_configs_that_come_with_the_package_are_sound(
     name: str, size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recipes, "_datasets", lambda *_: ())  # KITTI need not be here
-    recipe = recipes.load(name, Path(f"{name}-{size}"), tmp_path)
-    assert isinstance(recipe.method, VideoTraining)
-    network = recipe.method.build()["video"]
+    monkeypatch.setattr(training_config, "_datasets", lambda *_: ())  # KITTI need not be here
+    config = training_config.load(name, Path(f"{name}-{size}"), tmp_path)
+    assert isinstance(config.method, VideoTraining)
+    network = config.method.build()["video"]
     numbers = sum(parameter.numel() for parameter in network.parameters())
-    assert recipe.method.size_px == {"tiny": 16, "small": 64, "thesis": 256}[size]
+    assert config.method.architecture.coding.size_px == {"tiny": 16, "small": 64, "thesis": 256}[size]
     assert numbers * 2 < {"tiny": 1e6, "small": 8e6, "thesis": 400e6}[size]  # bytes in half precision

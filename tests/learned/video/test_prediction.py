@@ -13,7 +13,8 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.types import Context, Grant
 from learned import checkpoints
-from learned.video.prediction import VideoPredictor, noise_of, shipped
+from learned.checkpoints import shipped
+from learned.video.prediction import VideoPredictor, noise_of
 from learned.video.training import VideoTraining
 
 

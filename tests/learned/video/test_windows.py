@@ -3,7 +3,8 @@
 import numpy as np
 
 from geovp_classic.types import Clip, Intrinsics
-from learned.video import windows
+from learned.video import training
+from learned.video.svg import SvgTraining
 
 
 def clip(num_frames: int) -> Clip:
@@ -13,7 +14,7 @@ def clip(num_frames: int) -> Clip:
 
 
 def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
-    found = windows.windows([clip(10), clip(3), clip(5)], size_px=4, num_frames=4, stride=3)
+    found = training.windows([clip(10), clip(3), clip(5)], size_px=4, num_frames=4, stride=3)
     assert [window[:, 0, 0, 0].tolist() for window in found] == [[0, 1, 2, 3], [3, 4, 5, 6], [6, 7, 8, 9], [0, 1, 2, 3]]
     assert found[0].shape == (4, 4, 4, 3)
     assert np.shares_memory(found[0], found[1])  # frame 3 is in both
@@ -22,13 +23,13 @@ def test_windows_begin_every_stride_and_end_within_the_clip() -> None:
 def test_grey_is_luma_in_all_three_channels() -> None:
     green = np.zeros((2, 4, 4, 3), np.uint8)
     green[..., 1] = 200
-    images = windows.batch([green], np.random.default_rng(0), grey_share=1.0)["images"]
+    images = SvgTraining(grey_share=1.0).batch([green], [0], np.random.default_rng(0))["images"]
     assert set(images.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
 
 
 def test_channels_come_before_rows() -> None:
     red = np.zeros((2, 4, 6, 3), np.uint8)
     red[..., 0] = 9
-    stacked = windows.stacked([red, red])
+    stacked = training.stack([red, red])
     assert stacked.shape == (2, 2, 3, 4, 6)
     assert stacked[0, 0, :, 0, 0].tolist() == [9, 0, 0]

@@ -1,4 +1,4 @@
-"""Recipes and the command line: what they say to a mistake, and that training needs neither Open3D nor pycolmap."""
+"""Training configs and the command line: messages for mistakes; training needs neither Open3D nor pycolmap."""
 
 import os
 import subprocess
@@ -11,11 +11,11 @@ torch = pytest.importorskip("torch", reason="torch is not installed: training ne
 
 from geovp_classic.data.synthetic.dataset import Synthetic  # noqa: E402
 from geovp_classic.errors import BadData, GeovpError, UnknownComponent  # noqa: E402
-from learned import recipes  # noqa: E402
+from learned import training_config  # noqa: E402
 from learned.__main__ import main  # noqa: E402
 from learned.deepvo.train import DeepVoTraining  # noqa: E402
 
-RECIPE = """
+CONFIG = """
 [method]
 num_past = 4
 num_future = 4
@@ -66,8 +66,8 @@ def kitti(tmp_path: Path) -> Path:
     return tmp_path / "kitti"
 
 
-def written(folder: Path, text: str = RECIPE) -> Path:
-    file = folder / "recipe.toml"
+def written(folder: Path, text: str = CONFIG) -> Path:
+    file = folder / "config.toml"
     file.write_text(text)
     return file
 
@@ -112,7 +112,7 @@ def test_a_mistake_is_2_and_one_sentence(
     says: str,
 ) -> None:
     monkeypatch.setenv("GEOVP_TEST_RECIPE_ROOT", str(kitti))
-    file = written(tmp_path, RECIPE.replace(old, new))
+    file = written(tmp_path, CONFIG.replace(old, new))
     assert main(["train", "deepvo", str(file), "--out", str(tmp_path / "run")]) == 2
     complaint = capsys.readouterr().err
     assert says in complaint
@@ -121,31 +121,31 @@ def test_a_mistake_is_2_and_one_sentence(
 
 def test_an_unknown_method_and_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(UnknownComponent, match="did you mean 'deepvo'"):
-        recipes.load("deepv", written(tmp_path))
+        training_config.load("deepv", written(tmp_path))
     with pytest.raises(BadData, match=r"give a \.toml file or one of .*deepvo-small"):
-        recipes.load("deepvo", tmp_path / "none.toml")
+        training_config.load("deepvo", tmp_path / "none.toml")
 
 
-def test_shipped_recipes_are_found_by_name() -> None:
-    recipe = recipes.load("deepvo", Path("deepvo-tiny"))
-    assert isinstance(recipe.method, DeepVoTraining)
-    assert isinstance(recipe.train[0], Synthetic)
+def test_shipped_configs_are_found_by_name() -> None:
+    config = training_config.load("deepvo", Path("deepvo-tiny"))
+    assert isinstance(config.method, DeepVoTraining)
+    assert isinstance(config.train[0], Synthetic)
 
 
-@pytest.mark.parametrize("name", [name for name in recipes.shipped() if name.startswith("deepvo")])
-def test_every_shipped_recipe_can_be_read(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", [name for name in training_config.shipped() if name.startswith("deepvo")])
+def test_every_shipped_config_can_be_read(name: str, tmp_path: Path) -> None:
     """All but the data, which is not here."""
     complaint = ""
     try:
-        recipes.load("deepvo", Path(name), tmp_path)
+        training_config.load("deepvo", Path(name), tmp_path)
     except GeovpError as error:
         complaint = str(error)
     assert (f"{name}: train[0]: {tmp_path} holds no folder 'sequences'" in complaint) == (name != "deepvo-tiny")
 
 
 def test_descriptions_name_no_place_on_this_machine(tmp_path: Path, kitti: Path) -> None:
-    recipe = recipes.load("deepvo", written(tmp_path), kitti)
-    (table,) = recipes.describe(recipe.train)
+    config = training_config.load("deepvo", written(tmp_path), kitti)
+    (table,) = training_config.describe(config.train)
     assert "root" not in table
     assert len(table["split_hash"]) == 64
 
@@ -168,7 +168,7 @@ sys.exit(main({command!r}))
 
 def test_two_processes_learn_as_one(tmp_path: Path, kitti: Path) -> None:
     """Distributed data parallel on the CPU: one log and one state, from batches of two in each of two processes."""
-    both = RECIPE.replace('accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"')
+    both = CONFIG.replace('accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"')
     command = ["train", "deepvo", str(written(tmp_path, both)), "--root", str(kitti), "--out", str(tmp_path / "run")]
     done = subprocess.run([sys.executable, "-m", "learned", *command], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

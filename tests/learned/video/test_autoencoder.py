@@ -4,13 +4,20 @@ import pytest
 import torch
 
 from geovp_classic.errors import BadData
-from learned.video.coders import Coding, Decoder, Encoder, images_from_maps, picked, repeated
+from learned.video.autoencoder import (
+    AutoencoderConfig,
+    Decoder,
+    Encoder,
+    expand_skips,
+    images_from_maps,
+    select_skips,
+)
 
 
 @pytest.mark.parametrize("style", ["dcgan", "vgg"])
 @pytest.mark.parametrize(("size_px", "num_stages"), [(64, 4), (128, 5), (256, 6)])  # 64 -> 32 -> 16 -> 8 -> 4 is four
 def test_every_doubling_of_the_image_adds_one_stage(style: str, size_px: int, num_stages: int) -> None:
-    coding = Coding(style, size_px, width=2, code_size=6)  # type: ignore[arg-type]
+    coding = AutoencoderConfig(style, size_px, width=2, code_size=6)  # type: ignore[arg-type]
     encoder, decoder = Encoder(coding).eval(), Decoder(coding, out_channels=2).eval()
     with torch.no_grad():
         codes, skips = encoder(torch.rand(1, 3, size_px, size_px))
@@ -23,17 +30,17 @@ def test_every_doubling_of_the_image_adds_one_stage(style: str, size_px: int, nu
 
 
 def test_channels_double_up_to_eight_widths() -> None:
-    assert Coding(size_px=256, width=64).channels == [64, 128, 256, 512, 512, 512]
+    assert AutoencoderConfig(size_px=256, width=64).channels == [64, 128, 256, 512, 512, 512]
 
 
 @pytest.mark.parametrize("size_px", [4, 96])
 def test_sizes_that_cannot_be_halved_down_to_four_are_refused(size_px: int) -> None:
     with pytest.raises(BadData, match=f"coding.size_px is {size_px}, expected a power of two"):
-        Coding(size_px=size_px)
+        AutoencoderConfig(size_px=size_px)
 
 
 def test_an_untrained_residual_decoder_repeats_the_image() -> None:
-    coding = Coding("vgg", 16, 4, 8, residual=True)
+    coding = AutoencoderConfig("vgg", 16, 4, 8, residual=True)
     base = torch.rand(2, 3, 16, 16)
     base[0, :, 0, 0], base[0, :, 0, 1] = 0.0, 1.0
     _, skips = Encoder(coding)(base)
@@ -48,7 +55,7 @@ def test_without_a_base_maps_are_logits() -> None:
 
 def test_skips_of_a_step_are_those_of_its_frames() -> None:
     maps = torch.arange(6.0)[:, None, None, None]  # two clips of three steps
-    (chosen,) = picked([maps], 2, torch.tensor([2, 0]))
+    (chosen,) = select_skips([maps], 2, torch.tensor([2, 0]))
     assert chosen.flatten().tolist() == [2.0, 0.0, 5.0, 3.0]
-    (again,) = repeated([maps[:1]], 4)
+    (again,) = expand_skips([maps[:1]], 4)
     assert again.flatten().tolist() == [0.0] * 4

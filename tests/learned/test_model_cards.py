@@ -9,7 +9,7 @@ torch = pytest.importorskip("torch", reason="torch is not installed: weights nee
 from torch import nn  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
-from learned import cards, checkpoints, training_log  # noqa: E402
+from learned import checkpoints, model_cards, training_log  # noqa: E402
 from learned.__main__ import main  # noqa: E402
 
 HISTORY = {
@@ -34,7 +34,7 @@ def written(folder: Path, history: object) -> Path:
 
 
 def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path) -> None:
-    text = cards.card(written(tmp_path, HISTORY))
+    text = model_cards.model_card(written(tmp_path, HISTORY))
     assert text.startswith("# Weights of toy\n")
     for said in (
         "- 8 numbers in 0.00 MB",  # 3 x 2 and 2
@@ -50,15 +50,15 @@ def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path)
 
 
 def test_a_card_says_when_weights_are_a_mean(tmp_path: Path) -> None:
-    assert "mean" not in cards.card(written(tmp_path, HISTORY))
+    assert "EMA" not in model_cards.model_card(written(tmp_path, HISTORY))
     training = {**HISTORY["training"], "average_steps": 9}  # type: ignore[dict-item]
-    text = cards.card(written(tmp_path, {**HISTORY, "training": training}))
-    assert "- a running mean of the weights over 9 steps\n" in text
+    text = model_cards.model_card(written(tmp_path, {**HISTORY, "training": training}))
+    assert "- exponential moving average (EMA) of the weights over 9 steps\n" in text
 
 
 @pytest.mark.parametrize(("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)])
 def test_kittis_licence_goes_with_weights_trained_on_it(tmp_path: Path, names: tuple[str, ...], licensed: bool) -> None:
-    text = cards.card(written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]}))
+    text = model_cards.model_card(written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]}))
     assert ("CC BY-NC-SA 3.0" in text) == licensed
 
 
@@ -68,7 +68,7 @@ def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_i
         log.write(step, step / 10, "train", {"total": loss})
         if step != 20:
             log.write(step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0})
-    lines = cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
+    lines = model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
     assert lines == [
         "| step | seconds | score | psnr | training total |",
         "| --: | --: | --: | --: | --: |",
@@ -81,23 +81,27 @@ def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
     log = training_log.TrainingLog(tmp_path / "log.csv", 0)
     for step in range(1, 61):
         log.write(step, step, "validation", {"score": 1.0})
-    rows = [line.split("|")[1].strip() for line in cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()]
+    rows = [
+        line.split("|")[1].strip() for line in model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
+    ]
     assert rows[2:4] == ["1", "4"]  # every third of 60: 20 rows, and the last
     assert rows[-1] == "60"
-    assert len(rows) - 2 <= cards.MOST_ROWS + 1
+    assert len(rows) - 2 <= model_cards.MAX_ROWS + 1
 
 
 @pytest.mark.parametrize("name", ["deepvo", "synsin"])
-def test_shipped_weights_were_trained_with_the_shipped_recipe_and_have_their_card(name: str) -> None:
-    folder = Path(cards.__file__).parent / "weights"
-    text = cards.card(folder / f"{name}.safetensors", Path(f"{name}-small"))
+def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(name: str) -> None:
+    folder = Path(model_cards.__file__).parent / "weights"
+    text = model_cards.model_card(folder / f"{name}.safetensors", Path(f"{name}-small"))
     assert f"    python -m learned train {name} {name}-small\n" in text
     assert (folder / f"{name}.md").read_text().startswith(text.partition("## Licence")[0])
 
 
-def test_a_recipe_of_other_settings_is_refused() -> None:
-    with pytest.raises(BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own recipe"):
-        cards.card(Path(cards.__file__).parent / "weights" / "deepvo.safetensors", Path("deepvo-tiny"))
+def test_a_config_of_other_settings_is_refused() -> None:
+    with pytest.raises(BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own config"):
+        model_cards.model_card(
+            Path(model_cards.__file__).parent / "weights" / "deepvo.safetensors", Path("deepvo-tiny")
+        )
 
 
 def test_the_command_prints_the_card_or_says_in_a_sentence_why_not(
@@ -105,6 +109,6 @@ def test_the_command_prints_the_card_or_says_in_a_sentence_why_not(
 ) -> None:
     file = written(tmp_path, HISTORY)
     assert main(["card", str(file)]) == 0
-    assert capsys.readouterr().out == cards.card(file)
+    assert capsys.readouterr().out == model_cards.model_card(file)
     assert main(["card", str(tmp_path / "none.safetensors")]) == 2
     assert capsys.readouterr().err.count("\n") == 1

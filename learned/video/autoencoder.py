@@ -1,7 +1,6 @@
-"""Images to codes and back, like DCGAN or VGG, at any size that is a power of two.
+"""DCGAN and VGG encoders and decoders with skip connections (Denton and Fergus 2018), for any power-of-two size.
 
-Every stage halves the image until 4x4 pixels are left; a larger image has more stages, and nothing else changes.
-That is how the thesis takes SVG and SLAMP from 64x64 to 256x256.
+Every stage halves the image until 4x4 pixels are left, so larger images only add stages: 64x64 has four, 256x256 six.
 """
 
 from __future__ import annotations
@@ -17,25 +16,24 @@ from torch.nn import functional
 from geovp_classic.errors import BadData
 
 INNERMOST_PX = 4
-MOST_WIDENING = 8  # channels of the innermost stages, in widths
-VGG_CONVOLUTIONS = (2, 2, 3)  # of the first stages; all later ones have as many as the last
-DARKEST = 1 / 512  # half a grey level, so that black has a finite logit
+MAX_CHANNEL_FACTOR = 8  # channels of the innermost stages, in widths
+VGG_CONVOLUTIONS = (2, 2, 3)  # per stage; later stages have as many as the last of these
+LOGIT_EPS = 1 / 512  # half a grey level, so that black has a finite logit
 
-Skips = Sequence[Tensor]  # feature maps of the stages, outermost first
+Skips = Sequence[Tensor]  # feature maps of the stages, full resolution first
 
 
 @dataclass(frozen=True)
-class Coding:
-    """The shape of encoders and decoders; stored with the weights.
+class AutoencoderConfig:
+    """Sizes of an encoder and its decoder; stored with the weights.
 
-    With `residual` a decoder says how the image that its skip connections come from changes, instead of the whole
-    image: one more skip connection, from image to image. Untrained, it repeats that image. The papers have
-    none; it makes hours of training on a CPU into minutes.
+    With `residual` the decoder's output is added to the logits of the image that the skip connections come from, so an
+    untrained network repeats that image. The papers do not do this; it cuts training on a CPU from hours to minutes.
     """
 
     style: Literal["dcgan", "vgg"] = "vgg"
     size_px: int = 64
-    width: int = 64  # channels of the outermost stage
+    width: int = 64  # channels of the full-resolution stage
     code_size: int = 128
     residual: bool = False
 
@@ -46,18 +44,18 @@ class Coding:
 
     @property
     def channels(self) -> list[int]:
-        """Of every stage, outermost first."""
+        """Channels of every stage, full resolution first."""
         num_stages = (self.size_px // INNERMOST_PX).bit_length() - 1
-        return [self.width * min(2**stage, MOST_WIDENING) for stage in range(num_stages)]
+        return [self.width * min(2**stage, MAX_CHANNEL_FACTOR) for stage in range(num_stages)]
 
 
 class Encoder(nn.Module):
-    """Images to codes in (-1, 1), with the feature maps of all stages for a decoder's skip connections."""
+    """Images to codes in (-1, 1), and the feature maps of all stages for the decoder's skip connections."""
 
-    def __init__(self, coding: Coding, in_channels: int = 3) -> None:
-        """For images with so many channels."""
+    def __init__(self, coding: AutoencoderConfig, in_channels: int = 3) -> None:
+        """`coding` gives the sizes."""
         super().__init__()
-        stage = _strided if coding.style == "dcgan" else _convolutions
+        stage = _dcgan_down if coding.style == "dcgan" else _vgg_block
         sizes = [in_channels, *coding.channels]
         self.stages = nn.ModuleList(stage(sizes[n], sizes[n + 1], n) for n in range(len(sizes) - 1))
         self.is_pooling = coding.style == "vgg"
@@ -80,10 +78,10 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Codes and skips to maps of the images' size; the mirror image of an encoder."""
+    """Codes and skips to maps of the images' size; mirrors the encoder."""
 
-    def __init__(self, coding: Coding, out_channels: int = 3, code_size: int | None = None) -> None:
-        """Starts at zero when it is residual; `code_size` where it is not the coding's."""
+    def __init__(self, coding: AutoencoderConfig, out_channels: int = 3, code_size: int | None = None) -> None:
+        """The last layer starts at zero when residual; `code_size` replaces the one of `coding`."""
         super().__init__()
         self.coding = coding
         sizes = [coding.width, *coding.channels]
@@ -92,7 +90,7 @@ class Decoder(nn.Module):
             nn.BatchNorm2d(sizes[-1]),
             nn.LeakyReLU(0.2),
         )
-        stage = _doubling if coding.style == "dcgan" else _convolutions
+        stage = _dcgan_up if coding.style == "dcgan" else _vgg_block
         self.stages = nn.ModuleList(stage(2 * sizes[n + 1], sizes[n], n) for n in reversed(range(len(sizes) - 1)))
         self.last = nn.Conv2d(sizes[0], out_channels, 3, padding=1)
         if coding.residual:
@@ -107,41 +105,40 @@ class Decoder(nn.Module):
             if self.coding.style == "vgg":
                 maps = functional.interpolate(maps, scale_factor=2, mode="nearest")
             maps = stage(torch.cat([maps, skip], dim=1))
-        changes: Tensor = self.last(maps)
-        return changes
+        return self.last(maps)
 
 
 def images_from_maps(maps: Tensor, base: Tensor | None) -> Tensor:
-    """Decoded maps [N, 3, H, W] as images in (0, 1); changes of `base` [N, 3, H, W] where there is one."""
-    return torch.sigmoid(maps if base is None else maps + torch.logit(base, DARKEST))
+    """Sigmoid of decoded maps [N, 3, H, W]; with a base [N, 3, H, W], the maps are changes of its logits."""
+    return torch.sigmoid(maps if base is None else maps + torch.logit(base, LOGIT_EPS))
 
 
-def repeated(skips: Skips, rows: int) -> list[Tensor]:
-    """The one row of each map so many times, without taking memory for it."""
+def expand_skips(skips: Skips, rows: int) -> list[Tensor]:
+    """Skips of one image as those of a batch of `rows` equal ones, without copying."""
     return [maps.expand(rows, *maps.shape[1:]) for maps in skips]
 
 
-def picked(skips: Skips, batch: int, steps: Tensor) -> list[Tensor]:
-    """Of maps [B * T, ...] those of certain steps of every clip, as [B * len(steps), ...]."""
+def select_skips(skips: Skips, batch: int, steps: Tensor) -> list[Tensor]:
+    """The skips of some time steps: of maps [B * T, ...] those [B * len(steps), ...]."""
     return [maps.unflatten(0, (batch, -1))[:, steps].flatten(0, 1) for maps in skips]
 
 
-def _strided(in_channels: int, out_channels: int, stage: int) -> nn.Module:
-    return nn.Sequential(nn.Conv2d(in_channels, out_channels, 4, 2, 1, bias=False), *_activated(out_channels))
+def _dcgan_down(in_channels: int, out_channels: int, stage: int) -> nn.Module:
+    return nn.Sequential(nn.Conv2d(in_channels, out_channels, 4, 2, 1, bias=False), *_norm_relu(out_channels))
 
 
-def _doubling(in_channels: int, out_channels: int, stage: int) -> nn.Module:
+def _dcgan_up(in_channels: int, out_channels: int, stage: int) -> nn.Module:
     convolution = nn.ConvTranspose2d(in_channels, out_channels, 4, 2, 1, bias=False)
-    return nn.Sequential(convolution, *_activated(out_channels))
+    return nn.Sequential(convolution, *_norm_relu(out_channels))
 
 
-def _convolutions(in_channels: int, out_channels: int, stage: int) -> nn.Module:
+def _vgg_block(in_channels: int, out_channels: int, stage: int) -> nn.Module:
     layers: list[nn.Module] = []
     for _ in range(VGG_CONVOLUTIONS[min(stage, len(VGG_CONVOLUTIONS) - 1)]):
-        layers += [nn.Conv2d(in_channels, out_channels, 3, padding=1, bias=False), *_activated(out_channels)]
+        layers += [nn.Conv2d(in_channels, out_channels, 3, padding=1, bias=False), *_norm_relu(out_channels)]
         in_channels = out_channels
     return nn.Sequential(*layers)
 
 
-def _activated(channels: int) -> tuple[nn.Module, nn.Module]:
+def _norm_relu(channels: int) -> tuple[nn.Module, nn.Module]:
     return nn.BatchNorm2d(channels), nn.LeakyReLU(0.2)

@@ -1,4 +1,4 @@
-"""Training recipes: TOML files that say what is learnt, from which clips, and how.
+"""Training configs: TOML files with the method, the data and the training settings.
 
     [method]       fields of the method's dataclass
     [training]     fields of `Training`
@@ -24,26 +24,25 @@ from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.interfaces import Dataset
 from learned import methods
 
-VARIABLE = re.compile(r"\$(\w+)|\$\{(\w+)\}")
 TABLES = ("about", "method", "training", "train", "validation")
 
 
 @dataclass(frozen=True)
 class Training:
-    """How long and on what hardware; a rate of learning rises over `warmup_steps` and falls as a cosine after it."""
+    """Length and hardware of a run; the learning rate warms up linearly and is annealed along a cosine."""
 
     num_steps: int
-    batch_size: int = 16  # examples a step and device
+    batch_size: int = 16  # examples per step and device
     seed: int = 0
     warmup_steps: int = 0
-    final_rate: float = 0.0  # share of the rate that is left at the end
+    final_rate: float = 0.0  # learning rate at the end, relative to the full one
     clip_norm: float = 0.0  # of each network's gradient; 0 = unclipped
-    average_steps: int = 0  # a running mean of the weights over so many steps is what is validated and kept; 0 = none
+    average_steps: int = 0  # the EMA of the weights over about so many steps is validated and kept; 0 = no EMA
     validate_every: int = 200  # steps
-    patience: int = 0  # validations without a better score before it stops; 0 = never
+    patience: int = 0  # validations without a better score before the run stops; 0 = unlimited
     save_every_s: float = 60.0
     num_threads: int = 0  # of torch on the CPU; 0 = torch's own choice
-    accelerator: str = "auto"  # from here on as Lightning Fabric has them
+    accelerator: str = "auto"  # from here on as in Lightning Fabric
     devices: int = 1
     num_nodes: int = 1
     strategy: str = "auto"
@@ -59,15 +58,15 @@ class Training:
 
     @property
     def decisive(self) -> dict[str, Any]:
-        """The fields on which the outcome depends; the others may change when a run goes on."""
+        """The fields that the result depends on; the others may change when a run is resumed."""
         names = ["num_steps", "batch_size", "seed", "warmup_steps", "final_rate", "clip_norm", "validate_every"]
         names += ["patience", "precision", *(["average_steps"] if self.average_steps else [])]
         return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """A recipe, checked; its data sets are built but not read."""
+class TrainingConfig:
+    """A config, checked; its data sets are built but not read."""
 
     method_name: str
     method: methods.Method
@@ -76,35 +75,37 @@ class Recipe:
     validation: tuple[Dataset, ...]
 
 
-def load(method_name: str, file: Path, root: Path | None = None) -> Recipe:
-    """The recipe of a file, or of a name such as "deepvo-small" among those that come with the package.
+def load(method_name: str, file: Path, root: Path | None = None) -> TrainingConfig:
+    """The config of a file, or of the name of a shipped one such as "deepvo-small".
 
     `root` replaces the root of every data set that has one. Raises BadData or UnknownComponent naming the field.
     """
-    content = _read(file)
-    method, training = _settings(method_name, file, content)
-    return Recipe(
-        method_name,
-        method,
-        training,
-        tuple(_datasets(content, "train", file, root)),
-        tuple(_datasets(content, "validation", file, root)),
-    )
+    method, training, content = settings(method_name, file)
+    datasets = (tuple(_datasets(content, key, file, root)) for key in ("train", "validation"))
+    return TrainingConfig(method_name, method, training, *datasets)
 
 
-def settings(method_name: str, file: Path) -> tuple[methods.Method, Training]:
-    """What a recipe says about method and training, whether or not its data is here; errors as those of `load`."""
-    return _settings(method_name, file, _read(file))
+def settings(method_name: str, file: Path) -> tuple[methods.Method, Training, Mapping[str, Any]]:
+    """The method and training of a config, and its tables, without building data sets; errors as those of `load`."""
+    content, kinds = _read(file), {"method": methods.load(method_name), "training": Training}
+    for key in content:
+        if key not in TABLES:
+            raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
+    for key in kinds:
+        if not isinstance(content.get(key, {}), Mapping):
+            raise BadData(f"{key} is {content[key]!r}, expected a table [{key}]")
+    method, training = (registry.construct(kinds[key], content.get(key, {}), f"{file}: {key}") for key in kinds)
+    return method, training, content
 
 
 def shipped() -> list[str]:
-    """The names of the recipes that come with the package, sorted."""
+    """The names of the configs that come with the package, sorted."""
     folder = resources.files("learned").joinpath("configs")
     return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
 
 
 def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
-    """The data sets for a model card: their settings without places on this machine, and the hash of their frames."""
+    """The settings of data sets without paths on this machine, and the hash of their splits."""
     tables = [registry.describe(dataset) for dataset in datasets]
     for table, dataset in zip(tables, datasets, strict=True):
         table.pop("root", None)
@@ -114,34 +115,16 @@ def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
     return tables
 
 
-def _settings(method_name: str, file: Path, content: Mapping[str, Any]) -> tuple[methods.Method, Training]:
-    kind = methods.load(method_name)
-    for key in content:
-        if key not in TABLES:
-            raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
-    return (
-        registry.construct(kind, _table(content, "method"), f"{file}: method"),
-        registry.construct(Training, _table(content, "training"), f"{file}: training"),
-    )
-
-
 def _read(file: Path) -> Mapping[str, Any]:
     source: Any = file
     if file.name in shipped():
         source = resources.files("learned").joinpath("configs", f"{file.name}.toml")
     elif not file.is_file():
-        raise BadData(f"recipe {file} does not exist: give a .toml file or one of {', '.join(shipped())}")
+        raise BadData(f"config {file} does not exist: give a .toml file or one of {', '.join(shipped())}")
     try:
         return tomllib.loads(source.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise BadData(f"{file} is not TOML: {problem}") from problem
-
-
-def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = content.get(key, {})
-    if not isinstance(value, Mapping):
-        raise BadData(f"{key} is {value!r}, expected a table [{key}]")
-    return value
 
 
 def _datasets(content: Mapping[str, Any], key: str, file: Path, root: Path | None) -> Iterable[Dataset]:
@@ -151,15 +134,13 @@ def _datasets(content: Mapping[str, Any], key: str, file: Path, root: Path | Non
     for index, table in enumerate(tables):
         where = f"{file}: {key}[{index}]"
         if isinstance(given := table.get("root"), str):
-            table = {**table, "root": str(root) if root is not None else _spelled(given, where)}
+            table = {**table, "root": str(root) if root is not None else _expanded(given, where)}
         yield registry.build("datasets", table, where)
 
 
-def _spelled(text: str, where: str) -> str:
-    """The text with the environment's values for its $VARIABLES."""
-    for match in VARIABLE.finditer(text):
-        name = match[1] or match[2]
-        if not os.environ.get(name):
-            raise BadData(f"{where}: root holds ${name}, which is not set: set it, or give --root FOLDER")
-        text = text.replace(match[0], os.environ[name])
-    return text
+def _expanded(path: str, where: str) -> str:
+    """The path with its environment variables replaced."""
+    expanded = os.path.expandvars(path)
+    if unset := re.search(r"\$\{?(\w+)", expanded):
+        raise BadData(f"{where}: root holds ${unset[1]}, which is not set: set it, or give --root FOLDER")
+    return expanded

@@ -4,35 +4,32 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: SLAMP needs the extra 'learned'")
 
-from learned.slamp.network import Architecture, SlampNetwork  # noqa: E402
-from learned.slamp.train import SlampTraining  # noqa: E402
-from learned.slamp.warping import warped  # noqa: E402
-from learned.video.coders import Coding  # noqa: E402
+from learned.video.autoencoder import AutoencoderConfig  # noqa: E402
+from learned.video.slamp import Architecture, SlampNetwork, SlampTraining, _frame_pairs, warp  # noqa: E402
 
-ARCHITECTURE = Architecture(Coding("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4, flow_unit_px=2.0)
+ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4, flow_unit_px=2.0)
 
 
 def test_what_is_shown_is_made_of_both_branches_by_the_mask() -> None:
     torch.manual_seed(0)
     images = torch.rand(2, 4, 3, 8, 8)
-    shown = SlampNetwork(ARCHITECTURE)(images, 2).shown
+    shown = SlampNetwork(ARCHITECTURE)(images, 2).prediction
     blended = shown.masks * shown.appearance + (1 - shown.masks) * shown.motion
     torch.testing.assert_close(shown.images, blended)
-    moved = warped(images[:, :-1].flatten(0, 1), shown.flow_px.flatten(0, 1))
+    moved = warp(images[:, :-1].flatten(0, 1), shown.flow_px.flatten(0, 1))
     torch.testing.assert_close(shown.motion.flatten(0, 1), moved)  # of the real frame before
     assert shown.masks.shape == (2, 3, 1, 8, 8)
 
 
 def test_the_motion_branch_sees_each_frame_beside_the_one_before() -> None:
     images = torch.rand(1, 3, 3, 8, 8)
-    (_, frames), (_, pairs) = SlampNetwork(ARCHITECTURE)._branches(images)
-    torch.testing.assert_close(frames, images)
+    pairs = _frame_pairs(images)
     torch.testing.assert_close(pairs[:, 2], torch.cat([images[:, 1], images[:, 2]], dim=1))
     torch.testing.assert_close(pairs[:, 0, :3], pairs[:, 0, 3:])  # nothing moved before the first
 
 
 def test_an_untrained_residual_network_copies_the_last_frame() -> None:
-    coding = Coding("dcgan", 8, 4, 8, residual=True)
+    coding = AutoencoderConfig("dcgan", 8, 4, 8, residual=True)
     network = SlampNetwork(Architecture(coding, 8, latent_size=2, mask_width=4)).eval()
     observed = torch.rand(1, 3, 3, 8, 8) * 0.8 + 0.1
     with torch.no_grad():

@@ -11,19 +11,19 @@ from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.errors import BadData  # noqa: E402
 from geovp_classic.geometry import planar, se3  # noqa: E402
 from geovp_classic.types import FloatArray  # noqa: E402
-from learned.deepvo import drives  # noqa: E402
-from learned.deepvo.drives import NOTHING, Augmentation, Window  # noqa: E402
+from learned.deepvo import windows  # noqa: E402
 from learned.deepvo.network import Architecture  # noqa: E402
 from learned.deepvo.train import DeepVoTraining  # noqa: E402
+from learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window  # noqa: E402
 
 CAMERA = Architecture(size_px=(64, 64), focal_widths=1.5).camera
-DRIVE = drives.read(street.clip(), CAMERA)
+DRIVE = windows.read(street.clip(), CAMERA)
 REAL = se3.inverse(DRIVE.world_from_cam[:-1]) @ DRIVE.world_from_cam[1:]
 
 
 def drawn(augmentation: Augmentation, seed: int = 0, first: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
-    return drives.sample(Window(DRIVE, first), CAMERA, 4, 3, augmentation, rng)
+    return windows.sample(Window(DRIVE, first), CAMERA, 4, 3, augmentation, rng)
 
 
 def yaw_deg(motion: FloatArray) -> FloatArray:
@@ -32,18 +32,21 @@ def yaw_deg(motion: FloatArray) -> FloatArray:
 
 def test_the_wide_image_is_read_where_there_is_one() -> None:
     assert DRIVE.frames[0].shape == (82, 123, 3)  # 128 x 192, at 96 instead of 150 pixels of focal length
-    assert drives.read(replace(street.clip(), wide=None), CAMERA).frames[0].shape == (82, 82, 3)
+    assert windows.read(replace(street.clip(), wide=None), CAMERA).frames[0].shape == (82, 82, 3)
 
 
 def test_nothing_varied_is_the_drive_itself() -> None:
-    images, motions, known = drawn(NOTHING, first=2)
+    images, motions, known = drawn(NO_AUGMENTATION, first=2)
     assert images.shape == (4, 64, 64, 3)
     np.testing.assert_allclose(motions, REAL[2:8], atol=1e-12)
     assert known.all()
 
 
 def test_mirroring_turns_right_into_left() -> None:
-    (plain, motions, _), (mirrored, exchanged, _) = drawn(NOTHING), drawn(replace(NOTHING, mirror_share=1.0))
+    (plain, motions, _), (mirrored, exchanged, _) = (
+        drawn(NO_AUGMENTATION),
+        drawn(replace(NO_AUGMENTATION, mirror_share=1.0)),
+    )
     np.testing.assert_allclose(yaw_deg(exchanged), -yaw_deg(motions), atol=1e-9)
     assert yaw_deg(motions).min() > 0.5  # this street bends to the right
     flipped = plain[:, :, ::-1]  # the principal point at 29.5 of 63 pixels: 4.1 pixels off its mirror image
@@ -52,19 +55,19 @@ def test_mirroring_turns_right_into_left() -> None:
 
 
 def test_every_other_frame_is_twice_the_motion() -> None:
-    _, motions, known = drawn(replace(NOTHING, fast_share=1.0))
+    _, motions, known = drawn(replace(NO_AUGMENTATION, fast_share=1.0))
     np.testing.assert_allclose(motions[0], REAL[0] @ REAL[1], atol=1e-9)
     np.testing.assert_array_equal(known, [True] * 4 + [False] * 2)  # of 10 frames: 2, 4, 6, 8, but not 10 and 12
 
 
 def test_where_twice_the_speed_would_leave_the_clip_it_is_not_taken() -> None:
-    _, motions, known = drawn(replace(NOTHING, fast_share=1.0), first=4)
+    _, motions, known = drawn(replace(NO_AUGMENTATION, fast_share=1.0), first=4)
     np.testing.assert_allclose(motions[0], REAL[4], atol=1e-9)
     np.testing.assert_array_equal(known, [True] * 5 + [False])
 
 
 def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
-    swing = replace(NOTHING, turn_share=1.0, turn_deg=3.0)
+    swing = replace(NO_AUGMENTATION, turn_share=1.0, turn_deg=3.0)
     _, motions, known = drawn(swing, seed=1)
     added = yaw_deg(motions) - yaw_deg(REAL[:6])
     np.testing.assert_allclose(added, added[0], atol=1e-4)
@@ -75,9 +78,9 @@ def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
 def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
     """Half way through the window the swing is nil: of 3 images the last is turned one way, the first the other."""
     rng = np.random.default_rng(5)
-    swing = replace(NOTHING, turn_share=1.0, turn_deg=3.0)
-    images, motions, _ = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
-    plain = drives.sample(Window(DRIVE, 0), CAMERA, 3, 1, NOTHING, np.random.default_rng(5))[0]
+    swing = replace(NO_AUGMENTATION, turn_share=1.0, turn_deg=3.0)
+    images, motions, _ = windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
+    plain = windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, NO_AUGMENTATION, np.random.default_rng(5))[0]
     np.testing.assert_array_equal(images[1], plain[1])
     rate_px = np.deg2rad(yaw_deg(motions)[0] - yaw_deg(REAL)[0]) * CAMERA.fx_px
     shift_px = round(rate_px)  # turning right moves the image to the left
@@ -89,17 +92,17 @@ def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
 
 
 def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() -> None:
-    grey, _, _ = drawn(replace(NOTHING, grey_share=1.0))
+    grey, _, _ = drawn(replace(NO_AUGMENTATION, grey_share=1.0))
     np.testing.assert_array_equal(grey[..., 0], grey[..., 2])
-    (plain, _, _), (dark, _, _) = drawn(NOTHING), drawn(replace(NOTHING, gamma=1.0))
+    (plain, _, _), (dark, _, _) = drawn(NO_AUGMENTATION), drawn(replace(NO_AUGMENTATION, gamma=1.0))
     for level in (60, 180):
         assert len(np.unique(dark[plain == level])) == 1
 
 
 def test_windows_are_every_run_that_fits() -> None:
-    assert [window.first for window in drives.windows([DRIVE], 7)] == [0, 1, 2, 3]
-    assert [window.first for window in drives.windows([DRIVE], 7, stride=2)] == [0, 2]
-    assert drives.windows([DRIVE], 11) == []
+    assert [window.first for window in windows.windows([DRIVE], 7)] == [0, 1, 2, 3]
+    assert [window.first for window in windows.windows([DRIVE], 7, stride=2)] == [0, 2]
+    assert windows.windows([DRIVE], 11) == []
 
 
 def test_a_batch_draws_how_much_past_is_seen() -> None:
@@ -115,7 +118,7 @@ def test_a_batch_draws_how_much_past_is_seen() -> None:
 
 def test_clips_without_metric_poses_are_refused() -> None:
     with pytest.raises(BadData, match="has no metric poses, which deepvo learns from"):
-        drives.read(replace(street.clip(), trajectory=None), CAMERA)
+        windows.read(replace(street.clip(), trajectory=None), CAMERA)
 
 
 @pytest.mark.parametrize("wrong", [{"shortest_past": 1}, {"shortest_past": 11}, {"num_future": 0}])

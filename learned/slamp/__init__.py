@@ -1,1 +1,0 @@
-"""SLAMP: stochastic latent appearance and motion prediction (Akan et al. 2021)."""

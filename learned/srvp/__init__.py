@@ -1,1 +1,0 @@
-"""SRVP: stochastic latent residual video prediction (Franceschi et al. 2020)."""
