@@ -38,11 +38,19 @@ class PredictionRequest:
     with_wide: bool = False  # use the whole images, not their middle only
 
     def predictor(self) -> GeometricPredictor:
-        """The best we have: chained odometry and forecast, depth fusion; metres only where the height gives them."""
+        """The best we have: odometry and forecast, refined, and depth fusion; metres where the height gives them."""
         frames = "wide" if self.with_wide else "crop"
         scale = "unit-speed" if self.camera_height_m is None else "ground-plane"
         odometry = {"name": "monocular", "frames": frames, "scale": {"name": scale}}
-        pose_source = registry.build("pose_sources", {"name": "chained", "odometry": odometry})
+        refinements = [
+            {"name": "registration", "frames": frames},
+            "unmeasured-intervals",
+            "rotation-drift",
+            "nonholonomic",
+            {"name": "road-height", "frames": frames},
+        ]
+        source = {"name": "chained", "odometry": odometry}
+        pose_source = registry.build("pose_sources", {"name": "refined", "source": source, "refinements": refinements})
         return GeometricPredictor(pose_source, registry.build("renderers", {"name": "depth-fusion", "frames": frames}))
 
 
@@ -53,7 +61,7 @@ class Predicted:
     context: Context
     motion: Motion
     views: Views  # [F]
-    rerendered: Views  # [P], the scene rendered at the poses of the observed frames
+    rerendered: Views  # [P], the scene at the last observed time, rendered at the poses of the observed frames
     first: int  # number of the first observed frame
     actual: ByteArray | None  # [F, H, W, 3], the recorded future, where the recording goes on so far
 
@@ -71,7 +79,8 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     progress(3, NUM_STAGES)
     past_s, future_s = np.split(context.times_s, [context.num_past])
     views = scene.view(motion.futures[0], future_s, context.intrinsics)
-    rerendered = scene.view(motion.past.world_from_cam, past_s, context.intrinsics)
+    at_once_s = np.full(len(past_s), past_s[-1])  # a cloud shows one instant: what moves leaves no trail in it
+    rerendered = scene.view(motion.past.world_from_cam, at_once_s, context.intrinsics)
     progress(4, NUM_STAGES)
     return Predicted(context, motion, views, rerendered, first, _actual(request, recording, first))
 

@@ -15,6 +15,7 @@ from geovp_classic import exports
 from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray
 
 CAMERA = street.clip().intrinsics
 INTRINSICS = ["--intrinsics", *map(str, (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px))]
@@ -59,6 +60,40 @@ def test_cloud_and_model_hold_the_same_points(written: Path) -> None:
     names = [image.name for image in model.images.values()]
     assert len(names) == 11
     assert all((written / name).is_file() for name in names)
+
+
+def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the model's points that lie in an image of it: pixels [N, 2], depths [N] and colours [N, 3]."""
+    model = pycolmap.Reconstruction(str(written / "colmap"))
+    (image,) = (one for one in model.images.values() if one.name == name)
+    points = np.stack([point.xyz for point in model.points3D.values()])
+    colours = np.stack([point.color for point in model.points3D.values()])
+    points_cam = points @ image.cam_from_world().matrix()[:, :3].T + image.cam_from_world().matrix()[:, 3]
+    fx, fy, cx, cy = image.camera.params
+    pixels = points_cam[:, :2] / points_cam[:, 2:] * [fx, fy] + [cx - 0.5, cy - 0.5]
+    inside = (points_cam[:, 2] > 0) & (pixels > 0).all(axis=1) & (pixels < 95).all(axis=1)
+    return pixels[inside], points_cam[inside, 2], colours[inside].astype(float)
+
+
+@pytest.mark.parametrize("name", ["seen/000007.png", "frames/000008.png"])
+def test_the_cloud_projects_onto_the_frames_that_the_model_poses(written: Path, name: str) -> None:
+    pixels, _, colours = projected(written, name)
+    frame = cv2.imread(str(written / name))[..., ::-1].astype(float)
+    u, v = np.rint(pixels).astype(int).T
+    off = np.abs(frame[v, u] - colours).mean(axis=1)
+    shuffled = np.abs(frame[v, u] - np.roll(colours, len(colours) // 2, axis=0)).mean(axis=1)
+    assert len(off) > 1000
+    assert np.median(off) < 6
+    assert np.median(off) < 0.25 * np.median(shuffled)
+
+
+def test_the_cloud_lies_where_depth_maps_and_poses_put_it(written: Path) -> None:
+    pixels, depths, _ = projected(written, "frames/000008.png")
+    scale = float((written / "depths" / "scale.txt").read_text().split("/")[1].split(",")[0])
+    depth = cv2.imread(str(written / "depths" / "000008.png"), cv2.IMREAD_UNCHANGED) / scale
+    u, v = np.rint(pixels).astype(int).T
+    known = (depth[v, u] > 0) & (depth[v, u] < 65535 / scale)
+    assert np.median(np.abs(depths / depth[v, u] - 1)[known]) < 0.02
 
 
 def test_depth_maps_say_their_scale(written: Path) -> None:
