@@ -39,7 +39,7 @@ class Multiview:
     """
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
-    num_planes: int = 64  # of a sweep over images of up to TALL_PX rows; over taller ones proportionally more
+    num_planes: int = 96  # of a sweep over images of up to TALL_PX rows; over taller ones proportionally more
     ground: GroundPrior | None = field(default_factory=GroundPrior)  # None: nothing is known of a road
     level_road: LevelRoad | None = None  # where there is no parallax
 
