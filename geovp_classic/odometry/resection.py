@@ -47,7 +47,7 @@ def refine_pose(
     """The pose with the smallest robust reprojection errors near the given one, and its inliers.
 
     Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise, by half or more a round.
-    Ten times as fast as pycolmap's `refine_absolute_pose` (benchmarks/performance/libraries.py).
+    Several times as fast as pycolmap's `refine_absolute_pose` (benchmarks/performance/libraries.py).
     """
     kernel = np.inf
     for _ in range(num_rounds):
