@@ -91,7 +91,7 @@ def resection(scene: Scene) -> Comparison:
 
     def library() -> FloatArray:
         given = (_rigid(guess), scene.wrong, scene.points, everything, camera, options)
-        return _matrix(pycolmap.refine_absolute_pose(*given)["cam_from_world"])
+        return _matrix(pycolmap.refine_absolute_pose(*given), "cam_from_world")
 
     def ours() -> FloatArray:
         return refine_pose(scene.points, scene.wrong, guess, NOISE)[0]
@@ -103,11 +103,11 @@ def relative_pose(scene: Scene) -> Comparison:
     """The motion between the first and the last view, from one or two degrees off; errors of its direction."""
     truth, nearby = _unit(scene.cam_from_world[-1]), se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001]))
     near, rays = _unit(nearby @ truth), (scene.rays[0], scene.wrong)
-    directions = [homogeneous(r) / np.linalg.norm(homogeneous(r), axis=1, keepdims=True) for r in rays]
+    a, b = (homogeneous(r) / np.linalg.norm(homogeneous(r), axis=1, keepdims=True) for r in rays)
     everything = np.ones(NUM_POINTS, dtype=bool)
 
     def library() -> FloatArray:
-        return _matrix(pycolmap.refine_relative_pose(_rigid(near), *directions, everything)["cam2_from_cam1"])
+        return _matrix(pycolmap.refine_relative_pose(_rigid(near), a, b, everything), "cam2_from_cam1")
 
     def error(pose: FloatArray) -> float:
         return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
@@ -158,8 +158,9 @@ def _rigid(pose: FloatArray) -> pycolmap.Rigid3d:
     return pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
 
 
-def _matrix(rigid: pycolmap.Rigid3d) -> FloatArray:
-    matrix = np.asarray(rigid.matrix())
+def _matrix(result: dict[str, pycolmap.Rigid3d] | None, name: str) -> FloatArray:
+    assert result is not None  # on data made here
+    matrix = np.asarray(result[name].matrix())
     return se3.compose(matrix[:, :3], matrix[:, 3])
 
 

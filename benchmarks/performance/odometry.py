@@ -1,7 +1,7 @@
 """How fast the odometry is, with bundle adjustment and scale, beside a plain ORB + findEssentialMat loop.
 
 `python -m benchmarks.performance.odometry IMAGES CALIB [COUNT]`: a folder of images and KITTI's calib.txt (its
-first line is taken). Both loops get the same images from memory, in turns, so that a busy machine slows both.
+first line is taken). Both loops process the same images from memory alternately, so that a busy machine slows both.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 @dataclass(frozen=True)
 class Timing:
-    """What one run over the images took."""
+    """Times and memory of one run over the images."""
 
     odometry_s: FloatArray  # [T], every image's push
     plain_s: FloatArray  # [T - 1], every pair
     growth_mb: float  # of peak memory in the second half
 
     def lines(self) -> list[str]:
-        """The result in words."""
+        """The printed result."""
         odometry_hz, plain_hz = 1 / self.odometry_s.mean(), 1 / self.plain_s.mean()
         median_ms, late_ms = 1e3 * np.percentile(self.odometry_s, [50, 95])
         return [
@@ -46,7 +46,7 @@ class Timing:
 
 
 def measure(frames: Sequence[ByteArray], camera: Intrinsics, camera_height_m: float = 1.65) -> Timing:
-    """Time both loops image by image, in turns."""
+    """Time both loops image by image, alternately."""
     stream = Monocular().stream(camera, camera_height_m)
     odometry_s, plain_s, peaks_mb = [], [], []
     for i, frame in enumerate(frames):
@@ -63,7 +63,7 @@ def measure(frames: Sequence[ByteArray], camera: Intrinsics, camera_height_m: fl
 
 
 def plain_step(before: ByteArray, now: ByteArray, camera: Intrinsics) -> FloatArray:
-    """Rotation and direction [3, 4] as a first course in vision has it: 2000 ORB points, cross-checked, RANSAC."""
+    """Rotation and direction [3, 4] by the textbook: 2000 ORB points, cross-checked matches, RANSAC."""
     orb, matcher = cv2.ORB.create(2000), cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
     points_a, described_a = orb.detectAndCompute(before, None)
     points_b, described_b = orb.detectAndCompute(now, None)
@@ -90,7 +90,7 @@ def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrin
 
 @command
 def main(arguments: Sequence[str]) -> str:
-    """The timing in words."""
+    """The printed timing."""
     if len(arguments) < 2:
         raise BadData(f"arguments {' '.join(arguments)!r}: expected IMAGES CALIB [COUNT]")
     (count,) = whole_numbers(arguments[2:], (200,), "IMAGES CALIB [COUNT]")

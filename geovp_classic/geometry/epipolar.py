@@ -1,7 +1,7 @@
-"""Where what one frame shows was in another frame, and from there back to its distance; compiled, pixel by pixel.
+"""Pixels of one frame projected into another along their epipolar lines, and triangulated from there; compiled.
 
-A pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole (Hartley
-& Zisserman 2004, eq. 13.2): its way from infinity towards the camera is a piece of its epipolar line.
+A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole
+(Hartley & Zisserman 2004, eq. 13.2): from infinity towards the camera it moves along its epipolar line.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 from geovp_classic.types import FloatArray, Intrinsics
 
 IN_FRONT = 1e-3  # smallest z, relative to the ray
-STIFFNESS = 1e-3  # beside squared pixels per unit of inverse depth: infinity, where nothing tells the distance
+STIFFNESS = 1e-3  # added to squared pixels per unit of inverse depth: undetermined depths become infinite
 _IN_FRONT, _STIFFNESS = np.float32(IN_FRONT), np.float32(STIFFNESS)
 
 
 @dataclass(frozen=True)
 class Epipolar:
-    """Two frames: the other one's image of this one's pixels."""
+    """The homography at infinity and the epipole of two frames."""
 
     infinity: FloatArray  # A [3, 3] float32
     epipole: FloatArray  # b [3] float32
@@ -39,7 +39,7 @@ class Epipolar:
     ) -> tuple[FloatArray, FloatArray]:
         """Pixels [H, W, 2] float32 of the other frame, and the depth there over the depth here [H, W].
 
-        What is behind the other camera, where this ratio is not positive, is far outside.
+        Points behind the other camera, where this ratio is not positive, are far outside the image.
         """
         q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
         places, ratio = np.empty((*q.shape, 2), np.float32), np.empty(q.shape, np.float32)
@@ -50,7 +50,7 @@ class Epipolar:
         self,
         places: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
     ) -> FloatArray:
-        """The inverse depth [H, W] float32 that is seen nearest to the places, by linear least squares."""
+        """The inverse depth [H, W] float32 that projects nearest to the places, by linear least squares."""
         inverse_depth = np.empty(places.shape[:2], np.float32)
         _triangulated(self.infinity, self.epipole, np.ascontiguousarray(places, dtype=np.float32), inverse_depth)
         return inverse_depth
@@ -79,7 +79,7 @@ def _seen_at(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _triangulated(a: FloatArray, b: FloatArray, places: FloatArray, inverse_depth: FloatArray) -> None:
-    """The place times z is x and y: (b_xy - p b_z) q = p a_z - a_xy."""
+    """Least squares of the projection equation: (b_xy - p b_z) q = p a_z - a_xy."""
     for row in range(places.shape[0]):
         v = np.float32(row)
         x0, y0, z0 = a[0, 1] * v + a[0, 2], a[1, 1] * v + a[1, 2], a[2, 1] * v + a[2, 2]

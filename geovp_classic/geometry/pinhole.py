@@ -42,7 +42,7 @@ def pixel_grid(camera: Intrinsics) -> FloatArray:
 
 @functools.lru_cache(maxsize=8)
 def rays(camera: Intrinsics) -> FloatArray:
-    """The directions [H, W, 3] of all pixels in the camera's frame, with z = 1; kept, so not to be written to."""
+    """The directions [H, W, 3] of all pixels in the camera's frame, with z = 1; cached, hence read-only."""
     grid = pixel_grid(camera)
     directions = unproject(grid, np.ones(grid.shape[:2]), camera)
     directions.setflags(write=False)

@@ -1,4 +1,4 @@
-"""How close predicted frames come to the real ones: per pixel (PSNR) and per neighbourhood (SSIM).
+"""Similarity of predicted and real frames: per pixel (PSNR) and per neighbourhood (SSIM).
 
 The same images score several dB and .15 SSIM apart under the definitions in use, so each metric states its own in
 `protocol`, and tables print it. All take uint8 RGB frames [F, H, W, 3] and give one float64 per frame [F]; with a mask
@@ -26,7 +26,7 @@ class Psnr:
     """Peak signal-to-noise ratio, 10 log10(peak^2 / MSE), with one MSE over all pixels and channels of a frame.
 
     Equal frames have no finite ratio; everything above `ceiling_db` counts as the ceiling, so that means stay finite.
-    One grey level wrong in one number of a 256x256 frame is 101.1 dB: at 100 dB two frames look the same to anyone.
+    One grey level wrong in one number of a 256x256 frame is 101.1 dB: beyond 100 dB nobody sees a difference.
     """
 
     ceiling_db: float = 100.0

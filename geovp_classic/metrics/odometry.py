@@ -1,8 +1,8 @@
-"""How well a whole estimated path fits the real one: KITTI's drift per length, absolute and relative pose error.
+"""Errors of a whole estimated trajectory: KITTI's drift per length, absolute and relative pose error.
 
 Every number is stated under an alignment, because worlds and units of an estimate are arbitrary:
 
-- `origin`: the first estimated pose is laid onto the first real one, nothing is fitted;
+- `origin`: the first estimated pose becomes the first real one, nothing is fitted;
 - `scale`: as `origin`, with the one scale factor that Umeyama's similarity finds;
 - `se3`: the rigid transform that fits all positions best (Umeyama 1991);
 - `sim3`: the similarity that fits all positions best.
@@ -30,12 +30,12 @@ KITTI_STEP = 10  # a segment starts at every tenth frame
 class Drift:
     """Mean drift over all segments of the given lengths (KITTI odometry development kit, evaluate_odometry)."""
 
-    translation_percent: float  # t_rel; NaN when the path is too short for any segment
+    translation_percent: float  # t_rel; NaN when the trajectory is too short for any segment
     rotation_deg_per_100m: float  # r_rel
     num_segments: int
 
     def __str__(self) -> str:
-        """Both numbers, or that the path is too short: never 0 for want of data."""
+        """Both numbers, or that the trajectory is too short for them."""
         if self.num_segments == 0:
             return "too short"
         return f"{self.translation_percent:.2f} % / {self.rotation_deg_per_100m:.3f} deg/100m"
@@ -60,7 +60,7 @@ def kitti_drift(
     truth: Trajectory,
     lengths_m: tuple[int, ...] = KITTI_LENGTHS_M,
 ) -> Drift:
-    """Drift over segments of the truth's path: relative motion error at their end, per metre of segment."""
+    """Drift over segments of the truth: relative motion error at their end, per metre of segment."""
     _check_lengths(estimate, truth)
     distance_m = path_length(truth)
     starts = np.arange(0, len(truth), KITTI_STEP)

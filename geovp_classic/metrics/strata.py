@@ -1,4 +1,4 @@
-"""Which pixels of the future could have been known: seen before, never seen, or moving by themselves.
+"""Masks of future pixels: observed before, never observed, or on moving objects.
 
 Needs exact depth, so it serves synthetic and RGB-D clips. The masks are for metrics to be taken over, never for
 predictors.
@@ -39,13 +39,13 @@ def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[st
 
 def _seen(
     inverse_depth: FloatArray,  # [H, W]
-    comparable: BoolArray,  # [H, W], the pixels to look at
+    comparable: BoolArray,  # [H, W], the pixels to test
     past_from_cam: FloatArray,  # [P, 4, 4]
     observed: FloatArray,  # [P, H, W], inverse depths
     camera: Intrinsics,
     tolerance: float,
 ) -> BoolArray:
-    """Where one future frame's surface points are visible in an observed frame [H, W]; the latest is asked first."""
+    """Where one future frame's surface points are visible in an observed frame [H, W]; the latest is tested first."""
     seen = np.zeros_like(comparable)
     pending = np.flatnonzero(comparable)
     directions, inverse = pinhole.rays(camera).reshape(-1, 3), inverse_depth.ravel()

@@ -1,4 +1,4 @@
-"""Windowed bundle adjustment: the poses and points that fit all observations of a few keyframes best."""
+"""Bundle adjustment of a window of keyframes by pycolmap."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ TOLERANCE = 1e-4  # relative decrease of the cost at which it stops
 def bundle_adjust(
     cam_from_world: FloatArray,  # [K, 4, 4]
     points: FloatArray,  # [N, 3]
-    pixels: FloatArray,  # [K, N, 2]; NaN where a keyframe does not see a point
+    pixels: FloatArray,  # [K, N, 2]; NaN where a keyframe does not observe a point
     lens: Lens,
     num_fixed: int = 2,
     robust_px: float = 0.5,  # errors beyond this count less (soft L1)
 ) -> tuple[FloatArray, FloatArray]:
-    """Better poses [K, 4, 4] and points [N, 3]; the first `num_fixed` keyframes stay, which fixes the gauge.
+    """Adjusted poses [K, 4, 4] and points [N, 3]; the first `num_fixed` keyframes stay, which fixes the gauge.
 
-    With one fixed, the length of one baseline is kept instead. The input comes back when the solver finds nothing
-    better. Every point needs two observations or more.
+    With one fixed, the length of one baseline is kept instead. The input is returned when the solver
+    fails. Every point needs two observations or more.
     """
     model = _model(cam_from_world, points, pixels, lens)
     config = pycolmap.BundleAdjustmentConfig()
@@ -49,7 +49,7 @@ def bundle_adjust(
 
 
 def _model(cam_from_world: FloatArray, points: FloatArray, pixels: FloatArray, lens: Lens) -> pycolmap.Reconstruction:
-    """The window as pycolmap holds it, with the pixels an ideal lens would give; identifiers count from 1."""
+    """The window as a reconstruction of pycolmap, with undistorted pixels; identifiers count from 1."""
     model, camera = pycolmap.Reconstruction(), lens.camera
     params = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
     model.add_camera_with_trivial_rig(

@@ -27,15 +27,19 @@ class Lens:
 
     def pixels(self, rays: FloatArray) -> FloatArray:
         """Pixels [..., 2] of undistorted rays [..., 2]; the inverse of `rays`, by three fixed-point steps."""
-        distorted, camera = rays, self.camera
+        distorted, camera, pixels = rays, self.camera, np.empty(np.shape(rays))
         for _ in range(3 if self.radial else 0):
             distorted = rays / _stretch(distorted, self.radial)
-        return distorted * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+        pixels[..., 0] = distorted[..., 0] * camera.fx_px + camera.cx_px
+        pixels[..., 1] = distorted[..., 1] * camera.fy_px + camera.cy_px
+        return pixels
 
     def distorted_rays(self, pixels: FloatArray) -> FloatArray:
         """Rays [..., 2] of pixels by the pinhole model alone."""
-        camera = self.camera
-        return (pixels - (camera.cx_px, camera.cy_px)) / (camera.fx_px, camera.fy_px)
+        camera, rays = self.camera, np.empty(np.shape(pixels))
+        rays[..., 0] = (pixels[..., 0] - camera.cx_px) / camera.fx_px
+        rays[..., 1] = (pixels[..., 1] - camera.cy_px) / camera.fy_px
+        return rays
 
 
 def undistorted(distorted: FloatArray, radial: float) -> FloatArray:
@@ -44,4 +48,5 @@ def undistorted(distorted: FloatArray, radial: float) -> FloatArray:
 
 
 def _stretch(distorted: FloatArray, radial: float) -> FloatArray:
-    return 1 + radial * (distorted**2).sum(axis=-1, keepdims=True)
+    x, y = distorted[..., :1], distorted[..., 1:]
+    return 1 + radial * (x * x + y * y)

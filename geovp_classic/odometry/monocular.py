@@ -132,6 +132,7 @@ class Stream:
         """Of the scale, from 0 (unknown) to 1."""
         return self._estimator.confidence
 
+    @single_threaded_blas
     def push(self, frame: ByteArray, time_s: float) -> Step:
         """Take the next image [H, W, 3] or [H, W] and say where the camera is."""
         tracked = self._tracker.push(as_grey(frame), time_s)

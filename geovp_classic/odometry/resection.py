@@ -47,7 +47,7 @@ def refine_pose(
     """The pose with the smallest robust reprojection errors near the given one, and its inliers.
 
     Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise, by half or more a round.
-    Ten times as fast as pycolmap's `refine_absolute_pose` (benchmarks/performance/libraries.py).
+    Several times as fast as pycolmap's `refine_absolute_pose` (benchmarks/performance/libraries.py).
     """
     kernel = np.inf
     for _ in range(num_rounds):
@@ -68,10 +68,12 @@ def reprojection_errors(
     cam_from_world: FloatArray,  # [..., 4, 4]
 ) -> FloatArray:
     """Distances [..., N] on z = 1 between rays and projected points; inf for points behind, NaN for NaN."""
-    points_cam = se3.transform(cam_from_world, points)
-    in_front = points_cam[..., 2:] > 1e-6
-    errors = np.linalg.norm(points_cam[..., :2] / np.where(in_front, points_cam[..., 2:], 1.0) - rays, axis=-1)
-    return np.where(in_front[..., 0] | np.isnan(errors), errors, np.inf)
+    points_cam = cam_from_world[..., :3, :3] @ points.T + cam_from_world[..., :3, 3:]  # [..., 3, N]
+    x, y, z = points_cam[..., 0, :], points_cam[..., 1, :], points_cam[..., 2, :]
+    in_front = z > 1e-6
+    depth = np.where(in_front, z, 1.0)
+    errors = np.sqrt((x / depth - rays[..., 0]) ** 2 + (y / depth - rays[..., 1]) ** 2)
+    return np.where(in_front | np.isnan(errors), errors, np.inf)
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")

@@ -57,18 +57,18 @@ def road_samples(
 
 def correlation(
     before: FloatArray,  # [H, W] float32
-    now: FloatArray,  # [H, W] float32
+    values: FloatArray,  # [N] grey values now
     before_from_now: FloatArray,  # [4, 4]
     lens: Lens,
-    pixels: FloatArray,  # [N, 2] of `now`
-    plane: FloatArray,  # [3] in the camera `now`
+    rays: FloatArray,  # [N, 3] of the values, z = 1
+    plane: FloatArray,  # [3] in the camera now
 ) -> float:
     """Normalised cross-correlation of the road in both images, if it lies on this plane; -1 when it is not visible."""
-    _, pixels_before, index = _project(lens, pixels, before_from_now, plane)
-    if len(index) < MIN_VISIBLE_SHARE * len(pixels):
+    _, pixels_before, index = _project(lens, rays, before_from_now, plane)
+    if len(index) < MIN_VISIBLE_SHARE * len(rays):
         return -1.0
-    values = np.stack([_sample(now, pixels[index]), _sample(before, pixels_before)]).astype(np.float64)
-    a, b = values - values.mean(axis=1, keepdims=True)
+    a, b = values[index].astype(np.float64), sample(before, pixels_before).astype(np.float64)
+    a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 1e-6 else 0.0
 
@@ -87,24 +87,24 @@ def align(
     Gauss-Newton on the difference of grey values (Lucas & Kanade 1981; the plane as parameter: Irani & Anandan 1999),
     with Geman-McClure weights against what is not road, and one offset for a change of brightness.
     """
-    target = _sample(now, pixels)
+    target, rays = sample(now, pixels), homogeneous(lens.rays(pixels))
     slopes = [cv2.Scharr(before, cv2.CV_32F, 1, 0, scale=1 / 32), cv2.Scharr(before, cv2.CV_32F, 0, 1, scale=1 / 32)]
     fields = np.asarray(cv2.merge([before, *slopes]), dtype=np.float32)  # [H, W, 3]
     plane: FloatArray = prior
     information: FloatArray = np.zeros((3, 3))
     for _ in range(NUM_ROUNDS):
-        points, pixels_before, index = _project(lens, pixels, before_from_now, plane)
+        points, pixels_before, index = _project(lens, rays, before_from_now, plane)
         if len(index) < MIN_VISIBLE_SHARE * len(pixels):
             return None
         by_plane = _pixel_jacobian(points, before_from_now[:3, 3], lens)
-        values, rays = _sample(fields, pixels_before), homogeneous(lens.rays(pixels[index]))
-        jacobian = (values[:, 1:] * by_plane).sum(axis=1)[:, None] * rays
+        values = sample(fields, pixels_before)
+        jacobian = (values[:, 1] * by_plane[:, 0] + values[:, 2] * by_plane[:, 1])[:, None] * rays[index]
         information, gradient = _normal_equations(values[:, 0] - target[index], jacobian)
         step = -np.linalg.solve(information + prior_information, gradient + prior_information @ (plane - prior))
         plane = plane + step
         if np.abs(step).max() < 1e-3 * np.linalg.norm(plane):
             break
-    return RoadFit(plane, information, correlation(before, now, before_from_now, lens, pixels, plane))
+    return RoadFit(plane, information, correlation(before, target, before_from_now, lens, rays, plane))
 
 
 def road_window(
@@ -123,7 +123,7 @@ def smoothed(grey: ByteArray, sigma_px: float) -> FloatArray:
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma_px), dtype=np.float32)
 
 
-def _sample(
+def sample(
     image: FloatArray,  # [H, W] or [H, W, C], float32
     pixels: FloatArray,  # [N, 2]
 ) -> FloatArray:
@@ -135,17 +135,17 @@ def _sample(
 
 def _project(
     lens: Lens,
-    pixels: FloatArray,  # [N, 2]
+    rays: FloatArray,  # [N, 3]
     before_from_now: FloatArray,  # [4, 4]
     plane: FloatArray,  # [3]
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """The road's points in the other camera [M, 3], over their depth in this one, their pixels [M, 2], and indices."""
-    rays = homogeneous(lens.rays(pixels))
-    points = rays @ before_from_now[:3, :3].T + (rays @ plane)[:, None] * before_from_now[:3, 3]
+    points = rays @ (before_from_now[:3, :3] + np.outer(before_from_now[:3, 3], plane)).T
     in_front = points[:, 2] > 1e-3
     pixels_before = lens.pixels(points[:, :2] / np.where(in_front, points[:, 2], 1.0)[:, None])
-    limit = (lens.camera.width_px - 2, lens.camera.height_px - 2)
-    index = np.flatnonzero(in_front & (pixels_before > 1).all(axis=1) & (pixels_before < limit).all(axis=1))
+    u, v = pixels_before[:, 0], pixels_before[:, 1]
+    within = (u > 1) & (v > 1) & (u < lens.camera.width_px - 2) & (v < lens.camera.height_px - 2)
+    index = np.flatnonzero(in_front & within)
     return points[index], pixels_before[index], index
 
 

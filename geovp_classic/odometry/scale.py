@@ -8,9 +8,19 @@ import numpy as np
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.interfaces import ScaleEstimator
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.road import RoadFit, align, correlation, level_plane, road_samples, road_window, smoothed
+from geovp_classic.odometry.road import (
+    RoadFit,
+    align,
+    correlation,
+    level_plane,
+    road_samples,
+    road_window,
+    sample,
+    smoothed,
+)
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 
 COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the images while the height is searched, and once it is known
@@ -158,11 +168,12 @@ class GroundPlaneEstimator:
         """Find the height by exhaustive search, for a level camera within two degrees."""
         images = [smoothed(grey, 1.5) - smoothed(grey, 6.0) for grey in (before, now)]
         length, pixels = float(np.linalg.norm(before_from_now[:3, 3])), self.pixels[::3]
+        values, rays = sample(images[1], pixels), homogeneous(self.lens.rays(pixels))
         best, best_correlation = None, MIN_CORRELATION
         for pitch_rad in SEARCHED_PITCHES_RAD + self.pitch_rad:
             for height in SEARCHED_HEIGHTS * length:
                 plane = level_plane(height, pitch_rad, self.roll_rad)
-                found = correlation(images[0], images[1], before_from_now, self.lens, pixels, plane)
+                found = correlation(images[0], values, before_from_now, self.lens, rays, plane)
                 if found > best_correlation:
                     best, best_correlation = (float(np.log(height)), float(pitch_rad)), found
             if best_correlation > CLEAR_CORRELATION:

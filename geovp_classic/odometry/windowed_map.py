@@ -177,7 +177,8 @@ class WindowedMap:
 
 def max_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
     """The largest angle [M] between the first ray of each point and its others; rays [K, M, 2] with NaN for none."""
-    directions = homogeneous(rays) @ cam_from_world[:, :3, :3]  # in the world
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    first = directions[np.isfinite(rays[..., 0]).argmax(axis=0), np.arange(rays.shape[1])]
-    return np.asarray(np.nan_to_num(np.linalg.norm(directions - first, axis=-1)).max(axis=0))
+    rotation = cam_from_world[:, :3, :3, None]  # its rows turn directions into the world: [K, 3, M] there
+    directions = rays[:, None, :, 0] * rotation[:, 0] + rays[:, None, :, 1] * rotation[:, 1] + rotation[:, 2]
+    directions /= np.sqrt((directions**2).sum(axis=1, keepdims=True))
+    first = np.take_along_axis(directions, np.isfinite(rays[..., 0]).argmax(axis=0)[None, None], axis=0)
+    return np.asarray(np.nan_to_num(np.sqrt(((directions - first) ** 2).sum(axis=1))).max(axis=0))

@@ -28,7 +28,7 @@ def rays(lens: Lens) -> FloatArray:
 
 def test_the_road_projects_into_the_other_camera_where_its_points_lie(lens: Lens) -> None:
     pixels = np.random.default_rng(0).uniform([-30, 10], [158, 140], (500, 2))
-    points, projected, index = road._project(lens, pixels, POSE, PLANE)
+    points, projected, index = road._project(lens, homogeneous(lens.rays(pixels)), POSE, PLANE)
     rays = homogeneous(lens.rays(pixels[index]))
     inverse_depth = rays @ PLANE
     np.testing.assert_allclose(points / inverse_depth[:, None], se3.transform(POSE, rays / inverse_depth[:, None]))
@@ -67,11 +67,12 @@ def test_correlation_is_that_of_numpy(lens: Lens) -> None:
     a, b = np.random.default_rng(3).normal(100, 20, (2, 112, 128)).astype(np.float32)
     v, u = np.mgrid[60:100:2, 10:120:2]
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float64)
-    given = np.eye(4), Lens(CAMERA), pixels, PLANE
+    rays = homogeneous(Lens(CAMERA).rays(pixels))
+    given = np.eye(4), Lens(CAMERA), rays, PLANE
     expected = np.corrcoef(a[v, u].ravel(), (a + b)[v, u].ravel())[0, 1]
-    assert road.correlation(a + b, a, *given) == pytest.approx(expected, rel=1e-5)
-    assert road.correlation(a, np.full_like(a, 7), *given) == 0.0
-    assert road.correlation(a, a, np.eye(4), Lens(CAMERA), pixels + 1000, PLANE) == -1.0
+    assert road.correlation(a + b, a[v, u].ravel(), *given) == pytest.approx(expected, rel=1e-5)
+    assert road.correlation(a, np.full(v.size, 7, np.float32), *given) == 0.0
+    assert road.correlation(a, a[v, u].ravel(), np.eye(4), Lens(CAMERA), rays + np.array([9.0, 0, 0]), PLANE) == -1.0
 
 
 def test_samples_lie_between_pixels() -> None:
@@ -79,5 +80,5 @@ def test_samples_lie_between_pixels() -> None:
     v, u = np.mgrid[:8, :9]
     image = (10 + 2 * u + 3 * v).astype(np.float32)
     at = np.array([[4.25, 2.5]], dtype=np.float32)
-    np.testing.assert_allclose(road._sample(image, at), [26.0], rtol=1e-6)
-    np.testing.assert_allclose(road._sample(cv2.merge([image, -image]), at), [[26.0, -26.0]], rtol=1e-6)
+    np.testing.assert_allclose(road.sample(image, at), [26.0], rtol=1e-6)
+    np.testing.assert_allclose(road.sample(cv2.merge([image, -image]), at), [[26.0, -26.0]], rtol=1e-6)
