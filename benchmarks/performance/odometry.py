@@ -1,13 +1,13 @@
-"""How fast the odometry is, with bundle adjustment and scale, beside a plain ORB + findEssentialMat loop.
+"""Frame rate of the odometry with bundle adjustment and scale, compared with an ORB + findEssentialMat loop.
 
 `python -m benchmarks.performance.odometry IMAGES CALIB [COUNT]`: a folder of images and KITTI's calib.txt (its
-first line is taken). Both loops get the same images from memory, in turns, so that a busy machine slows both.
+first line is used). Both loops process the same images from memory, alternately, so that other load slows both.
 """
 
 from __future__ import annotations
 
+import argparse
 import resource
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,25 +16,25 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.commands import command, whole_numbers
+from benchmarks.arguments import positive
 from geovp_classic.data import kitti_layout
 from geovp_classic.data.findings import raise_first
 from geovp_classic.data.frames import read_image
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What one run over the images took."""
+    """Processing times of one run over the images."""
 
-    odometry_s: FloatArray  # [T], every image's push
-    plain_s: FloatArray  # [T - 1], every pair
+    odometry_s: FloatArray  # [T], per image
+    plain_s: FloatArray  # [T - 1], per pair
     growth_mb: float  # of peak memory in the second half
 
     def lines(self) -> list[str]:
-        """The result in words."""
+        """The result as lines of text."""
         odometry_hz, plain_hz = 1 / self.odometry_s.mean(), 1 / self.plain_s.mean()
         median_ms, late_ms = 1e3 * np.percentile(self.odometry_s, [50, 95])
         return [
@@ -46,7 +46,7 @@ class Timing:
 
 
 def measure(frames: Sequence[ByteArray], camera: Intrinsics, camera_height_m: float = 1.65) -> Timing:
-    """Time both loops image by image, in turns."""
+    """Time both loops, alternating image by image."""
     stream = Monocular().stream(camera, camera_height_m)
     odometry_s, plain_s, peaks_mb = [], [], []
     for i, frame in enumerate(frames):
@@ -63,7 +63,7 @@ def measure(frames: Sequence[ByteArray], camera: Intrinsics, camera_height_m: fl
 
 
 def plain_step(before: ByteArray, now: ByteArray, camera: Intrinsics) -> FloatArray:
-    """Rotation and direction [3, 4] as a first course in vision has it: 2000 ORB points, cross-checked, RANSAC."""
+    """Relative pose [3, 4] by the textbook method: 2000 ORB features, cross-checked matches, five-point RANSAC."""
     orb, matcher = cv2.ORB.create(2000), cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
     points_a, described_a = orb.detectAndCompute(before, None)
     points_b, described_b = orb.detectAndCompute(now, None)
@@ -76,7 +76,7 @@ def plain_step(before: ByteArray, now: ByteArray, camera: Intrinsics) -> FloatAr
 
 
 def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrinsics]:
-    """The first images of a folder, grey, and the first camera of a calib.txt; BadData says which file is wrong."""
+    """The first images of a folder, grey, and the first camera of a calib.txt; BadData names the wrong file."""
     projections, findings = kitti_layout.scan_calibration(calib)
     raise_first(findings)
     paths = sorted(folder.iterdir())[:count] if folder.is_dir() else []
@@ -88,15 +88,19 @@ def read(folder: Path, calib: Path, count: int) -> tuple[list[ByteArray], Intrin
     return frames, projections[min(projections)].intrinsics(width_px, height_px)
 
 
-@command
-def main(arguments: Sequence[str]) -> str:
-    """The timing in words."""
-    if len(arguments) < 2:
-        raise BadData(f"arguments {' '.join(arguments)!r}: expected IMAGES CALIB [COUNT]")
-    (count,) = whole_numbers(arguments[2:], (200,), "IMAGES CALIB [COUNT]")
-    frames, camera = read(Path(arguments[0]), Path(arguments[1]), count)
-    return "\n".join(measure(frames, camera).lines())
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the timing."""
+    parser = argparse.ArgumentParser(description="Frame rate of the odometry, and of ORB + findEssentialMat.")
+    parser.add_argument("images", type=Path, metavar="IMAGES")
+    parser.add_argument("calib", type=Path, metavar="CALIB")
+    parser.add_argument("count", nargs="?", type=positive, default=200, metavar="COUNT")
+    chosen = parser.parse_args(arguments)
+    try:
+        frames, camera = read(chosen.images, chosen.calib, chosen.count)
+    except GeovpError as error:
+        parser.error(str(error))
+    print(*measure(frames, camera).lines(), sep="\n")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -1,7 +1,6 @@
 """The clip benchmark runs the real parts, and adds up."""
 
 import numpy as np
-import pytest
 
 from benchmarks.performance import clip as benchmark
 from geovp_classic.data.synthetic.dataset import Synthetic
@@ -29,8 +28,3 @@ def test_medians_of_stages_and_of_their_sum() -> None:
     assert [float(word) for word in lines[1].split() if word.isdigit()] == [100, 200]
     assert [float(word) for word in lines[6].split() if word.isdigit()] == [500, 1000]
     assert lines[-1] == "first round 9.0 s; peak memory of the process 400 MB"
-
-
-def test_half_a_place_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert benchmark.main(["3", "kitti"]) == 2
-    assert "expected [ROUNDS [ROOT SEQUENCE]]" in capsys.readouterr().err
