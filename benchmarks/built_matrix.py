@@ -127,15 +127,15 @@ def compute(task: Task) -> TaskResult:
     for name, output in outputs.items():
         if name in failures:
             continue
-        peak = output.profiler.peak_without("metrics")  # they take the same memory in all cells
+        peak_mb = output.profiler.peak_without("metrics")  # they take the same memory in all cells
         part = Part(
             index=task.chunk,
             clips=tuple(task.clips.values()),
             fingerprint=task.fingerprints[name],
             metrics=specs,
             seconds=output.profiler.seconds,
-            peak_memory_mb=peak.memory_mb,
-            peak_is_own=peak.is_own,
+            peak_memory_mb=peak_mb,
+            peak_is_own=peak_mb > 0,
             code=codes[name],
         )
         results.write_part(name, pa.concat_tables(output.rows), part)

@@ -35,7 +35,7 @@ class Cache:
         if key not in self.calls:
             self.calls[key] = _call(compute, stage)
         call = self.calls[key]
-        profiler.add(stage, call.profiler.seconds[stage], call.profiler.peaks[stage])
+        profiler.add(stage, call.profiler.seconds[stage], call.profiler.peaks_mb[stage])
         if call.error is not None:
             raise call.error
         return call.value

@@ -11,7 +11,6 @@ from benchmarks.components import Failure
 from benchmarks.executors import Executor
 from benchmarks.matrix import CellPlan, Matrix
 from benchmarks.planning import Options, Plan, content_hash, prepare
-from benchmarks.profiling import Peak
 from benchmarks.progress import Progress
 from benchmarks.store import Cell, Part, Results
 from geovp_classic import registry
@@ -144,11 +143,10 @@ def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
     """Totals over the parquet parts of a cell; outdated clips are those that other code computed."""
     stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
-    peak = Peak.highest(Peak(part.peak_memory_mb, part.peak_is_own) for part in parts)
     return {
         "num_clips": sum(len(part.clips) for part in parts),
         "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
         "seconds": seconds,
-        "peak_memory_mb": peak.memory_mb,
-        "peak_is_own": peak.is_own,
+        "peak_memory_mb": max((part.peak_memory_mb for part in parts), default=0.0),
+        "peak_is_own": all(part.peak_is_own for part in parts),
     }

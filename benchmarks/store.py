@@ -85,8 +85,8 @@ class Part:
     fingerprint: str  # of the cell and the protocol that it was computed with
     metrics: Mapping[str, Any]  # the resolved metric behind each column
     seconds: Mapping[str, float]  # per stage, summed over its clips
-    peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips
-    peak_is_own: bool = False  # False: of the process so far, whatever it did before; so in parts of older versions
+    peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips; 0 where unknown
+    peak_is_own: bool = False  # False in older parts: the peak of the whole process so far
     code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
 
 

@@ -13,8 +13,9 @@ __all__ = ["add_arguments", "run"]
 def run(chosen: argparse.Namespace) -> int:
     """Write the figures and print their paths."""
     from benchmarks import plots
+    from benchmarks.store import Results
 
     with Bar("plots", "figures") as bar:
-        written = plots.write_all(chosen.folder, bar.show)
+        written = [path for _, files in plots.write_all(Results(chosen.folder), bar.show) for path in files]
     print(*written, sep="\n")
     return 0

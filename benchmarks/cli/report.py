@@ -1,4 +1,4 @@
-"""Write report.html of a results folder."""
+"""Write report.html of a results folder, with its figures."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ __all__ = ["add_arguments", "run"]
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Write the report and print its path."""
+    """Write figures and report and print the report's path."""
     from benchmarks import report
+    from benchmarks.store import Results
 
+    results = Results(chosen.folder)
     with Bar("report", "figures") as bar:
-        print(report.write(chosen.folder, bar.show))
+        report.write(results, bar.show)
+    print(results.report)
     return 0

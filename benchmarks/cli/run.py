@@ -60,7 +60,7 @@ def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
     print(f"tables: {results.tables}")
     if with_report and any(cell.num_clips for cell in cells):
         with Bar("plots", "figures") as bar:
-            report.write_with_plots(results.root, bar.show)
+            report.write(results, bar.show)
         print(f"plots:  {results.plots}")
         print(f"report: {results.report}")
     outdated = sum(cell.num_outdated > 0 for cell in cells)
