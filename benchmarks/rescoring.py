@@ -14,7 +14,7 @@ from geovp_classic.errors import BadData
 
 
 def stored_metrics(results: Results) -> MetricSet:
-    """The metrics that a results folder was made with."""
+    """The metrics of a results folder."""
     roles: dict[str, dict[str, dict[str, object]]] = {"frame": {}, "trajectory": {}}
     for name, about in results.protocol()["metrics"].items():
         if "asked" in about:

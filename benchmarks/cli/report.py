@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.arguments import add_results_folder as add_arguments
-from benchmarks.progress import Bar
+from benchmarks.progress import progress_bar
 
 __all__ = ["add_arguments", "run"]
 
@@ -16,7 +16,7 @@ def run(chosen: argparse.Namespace) -> int:
     from benchmarks.store import Results
 
     results = Results(chosen.folder)
-    with Bar("report", "figures") as bar:
-        report.write(results, bar.show)
+    with progress_bar("report", "figures") as progress:
+        report.write(results, progress)
     print(results.report)
     return 0

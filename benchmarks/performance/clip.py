@@ -11,19 +11,17 @@ import argparse
 import resource
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 from benchmarks.arguments import positive
 from geovp_classic import registry
-from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import GeovpError
-from geovp_classic.interfaces import DepthSource
 from geovp_classic.pose_sources import Chained
 from geovp_classic.renderers import DepthFusion
-from geovp_classic.types import Clip, Context, FloatArray, Grant, Trajectory, Views
+from geovp_classic.types import Clip, Context, FloatArray, Views
 
 NUM_PAST = 10
 STAGES = ("odometry", "forecast", "depth", "registration and fusion", "views")
@@ -45,28 +43,9 @@ class Timing:
         stages = np.median(self.taken_s, axis=0)
         whole = np.median(self.taken_s.sum(axis=1), axis=0)
         rows = [*zip(STAGES, stages, strict=True), ("all", whole)]
-        told = [f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms" for name, (clock, processor) in rows]
+        lines = [f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms" for name, (clock, processor) in rows]
         head = f"{len(self.taken_s)} rounds, medians by the clock and of the processor"
-        return [head, *told, f"first round {self.first_s:.1f} s; peak memory of the process {self.peak_mb:.0f} MB"]
-
-
-@dataclass(frozen=True)
-class TimedDepth:
-    """A depth source that records its processing times."""
-
-    source: DepthSource = field(default_factory=Multiview)
-    taken: list[Seconds] = field(default_factory=list)
-
-    @property
-    def needs(self) -> Grant:
-        """The source's needs."""
-        return self.source.needs
-
-    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """The source's result."""
-        found, seconds = timed(lambda: self.source.inverse_depths(context, past))
-        self.taken.append(seconds)
-        return found
+        return [head, *lines, f"first round {self.first_s:.1f} s; peak memory of the process {self.peak_mb:.0f} MB"]
 
 
 def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
@@ -77,15 +56,17 @@ def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
 
 
 def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
-    """Predict with `chained` and `depth-fusion` at their defaults; the views and the times of STAGES."""
-    source, depth = Chained(), TimedDepth()
-    renderer = DepthFusion(depth=depth)
+    """Predict with `chained` and `depth-fusion` at their defaults; the views and the times of STAGES.
+
+    Depth is estimated twice, by itself and in the renderer, so that the time of its other stages is known.
+    """
+    source, renderer = Chained(), DepthFusion()
     (past, _), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
-    scene, built = timed(lambda: renderer.reconstruct(context.only(renderer.needs), past))
-    views, shown = timed(lambda: scene.view(futures[0], context.times_s[context.num_past :], context.intrinsics))
-    own = depth.taken[0]
-    return views, [odometry, forecast, own, (built[0] - own[0], built[1] - own[1]), shown]
+    _, depth = timed(lambda: renderer.depth.inverse_depths(context.only(renderer.depth.needs), past))
+    scene, all_s = timed(lambda: renderer.reconstruct(context.only(renderer.needs), past))
+    views, view = timed(lambda: scene.view(futures[0], context.times_s[context.num_past :], context.intrinsics))
+    return views, [odometry, forecast, depth, (all_s[0] - depth[0], all_s[1] - depth[1]), view]
 
 
 def measure(clip: Clip, rounds: int) -> Timing:

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+
 from benchmarks.plots import horizon, kept_clips, style
 from benchmarks.plots.material import Material, Page
 from benchmarks.progress import Progress, no_progress, tracked
@@ -35,7 +37,7 @@ def figures(results: Results, progress: Progress = no_progress) -> Iterator[Page
         partial(kept_clips.pages, material, number, name) for number, (name, _) in enumerate(results.clips(), 1)
     ]
     for draw in tracked(drawing, len(drawing), progress):
-        with style.settings():
+        with matplotlib.rc_context(style.SETTINGS):
             pages = draw()
         yield from pages
 
@@ -62,6 +64,6 @@ def write_all(results: Results, progress: Progress = no_progress) -> Iterator[tu
 def rendered(page: Page, kind: str) -> bytes:
     """The figure as a file of that kind: png, svg or jpg."""
     buffer = io.BytesIO()
-    with style.settings():
+    with matplotlib.rc_context(style.SETTINGS):
         page.figure.savefig(buffer, format=kind, dpi="figure", **SAVE_OPTIONS.get(kind, {}))
     return buffer.getvalue()

@@ -33,6 +33,11 @@ class Curve:
         return np.arange(1.0, len(self.estimate.mean) + 1)
 
     @property
+    def num_clips(self) -> int:
+        """How many clips have a value."""
+        return int(self.estimate.count.max())
+
+    @property
     def band(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bound [F]; the mean itself where the error is unknown."""
         error = np.nan_to_num(self.estimate.error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.compute as pc
@@ -13,15 +13,7 @@ from benchmarks.plots import curves, style
 from benchmarks.plots.material import Material, Page, numbered, title
 from benchmarks.store import Cell
 
-
-@dataclass(frozen=True)
-class _Line:
-    """One curve of every figure over horizon."""
-
-    label: str
-    cell: Cell
-    reduce: statistics.Reduction
-    style: style.LineStyle
+_Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
 
 
 def metrics(material: Material) -> list[str]:
@@ -44,17 +36,16 @@ def metrics(material: Material) -> list[str]:
 def pages(material: Material, metric: str) -> list[Page]:
     """The figures of one metric; over sets of pixels, which are many, as svg alone."""
     facts = material.protocol["metrics"][metric.partition("@")[0]]
-    known = []
-    for line in _lines(material.cells, facts["role"]):
-        cube = statistics.cube(material.rows[line.cell.name], metric)
-        if np.isfinite(cube.values).any():
-            known.append((line, statistics.over_clips(line.reduce(cube, facts["higher_is_better"]))))
-    counts = [int(estimate.count.max()) for _, estimate in known]
-    most = max(counts)
     shown = []
-    for (line, estimate), count in zip(known, counts, strict=True):
-        label = line.label if count == most else f"{line.label} (only {count} of {most} clips)"
-        shown.append(curves.Curve(label, estimate, line.style))
+    for label, cell, reduce, line in _lines(material.cells, facts["role"]):
+        cube = statistics.cube(material.rows[cell.name], metric)
+        if np.isfinite(cube.values).any():
+            estimate = statistics.over_clips(reduce(cube, facts["higher_is_better"]))
+            shown.append(curves.Curve(label, estimate, line))
+    most = max(curve.num_clips for curve in shown)
+    for number, curve in enumerate(shown):
+        if curve.num_clips < most:
+            shown[number] = replace(curve, label=f"{curve.label} (only {curve.num_clips} of {most} clips)")
     over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
     over += ", band ± one standard error over clips" if most > 1 else ""
     heading = style.Heading(f"{title(metric)} over horizon", over)
@@ -101,4 +92,4 @@ def _lines(cells: Sequence[Cell], role: str) -> list[_Line]:
             best = (f"{label}, best of {count}", cell, statistics.best_of_samples)
             found.setdefault((first, f"{second}, best"), best)
     styles = style.line_styles(list(found))
-    return [_Line(*facts, line) for facts, line in zip(found.values(), styles, strict=True)]
+    return [(*facts, line) for facts, line in zip(found.values(), styles, strict=True)]

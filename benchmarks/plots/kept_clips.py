@@ -84,7 +84,7 @@ def _paths(material: Material, clip: Clip, kept: dict[str, Prediction], file: st
 
 
 def _path(label: str, motion: Motion, true_past: FloatArray, line: style.LineStyle) -> trajectories.Path:
-    """A motion of unknown scale is drawn with the true past's length, and its label says so."""
+    """A motion of unknown scale is scaled to the length of the true past, which its label states."""
     last = motion.past.world_from_cam[-1]
     past = trajectories.from_above(motion.past.world_from_cam, last)
     futures = trajectories.from_above(motion.futures, last)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -83,12 +81,6 @@ def line_styles(keys: Sequence[tuple[str, str]]) -> list[LineStyle]:
         LineStyle(COLOURS[hue % len(COLOURS)], DASHES[form % len(DASHES)], MARKERS[form % len(MARKERS)])
         for hue, form in pairs
     ]
-
-
-def settings() -> AbstractContextManager[None]:
-    """A context with the settings of all figures; matplotlib's global ones stay as they are."""
-    context: AbstractContextManager[None] = matplotlib.rc_context(SETTINGS)
-    return context
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ class TestCurves:
         styles = style.line_styles([(f"method {i}", "") for i in range(25)])
         estimates = [Estimate(i - steps, 0 * steps + 1, 0 * steps + 2) for i in range(25)]
         rows = [curves.Curve(f"method {i}", estimates[i], line) for i, line in enumerate(styles)]
-        with style.settings():
+        with matplotlib.rc_context(style.SETTINGS):
             figures = curves.draw(rows, curves.AxisLabels("PSNR", "dB", True, None), style.Heading("PSNR", ""))
         assert len(figures) == 3
         assert len({figure.axes[0].get_ylim() for figure in figures}) == 1
