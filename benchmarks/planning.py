@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import platform
@@ -126,8 +127,6 @@ def versions() -> dict[str, str]:
     """Installed versions of the packages that numbers depend on."""
     installed = {"python": platform.python_version()}
     for package in VERSIONS_OF:
-        try:
+        with contextlib.suppress(metadata.PackageNotFoundError):
             installed[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
     return installed

@@ -53,7 +53,7 @@ def reset_peak() -> bool:
 
 def peak_mb() -> float:
     """The peak of resident memory since `reset_peak` in MiB (VmHWM); 0 where the system does not say."""
-    lines = STATUS.read_text().splitlines()
+    lines = STATUS.read_text().splitlines() if STATUS.exists() else []
     kib = next((int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), 0)
     return round(kib / 2**10, 1)
 

@@ -8,20 +8,19 @@ shown beside wall-clock time, which depends on the load of the machine.
 from __future__ import annotations
 
 import argparse
-import resource
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 from benchmarks.arguments import positive
+from benchmarks.profiling import peak_mb
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.pose_sources import Chained
 from geovp_classic.renderers import DepthFusion
-from geovp_classic.types import Clip, Context, FloatArray, Views
+from geovp_classic.types import Context, FloatArray, Views
 
 NUM_PAST = 10
 STAGES = ("odometry", "forecast", "depth", "registration and fusion", "views")
@@ -30,22 +29,18 @@ Seconds = tuple[float, float]  # wall clock, and CPU time of all threads
 Result = TypeVar("Result")
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Processing times of the rounds, stage by stage."""
-
-    taken_s: FloatArray  # [rounds, stages, 2], wall clock and CPU
-    first_s: float  # the first round, wall clock, all stages
-    peak_mb: float  # of the whole process
-
-    def lines(self) -> list[str]:
-        """Medians over rounds, as lines of text."""
-        stages = np.median(self.taken_s, axis=0)
-        whole = np.median(self.taken_s.sum(axis=1), axis=0)
-        rows = [*zip(STAGES, stages, strict=True), ("all", whole)]
-        lines = [f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms" for name, (clock, processor) in rows]
-        head = f"{len(self.taken_s)} rounds, medians by the clock and of the processor"
-        return [head, *lines, f"first round {self.first_s:.1f} s; peak memory of the process {self.peak_mb:.0f} MB"]
+def lines(
+    taken_s: FloatArray,  # [1 + rounds, stages, 2], wall clock and CPU; the first round is a warm-up
+) -> list[str]:
+    """Medians over rounds, as lines of text."""
+    rounds_s = taken_s[1:]
+    medians = [*np.median(rounds_s, axis=0), np.median(rounds_s.sum(axis=1), axis=0)]
+    rows = zip((*STAGES, "all"), medians, strict=True)
+    return [
+        f"{len(rounds_s)} rounds, medians by the clock and of the processor",
+        *(f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms" for name, (clock, processor) in rows),
+        f"first round {taken_s[0, :, 0].sum():.1f} s; peak memory of the process {peak_mb():.0f} MB",
+    ]
 
 
 def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
@@ -69,14 +64,6 @@ def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
     return views, [odometry, forecast, depth, (all_s[0] - depth[0], all_s[1] - depth[1]), view]
 
 
-def measure(clip: Clip, rounds: int) -> Timing:
-    """Predict the clip once to warm up and then `rounds` times."""
-    context, _ = clip.split(NUM_PAST, Chained().needs | DepthFusion().needs)
-    taken_s = np.array([one_clip(context)[1] for _ in range(rounds + 1)])
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return Timing(taken_s[1:], float(taken_s[0, :, 0].sum()), peak_mb)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
     parser = argparse.ArgumentParser(description="Processing time of one clip, stage by stage.")
@@ -87,10 +74,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.kitti:
         spec |= {"name": "kitti", "root": chosen.kitti[0], "sequences": [chosen.kitti[1]]}
     try:
-        clip = registry.build("datasets", spec)[0]
+        context, _ = registry.build("datasets", spec)[0].split(NUM_PAST, Chained().needs | DepthFusion().needs)
     except GeovpError as error:
         parser.error(str(error))
-    print(*measure(clip, chosen.rounds).lines(), sep="\n")
+    print(*lines(np.array([one_clip(context)[1] for _ in range(chosen.rounds + 1)])), sep="\n")
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,25 +37,17 @@ class Street:
     colours: ByteArray  # [N, 3]
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Processing times of the rounds."""
-
-    num_points: int
-    seconds: dict[str, FloatArray]  # [rounds, 2] by name, all views, wall clock and CPU
-
-    def points_per_s(self, name: str) -> float:
-        """Points times views divided by the median time."""
-        return self.num_points * NUM_VIEWS / float(np.median(self.seconds[name][:, 0]))
-
-    def lines(self) -> list[str]:
-        """The result as lines of text."""
-        lines = [f"{self.num_points} points, {NUM_VIEWS} views of {CAMERA.width_px}x{CAMERA.height_px}"]
-        for name, taken in self.seconds.items():
-            clock_ms, processor_ms = 1e3 * np.median(taken, axis=0)
-            speed = f"{self.points_per_s(name) / 1e6:.1f} million points/s"
-            lines.append(f"{name}: {speed}, {clock_ms:.0f} ms, of the processor {processor_ms:.0f} ms")
-        return lines
+def lines(
+    seconds: Mapping[str, FloatArray],  # [rounds, 2] by name, all views, wall clock and CPU
+    num_points: int,
+) -> list[str]:
+    """Medians over rounds, as lines of text."""
+    found = [f"{num_points} points, {NUM_VIEWS} views of {CAMERA.width_px}x{CAMERA.height_px}"]
+    for name, taken in seconds.items():
+        clock_s, processor_s = np.median(taken, axis=0)
+        speed = f"{num_points * NUM_VIEWS / clock_s / 1e6:.1f} million points/s"
+        found.append(f"{name}: {speed}, {1e3 * clock_s:.0f} ms, of the processor {1e3 * processor_s:.0f} ms")
+    return found
 
 
 def street() -> tuple[Street, FloatArray]:
@@ -116,25 +108,23 @@ RENDERERS: dict[str, Callable[[Street, FloatArray], FloatArray]] = {
 
 
 @single_threaded_blas
-def measure(rounds: int) -> Timing:
+def measure(rounds: int) -> list[str]:
     """Time all renderers alternately, after one round of warm-up."""
     scene, world_from_cam = street()
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in RENDERERS}
-    for count in range(rounds + 1):
+    for _ in range(rounds + 1):
         for name, draw in RENDERERS.items():
             clock, processor = time.perf_counter(), time.process_time()
             draw(scene, world_from_cam)
-            if count:
-                taken[name].append((time.perf_counter() - clock, time.process_time() - processor))
-    seconds = {name: np.array(times) for name, times in taken.items()}
-    return Timing(len(scene.points_world), seconds)
+            taken[name].append((time.perf_counter() - clock, time.process_time() - processor))
+    return lines({name: np.array(times[1:]) for name, times in taken.items()}, len(scene.points_world))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
     parser = argparse.ArgumentParser(description="Points per second of three ways to render a point cloud.")
     parser.add_argument("rounds", nargs="?", type=positive, default=10, metavar="ROUNDS")
-    print(*measure(parser.parse_args(arguments).rounds).lines(), sep="\n")
+    print(*measure(parser.parse_args(arguments).rounds), sep="\n")
 
 
 if __name__ == "__main__":

@@ -55,8 +55,8 @@ class Material:
 
 def title(metric: str) -> str:
     """A metric's name as a heading."""
-    words = tables.title(metric)
-    return words[:1].upper() + words[1:]
+    name = tables.title(metric)
+    return name[:1].upper() + name[1:]
 
 
 def numbered(
