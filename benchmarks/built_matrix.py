@@ -1,4 +1,4 @@
-"""The components of a matrix, built, and how a task computes a chunk of clips with them, in any process."""
+"""The built components of a matrix, and the tasks that compute chunks of clips with them in any process."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import pyarrow as pa
 
 from benchmarks.caching import Cache, scene_key
 from benchmarks.components import Failure, build, code_hash
-from benchmarks.matrix import CellPlan, Matrix, Spec
+from benchmarks.matrix import CellPlan, Matrix
 from benchmarks.metric_set import MetricSet
 from benchmarks.profiling import StageProfiler
 from benchmarks.scoring import ScoringContext, score
@@ -21,16 +21,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.predictors import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Grant, Motion, Prediction
-
-
-@runtime_checkable
-class ListsClips(Protocol):
-    """A data set that knows its clips' names without reading them."""
-
-    @property
-    def clip_names(self) -> tuple[str, ...]:
-        """The names in order."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -44,14 +34,9 @@ class BuiltMatrix:
 
     def clip_names(self, limit: int | None) -> tuple[str, ...]:
         """The names of the first clips, or of all; a data set that does not list them is read for it."""
-        if isinstance(self.dataset, ListsClips):
+        if hasattr(self.dataset, "clip_names"):  # known without reading them
             return tuple(self.dataset.clip_names[:limit])
         return tuple(self.dataset[index].name for index in range(len(self.dataset))[:limit])
-
-    def specs(self, plan: CellPlan) -> dict[str, Spec]:
-        """What the matrix file says of a cell's components: pose_source and renderer, or predictor."""
-        specs = self.matrix.specs
-        return {role: specs[key] for role, key in plan.components.items()}
 
     def components_of(self, plan: CellPlan) -> dict[str, Any]:
         """The components themselves."""
@@ -90,7 +75,7 @@ class TaskResult:
 
 @functools.lru_cache(maxsize=1)
 def build_matrix(matrix_json: str) -> BuiltMatrix:
-    """Build everything; a component's wrong name or setting is raised, what is not installed becomes a Failure."""
+    """Build all components; a missing package gives a Failure, a wrong name or setting is raised."""
     matrix = Matrix.from_json(matrix_json)
     components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
     needs = [each.needs for each in components.values() if not isinstance(each, Failure)]
@@ -101,7 +86,7 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
 
 @dataclass(frozen=True)
 class _CellOutput:
-    """What one cell has so far in this chunk."""
+    """One cell's rows and times in this chunk."""
 
     profiler: StageProfiler = field(default_factory=StageProfiler)
     rows: list[pa.Table] = field(default_factory=list)
@@ -110,7 +95,7 @@ class _CellOutput:
 def compute(task: Task) -> TaskResult:
     """Predict and score the clips of a task in all its cells and write a part for every cell that did not fail."""
     built, results = build_matrix(task.matrix), Results(Path(task.root))
-    codes = {plan.name: built.code(plan) for plan in task.cells}  # before anybody edits what is loaded by now
+    codes = {plan.name: built.code(plan) for plan in task.cells}  # before a file can be edited
     outputs = {plan.name: _CellOutput() for plan in task.cells}
     failures: dict[str, Failure] = {}
     for index, name in task.clips.items():
@@ -127,15 +112,15 @@ def compute(task: Task) -> TaskResult:
     for name, output in outputs.items():
         if name in failures:
             continue
-        peak = output.profiler.peak_without("metrics")  # they take the same memory in all cells
+        peak_mb = output.profiler.peak_without("metrics")  # they take the same memory in all cells
         part = Part(
             index=task.chunk,
             clips=tuple(task.clips.values()),
             fingerprint=task.fingerprints[name],
             metrics=specs,
             seconds=output.profiler.seconds,
-            peak_memory_mb=peak.memory_mb,
-            peak_is_own=peak.is_own,
+            peak_memory_mb=peak_mb,
+            peak_is_own=peak_mb > 0,
             code=codes[name],
         )
         results.write_part(name, pa.concat_tables(output.rows), part)
@@ -157,7 +142,7 @@ def _predict_and_score(
 def _predict(
     components: Mapping[str, Any], plan: CellPlan, context: Context, cache: Cache, profiler: StageProfiler
 ) -> Prediction:
-    """The prediction of a cell; cells share motions and scenes, and every cell is charged for what it uses."""
+    """The prediction of a cell; cells share motions and scenes, and each is charged the full time."""
     if plan.predictor is not None:
         with profiler.measure("predict"):
             prediction: Prediction = components["predictor"].predict(context, plan.num_samples)

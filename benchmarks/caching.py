@@ -1,8 +1,4 @@
-"""What cells share is computed once: a motion per pose source and clip, a scene per renderer and past.
-
-A cached result keeps its seconds and its peak of memory: every cell is charged what it would have cost alone. Errors
-are cached as well.
-"""
+"""Results that several cells need, computed once per clip."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ from geovp_classic.types import Trajectory
 
 @dataclass(frozen=True)
 class CachedCall:
-    """What a call returned or raised, and what it took."""
+    """The value or error of a call, with its seconds and peak memory."""
 
     value: Any
     error: Exception | None
@@ -26,32 +22,28 @@ class CachedCall:
 
 @dataclass(frozen=True)
 class Cache:
-    """The calls made for one clip, shared by all cells."""
+    """Results for one clip that cells share: a motion per pose source, a scene per renderer and past."""
 
     calls: dict[Hashable, CachedCall] = field(default_factory=dict)
 
     def get_or_compute(self, key: Hashable, compute: Callable[[], Any], profiler: StageProfiler, stage: str) -> Any:
-        """The value, computed once per key and charged to the stage every time; its error is raised every time."""
+        """The value, computed once per key, or the error it raised; every cell is charged its full cost."""
         if key not in self.calls:
-            self.calls[key] = _call(compute, stage)
+            own, value, raised = StageProfiler(), None, None
+            with own.measure(stage):
+                try:
+                    value = compute()
+                except Exception as error:  # raised for every cell that asks
+                    raised = error
+            self.calls[key] = CachedCall(value, raised, own)
         call = self.calls[key]
-        profiler.add(stage, call.profiler.seconds[stage], call.profiler.peaks[stage])
+        profiler.add(stage, call.profiler.seconds[stage], call.profiler.peaks_mb[stage])
         if call.error is not None:
             raise call.error
         return call.value
 
 
 def scene_key(renderer: str, past: Trajectory) -> Hashable:
-    """The same for equal pasts, whichever pose source they came from."""
+    """Equal for equal pasts, also of different pose sources."""
     poses_and_times = past.world_from_cam.tobytes() + past.times_s.tobytes()
     return "scene", renderer, hashlib.sha256(poses_and_times).digest(), past.is_metric
-
-
-def _call(compute: Callable[[], Any], stage: str) -> CachedCall:
-    profiler, value, raised = StageProfiler(), None, None
-    with profiler.measure(stage):
-        try:
-            value = compute()
-        except Exception as error:  # raised for every cell that asks
-            raised = error
-    return CachedCall(value, raised, profiler)

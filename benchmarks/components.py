@@ -22,7 +22,7 @@ DIGITS = 12
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a cell, a component or a metric cannot go on."""
+    """The reason why a cell, component or metric is skipped or failed."""
 
     status: str  # "skipped" or "failed"
     reason: str
@@ -59,7 +59,7 @@ def code_hash(components: Iterable[object]) -> str:
 
 
 def _nested(component: object) -> Iterator[object]:
-    """The component and the ones that it is made of."""
+    """The component and the components nested in it."""
     yield component
     if dataclasses.is_dataclass(component):
         values = [getattr(component, field.name) for field in dataclasses.fields(component)]
@@ -69,7 +69,7 @@ def _nested(component: object) -> Iterator[object]:
 
 @functools.cache
 def _source_hash(module: str) -> bytes:
-    """Of the sources of a module, or of all modules of a package."""
+    """The hash of the sources of a module or package."""
     __import__(module)
     loaded = sys.modules[module]
     folders = [Path(folder) for folder in getattr(loaded, "__path__", [])]

@@ -21,11 +21,10 @@ Spec = Mapping[str, Any]  # {"name": ..., **fields}, as `registry.build` takes i
 
 TABLES = ("protocol", "pose_sources", "renderers", "predictors", "metrics")
 PROTOCOL_KEYS = ("dataset", "num_past", "num_future", "size_px", "stride", "num_samples")
-FROM_PROTOCOL = ("num_frames", "stride", "size_px", "with_wide", "with_right")  # fields that data sets get from us
+FROM_PROTOCOL = ("num_frames", "stride", "size_px", "with_wide", "with_right")  # fields that the protocol sets
 DEFAULT_METRICS = {"frame": ["psnr", "ssim", "lpips"], "trajectory": ["translation-error", "rotation-error"]}
 COVERAGE = "coverage"  # the share of pixels that a prediction did not invent; scored without being asked for
 ENTRY_NAME = re.compile(r"[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]*")
-VARIABLE = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class CellPlan:
 
     @property
     def label(self) -> str:
-        """For people."""
+        """The name in tables and figures."""
         return self.predictor or f"{self.pose_source} + {self.renderer}"
 
     @property
@@ -70,7 +69,7 @@ class CellPlan:
 
 @dataclass(frozen=True)
 class Matrix:
-    """What a matrix file says; nothing is built yet."""
+    """The content of a matrix file; nothing is built yet."""
 
     name: str
     dataset: Spec
@@ -108,7 +107,7 @@ class Matrix:
 
     @classmethod
     def from_json(cls, text: str) -> Matrix:
-        """What `to_json` wrote."""
+        """The inverse of `to_json`."""
         fields = json.loads(text)
         for table in ("pose_sources", "predictors"):
             fields[table] = {name: Entry(**entry) for name, entry in fields[table].items()}
@@ -121,9 +120,12 @@ class Matrix:
         given = self.dataset.get("root")
         if not isinstance(given, str):
             return self
-        return replace(
-            self, dataset={**self.dataset, "root": VARIABLE.sub(lambda match: _variable(match, given), given)}
-        )
+        for variable in re.findall(r"\$\{?(\w+)", given):
+            if not os.environ.get(variable):
+                raise BadData(
+                    f"protocol.dataset.root is {given!r}, but {variable} is not set: set it, or give --root FOLDER"
+                )
+        return replace(self, dataset={**self.dataset, "root": os.path.expandvars(given)})
 
     def build_dataset(self, needs: Grant) -> Any:
         """The data set with the protocol's clip length, stride and size, and with the views that someone needs."""
@@ -267,10 +269,3 @@ def _only(table: Mapping[str, Any], known: Sequence[str], where: str, what: str)
     for key in table:
         if key not in known:
             raise UnknownComponent(f"{where} has an unknown {what} {key!r}{registry.nearest(key, known)}")
-
-
-def _variable(match: re.Match[str], given: str) -> str:
-    name = match[1] or match[2]
-    if not os.environ.get(name):
-        raise BadData(f"protocol.dataset.root is {given!r}, but {name} is not set: set it, or give --root FOLDER")
-    return os.environ[name]

@@ -1,10 +1,10 @@
-"""The metrics of a matrix: built, tried out, and described for the readers of the results."""
+"""The metrics of a matrix: built, tried once, and described for protocol.json."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +13,6 @@ from benchmarks.matrix import COVERAGE, Spec
 from benchmarks.scoring import Metrics
 from geovp_classic import registry
 from geovp_classic.errors import BadData
-
-
-@runtime_checkable
-class StatesProtocol(Protocol):
-    """A metric that says which of the usual definitions it follows."""
-
-    @property
-    def protocol(self) -> str:
-        """The definition in a few words."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -64,7 +54,7 @@ class MetricSet:
         return {column: registry.describe(self.built[column]) for column in columns}
 
     def about(self, unavailable: Mapping[str, str]) -> dict[str, Any]:
-        """What the columns mean, for protocol.json."""
+        """The meaning of the columns, for protocol.json."""
         entries: dict[str, Any] = {}
         for role, specs in (("frame", self.frame), ("trajectory", self.trajectory)):
             for name, spec in specs.items():
@@ -78,5 +68,5 @@ class MetricSet:
 def _meaning(metric: Any) -> dict[str, Any]:
     if isinstance(metric, Failure):
         return {}
-    definition = metric.protocol if isinstance(metric, StatesProtocol) else ""
+    definition = getattr(metric, "protocol", "")  # which of the usual definitions it follows
     return {"unit": metric.unit, "higher_is_better": metric.higher_is_better, "definition": definition}

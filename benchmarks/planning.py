@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import platform
@@ -9,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from benchmarks.built_matrix import BuiltMatrix, build_matrix
 from benchmarks.matrix import Matrix
@@ -23,19 +24,9 @@ VERSIONS_OF = ("geovp-classic", "numpy", "scipy", "opencv-contrib-python-headles
 NOT_HASHED = ("with_wide", "with_right")  # follow from the components' needs
 
 
-@runtime_checkable
-class HasSplit(Protocol):
-    """A data set that can say which frames it is made of."""
-
-    @property
-    def split_hash(self) -> str:
-        """Equal for equal frames."""
-        ...
-
-
 @dataclass(frozen=True)
 class Options:
-    """How much of a matrix is run."""
+    """The options of a run."""
 
     limit: int | None = None  # only the first clips
     keep: int | None = KEPT_BY_DEFAULT  # number of clips whose predictions are kept, None for all
@@ -61,7 +52,7 @@ class Plan:
 
     @property
     def chunks(self) -> list[dict[int, str]]:
-        """Clips by number, CLIPS_PER_PART at a time; the i-th is what part i is about."""
+        """Clips by number, CLIPS_PER_PART at a time; the i-th chunk is stored as part i."""
         numbered = list(enumerate(self.clips))
         return [dict(numbered[i : i + CLIPS_PER_PART]) for i in range(0, len(numbered), CLIPS_PER_PART)]
 
@@ -113,7 +104,7 @@ def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
 
 
 def _shared(built: BuiltMatrix) -> str:
-    """A hash of everything that a row depends on, the cell and the code aside."""
+    """A hash of everything that a row depends on except the cell and the code."""
     matrix = built.matrix
     dataset = {key: value for key, value in registry.describe(built.dataset).items() if key not in NOT_HASHED}
     if "root" in dataset:
@@ -123,12 +114,12 @@ def _shared(built: BuiltMatrix) -> str:
 
 
 def _split_hash(built: BuiltMatrix) -> str:
-    """The data set's own, "" where its settings say all."""
-    return built.dataset.split_hash if isinstance(built.dataset, HasSplit) else ""
+    """The data set's hash of the frames it consists of, "" where its settings determine them."""
+    return str(getattr(built.dataset, "split_hash", ""))
 
 
 def content_hash(value: Any) -> str:
-    """SHA-256 of anything that JSON can say, the order of keys aside."""
+    """SHA-256 of a JSON value, independent of the order of keys."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
@@ -136,8 +127,6 @@ def versions() -> dict[str, str]:
     """Installed versions of the packages that numbers depend on."""
     installed = {"python": platform.python_version()}
     for package in VERSIONS_OF:
-        try:
+        with contextlib.suppress(metadata.PackageNotFoundError):
             installed[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
     return installed

@@ -1,4 +1,4 @@
-"""One clip all the way: from a folder of images or a video to predicted frames, poses, cloud, strip and video."""
+"""Prediction of one clip: from a folder of images or a video to frames, poses, point cloud, strip and video."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STRIP_HORIZONS = (1, 5, 10, 15, 20)
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """What the user asks for."""
+    """The input of `predict`."""
 
     path: Path  # a folder of images or a video
     intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of the images as they are stored
@@ -67,7 +67,7 @@ class Predicted:
 
 
 def predict(request: PredictionRequest, progress: Progress) -> Predicted:
-    """Read, track, forecast, reconstruct and show; BadData says what is missing."""
+    """Read, track, forecast, reconstruct and render; BadData names the missing input."""
     recording = _recording(request)
     first = _first(request, len(recording.frames))
     context = _context(request, recording, first)
@@ -180,7 +180,7 @@ def _write_files(predicted: Predicted, folder: Path) -> None:
 
 
 def _write_images(predicted: Predicted, folder: Path) -> None:
-    """Observed and predicted frames, and the depth of the predicted ones with a word on its scale."""
+    """Observed and predicted frames, and depth maps of the predicted ones with their scale."""
     numbers, num_past = _numbers(predicted), predicted.context.num_past
     is_metric = predicted.motion.past.is_metric
     scale = exports.depth_scale(predicted.views.depths, is_metric)

@@ -1,10 +1,11 @@
-"""Progress of long work: the type of the callback, and a bar that can be one."""
+"""Progress of long work: the callback, and a progress bar that is one."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, TypeVar
+from contextlib import contextmanager
+from typing import TypeVar
 
 Item = TypeVar("Item")
 Progress = Callable[[int, int], None]  # (done, total)
@@ -21,29 +22,15 @@ def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[I
         progress(done, total)
 
 
-class Bar:
-    """A progress bar on standard error that appears only when there is something to wait for."""
+@contextmanager
+def progress_bar(description: str, unit: str) -> Iterator[Progress]:
+    """A Progress that shows a bar on standard error, once the work takes half a second."""
+    from tqdm import tqdm
 
-    def __init__(self, what: str, unit: str) -> None:
-        """`what` is being done, counted in `unit`."""
-        self._what, self._unit = what, unit
-        self._bar: Any = None
+    with tqdm(total=0, desc=description, unit=f" {unit}", file=sys.stderr, delay=0.5) as bar:
 
-    def show(self, done: int, total: int) -> None:
-        """A Progress."""
-        if self._bar is None and total:
-            from tqdm import tqdm
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
 
-            self._bar = tqdm(total=total, desc=self._what, unit=f" {self._unit}", file=sys.stderr, delay=0.5)
-        if self._bar is not None:
-            self._bar.total = total
-            self._bar.update(done - self._bar.n)
-
-    def __enter__(self) -> Bar:
-        """Begin."""
-        return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """Leave the last state on the screen."""
-        if self._bar is not None:
-            self._bar.close()
+        yield show

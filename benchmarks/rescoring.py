@@ -6,7 +6,7 @@ import pyarrow as pa
 
 from benchmarks.metric_set import MetricSet
 from benchmarks.planning import content_hash, versions
-from benchmarks.profiling import StageProfiler, process_peak_mb
+from benchmarks.profiling import StageProfiler
 from benchmarks.progress import Progress, tracked
 from benchmarks.scoring import Metrics, ScoringContext, score
 from benchmarks.store import Cell, Part, Results
@@ -14,7 +14,7 @@ from geovp_classic.errors import BadData
 
 
 def stored_metrics(results: Results) -> MetricSet:
-    """The metrics that a results folder was made with."""
+    """The metrics of a results folder."""
     roles: dict[str, dict[str, dict[str, object]]] = {"frame": {}, "trajectory": {}}
     for name, about in results.protocol()["metrics"].items():
         if "asked" in about:
@@ -63,9 +63,8 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
         with profiler.measure("metrics"):
             tables.append(score(context, prediction, metrics))
     verdict = {} if cell.status in ("skipped", "failed") else {"status": "done" if scored == clips else "partial"}
-    memory_mb = process_peak_mb()  # nothing was predicted that could have a peak of its own
-    tally = {"num_clips": len(scored), "seconds": profiler.seconds, "peak_memory_mb": memory_mb, "peak_is_own": False}
+    tally = {"num_clips": len(scored), "seconds": profiler.seconds, "peak_memory_mb": 0.0, "peak_is_own": False}
     into.write_cell(cell.name, {**cell.record, **verdict, **tally})
     if tables:
-        part = Part(0, tuple(scored), cell.fingerprint, {}, profiler.seconds, memory_mb)
+        part = Part(0, tuple(scored), cell.fingerprint, {}, profiler.seconds, 0.0)
         into.write_part(cell.name, pa.concat_tables(tables), part)

@@ -1,4 +1,4 @@
-"""Compute what is missing or stale of a matrix's results, however earlier runs ended."""
+"""Compute the missing and stale results of a matrix, however earlier runs ended."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from benchmarks.components import Failure
 from benchmarks.executors import Executor
 from benchmarks.matrix import CellPlan, Matrix
 from benchmarks.planning import Options, Plan, content_hash, prepare
-from benchmarks.profiling import Peak
 from benchmarks.progress import Progress
 from benchmarks.store import Cell, Part, Results
 from geovp_classic import registry
@@ -32,7 +31,7 @@ class _State:
 
 
 def run(matrix: Matrix, results: Results, options: Options, executor: Executor, progress: Progress) -> list[Cell]:
-    """Compute what is missing and return all cells; BadData when the matrix or the data set is wrong."""
+    """Compute missing results and return all cells; BadData when the matrix or the data set is wrong."""
     plan = prepare(matrix, results, options)
     plans = {cell.name: cell for cell in matrix.cells}
     records = {name: _begin(plan, cell) for name, cell in plans.items()}
@@ -42,7 +41,7 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
     progress(0, total)
     try:
         for result in executor.map(compute, _tasks(plan, state, records)):
-            _note(result, state)
+            _update(result, state)
             progress(total - state.left(chunks), total)
     finally:
         for name in state.missing:
@@ -56,7 +55,8 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     before = plan.results.cell(cell.name)
     names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
     record: dict[str, Any] = {"label": cell.label, "kind": cell.kind, **names, "num_samples": cell.num_samples}
-    record |= {"asked": plan.built.specs(cell), "protocol": plan.shared}
+    asked = {role: plan.built.matrix.specs[key] for role, key in cell.components.items()}
+    record |= {"asked": asked, "protocol": plan.shared}
     failures = [each for each in own.values() if isinstance(each, Failure)]
     if failures:
         _begin_without(plan, cell.name, record, failures[0])
@@ -120,8 +120,8 @@ def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) 
             )
 
 
-def _note(result: TaskResult, state: _State) -> None:
-    """Remove from the missing what is on disk; of several failures of a cell the first chunk's is kept."""
+def _update(result: TaskResult, state: _State) -> None:
+    """Update the missing chunks; of several failures of a cell the first chunk's is kept."""
     index = result.task.chunk
     for cell in result.task.cells:
         failure = result.failures.get(cell.name)
@@ -144,11 +144,10 @@ def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
     """Totals over the parquet parts of a cell; outdated clips are those that other code computed."""
     stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
-    peak = Peak.highest(Peak(part.peak_memory_mb, part.peak_is_own) for part in parts)
     return {
         "num_clips": sum(len(part.clips) for part in parts),
         "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
         "seconds": seconds,
-        "peak_memory_mb": peak.memory_mb,
-        "peak_is_own": peak.is_own,
+        "peak_memory_mb": max((part.peak_memory_mb for part in parts), default=0.0),
+        "peak_is_own": all(part.peak_is_own for part in parts),
     }

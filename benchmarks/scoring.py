@@ -26,7 +26,7 @@ SAMPLES_PER_RELEASE = 5  # of free memory; without, 100 samples of 256x256 take 
 
 @dataclass(frozen=True)
 class Metrics:
-    """What predictions are measured with, by the names of the columns."""
+    """The metrics of a run, by the names of the columns."""
 
     frame: Mapping[str, FrameMetric]
     trajectory: Mapping[str, TrajectoryMetric]
@@ -37,13 +37,13 @@ class ManyMasks(Protocol):
     """A frame metric that takes several masks at once, for less than it takes one after the other."""
 
     def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> Sequence[FloatArray]:
-        """What calling the metric with each of the masks would give."""
+        """The metric's values for each of the masks."""
         ...
 
 
 @dataclass(frozen=True)
 class ScoringContext:
-    """A clip with what is needed to score any prediction of it; equal predictions are scored once."""
+    """A clip with its ground truth for scoring predictions of it; equal predictions are scored once."""
 
     clip: Clip
     num_past: int
@@ -51,7 +51,7 @@ class ScoringContext:
 
     @cached_property
     def truth(self) -> tuple[Context, Target]:
-        """Everything that is known about past and future; for scoring alone."""
+        """The clip split with every grant; for scoring alone."""
         return self.clip.split(self.num_past, EVERYTHING)
 
     @cached_property
@@ -61,7 +61,7 @@ class ScoringContext:
 
     @cached_property
     def future(self) -> Trajectory | None:
-        """The real future as seen from the last observed camera, where poses are known."""
+        """The true future relative to the last observed camera, where poses are known."""
         context, target = self.truth
         if context.past is None or target.trajectory is None:
             return None
@@ -119,7 +119,7 @@ def _over(
 
 
 def _future(context: ScoringContext, prediction: Prediction, sample: int) -> Trajectory | None:
-    """The predicted future as seen from the predicted last observed camera; one future may serve all samples."""
+    """The predicted future relative to the predicted last observed camera; all samples may share one future."""
     if prediction.motion is None:
         return None
     futures = prediction.motion.futures

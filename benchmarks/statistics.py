@@ -54,7 +54,7 @@ def cube(rows: pa.Table, metric: str) -> Cube:
 
 
 def mean_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:
-    """The average sample [N, F]: what one guess is worth."""
+    """The mean over samples [N, F]: the expected score of one sample."""
     return _nanmean(values.values, axis=1)
 
 
@@ -64,7 +64,7 @@ def best_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:
 
 
 def best_by(judge: Cube, judge_higher_is_better: bool) -> Reduction:
-    """Of every metric the sample that is best in the judge's: one and the same prediction answers for all columns."""
+    """The sample that is best in the judge's metric, for every metric: all columns show the same sample."""
     best = dict(zip(judge.clips, _best(judge, judge_higher_is_better).tolist(), strict=True))
 
     def reduce(values: Cube, higher_is_better: bool) -> FloatArray:
@@ -79,7 +79,7 @@ def best_by(judge: Cube, judge_higher_is_better: bool) -> Reduction:
 
 
 def expected_best(values: Cube, higher_is_better: bool) -> FloatArray:
-    """What the best of k samples scores on average [N, S], k = 1..S; NaN for more samples than have a value.
+    """The expected best score of k samples [N, S], k = 1..S; NaN for more samples than have a value.
 
     Samples are scored by their mean over steps. The mean is over all sets of k among the S: unbiased for every k, and
     for k = S the best of all. Of scores sorted so that the best comes last, the i-th is the best of C(i - 1, k - 1)
@@ -117,7 +117,7 @@ def _best(values: Cube, higher_is_better: bool) -> npt.NDArray[np.intp]:
 
 @functools.lru_cache(maxsize=8)
 def _shares(count: int) -> FloatArray:
-    """In what share of the sets of k the i-th from the bottom is the best [k, i]; rows sum to 1."""
+    """The share of the sets of k whose best is the i-th smallest [k, i]; rows sum to 1."""
     numbers = range(1, count + 1)
     return np.array([[math.comb(i - 1, k - 1) / math.comb(count, k) for i in numbers] for k in numbers]).reshape(
         count, count
@@ -132,15 +132,15 @@ def _nanmean(values: FloatArray, axis: int) -> FloatArray:
 
 def block_interval(
     values: FloatArray,  # [N], in the order in which clips were taken
-    groups: npt.NDArray[np.integer],  # [N], which stretch of video each clip is from
+    groups: npt.NDArray[np.integer],  # [N], the sequence range that each clip is cut from
     level: float = 0.95,
     num_samples: int = 4000,
     seed: int = 0,
 ) -> tuple[float, float]:
     """The interval of the mean from a circular block bootstrap (Politis & Romano 1992), percentiles.
 
-    Clips that follow each other overlap and are alike, so blocks of them are drawn with replacement, each from its own
-    stretch. A block is as long as the autocorrelation is above what independent values would show.
+    Clips that follow each other overlap and are alike, so blocks of them are resampled with replacement within each
+    range. A block is as long as the autocorrelation is significant.
     """
     rng = np.random.default_rng(seed)
     sums = np.zeros(num_samples)

@@ -2,18 +2,13 @@
 
     <root>/protocol.json                  data set, clip names, sizes, metrics, versions
     <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory, depths where known
-    <root>/<cell>/cell.json               the resolved components, grants, status, seconds per stage, peak memory
+    <root>/<cell>/cell.json               components, grants, status, seconds per stage, peak memory; see Cell
     <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see SCORES
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/tables  plots  report.html     views of the above
 
-protocol.json: name, dataset, clips (names in order), num_past, num_future, size_px, stride, metrics, cells, versions.
-cell.json: label, kind, pose_source and renderer (for kind "geometric"), components, grants, num_samples, status,
-reason, traceback (of a failure), num_clips, seconds per stage, peak_memory_mb, peak_is_own, fingerprint, code (a hash
-of the sources at the last run), num_outdated (clips that other code computed).
-
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
-carries in its metadata which clips these are, what they were computed with, and what that took.
+holds in its metadata the clips, the fingerprint, the code hash, the times and the peak memory.
 """
 
 from __future__ import annotations
@@ -54,7 +49,7 @@ class Cell:
     """One row of a table: a pose source with a renderer, or a whole predictor."""
 
     name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
-    record: Mapping[str, Any]  # its cell.json, from which all that follows is taken
+    record: Mapping[str, Any]  # all of cell.json; also traceback, code, peak_memory_mb, peak_is_own
     label: str  # for people: "gt-3d + ground-far-plane"
     kind: str  # "geometric" or "predictor"
     status: str  # "done", "partial", "skipped" or "failed"
@@ -78,15 +73,15 @@ class Cell:
 
 @dataclass(frozen=True)
 class Part:
-    """What the metadata of one parquet file says."""
+    """The metadata of one parquet file."""
 
     index: int
     clips: tuple[str, ...]
     fingerprint: str  # of the cell and the protocol that it was computed with
     metrics: Mapping[str, Any]  # the resolved metric behind each column
     seconds: Mapping[str, float]  # per stage, summed over its clips
-    peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips
-    peak_is_own: bool = False  # False: of the process so far, whatever it did before; so in parts of older versions
+    peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips; 0 where unknown
+    peak_is_own: bool = False  # False in older parts: the peak of the whole process so far
     code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
 
 
@@ -108,7 +103,7 @@ class Results:
 
     @property
     def begun(self) -> bool:
-        """Whether anything was ever written here."""
+        """Whether a protocol was written."""
         return (self.root / "protocol.json").exists()
 
     def cells(self) -> list[Cell]:
@@ -250,7 +245,7 @@ def _motion(arrays: Mapping[str, Any]) -> Motion | None:
 
 
 def _file(clip: str) -> str:
-    """A file name that says the clip's name and can be turned back into it."""
+    """A file name from which the clip's name can be recovered."""
     return quote(clip, safe="+@=, ") + ".npz"
 
 

@@ -1,4 +1,4 @@
-"""Tables of stored rows: means, standard errors, and what each row was granted; `formats` turns them into text."""
+"""Tables of means and standard errors with the grants of each row; `formats` turns them into text."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers with everything that a reader has to know beside them."""
+    """Columns and rows with the notes that explain them."""
 
     name: str  # of the files
     title: str
@@ -63,7 +63,7 @@ class Table:
     notes: tuple[str, ...]
 
     def is_best(self, row: Row, column: Column) -> bool:
-        """Whether no complete row is better, as far as the printed digits tell."""
+        """Whether no complete row is better in the printed digits."""
         sign = 1.0 if column.higher_is_better else -1.0
         rivals = [rounded(other, column) * sign for other in self.rows if other.complete]
         rivals = [value for value in rivals if not np.isnan(value)]
@@ -166,7 +166,7 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
 def _reductions(
     cubes: Mapping[str, Cube], higher: Mapping[str, bool], protocol: Mapping[str, Any]
 ) -> dict[str, statistics.Reduction]:
-    """How samples become rows, by what is added to the method's name."""
+    """The reductions over samples, a row each, by the suffix of the method's name."""
     count = max((cube.values.shape[1] for cube in cubes.values()), default=1)
     if count == 1:
         return {"": statistics.mean_of_samples}

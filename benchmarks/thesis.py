@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -35,17 +35,17 @@ def markdown(results: Results) -> str:
     protocol = results.protocol()
     lines = [_line(cell, results) for cell in results.cells() if cell.status in ("done", "partial")]
     in_thesis = sorted((line for line in lines if line.rank < len(_order())), key=lambda line: line.rank)
-    beside = [line for line in lines if line.rank == len(_order())]
+    others = [line for line in lines if line.rank == len(_order())]
     published = _published()
     parts = [
         f"## {protocol['name']}: measured here, in the layout of the thesis's table 4.1",
-        _block([*in_thesis, *beside]),
+        _block([*in_thesis, *others]),
         f"- {tables.summary(protocol)}.",
         f"- {statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
         *_absences(results, in_thesis),
         "",
         "## Published, not measured here",
-        _block([Line(str(row["name"]), 0, _numbers(row)) for row in published["row"]]),
+        _block([Line(row["name"], 0, tuple(tuple(row[metric]) for metric in METRICS)) for row in published["row"]]),
         f"- {published['source']}: {published['about']}.",
         "- Other test clips, other training data and metrics that are not defined there: compare orders, not digits.",
     ]
@@ -69,7 +69,7 @@ def _line(cell: Cell, results: Results) -> Line:
 
 
 def _name(cell: Cell) -> str:
-    """What the thesis calls such a cell; its own label where the thesis has none like it."""
+    """The thesis's name of such a cell; the cell's own label where it has none."""
     parts = cell.components.get("predictor", cell.components)
     if parts.get("name") in STOCHASTIC:
         return f"{parts['name'].upper()} - {cell.num_samples} Sample{'s' * (cell.num_samples > 1)}"
@@ -83,7 +83,7 @@ def _name(cell: Cell) -> str:
 
 
 def _family(name: str) -> str:
-    """The name without the number of samples, of which only whether it is one matters."""
+    """The name with the number of samples reduced to one or many."""
     model, dash, count = name.partition(" - ")
     return f"{model}{dash}{'1' if count == '1 Sample' else 'many'}" if dash else name
 
@@ -97,21 +97,15 @@ def _published() -> Mapping[str, Any]:
     return tomllib.loads((resources.files("benchmarks") / "published" / PUBLISHED).read_text("utf-8"))
 
 
-def _numbers(row: Mapping[str, Any]) -> tuple[tuple[float, float], ...]:
-    return tuple((float(row[metric][0]), float(row[metric][1])) for metric in METRICS)
-
-
 def _block(lines: Sequence[Line]) -> str:
     """The lines with the best of each column in bold, as the thesis prints them."""
     head = ["Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)"]
-    best = [_best([line.values[i] for line in lines], metric != "lpips") for i, metric in enumerate(METRICS)]
+    best = []
+    for i, metric in enumerate(METRICS):
+        means = [round(value[0], DECIMALS) for line in lines if (value := line.values[i]) is not None]
+        best.append((min if metric == "lpips" else max)(means, default=float("nan")))
     body = [[line.name, *(_text(v, b) for v, b in zip(line.values, best, strict=True))] for line in lines]
     return "\n".join(["", *grid([head, *body], numbers=False), ""])
-
-
-def _best(values: Iterable[tuple[float, float] | None], higher: bool) -> float:
-    means = [round(value[0], DECIMALS) for value in values if value is not None]
-    return (max if higher else min)(means, default=float("nan"))
 
 
 def _text(value: tuple[float, float] | None, best: float) -> str:
@@ -123,7 +117,7 @@ def _text(value: tuple[float, float] | None, best: float) -> str:
 
 
 def _absences(results: Results, present: Sequence[Line]) -> list[str]:
-    """The thesis's rows that are not here, and cells that did not become rows."""
+    """The thesis's rows that are missing here, and cells that are not done."""
     here = {line.rank for line in present}
     names = [str(row["name"]) for rank, row in enumerate(_published()["row"]) if rank not in here]
     notes = [f"- Not in these results: {', '.join(names)}."] if names else []

@@ -50,7 +50,7 @@ def add_modules(parser: argparse.ArgumentParser, package: Path, names: Iterable[
 
 
 def main(given: Sequence[str] | None = None) -> int:
-    """Do what the arguments say and return the exit code."""
+    """Run the chosen verb and return the exit code."""
     parser = argparse.ArgumentParser(prog="geovp", description="Geometry-based video prediction: run, measure, look.")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
     add_modules(parser, Path(__file__).parent, VERBS, "VERB", "verb")

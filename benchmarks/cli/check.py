@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Print what it keeps and what it breaks."""
+    """Print the tests that pass and those that fail."""
     from geovp_classic import contracts, registry
 
     component = registry.build(chosen.role, {"name": chosen.name, **settings(chosen)})

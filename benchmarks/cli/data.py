@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
 
-from benchmarks.progress import Bar, tracked
+from benchmarks.progress import progress_bar, tracked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,15 +21,10 @@ def run(chosen: argparse.Namespace) -> int:
     from benchmarks.formats import columns
     from geovp_classic.data import doctor
 
-    found = doctor.examine(chosen.root, deep=chosen.deep, watch=_with_bar)
+    with progress_bar("doctor", "sequences") as progress:
+        found = doctor.examine(chosen.root, deep=chosen.deep, watch=lambda names: tracked(names, len(names), progress))
     print(*columns([list(found.rows[0]), *(list(row.values()) for row in found.rows)]), "", sep="\n")
     for finding in found.findings:
         print(f"{finding.severity}: {finding}")
     print(f"named splits whose frames are all here: {', '.join(found.usable_splits) or 'none'}")
     return int(not found.is_sound)
-
-
-def _with_bar(names: list[str]) -> Iterable[str]:
-    with Bar("doctor", "sequences") as bar:
-        bar.show(0, len(names))
-        yield from tracked(names, len(names), bar.show)

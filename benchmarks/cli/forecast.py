@@ -6,11 +6,9 @@ import argparse
 
 from benchmarks.cli.study import print_lines
 from benchmarks.studies.forecasting import command
+from benchmarks.studies.forecasting.command import add_arguments
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verbs of the study of forecasting."""
-    command.add_arguments(parser)
+__all__ = ["add_arguments", "run"]
 
 
 def run(chosen: argparse.Namespace) -> int:

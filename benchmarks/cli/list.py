@@ -1,4 +1,4 @@
-"""What is installed, by role and name, and what a name lacks; nothing heavy is imported to find out."""
+"""List installed components by role and name, and missing packages; nothing heavy is imported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Print a line for every name, with the package that brought it and what it lacks."""
+    """Print a line for every name, with the package that provides it and the package that it lacks."""
     from geovp_classic import registry
 
     for role in [chosen.role] if chosen.role else registry.ROLES:
@@ -27,11 +27,11 @@ def run(chosen: argparse.Namespace) -> int:
         print(role)
         for entry in sorted(metadata.entry_points(group=f"geovp.{role}"), key=lambda entry: entry.name):
             package = entry.dist.name if entry.dist is not None else ""
-            brought = f"[{package}]" if package != "geovp-classic" else ""
+            provider = f"[{package}]" if package != "geovp-classic" else ""
             lacks = missing_import(entry.value.partition(":")[0])
             extra = registry.EXTRA_OF_MODULE.get(lacks.partition(".")[0])
             remark = f"(needs extra: {extra})" if extra else f"(needs {lacks})" if lacks else ""
-            print("  " + " ".join(filter(None, (entry.name, brought, remark))))
+            print("  " + " ".join(filter(None, (entry.name, provider, remark))))
     return 0
 
 
@@ -53,8 +53,8 @@ def missing_import(module: str) -> str:
 
 @functools.cache
 def _imports(module: str, path: Path) -> tuple[list[str], list[str]]:
-    """What a file imports when it is imported: modules of its own package, and other packages."""
-    if path.suffix != ".py":  # compiled: says nothing
+    """The imports at the top level of a file: modules of its own package, and other packages."""
+    if path.suffix != ".py":  # compiled
         return [], []
     root = module.partition(".")[0]
     names = list(dict.fromkeys(_imported_names(ast.parse(path.read_bytes()))))

@@ -1,4 +1,4 @@
-"""Track whole sequences: pose files, drift, and the path beside the real one."""
+"""Track whole sequences: pose files, drift, and a plot of the path with the ground truth."""
 
 from __future__ import annotations
 

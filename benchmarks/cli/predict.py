@@ -6,11 +6,11 @@ import argparse
 from pathlib import Path
 
 from benchmarks.arguments import positive
-from benchmarks.progress import Bar
+from benchmarks.progress import progress_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which frames, what is known of the camera, and what is predicted."""
+    """Which frames, which camera, and how many frames are predicted."""
     parser.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of images")
     of_images = "in pixels of the images as they are stored, (0, 0) the centre of the top-left one"
     parser.add_argument(
@@ -43,10 +43,10 @@ def run(chosen: argparse.Namespace) -> int:
         size_px=chosen.size,
         with_wide=chosen.wide,
     )
-    with Bar("predict", "stages") as bar:
-        predicted = prediction.predict(request, bar.show)
+    with progress_bar("predict", "stages") as progress:
+        predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
         written = prediction.write(predicted, chosen.out or Path("results/predict") / name)
-        bar.show(prediction.NUM_STAGES, prediction.NUM_STAGES)
+        progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
     print(*written, sep="\n")
     return 0

@@ -1,19 +1,22 @@
-"""Write report.html of a results folder."""
+"""Write report.html of a results folder, with its figures."""
 
 from __future__ import annotations
 
 import argparse
 
 from benchmarks.arguments import add_results_folder as add_arguments
-from benchmarks.progress import Bar
+from benchmarks.progress import progress_bar
 
 __all__ = ["add_arguments", "run"]
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Write the report and print its path."""
+    """Write figures and report and print the report's path."""
     from benchmarks import report
+    from benchmarks.store import Results
 
-    with Bar("report", "figures") as bar:
-        print(report.write(chosen.folder, bar.show))
+    results = Results(chosen.folder)
+    with progress_bar("report", "figures") as progress:
+        report.write(results, progress)
+    print(results.report)
     return 0

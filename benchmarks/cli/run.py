@@ -1,4 +1,4 @@
-"""Fill what is missing or stale of a matrix; can be killed at any moment."""
+"""Compute the missing and stale results of a matrix; can be killed at any moment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.arguments import positive
-from benchmarks.progress import Bar
+from benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:
     from benchmarks.store import Cell, Results
@@ -46,8 +46,8 @@ def run(chosen: argparse.Namespace) -> int:
     if chosen.scheduler is not None:
         spec = {"name": "dask", "address": chosen.scheduler}
     executor = registry.build("executors", spec)
-    with Bar(matrix.name, "predictions") as bar:
-        cells = fill(matrix, results, options, executor, bar.show)
+    with progress_bar(matrix.name, "predictions") as progress:
+        cells = fill(matrix, results, options, executor, progress)
     return conclude(results, cells, with_report=not chosen.no_report)
 
 
@@ -59,8 +59,8 @@ def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
     formats.write_all(results)
     print(f"tables: {results.tables}")
     if with_report and any(cell.num_clips for cell in cells):
-        with Bar("plots", "figures") as bar:
-            report.write_with_plots(results.root, bar.show)
+        with progress_bar("plots", "figures") as progress:
+            report.write(results, progress)
         print(f"plots:  {results.plots}")
         print(f"report: {results.report}")
     outdated = sum(cell.num_outdated > 0 for cell in cells)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.arguments import add_results_folder
 from benchmarks.cli.run import conclude
-from benchmarks.progress import Bar
+from benchmarks.progress import progress_bar
 from geovp_classic.errors import BadData
 
 
@@ -34,6 +34,6 @@ def run(chosen: argparse.Namespace) -> int:
     else:
         matrix = matrices.read(chosen.metrics)
         metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
-    with Bar("score", "cells") as bar:
-        cells = rescore(results, into, metrics, bar.show)
+    with progress_bar("score", "cells") as progress:
+        cells = rescore(results, into, metrics, progress)
     return conclude(into, cells, with_report=False)

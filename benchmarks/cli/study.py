@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks import studies
 from benchmarks.cli import add_modules
-from benchmarks.progress import Bar, Progress
+from benchmarks.progress import Progress, progress_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,8 +24,8 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def print_lines(study: Callable[[argparse.Namespace, Progress], Iterable[str]], chosen: argparse.Namespace) -> int:
-    """Print the lines of a study as they come, beside a progress bar."""
-    with Bar(study.__module__.rpartition(".")[2], "steps") as bar:
-        for line in study(chosen, bar.show):
+    """Print the lines of a study as they are ready, with a progress bar."""
+    with progress_bar(study.__module__.rpartition(".")[2], "steps") as progress:
+        for line in study(chosen, progress):
             print(line, flush=True)
     return 0

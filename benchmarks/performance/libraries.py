@@ -7,7 +7,7 @@ rounds are of the processor's time. A solver of our own stays only where it is t
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from benchmarks.commands import command, whole_numbers
+from benchmarks.arguments import positive
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
@@ -172,14 +172,14 @@ def _distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
     return float(np.linalg.norm(se3.inverse(cam_from_world)[:3, 3] - se3.inverse(truth)[:3, 3]))
 
 
-@command
-def main(arguments: Sequence[str]) -> str:
-    """A line for each solver."""
-    (rounds,) = whole_numbers(arguments, (20,), "[ROUNDS]")
-    scene = Scene.random()
-    problems = (triangulation, resection, relative_pose, local_bundle_adjustment)
-    return "\n".join(measure(problem(scene), rounds) for problem in problems)
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print a line for each solver."""
+    parser = argparse.ArgumentParser(description="Our solvers beside those of libraries.")
+    parser.add_argument("rounds", nargs="?", type=positive, default=20, metavar="ROUNDS")
+    rounds, scene = parser.parse_args(arguments).rounds, Scene.random()
+    for problem in (triangulation, resection, relative_pose, local_bundle_adjustment):
+        print(measure(problem(scene), rounds))
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -1,26 +1,22 @@
-"""How many points a second the splat draws, beside Open3D's projection and a z-buffer in numpy, in the same run.
+"""Points per second of the splat, compared with Open3D's projection and a z-buffer in numpy.
 
-`python -m benchmarks.performance.splat [ROUNDS]`: the cloud of three frames of 256x256 with depth, seen from 20 poses
-ahead. All draw the same points from the same poses, in turns, so that a busy machine slows all of them; the processor's
-time of all threads stands beside the clock's. Linear algebra, which numpy's z-buffer needs, has one thread: that is as
-fast for it, and idle ones would slow the two others. The splat draws surfaces, each point as a square of its own size;
-the other two set one pixel a point. The first drawing of a process that finds no compiled code, and of the next one,
-say what compiling costs and that its result is kept.
+`python -m benchmarks.performance.splat [ROUNDS]`: the cloud of three 256x256 frames with depth, rendered at 20 poses
+ahead. All three render the same points at the same poses, alternately, so that other load slows all of them; CPU time
+of all threads is shown beside wall-clock time. BLAS, which numpy's z-buffer needs, runs on one thread: that is as fast
+for it, and idle BLAS threads would slow the others. The splat renders surfaces, each point as a square of its own size;
+the other two set one pixel per point.
 """
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import tempfile
+import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.commands import command, whole_numbers
+from benchmarks.arguments import positive
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.render import patches
@@ -29,19 +25,11 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 CAMERA = Intrinsics(480.0, 480.0, 127.5, 127.5, 256, 256)
 NUM_SOURCES, NUM_VIEWS, STEP_M = 3, 20, 1.0
 HEIGHT_M, HALF_WIDTH_M, FARTHEST_M = 1.65, 6.0, 80.0
-FIRST_IMAGES = """
-import time
-from benchmarks.performance import splat
-scene, poses = splat.street()
-start = time.perf_counter()
-splat.draw_splat(scene, poses)
-print(time.perf_counter() - start)
-"""
 
 
 @dataclass(frozen=True)
 class Street:
-    """A cloud in the three shapes that the three ways of drawing need."""
+    """A cloud in the forms that the three renderers need."""
 
     cloud: patches.Patches
     sources: list[patches.Source]
@@ -49,30 +37,21 @@ class Street:
     colours: ByteArray  # [N, 3]
 
 
-@dataclass(frozen=True)
-class Timing:
-    """What the runs took."""
-
-    num_points: int
-    seconds: dict[str, FloatArray]  # [rounds, 2], all views by the clock and of the processor, by name
-    first_s: tuple[float, float]  # the first drawing of a process without compiled code, and of the next one
-
-    def points_per_s(self, name: str) -> float:
-        """Points times views by the median time."""
-        return self.num_points * NUM_VIEWS / float(np.median(self.seconds[name][:, 0]))
-
-    def lines(self) -> list[str]:
-        """The result in words."""
-        told = [f"{self.num_points} points, {NUM_VIEWS} views of {CAMERA.width_px}x{CAMERA.height_px}"]
-        for name, taken in self.seconds.items():
-            clock_ms, processor_ms = 1e3 * np.median(taken, axis=0)
-            speed = f"{self.points_per_s(name) / 1e6:.1f} million points/s"
-            told.append(f"{name}: {speed}, {clock_ms:.0f} ms, of the processor {processor_ms:.0f} ms")
-        return [*told, f"first drawing of a process: {self.first_s[0]:.1f} s, of the next one {self.first_s[1]:.2f} s"]
+def lines(
+    seconds: Mapping[str, FloatArray],  # [rounds, 2] by name, all views, wall clock and CPU
+    num_points: int,
+) -> list[str]:
+    """Medians over rounds, as lines of text."""
+    found = [f"{num_points} points, {NUM_VIEWS} views of {CAMERA.width_px}x{CAMERA.height_px}"]
+    for name, taken in seconds.items():
+        clock_s, processor_s = np.median(taken, axis=0)
+        speed = f"{num_points * NUM_VIEWS / clock_s / 1e6:.1f} million points/s"
+        found.append(f"{name}: {speed}, {1e3 * clock_s:.0f} ms, of the processor {1e3 * processor_s:.0f} ms")
+    return found
 
 
 def street() -> tuple[Street, FloatArray]:
-    """A road between walls, seen by three frames, and the poses [F, 4, 4] to draw it from."""
+    """A road between walls, observed by three frames, and the poses [F, 4, 4] to render."""
     track = se3.compose(np.eye(3), np.outer(np.arange(NUM_SOURCES + NUM_VIEWS) * STEP_M, [0.0, 0.0, 1.0]))
     rays = pinhole.rays(CAMERA)
     road, wall = rays[..., 1] / HEIGHT_M, np.abs(rays[..., 0]) / HALF_WIDTH_M
@@ -92,7 +71,7 @@ def draw_splat(scene: Street, world_from_cam: FloatArray) -> FloatArray:
 
 
 def draw_numpy(scene: Street, world_from_cam: FloatArray) -> FloatArray:
-    """Inverse depth [F, H, W] by a z-buffer in numpy: far points are written first, near ones over them."""
+    """Inverse depth [F, H, W] by a z-buffer in numpy: the painter's algorithm, far points first."""
     drawn = np.full((len(world_from_cam), CAMERA.height_px, CAMERA.width_px), -1.0)
     for view, cam_from_world in zip(drawn, se3.inverse(world_from_cam), strict=True):
         points_cam = se3.transform(cam_from_world, scene.points_world)
@@ -121,7 +100,7 @@ def draw_open3d(scene: Street, world_from_cam: FloatArray) -> FloatArray:
     return np.stack(drawn)
 
 
-WAYS: dict[str, Callable[[Street, FloatArray], FloatArray]] = {
+RENDERERS: dict[str, Callable[[Street, FloatArray], FloatArray]] = {
     "splat": draw_splat,
     "Open3D project_to_rgbd_image": draw_open3d,
     "numpy z-buffer": draw_numpy,
@@ -129,33 +108,24 @@ WAYS: dict[str, Callable[[Street, FloatArray], FloatArray]] = {
 
 
 @single_threaded_blas
-def measure(rounds: int) -> Timing:
-    """Time all ways in turns, once each before the clock runs."""
+def measure(rounds: int) -> list[str]:
+    """Time all renderers alternately, after one round of warm-up."""
     scene, world_from_cam = street()
-    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in WAYS}
-    for count in range(rounds + 1):
-        for name, draw in WAYS.items():
+    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in RENDERERS}
+    for _ in range(rounds + 1):
+        for name, draw in RENDERERS.items():
             clock, processor = time.perf_counter(), time.process_time()
             draw(scene, world_from_cam)
-            if count:
-                taken[name].append((time.perf_counter() - clock, time.process_time() - processor))
-    seconds = {name: np.array(times) for name, times in taken.items()}
-    with tempfile.TemporaryDirectory() as folder:
-        return Timing(len(scene.points_world), seconds, (_first_s(folder), _first_s(folder)))
+            taken[name].append((time.perf_counter() - clock, time.process_time() - processor))
+    return lines({name: np.array(times[1:]) for name, times in taken.items()}, len(scene.points_world))
 
 
-def _first_s(cache: str) -> float:
-    """Seconds of the first drawing of a process that keeps compiled code in the folder."""
-    command, environment = [sys.executable, "-c", FIRST_IMAGES], {**os.environ, "NUMBA_CACHE_DIR": cache}
-    return float(subprocess.run(command, check=True, env=environment, capture_output=True, text=True).stdout)
-
-
-@command
-def main(arguments: Sequence[str]) -> str:
-    """The timing in words."""
-    (rounds,) = whole_numbers(arguments, (10,), "[ROUNDS]")
-    return "\n".join(measure(rounds).lines())
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the timing."""
+    parser = argparse.ArgumentParser(description="Points per second of three ways to render a point cloud.")
+    parser.add_argument("rounds", nargs="?", type=positive, default=10, metavar="ROUNDS")
+    print(*measure(parser.parse_args(arguments).rounds), sep="\n")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

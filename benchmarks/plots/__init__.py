@@ -1,12 +1,14 @@
-"""The figures of a results folder: metric over horizon and samples, film strips, paths; one page per figure."""
+"""The figures of a results folder: metric over horizon and over samples, film strips, paths."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import matplotlib
 
 from benchmarks.plots import horizon, kept_clips, style
 from benchmarks.plots.material import Material, Page
@@ -16,8 +18,7 @@ from geovp_classic.data.atomic import write_bytes
 
 __all__ = ["Page", "figures", "rendered", "write_all"]
 
-OnFigure = Callable[[Page, Mapping[str, bytes]], None]  # (a figure, its files by kind)
-SAVING: dict[str, dict[str, Any]] = {
+SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 2}},
     "jpg": {"pil_kwargs": {"quality": 85}},
     "svg": {"metadata": {"Date": None}},  # the same rows give the same bytes
@@ -36,38 +37,33 @@ def figures(results: Results, progress: Progress = no_progress) -> Iterator[Page
         partial(kept_clips.pages, material, number, name) for number, (name, _) in enumerate(results.clips(), 1)
     ]
     for draw in tracked(drawing, len(drawing), progress):
-        with style.settings():
+        with matplotlib.rc_context(style.SETTINGS):
             pages = draw()
         yield from pages
 
 
-def write_all(
-    results_dir: Path, progress: Progress = no_progress, on_figure: OnFigure = lambda page, files: None
-) -> list[Path]:
-    """Draw every figure into the results folder's plots and remove figures that are out of date.
+def write_all(results: Results, progress: Progress = no_progress) -> Iterator[tuple[Page, dict[Path, bytes]]]:
+    """Write every figure into the results folder's plots, remove outdated ones; each figure with its files.
 
-    All come as png and svg but two: curves over sets of pixels as svg alone, strips of invented pixels as png alone.
-    `on_figure` is called with every figure once it is written, so that nobody has to draw it again.
+    All are png and svg but two: curves over sets of pixels are svg alone, strips of inpainted pixels png alone.
 
     BadData when the folder holds no results.
     """
-    results = Results(results_dir)
-    written: list[Path] = []
+    written: set[Path] = set()
     for page in figures(results, progress):
-        files = {kind: rendered(page, kind) for kind in page.formats}
-        for kind, content in files.items():
-            written.append(results.plots / f"{page.name}.{kind}")
-            write_bytes(written[-1], content)
-        on_figure(page, files)
+        files = {results.plots / f"{page.name}.{kind}": rendered(page, kind) for kind in page.formats}
+        for path, content in files.items():
+            write_bytes(path, content)
+        written.update(files)
+        yield page, files
     for kind in KINDS:
-        for path in set(results.plots.glob(f"{kind}-*")) - set(written):
+        for path in set(results.plots.glob(f"{kind}-*")) - written:
             path.unlink()
-    return written
 
 
 def rendered(page: Page, kind: str) -> bytes:
     """The figure as a file of that kind: png, svg or jpg."""
     buffer = io.BytesIO()
-    with style.settings():
-        page.figure.savefig(buffer, format=kind, dpi="figure", **SAVING.get(kind, {}))
+    with matplotlib.rc_context(style.SETTINGS):
+        page.figure.savefig(buffer, format=kind, dpi="figure", **SAVE_OPTIONS.get(kind, {}))
     return buffer.getvalue()

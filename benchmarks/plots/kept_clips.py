@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pyarrow.compute as pc
 
@@ -39,14 +37,13 @@ def _strips(material: Material, clip: Clip, kept: dict[str, Prediction], file: s
     if not rows:
         return []
     means = f"{material.data}; the small numbers are means over the {future} frames of this clip"
-    words = style.Words(f"Clip {clip.name}", means)
-    pages = numbered("strip", file, clip.name, words, strips.draw(truth, rows, words))
+    heading = style.Heading(f"Clip {clip.name}", means)
+    pages = numbered("strip", file, clip.name, heading, strips.draw(truth, rows, heading))
     if any(row.covered is not None and not row.covered.all() for row in rows):
-        unseen = f"{material.data}; pixels in pink were not seen in the past: invented, or left blank"
-        words = style.Words(f"Clip {clip.name}, invented pixels", unseen)
-        figures = strips.draw(truth, [strips.invented(row) for row in rows], words)
-        invented = numbered("invented", file, clip.name, words, figures)
-        pages += [replace(page, formats=("png",)) for page in invented]
+        inpainted = f"{material.data}; pixels in pink were not seen in the past: invented, or left blank"
+        heading = style.Heading(f"Clip {clip.name}, invented pixels", inpainted)
+        figures = strips.draw(truth, [strips.mark_inpainted(row) for row in rows], heading)
+        pages += numbered("invented", file, clip.name, heading, figures, ("png",))
     return pages
 
 
@@ -69,7 +66,7 @@ def _paths(material: Material, clip: Clip, kept: dict[str, Prediction], file: st
     if clip.trajectory is None:
         return []
     above = trajectories.from_above(clip.trajectory.world_from_cam, clip.trajectory.world_from_cam[past - 1])
-    truth = trajectories.Path("ground truth", above[:past], above[None, past:], style.TRUTH_STROKE)
+    truth = trajectories.Path("ground truth", above[:past], above[None, past:], style.GROUND_TRUTH)
     motions: dict[str, Motion] = {}  # one per pose source: its renderers share it
     for cell in material.cells:
         prediction = kept.get(cell.name)
@@ -77,22 +74,22 @@ def _paths(material: Material, clip: Clip, kept: dict[str, Prediction], file: st
             motions.setdefault(cell.pose_source or cell.label, prediction.motion)
     if not motions:
         return []
-    strokes = style.strokes([(label, "") for label in motions])
-    paths = [_path(label, motions[label], truth.past, stroke) for label, stroke in zip(motions, strokes, strict=True)]
+    styles = style.line_styles([(label, "") for label in motions])
+    paths = [_path(label, motions[label], truth.past, line) for label, line in zip(motions, styles, strict=True)]
     seen = f"{material.data}, from above, in the last observed camera's frame; a mark every 5 frames"
-    words = style.Words(f"Paths of clip {clip.name}", seen)
+    heading = style.Heading(f"Paths of clip {clip.name}", seen)
     unit = "m" if clip.trajectory.is_metric else "the ground truth's unit"
-    figures = trajectories.draw(truth, paths, unit, words)
-    return numbered("paths", file, clip.name, words, figures)
+    figures = trajectories.draw(truth, paths, unit, heading)
+    return numbered("paths", file, clip.name, heading, figures)
 
 
-def _path(label: str, motion: Motion, true_past: FloatArray, stroke: style.Stroke) -> trajectories.Path:
-    """A motion of unknown scale is drawn with the true past's length, and its label says so."""
+def _path(label: str, motion: Motion, true_past: FloatArray, line: style.LineStyle) -> trajectories.Path:
+    """A motion of unknown scale is scaled to the length of the true past, which its label states."""
     last = motion.past.world_from_cam[-1]
     past = trajectories.from_above(motion.past.world_from_cam, last)
     futures = trajectories.from_above(motion.futures, last)
     length, true_length = (np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in (past, true_past))
     if motion.past.is_metric or length == 0:
-        return trajectories.Path(label, past, futures, stroke)
+        return trajectories.Path(label, past, futures, line)
     scale = true_length / length
-    return trajectories.Path(f"{label} (scaled to the true path)", past * scale, futures * scale, stroke)
+    return trajectories.Path(f"{label} (scaled to the true path)", past * scale, futures * scale, line)

@@ -1,4 +1,4 @@
-"""What figures are drawn from, and what they are once drawn."""
+"""The data that all figures of a results folder share, and a drawn figure."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Page:
     subject: str  # the metric or the clip
     caption: str
     figure: Figure
-    formats: tuple[str, ...] = ("png", "svg")
+    formats: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Material:
-    """What all figures of a results folder share."""
+    """The results that all figures are drawn from."""
 
     results: Results
     protocol: Mapping[str, Any]
@@ -55,16 +55,23 @@ class Material:
 
 def title(metric: str) -> str:
     """A metric's name as a heading."""
-    words = tables.title(metric)
-    return words[:1].upper() + words[1:]
+    name = tables.title(metric)
+    return name[:1].upper() + name[1:]
 
 
-def numbered(kind: str, name: str, subject: str, words: style.Words, figures: Sequence[Figure]) -> list[Page]:
-    """The pages of one drawing; `name` may hold any letters."""
+def numbered(
+    kind: str,
+    name: str,
+    subject: str,
+    heading: style.Heading,
+    figures: Sequence[Figure],
+    formats: tuple[str, ...] = ("png", "svg"),
+) -> list[Page]:
+    """The pages of one plot; `name` may hold any letters."""
     stem = f"{kind}-{re.sub('[^A-Za-z0-9]+', '-', name).strip('-').lower()}"
-    caption = f"{words.title}. {words.subtitle}."
+    caption = f"{heading.title}. {heading.subtitle}."
     many = len(figures) > 1
-    return [Page(stem + f"-{n}" * many, kind, subject, caption, figure) for n, figure in enumerate(figures, 1)]
+    return [Page(stem + f"-{n}" * many, kind, subject, caption, figure, formats) for n, figure in enumerate(figures, 1)]
 
 
 def _step_s(results: Results, num_past: int) -> float | None:

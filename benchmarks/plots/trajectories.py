@@ -1,4 +1,4 @@
-"""Where the camera went and where every pose source said it would go, seen from above."""
+"""The camera's path and the paths that the pose sources predicted, seen from above."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
 MOST_PATHS = 10
+MOST_SAMPLES = 30
 WIDTH_IN = 5.0
 FLATTEST, TALLEST = 0.3, 1.1  # height over width of the axes
-NAME_PT = 7.5
-LAST_OBSERVED = "last observed camera"
-MOST_SAMPLES = 30
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Path:
     label: str
     past: FloatArray  # [P, 2]
     futures: FloatArray  # [S, F, 2]
-    stroke: style.Stroke
+    line: style.LineStyle
 
 
 def from_above(
@@ -41,53 +39,41 @@ def from_above(
     return np.stack([last_from_cam[..., 2, 3], -last_from_cam[..., 0, 3]], axis=-1)
 
 
-def draw(truth: Path, paths: Sequence[Path], unit: str, words: style.Words) -> list[Figure]:
-    """One figure per ten paths, with the truth in black; axes are equal and shared by all pages."""
+def draw(truth: Path, paths: Sequence[Path], unit: str, heading: style.Heading) -> list[Figure]:
+    """One figure per ten paths, with the ground truth in black; all pages share their axes, of equal aspect."""
     pages = style.pages(len(paths), MOST_PATHS)
     limits = _limits([truth, *paths])
     return [
-        _page(truth, paths[page.start : page.stop], limits, unit, words.numbered(n, len(pages)))
+        _page(truth, paths[page.start : page.stop], limits, unit, heading.numbered(n, len(pages)))
         for n, page in enumerate(pages, 1)
     ]
 
 
-def _page(truth: Path, paths: Sequence[Path], limits: FloatArray, unit: str, words: style.Words) -> Figure:
+def _page(truth: Path, paths: Sequence[Path], limits: FloatArray, unit: str, heading: style.Heading) -> Figure:
     (left, right), (low, high) = limits
-    names_in = style.width_in([*(path.label for path in paths), LAST_OBSERVED], NAME_PT)
-    height_in = WIDTH_IN * (high - low) / (right - left)
-    figure, axes = style.sheet((WIDTH_IN, height_in), style.Margins(right_in=names_in + 0.75), words)
-    style.tidy(axes)
+    figure, axes = style.single_axes((WIDTH_IN, WIDTH_IN * (high - low) / (right - left)), heading)
     past = axes.plot(*truth.past.T, color=style.RULE, linewidth=3, solid_capstyle="round")
-    lines = [*past, _path(axes, truth, width=3), *(_path(axes, path) for path in paths)]
-    lines += axes.plot(0, 0, marker=">", markersize=8, color=style.TRUTH, linestyle="")
-    names = ["past", truth.label, *(path.label for path in paths), LAST_OBSERVED]
-    axes.legend(
-        lines, names, loc="center left", bbox_to_anchor=(1.02, 0.5), frameon=False, fontsize=NAME_PT, handlelength=3.2
-    )
-    axes.set_xlim(left, right)
-    axes.set_ylim(low, high)
-    axes.set_aspect("equal")
-    axes.set_xlabel(f"forward ({unit})", color=style.INK)
-    axes.set_ylabel(f"left ({unit})", color=style.INK)
+    lines = [*past, *_plot(axes, truth, width=3), *(line for path in paths for line in _plot(axes, path))]
+    lines += axes.plot(0, 0, marker=">", markersize=8, color=truth.line.colour, linestyle="")
+    names = ["past", truth.label, *(path.label for path in paths), "last observed camera"]
+    axes.legend(lines, names, loc="center left", bbox_to_anchor=(1.02, 0.5))
+    axes.set(xlim=(left, right), ylim=(low, high), aspect="equal")
+    axes.set(xlabel=f"forward ({unit})", ylabel=f"left ({unit})")
     return figure
 
 
-def _path(axes: Axes, path: Path, width: float = 1.3) -> Line2D:
+def _plot(axes: Axes, path: Path, width: float = 1.3) -> list[Line2D]:
     """The first sample as a full line from the last observed camera, marked every fifth step; the others hair-thin."""
-    for future in path.futures[1:MOST_SAMPLES]:
-        axes.plot(*_from_origin(future).T, color=path.stroke.colour, linewidth=0.4, alpha=0.35, zorder=1.8)
-    axes.plot(*path.past.T, color=path.stroke.colour, linestyle=path.stroke.dash, linewidth=0.6, alpha=0.7)
-    every = list(range(5, path.futures.shape[1] + 1, 5))
-    line = path.stroke.line(width)
-    return axes.plot(*_from_origin(path.futures[0]).T, **line, markevery=every)[0]
-
-
-def _from_origin(future: FloatArray) -> FloatArray:
-    return np.concatenate([np.zeros((1, 2)), future])
+    from_origin = np.concatenate([np.zeros((len(path.futures), 1, 2)), path.futures], axis=1)
+    for future in from_origin[1:MOST_SAMPLES]:
+        axes.plot(*future.T, color=path.line.colour, linewidth=0.4, alpha=0.35, zorder=1.8)
+    axes.plot(*path.past.T, color=path.line.colour, linestyle=path.line.dash, linewidth=0.6, alpha=0.7)
+    every = list(range(5, from_origin.shape[1], 5))
+    return axes.plot(*from_origin[0].T, **path.line.kwargs(width), markevery=every)
 
 
 def _limits(paths: Sequence[Path]) -> FloatArray:
-    """[[left, right], [low, high]] around everything, in a shape that suits a page."""
+    """[[left, right], [low, high]] around everything, between FLATTEST and TALLEST."""
     points = np.concatenate([np.concatenate([path.past, path.futures[:MOST_SAMPLES].reshape(-1, 2)]) for path in paths])
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     size = np.maximum((points.max(axis=0) - points.min(axis=0)) * 1.1, 1.0)

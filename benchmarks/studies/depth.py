@@ -1,8 +1,8 @@
 """How accurate multi-view depth and its stages are on the synthetic street, whose depth is exact.
 
 The measures are those usual on KITTI (Eigen 2014): absolute relative error and the share of pixels whose depth is off
-by a factor of less than 1.25, over depths of at most 80 m, estimates being cut to that. Every pixel of known depth
-counts, whatever its confidence; pixels of static and moving objects, near the epipole and away from it, are rows apart.
+by a factor of less than 1.25, over depths of at most 80 m, to which estimates are clipped. Every pixel of known depth
+counts, whatever its confidence; static, moving, near-epipole and other pixels are separate rows.
 Poses are the recorded ones.
 """
 
@@ -25,7 +25,7 @@ FARTHEST_M = 80.0
 NEAREST_M = 1e-3
 FACTOR = 1.25
 NEAR_PX = 32.0  # from the epipole
-STANDING_M = 1e-3  # a step of less has no direction
+AT_REST_M = 1e-3  # a shorter step has no direction
 SOURCES: Mapping[str, Mapping[str, object]] = {
     "multiview": {"name": "multiview"},
     "without ground": {"name": "multiview", "ground": "none"},
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    """Medians over clips by source and set of pixels (a camera that stands sees no parallax)."""
+    """Medians over clips by source and set of pixels."""
     dataset = registry.build("datasets", {"name": "synthetic", "num_clips": chosen.clips, "seed": chosen.seed})
     clips = [dataset[i] for i in range(len(dataset))]
     rows: dict[str, list[DepthRow]] = {name: [] for name in SOURCES}
@@ -87,7 +87,7 @@ def pixel_sets(
     camera: Intrinsics,
     past: Trajectory,
 ) -> dict[str, BoolArray]:
-    """Masks [H, W] by name; without a mask of moving objects all is static, standing still nothing is near."""
+    """Masks [H, W] by name; all static without a mask of moving objects, none near for a camera at rest."""
     from geovp_classic.geometry import pinhole
 
     shape = (camera.height_px, camera.width_px)
@@ -100,14 +100,14 @@ def pixel_sets(
 
 
 def epipole(past: Trajectory, camera: Intrinsics) -> FloatArray | None:
-    """The epipole [2] of the last two frames, in the last one; None for a camera that stood or moved sideways."""
+    """The epipole [2] of the last two frames, in the last one; None for a camera at rest or in sideways motion."""
     from geovp_classic.geometry import pinhole, se3  # with scipy, too heavy for --help
 
     if len(past) < 2:
         return None
     last_from_before = se3.inverse(past.world_from_cam[-1]) @ past.world_from_cam[-2]
     ahead = -last_from_before[:3, 3]
-    if np.linalg.norm(ahead) < STANDING_M or abs(ahead[2]) < 1e-6 * np.linalg.norm(ahead):
+    if np.linalg.norm(ahead) < AT_REST_M or abs(ahead[2]) < 1e-6 * np.linalg.norm(ahead):
         return None
     pixel, _ = pinhole.project(ahead * np.sign(ahead[2]), camera)  # backward motion has the same one
     return pixel

@@ -1,4 +1,4 @@
-"""What predicting dynamic objects is worth: depth fusion without and with it, over all and over truly moving pixels.
+"""The gain from predicting dynamic objects: depth fusion without and with it, over all and over moving pixels.
 
 One line a clip with dynamic objects, and the means. Poses are the recorded ones, past and future; horizons 1, 5, 10, 15
 and 20 are scored.
@@ -64,10 +64,10 @@ class ClipScores:
 
     clip: str
     num_objects: int
-    moving_px: int  # of the last observed frame that really move; 0 where that isn't known
+    moving_px: int  # of the last observed frame; 0 where the ground truth is unknown
     detected_px: int
     overlap_px: int  # both moving and detected
-    scores: Mapping[str, FloatArray]  # [2] by metric, "psnr" over all pixels, "psnr@moving" over truly moving ones
+    scores: Mapping[str, FloatArray]  # [2] by metric, "psnr" over all pixels, "psnr@moving" over moving ones
     cpu_s: FloatArray  # [2], of depth, fusion and views
 
 
@@ -108,7 +108,7 @@ def _scores(metric: FrameMetric, pairs: Sequence[tuple[ByteArray, ByteArray]], m
 
 
 def table(rows: Sequence[ClipScores]) -> Iterator[str]:
-    """A line for every clip with dynamic objects, the means over those and over all clips, and how well masks fit."""
+    """A line per clip with dynamic objects, the means over those and over all clips, and the accuracy of the masks."""
     names = list(dict.fromkeys(name for row in rows for name in row.scores))
     yield f"{'':<28}{'objects':>8}{'IoU':>6}" + "".join(f"{name:>18}" for name in names)
     some = [row for row in rows if row.num_objects]

@@ -1,4 +1,4 @@
-"""Track whole sequences: pose files, drift, and the path beside the real one; or steps of many short clips."""
+"""Track whole sequences: pose files, drift, and a plot with the ground truth; or steps of many short clips."""
 
 from __future__ import annotations
 

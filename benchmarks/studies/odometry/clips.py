@@ -1,4 +1,4 @@
-"""Short clips through an odometry, each from nothing: errors of its steps from frame to frame."""
+"""Odometry on short clips, each initialised anew: errors of the steps from frame to frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from geovp_classic.interfaces import Odometry
 from geovp_classic.types import BoolArray, Clip, FloatArray, Grant
 
 COLUMNS = ("frames", "clips", "tracked", "rotation (deg/frame)", "direction (deg)", "length (%)")
-MIN_STEP_M = 0.05  # shorter steps have no direction to speak of
+MIN_STEP_M = 0.05  # the direction of shorter steps is ill-defined
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class StepErrors:
 
     tracked: BoolArray  # [N], of the frame that a step leads to
     rotation_deg: FloatArray  # [N]
-    direction_deg: FloatArray  # [N], NaN where the camera hardly moved
+    direction_deg: FloatArray  # [N], NaN for steps below MIN_STEP_M
     length_percent: FloatArray  # [clips], estimated by true length of the path - 1; NaN without metres or motion
 
     @classmethod

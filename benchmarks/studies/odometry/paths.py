@@ -1,4 +1,4 @@
-"""Whole sequences through an odometry: pose files, their drift, and the path beside the ground truth."""
+"""Odometry on whole sequences: pose files, drift, and a plot of the path with the ground truth."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _images(recording: Recording, frames: FrameRange, progress: Progress) -> Ite
 
 
 def write(tracked: Tracked, folder: Path) -> list[Path]:
-    """The path as KITTI and TUM files and, beside the real one, as a figure; the paths written."""
+    """Write the path as KITTI and TUM files and a figure of it with the ground truth; the files."""
     written = [folder / f"{tracked.name}{ending}" for ending in (".kitti.txt", ".tum.txt", ".png", ".svg")]
     folder.mkdir(parents=True, exist_ok=True)
     pose_files.write_kitti(written[0], tracked.estimate)
@@ -82,16 +82,16 @@ def _row(estimate: Trajectory, truth: Trajectory, how: drift.Alignment) -> tuple
     if not estimate.is_metric and how in ("origin", "se3"):
         return (how, *["no metric scale"] * (len(COLUMNS) - 1))
     try:
-        laid = drift.aligned(estimate, truth, how)
+        aligned = drift.aligned(estimate, truth, how)
     except BadData as error:
         return (how, *[str(error)] * (len(COLUMNS) - 1))
-    drifted = drift.kitti_drift(laid, truth)
-    step_m, step_deg = drift.relative_error(laid, truth)
+    drifted = drift.kitti_drift(aligned, truth)
+    step_m, step_deg = drift.relative_error(aligned, truth)
     return (
         how,
         _number(drifted.translation_percent, 2),
         _number(drifted.rotation_deg_per_100m, 3),
-        _number(drift.root_mean_square(drift.absolute_error_m(laid, truth)), 2),
+        _number(drift.root_mean_square(drift.absolute_error_m(aligned, truth)), 2),
         _number(drift.root_mean_square(step_m), 4),
         _number(drift.root_mean_square(step_deg), 4),
     )
@@ -103,9 +103,10 @@ def _number(value: float, digits: int) -> str:
 
 def _draw(tracked: Tracked, file: Path, kind: str) -> None:
     """The path from above, in the first camera's x and z."""
+    import matplotlib
     from matplotlib.figure import Figure
 
-    with style.settings():
+    with matplotlib.rc_context(style.SETTINGS):
         figure = Figure(figsize=(6, 6), layout="constrained")
         axes = figure.subplots()
         estimate = tracked.estimate

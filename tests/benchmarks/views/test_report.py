@@ -17,9 +17,8 @@ from geovp_classic.errors import BadData
 
 @pytest.fixture(scope="module")
 def page(folder: Path) -> str:
-    path = report.write(folder)
-    assert path == folder / "report.html"
-    return path.read_text(encoding="utf-8")
+    report.write(Results(folder))
+    return (folder / "report.html").read_text(encoding="utf-8")
 
 
 class Reader(HTMLParser):
@@ -82,7 +81,7 @@ def test_every_number_of_the_main_table_is_there(page: str) -> None:
     """PSNR 20 + clip - step: over three clips and six steps 17.5 dB, standard error 1 / sqrt(3) = 0.58."""
     assert "17.50 ± 0.58" in seen(page)
     assert '<td><b>19.50</b><span class="error"> ± 0.58</span></td>' in page  # the best of three samples
-    assert "PSNR (dB)\u00a0↑" in seen(page)
+    assert "PSNR (dB) ↑" in seen(page)
     assert "unavailable" in seen(page)
 
 
@@ -112,16 +111,12 @@ def test_what_became_of_each_method(page: str) -> None:
     assert "321" in text
 
 
-def test_it_is_told_whose_memory_it_is(folder: Path, page: str) -> None:
-    text = seen(page)
-    assert "highest resident memory while it predicted the row's clips, metrics not counted" in text
-    partial = "memory as the process's maximum so far, whatever it did before"
-    assert f"{partial}: _vo + far." in text  # and not those that never ran
-    facts = sections.Facts.read(Results(folder))
-    old = [replace(cell, record={**cell.record, "peak_is_own": False}) for cell in facts.cells]
-    assert list(sections._memory_notes(old)) == [f"{partial}."]
-    never = [cell for cell in facts.cells if cell.status in ("skipped", "failed")]
-    assert list(sections._memory_notes(never)) == []
+def test_memory_is_shown_where_it_is_the_methods_own(folder: Path, page: str) -> None:
+    assert "highest resident memory while it predicted the row's clips, metrics not counted" in seen(page)
+    memory = {cell.label: list(sections._method(cell, [], 3))[-1] for cell in Results(folder).cells()}
+    assert memory["gt + far"] == "321"
+    assert memory["_vo + far"] == memory["skipped + far"] == "-"
+    assert "memory:" not in sections.methods([replace(cell, record={}) for cell in Results(folder).cells()], 3)
 
 
 def test_settings_are_lines_for_a_matrix_file(page: str) -> None:
@@ -138,38 +133,34 @@ def test_the_protocol_is_told(page: str) -> None:
 
 def test_progress_is_told(folder: Path) -> None:
     told: list[tuple[int, int]] = []
-    report.write(folder, lambda done, total: told.append((done, total)))
+    report.write(Results(folder), lambda done, total: told.append((done, total)))
     assert told == [(done, 6) for done in range(1, 7)]
 
 
-def test_with_plots_it_is_the_same_page_and_every_figure_is_made_once(
-    folder: Path, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_figure_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots", "report.html"} & {*names})
     made: list[tuple[str, str]] = []
     rendered = plots.rendered
     monkeypatch.setattr(
         plots, "rendered", lambda figure, kind: made.append((figure.name, kind)) or rendered(figure, kind)
     )
-    told: list[int] = []
-    path = report.write_with_plots(tmp_path / "r", lambda done, total: told.append(done))
-    assert path.read_text(encoding="utf-8") == page
+    report.write(Results(tmp_path / "r"))
     assert len(made) == len(set(made))
     assert {kind for _, kind in made} == {"png", "svg", "jpg"}
     files = {tuple(path.name.rsplit(".", 1)) for path in (tmp_path / "r" / "plots").iterdir()}
     assert files == {(name, kind) for name, kind in made if kind != "jpg"}
-    assert told == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_folder_without_results_is_bad_data(tmp_path: Path) -> None:
     with pytest.raises(BadData, match="not a results folder"):
-        report.write(tmp_path)
+        report.write(Results(tmp_path))
 
 
 def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
     protocol = Results(folder).protocol()
     Results(tmp_path).write_protocol({**protocol, "cells": []})
-    text = seen(report.write(tmp_path).read_text(encoding="utf-8"))
+    report.write(Results(tmp_path))
+    text = seen((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "3 clips of toy <val>, split val" in text
     assert "Over the horizon" not in text
 

@@ -1,0 +1,27 @@
+"""Wrong arguments of the performance scripts end with a message and exit code 2."""
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from benchmarks.performance import clip, splat
+
+
+@pytest.mark.parametrize(
+    ("main", "arguments", "message"),
+    [
+        (clip.main, ["often"], "argument ROUNDS: invalid"),
+        (clip.main, ["3", "--kitti", "root"], "argument --kitti: expected 2 arguments"),
+        (splat.main, ["often"], "argument ROUNDS: invalid"),
+        (splat.main, ["0"], "0 is not a whole number of 1 or more"),
+        (clip.main, ["0"], "0 is not a whole number of 1 or more"),
+    ],
+)
+def test_wrong_arguments_end_with_exit_code_2(
+    main: Callable[[Sequence[str]], None], arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert not captured.out
