@@ -19,14 +19,18 @@ from geovp_classic.types import (
 )
 
 
-@runtime_checkable
-class Odometry(Protocol):
-    """Says where the camera was, from what it saw; never raises on hard images but bridges and marks the step."""
+class Component(Protocol):
+    """Whatever sees a context: it says which parts of it it must be granted."""
 
     @property
     def needs(self) -> Grant:
         """What it must be granted."""
         ...
+
+
+@runtime_checkable
+class Odometry(Component, Protocol):
+    """Says where the camera was, from what it saw; never raises on hard images but bridges and marks the step."""
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory [P] and which steps were really tracked [P]."""
@@ -60,13 +64,8 @@ class ScaleEstimator(Protocol):
 
 
 @runtime_checkable
-class Scale(Protocol):
+class Scale(Component, Protocol):
     """Gives an odometry metres, or says that its lengths have no unit."""
-
-    @property
-    def needs(self) -> Grant:
-        """What it must be granted."""
-        ...
 
     @property
     def is_metric(self) -> bool:
@@ -88,13 +87,8 @@ class Forecaster(Protocol):
 
 
 @runtime_checkable
-class PoseSource(Protocol):
+class PoseSource(Component, Protocol):
     """Says where the camera was and will be."""
-
-    @property
-    def needs(self) -> Grant:
-        """What it must be granted."""
-        ...
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks what it needs."""
@@ -102,13 +96,8 @@ class PoseSource(Protocol):
 
 
 @runtime_checkable
-class PoseRefinement(Protocol):
+class PoseRefinement(Component, Protocol):
     """Says better where the camera was and will be, from the images and from what the poses themselves show."""
-
-    @property
-    def needs(self) -> Grant:
-        """What it must be granted."""
-        ...
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion, corrected, in the same world frame; unchanged where there is nothing to say.
@@ -119,13 +108,8 @@ class PoseRefinement(Protocol):
 
 
 @runtime_checkable
-class DepthSource(Protocol):
+class DepthSource(Component, Protocol):
     """Says how far away the observed pixels are."""
-
-    @property
-    def needs(self) -> Grant:
-        """What it must be granted."""
-        ...
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H, W] in [0, 1]."""
@@ -145,13 +129,8 @@ class Scene(Protocol):
 
 
 @runtime_checkable
-class Renderer(Protocol):
+class Renderer(Component, Protocol):
     """Builds a scene from what was seen and from where."""
-
-    @property
-    def needs(self) -> Grant:
-        """What it must be granted."""
-        ...
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """The scene; Incompatible when the past's unit or the clip does not suit it."""
@@ -171,22 +150,16 @@ class Fill(Protocol):
 
 
 @runtime_checkable
-class FramePredictor(Protocol):
+class FramePredictor(Component, Protocol):
     """Says what the camera will see, by whatever means."""
-
-    @property
-    def needs(self) -> Grant:
-        """What it must be granted."""
-        ...
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Predicted frames [S, F, H, W, 3] for the future times of the context."""
         ...
 
 
-@runtime_checkable
-class FrameMetric(Protocol):
-    """Compares predicted with real frames, step by step."""
+class Metric(Protocol):
+    """A measure with one number per step."""
 
     @property
     def unit(self) -> str:
@@ -198,24 +171,19 @@ class FrameMetric(Protocol):
         """Which way the arrow points."""
         ...
 
+
+@runtime_checkable
+class FrameMetric(Metric, Protocol):
+    """Compares predicted with real frames, step by step."""
+
     def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> FloatArray:
         """One number per step [F] from frames [F, H, W, 3]; only pixels of the mask [F, H, W] count; NaN for none."""
         ...
 
 
 @runtime_checkable
-class TrajectoryMetric(Protocol):
+class TrajectoryMetric(Metric, Protocol):
     """Compares predicted with real poses, step by step; both are in the same world frame."""
-
-    @property
-    def unit(self) -> str:
-        """What the numbers are in."""
-        ...
-
-    @property
-    def higher_is_better(self) -> bool:
-        """Which way the arrow points."""
-        ...
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """One number per step [F]."""

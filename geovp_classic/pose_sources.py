@@ -34,7 +34,7 @@ class RecordedPast:
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """The recorded motion in 3D, past and future: what a perfect pose source would say (GT-3D)."""
+    """The recorded motion in 3D, past and future: the perfect pose source (GT-3D)."""
 
     @property
     def needs(self) -> Grant:
@@ -67,9 +67,11 @@ class Chained:
         return Motion(past, futures[:1] if same else futures, tracked)
 
 
-@dataclass(frozen=True)
-class StandStill:
-    """The recorded past, after which the camera stays where it is."""
+class _Continued:
+    """The recorded past, continued by a forecaster without noise."""
+
+    def _forecaster(self) -> Forecaster:
+        raise NotImplementedError
 
     @property
     def needs(self) -> Grant:
@@ -77,48 +79,44 @@ class StandStill:
         return Grant.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The recorded past and its last pose, held; Incompatible when the clip has no poses."""
-        return Chained(RecordedPast(), constant.Hold()).estimate(context, num_samples)
+        """The recorded past and its continuation, one sample; Incompatible when the clip has no poses."""
+        return Chained(RecordedPast(), self._forecaster()).estimate(context, num_samples)
 
 
 @dataclass(frozen=True)
-class ConstantVelocity:
+class StandStill(_Continued):
+    """The recorded past, after which the camera stays where it is."""
+
+    def _forecaster(self) -> Forecaster:
+        return constant.Hold()
+
+
+@dataclass(frozen=True)
+class ConstantVelocity(_Continued):
     """The recorded past, after which the velocity of its last `num_steps` steps goes on without a turn."""
 
     num_steps: int = 1
 
     def __post_init__(self) -> None:
         """Raise BadData for a number of steps below one."""
-        constant.ConstantVelocity(self.num_steps)
+        self._forecaster()
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past poses."""
-        return Grant.PAST_POSES
-
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The recorded past and its straight continuation; Incompatible when the clip has no poses."""
-        return Chained(RecordedPast(), constant.ConstantVelocity(self.num_steps)).estimate(context, num_samples)
+    def _forecaster(self) -> Forecaster:
+        return constant.ConstantVelocity(self.num_steps)
 
 
 @dataclass(frozen=True)
-class ConstantTurn:
+class ConstantTurn(_Continued):
     """The recorded past, after which the SE(3) twist of its last `num_steps` steps goes on."""
 
     num_steps: int = 1
 
     def __post_init__(self) -> None:
         """Raise BadData for a number of steps below one."""
-        constant.ConstantTurn(self.num_steps)
+        self._forecaster()
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past poses."""
-        return Grant.PAST_POSES
-
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The recorded past and its screw continuation; Incompatible when the clip has no poses."""
-        return Chained(RecordedPast(), constant.ConstantTurn(self.num_steps)).estimate(context, num_samples)
+    def _forecaster(self) -> Forecaster:
+        return constant.ConstantTurn(self.num_steps)
 
 
 @dataclass(frozen=True)
@@ -191,11 +189,11 @@ class Commanded:
         if context.past is None:
             raise Incompatible("commanded goes on from recorded past poses, the clip has none: choose another clip")
         times_s = context.times_s[context.num_past - 1 :]
-        last_from_cam = self._steered(context.past, times_s) if self.futures is None else self._read(times_s)
+        last_from_cam = self._constant_turn(context.past, times_s) if self.futures is None else self._read(times_s)
         futures = context.past.world_from_cam[-1] @ last_from_cam
         return Motion(context.past, futures[None], np.ones(context.num_past, dtype=bool))
 
-    def _steered(self, past: Trajectory, times_s: FloatArray) -> FloatArray:
+    def _constant_turn(self, past: Trajectory, times_s: FloatArray) -> FloatArray:
         """last_from_cam [F, 4, 4] of the commanded speed and turn rate."""
         assert self.speed_m_s is not None
         if not past.is_metric:
@@ -209,18 +207,16 @@ class Commanded:
         if not pose_files.has_times(self.futures):
             _, poses = pose_files.read_kitti(self.futures)
             if len(poses) != len(times_s):
-                expected = (
-                    f"{len(times_s)}: the last observed frame's and one for each of {len(times_s) - 1} to predict"
-                )
+                count = len(times_s)
+                expected = f"{count}: the last observed frame's and one for each of {count - 1} to predict"
                 raise BadData(f"{self.futures}: {len(poses)} poses, expected {expected}")
             return se3.inverse(poses[0]) @ poses[1:]
         commanded = pose_files.read_tum(self.futures)
-        lasts_s, wanted_s = commanded.times_s[-1] - commanded.times_s[0], times_s[-1] - times_s[0]
-        if lasts_s < wanted_s - 1e-6:
-            raise BadData(f"{self.futures} lasts {lasts_s:.3g} s, expected at least the {wanted_s:.3g} s to predict")
-        return se3.inverse(commanded.world_from_cam[0]) @ _at(
-            commanded, commanded.times_s[0] + times_s[1:] - times_s[0]
-        )
+        duration_s, wanted_s = commanded.times_s[-1] - commanded.times_s[0], times_s[-1] - times_s[0]
+        if duration_s < wanted_s - 1e-6:
+            raise BadData(f"{self.futures} lasts {duration_s:.3g} s, expected at least the {wanted_s:.3g} s to predict")
+        read_at_s = commanded.times_s[0] + times_s[1:] - times_s[0]
+        return se3.inverse(commanded.world_from_cam[0]) @ _at(commanded, read_at_s)
 
 
 def _at(trajectory: Trajectory, times_s: FloatArray) -> FloatArray:

@@ -39,7 +39,7 @@ class RoadHeight:
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other coming heights; unchanged where no road is seen."""
-        recent = wide_frames.of(context.only(self.needs), self.frames).recent(self.num_frames)
+        recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
         inverse_depth = self.depth.inverse_depths(recent, motion.past[-self.num_frames :])[0][-1]
         ground = fit_ground(inverse_depth, recent.intrinsics)
         if ground is None:
@@ -49,7 +49,7 @@ class RoadHeight:
             motion.past.world_from_cam[-1],
         )
         last_from_cam = se3.inverse(world_from_last) @ motion.futures
-        futures = np.stack([profile.at_height(future) for future in last_from_cam])
+        futures = np.stack([profile.correct_heights(future) for future in last_from_cam])
         return motion.refined(motion.past, world_from_last @ futures)
 
 

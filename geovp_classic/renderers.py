@@ -16,7 +16,7 @@ from geovp_classic.geometry.ground_plane import fit_ground
 from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.render import fusion, patches, volume
-from geovp_classic.render.exposure import Exposed, Exposure, ExposureControl
+from geovp_classic.render.exposure import ExposedScene, Exposure, ExposureControl
 from geovp_classic.render.fill import BorrowedDetail, NearestBackground
 from geovp_classic.types import Context, FloatArray, Grant, Trajectory
 
@@ -56,7 +56,7 @@ class DepthFusion:
         inverse_depths, confidence = self.depth.inverse_depths(recent, past)
         since_s, last_s = past.times_s - past.times_s[-1], float(past.times_s[-1])
         moving = self._sprites(recent, past, inverse_depths[-1])
-        inverse_depths, confidence, cut = moving_sprites.cut_out(
+        inverse_depths, confidence, cut = moving_sprites.mask_out(
             moving, inverse_depths, confidence, past.world_from_cam, since_s
         )
         details = [None] * len(past) if recent.wide is None else recent.wide.frames
@@ -65,13 +65,13 @@ class DepthFusion:
             for frame, pose, detail in zip(recent.frames, past.world_from_cam, details, strict=True)
         ]
         exposure = Exposure.of(sources, inverse_depths[-1], since_s)
-        cloud, used = fusion.fuse(exposure.matched(sources), inverse_depths, confidence, self.agreement)
-        static = fusion.without(cloud, 0, cut[-1])
+        cloud, used = fusion.fuse(exposure.match(sources), inverse_depths, confidence, self.agreement)
+        static = fusion.remove_masked(cloud, 0, cut[-1])
         scene: Scene = fusion.CloudScene(static, used, self.fill, self.crack_px, self.detail_strength)
         scene = moving_sprites.DynamicScene(scene, moving, last_s) if moving else scene
         if self.exposure is None:
             return scene
-        return Exposed(scene, sources[-1], exposure, self.exposure, last_s, whole=self.frames == "wide")
+        return ExposedScene(scene, sources[-1], exposure, self.exposure, last_s, whole=self.frames == "wide")
 
     def sprites(self, context: Context, past: Trajectory) -> tuple[moving_sprites.Sprite, ...]:
         """What moves by itself in the last frame, as the scene shows it; in the unit of the past."""
@@ -79,7 +79,7 @@ class DepthFusion:
         return self._sprites(recent, past, self.depth.inverse_depths(recent, past)[0][-1])
 
     def _recent(self, context: Context, past: Trajectory) -> tuple[Context, Trajectory]:
-        recent = wide_frames.of(context.only(self.needs), self.frames).recent(self.num_frames)
+        recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
         return recent, past[-self.num_frames :]
 
     def _sprites(

@@ -44,6 +44,16 @@ class Grant(enum.Flag):
     RIGHT_FRAMES = enum.auto()
 
 
+_GRANTED_BY = {  # fields of a context
+    "past": Grant.PAST_POSES,
+    "future": Grant.FUTURE_POSES,
+    "past_depths": Grant.PAST_DEPTHS,
+    "camera_height_m": Grant.CAMERA_HEIGHT,
+    "wide": Grant.WIDE_FRAMES,
+    "right": Grant.RIGHT_FRAMES,
+}
+
+
 @dataclass(frozen=True)
 class Intrinsics:
     """A pinhole camera without distortion; (0, 0) is the centre of the top-left pixel."""
@@ -110,12 +120,12 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where the camera was and will be, as a pose source says it; all poses share the world frame of `past`."""
+    """Where the camera was and will be, from a pose source; all poses share the world frame of `past`."""
 
     past: Trajectory  # [P]
     futures: FloatArray  # [S, F, 4, 4]; S = 1 when deterministic
     tracked: BoolArray  # [P]; False where a pose was bridged instead of measured
-    unrefined: Motion | None = None  # as the pose source said it, where refinements have corrected it since
+    unrefined: Motion | None = None  # the pose source's own, where refinements have corrected it since
 
     def __post_init__(self) -> None:
         """Raise BadData unless shapes agree and all poses are finite and rigid."""
@@ -126,7 +136,7 @@ class Motion:
         _store(self, "tracked", _array("tracked", self.tracked, bool, (len(self.past),)))
 
     def refined(self, past: Trajectory, futures: FloatArray) -> Motion:
-        """The same motion with better poses; what the pose source said is kept beside it."""
+        """The same motion with better poses; the pose source's own are kept in `unrefined`."""
         return Motion(past, futures, self.tracked, self.unrefined or self)
 
 
@@ -158,7 +168,7 @@ class Clip:
     intrinsics: Intrinsics
     trajectory: Trajectory | None = None  # [T]
     depths: FloatArray | None = None  # [T, H, W] float32 z-depth; 0 = unknown, inf = sky
-    moving: BoolArray | None = None  # [T, H, W]; True on things that move by themselves
+    moving: BoolArray | None = None  # [T, H, W]; True on dynamic objects
     wide: ExtraView | None = None
     right: ExtraView | None = None
     camera_height_m: float | None = None
@@ -199,12 +209,7 @@ class Clip:
             right=_cut(self.right, past),
             name=self.name,
         )
-        target = Target(
-            _cut(self.frames, future),
-            _cut(self.trajectory, future),
-            _cut(self.depths, future),
-            _cut(self.moving, future),
-        )
+        target = Target(*(_cut(one, future) for one in (self.frames, self.trajectory, self.depths, self.moving)))
         return everything.only(grant), target
 
 
@@ -244,32 +249,18 @@ class Context:
         """The same context with only the last `num_frames` observed frames; all of them when there are fewer."""
         skipped = max(self.num_past - num_frames, 0)
         kept = slice(skipped, self.num_past)
-        return replace(
-            self,
-            frames=self.frames[kept],
-            times_s=self.times_s[skipped:],
-            past=_cut(self.past, kept),
-            past_depths=_cut(self.past_depths, kept),
-            wide=_cut(self.wide, kept),
-            right=_cut(self.right, kept),
-        )
+        cut = {field: _cut(getattr(self, field), kept) for field in ("frames", "past", "past_depths", "wide", "right")}
+        return replace(self, times_s=self.times_s[skipped:], **cut)
 
     def only(self, grant: Grant) -> Context:
         """The same context with everything removed that the grant does not name."""
-        return replace(
-            self,
-            past=self.past if Grant.PAST_POSES in grant else None,
-            future=self.future if Grant.FUTURE_POSES in grant else None,
-            past_depths=self.past_depths if Grant.PAST_DEPTHS in grant else None,
-            camera_height_m=self.camera_height_m if Grant.CAMERA_HEIGHT in grant else None,
-            wide=self.wide if Grant.WIDE_FRAMES in grant else None,
-            right=self.right if Grant.RIGHT_FRAMES in grant else None,
-        )
+        hidden: dict[str, Any] = {field: None for field, needed in _GRANTED_BY.items() if needed not in grant}
+        return replace(self, **hidden)
 
 
 @dataclass(frozen=True)
 class Target:
-    """What really came; a predictor never holds one."""
+    """The real future; a predictor never holds one."""
 
     frames: ByteArray  # [F, H, W, 3]
     trajectory: Trajectory | None = None  # [F]

@@ -14,7 +14,7 @@ from geovp_classic.depth import viewpoints
 from geovp_classic.depth.sweep import TALL_PX, GroundPrior, sweep
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.ground_plane import Ground
+from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import Context, FloatArray, Grant, Trajectory
 
 
@@ -26,7 +26,7 @@ class LevelRoad:
         """Inverse depth [H, W] of the road, 0 above its horizon; Incompatible without a height or without metres."""
         if context.camera_height_m is None or not past.is_metric:
             raise Incompatible("a level road needs a recorded camera height and metric poses: leave level_road out")
-        road = Ground(np.array([0.0, 1.0, 0.0]), context.camera_height_m)
+        road = GroundPlane(np.array([0.0, 1.0, 0.0]), context.camera_height_m)
         return np.maximum(road.inverse_depth(context.intrinsics), 0)
 
 

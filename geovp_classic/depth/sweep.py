@@ -10,13 +10,13 @@ import numpy as np
 
 from geovp_classic.depth import aggregation, completion, matching, viewpoints
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.ground_plane import afloat, fit_ground, lift
+from geovp_classic.geometry.ground_plane import clamp_to_ground, fit_ground, floating_mask
 from geovp_classic.types import FloatArray, Intrinsics
 
 TALL_PX = 256  # rows; taller images are swept over more planes
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
 SPECKLE_SHARE = 0.0045  # of the image; smaller islands of depth are wrong matches more often than things
-AFLOAT_SHARE = 0.027  # larger ones are still wrong where they hang low over the road
+FLOATING_SHARE = 0.027  # larger ones are still wrong where they hang low over the road
 SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
 
 
@@ -54,12 +54,12 @@ def sweep(
     ground = None if prior is None else fit_ground(inverse_depth, camera)
     if prior is not None and ground is not None:
         road = ground.inverse_depth(camera)
-        allowed = prior.excess * ground.sureness(road)
-        inverse_depth = lift(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
+        allowed = prior.excess * ground.confidence(road)
+        inverse_depth = clamp_to_ground(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
     levels = np.interp(inverse_depth, planes, np.arange(num_planes))
     islands = completion.speckles(levels, SPECKLE_SHARE)
     if ground is not None:
-        islands |= afloat(inverse_depth, ground, camera, completion.speckles(levels, AFLOAT_SHARE) & ~islands)
+        islands |= floating_mask(inverse_depth, ground, camera, completion.speckles(levels, FLOATING_SHARE) & ~islands)
     inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
     seen = ~(costs == matching.UNSEEN).all(axis=-1)
     confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from geovp_classic.dynamic_objects import epipolar_residual, segmentation, velocity
-from geovp_classic.dynamic_objects.segmentation import Sight
+from geovp_classic.dynamic_objects.segmentation import Observations
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.ground_plane import Ground
+from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
 JOIN_SHARE = 1 / 20  # of the image's height: evidence so near together is one thing's
@@ -21,7 +21,7 @@ FARTHEST_HEIGHTS = 40.0  # the foot of a thing on the road is at most so many ca
 SPEEDS_HEIGHTS_HZ = (0.7, 25.0)  # camera heights per second; of cars and cyclists between 1.2 and 40 m/s
 SMALLEST_HEIGHTS = (0.4, 0.2)  # height and width of things on the road, in camera heights
 LARGEST_HEIGHTS = (2.0, 5.0)
-LARGEST_MISFIT = 25.0  # grey values; things keep their looks, chance matches of sky and leaves don't
+MAX_PHOTOMETRIC_ERROR = 25.0  # grey values; things keep their looks, chance matches of sky and leaves don't
 FOOT_PERCENT = 90  # of the rows of a thing's pixels are above where it stands; below is its shadow
 SHADOW_SHARE = 0.25  # of the mask's height is shadow and road that the thing has just left
 
@@ -54,27 +54,27 @@ class DynamicObjects:
         camera: Intrinsics,
         past: Trajectory,  # [P]
         inverse_depth: FloatArray,  # [H, W] of the last frame
-        road: Ground | None,
+        road: GroundPlane | None,
     ) -> list[DynamicObject]:
         """What moves by itself in the last frame; nothing where no road is seen or no frame is early enough."""
         steps = tuple(step for step in self.steps if step < len(past))
         if not steps or road is None:
             return []
         poses = past.world_from_cam
-        equal = epipolar_residual.equally_exposed(images, camera, poses, inverse_depth, steps)
-        found = epipolar_residual.unexplained(equal, camera, poses, inverse_depth, road, steps)
+        equal = epipolar_residual.equalise_exposure(images, camera, poses, inverse_depth, steps)
+        found = epipolar_residual.residual_evidence(equal, camera, poses, inverse_depth, road, steps)
         clusters = _clusters((found.strength > self.min_strength) & (found.shift_px > self.min_shift_px))
         if not clusters:
             return []
         others = tuple(step for step in range(1, len(past)) if step not in steps)
-        equal = epipolar_residual.equally_exposed(equal, camera, poses, inverse_depth, others)
-        sight = Sight(equal, camera, past, inverse_depth, road)
-        movers: list[DynamicObject] = []
+        equal = epipolar_residual.equalise_exposure(equal, camera, poses, inverse_depth, others)
+        observed = Observations(equal, camera, past, inverse_depth, road)
+        objects: list[DynamicObject] = []
         for cluster in clusters:
-            if not any(mover.mask[cluster].mean() > SAME_SHARE for mover in movers):
-                mover = _mover(cluster, found.places, steps, sight)
-                movers += [] if mover is None else [mover]
-        return movers
+            if not any(found_object.mask[cluster].mean() > SAME_SHARE for found_object in objects):
+                found_object = _dynamic_object(cluster, found.flow_pixels, steps, observed)
+                objects += [] if found_object is None else [found_object]
+        return objects
 
 
 def _clusters(evidence: BoolArray) -> list[BoolArray]:
@@ -88,50 +88,52 @@ def _clusters(evidence: BoolArray) -> list[BoolArray]:
     return sorted(large, key=np.sum, reverse=True)
 
 
-def _mover(evidence: BoolArray, places: FloatArray, steps: tuple[int, ...], sight: Sight) -> DynamicObject | None:
+def _dynamic_object(
+    evidence: BoolArray, flow_pixels: FloatArray, steps: tuple[int, ...], observed: Observations
+) -> DynamicObject | None:
     """The thing that a cluster of evidence belongs to; None when it isn't like one that drives on the road."""
-    depth = _foot_depth(evidence, sight)
+    depth = _foot_depth(evidence, observed)
     if depth is None:
         return None
-    own = velocity.by_flow(evidence, depth, places, steps, sight)
-    mask = segmentation.outline(evidence, depth, own, steps, sight)
-    if mask is None or not _like_a_vehicle(mask, depth, sight):
+    own = velocity.from_flow(evidence, depth, flow_pixels, steps, observed)
+    mask = segmentation.segment(evidence, depth, own, steps, observed)
+    if mask is None or not _has_vehicle_size(mask, depth, observed):
         return None
-    depth = _foot_depth(mask, sight)
+    depth = _foot_depth(mask, observed)
     if depth is None:
         return None
-    body = _body(mask, sight)
-    own = velocity.followed(velocity.by_flow(body, depth, places, steps, sight), body, depth, sight)
-    slowest, fastest = np.array(SPEEDS_HEIGHTS_HZ) * sight.road.height
-    believed = segmentation.misfit(body, depth, own, steps, sight) < LARGEST_MISFIT
-    return DynamicObject(mask, depth, own) if believed and slowest < np.linalg.norm(own) < fastest else None
+    body = _body(mask, observed)
+    own = velocity.tracked(velocity.from_flow(body, depth, flow_pixels, steps, observed), body, depth, observed)
+    slowest, fastest = np.array(SPEEDS_HEIGHTS_HZ) * observed.road.height
+    accepted = segmentation.photometric_error(body, depth, own, steps, observed) < MAX_PHOTOMETRIC_ERROR
+    return DynamicObject(mask, depth, own) if accepted and slowest < np.linalg.norm(own) < fastest else None
 
 
-def _body(mask: BoolArray, sight: Sight) -> BoolArray:
+def _body(mask: BoolArray, observed: Observations) -> BoolArray:
     """The pixels [H, W] of the mask whose flow is the thing's: those with texture, above its shadow."""
     rows = np.flatnonzero(mask.any(axis=1))
     above = np.arange(len(mask)) < rows[-1] - SHADOW_SHARE * len(rows)
     steps = [
-        np.abs(cv2.Sobel(sight.images[-1].astype(np.float32), -1, *axis, scale=1 / 8)) for axis in ((1, 0), (0, 1))
+        np.abs(cv2.Sobel(observed.images[-1].astype(np.float32), -1, *axis, scale=1 / 8)) for axis in ((1, 0), (0, 1))
     ]
     texture = np.maximum(*steps)
     body: BoolArray = mask & above[:, None]
     return body & (texture >= np.median(texture[body]))
 
 
-def _like_a_vehicle(mask: BoolArray, depth: float, sight: Sight) -> bool:
+def _has_vehicle_size(mask: BoolArray, depth: float, observed: Observations) -> bool:
     """Whether the mask is as high and wide as vehicles are, and whole: not cut by the image's sides or its foot."""
     rows, columns = np.nonzero(mask)
-    heights_px = sight.road.height / depth * np.array([sight.camera.fy_px, sight.camera.fx_px])
+    heights_px = observed.road.height / depth * np.array([observed.camera.fy_px, observed.camera.fx_px])
     size = (np.array([np.ptp(rows), np.ptp(columns)]) + 1) / heights_px
     whole = columns.min() > 0 and columns.max() < mask.shape[1] - 1 and rows.max() < mask.shape[0] - 1
     return bool(whole and (size > SMALLEST_HEIGHTS).all() and (size < LARGEST_HEIGHTS).all())
 
 
-def _foot_depth(mask: BoolArray, sight: Sight) -> float | None:
+def _foot_depth(mask: BoolArray, observed: Observations) -> float | None:
     """The depth of the road at the mask's lowest pixels; None when that is beyond FARTHEST_HEIGHTS or the horizon."""
     rows, columns = np.nonzero(mask)
     foot = np.array([np.median(columns), np.percentile(rows, FOOT_PERCENT)])
-    road = sight.road
-    inverse_depth = float(pinhole.unproject(foot, np.array(1.0), sight.camera) @ road.normal / road.height)
+    road = observed.road
+    inverse_depth = float(pinhole.unproject(foot, np.array(1.0), observed.camera) @ road.normal / road.height)
     return 1 / inverse_depth if inverse_depth * road.height > 1 / FARTHEST_HEIGHTS else None

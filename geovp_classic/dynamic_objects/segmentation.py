@@ -10,16 +10,16 @@ import numpy as np
 from geovp_classic.dynamic_objects import epipolar_residual
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import IN_FRONT
-from geovp_classic.geometry.ground_plane import Ground
+from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
 WINDOW_PX = 3  # over which differences of grey values are averaged
-BETTER = 1.0  # grey values 0..255 by which the thing must explain a pixel better than the street does
-BETTER_SHARE = 0.25  # and this share of its own difference
+MARGIN_GREY = 1.0  # grey values 0..255 by which the thing must explain a pixel better than the street does
+MARGIN_SHARE = 0.25  # and this share of its own difference
 HIGHEST = 1.35  # camera heights: vans, seen by a car's camera
 ASIDE = 0.4  # of the evidence's extent: how far the thing may go on beside it
 BELOW_PX = 2
-MIN_WON = 0.4  # of the evidence that the thing's motion must explain better
+MIN_BETTER = 0.4  # of the evidence that the thing's motion must explain better
 MARGIN_PX = 1
 
 
@@ -27,65 +27,67 @@ Box = tuple[slice, slice]  # rows and columns of the image
 
 
 @dataclass(frozen=True)
-class Sight:
+class Observations:
     """What the search for moving things looks at."""
 
     images: FloatArray  # [P, H, W] float32 grey 0..255, equally exposed
     camera: Intrinsics
     past: Trajectory  # [P]
     inverse_depth: FloatArray  # [H, W] of the last frame
-    road: Ground
+    road: GroundPlane
 
     def seconds(self, step: int) -> float:
         """Between the last frame and the one `step` frames before it."""
         return float(self.past.times_s[-1] - self.past.times_s[-1 - step])
 
 
-def outline(
+def segment(
     evidence: BoolArray,  # [H, W]
     depth: float,
     velocity: FloatArray,  # [3] in the last camera's frame
     steps: tuple[int, ...],
-    sight: Sight,
+    observed: Observations,
 ) -> BoolArray | None:
     """The outline [H, W] of a thing at one depth; None when its motion doesn't explain the evidence.
 
     What lies between is filled: doors and panes look the same wherever they are.
     """
-    box = _box(evidence, depth, sight)
-    own, street = _explained(box, depth, velocity, steps, sight, _columns(evidence))
-    won = (street - own > BETTER + BETTER_SHARE * own).min(axis=0)
+    box = _box(evidence, depth, observed)
+    own, street = _photometric_errors(box, depth, velocity, steps, observed, _columns(evidence))
+    better = (street - own > MARGIN_GREY + MARGIN_SHARE * own).min(axis=0)
     seed = evidence[box]
-    if won[seed].mean() < MIN_WON:
+    if better[seed].mean() < MIN_BETTER:
         return None
     mask = np.zeros(evidence.shape, dtype=bool)
-    mask[box] = _filled(_attached(won, seed & won))
+    mask[box] = _fill_rows_and_columns(_connected_to(better, seed & better))
     return mask
 
 
-def misfit(body: BoolArray, depth: float, velocity: FloatArray, steps: tuple[int, ...], sight: Sight) -> float:
+def photometric_error(
+    body: BoolArray, depth: float, velocity: FloatArray, steps: tuple[int, ...], observed: Observations
+) -> float:
     """Mean difference of grey values between a thing's body [H, W] and what earlier frames show where it was then."""
     box = _columns(body.T), _columns(body)
     inverse_depth = np.full(body[box].shape, 1 / depth)
-    return float(np.mean([_difference(inverse_depth, velocity, step, box, sight)[body[box]] for step in steps]))
+    return float(np.mean([_grey_difference(inverse_depth, velocity, step, box, observed)[body[box]] for step in steps]))
 
 
-def _explained(
-    box: Box, depth: float, velocity: FloatArray, steps: tuple[int, ...], sight: Sight, columns: slice
+def _photometric_errors(
+    box: Box, depth: float, velocity: FloatArray, steps: tuple[int, ...], observed: Observations, columns: slice
 ) -> tuple[FloatArray, FloatArray]:
     """Grey differences [K, h, w] in the box, if its pixels were the thing's and if they were the street's.
 
     In the columns of the evidence, depth was estimated from the thing as if it stood: there the street goes on from
     beside the box. Elsewhere the estimate counts, too.
     """
-    estimated = sight.inverse_depth[box]
+    estimated = observed.inverse_depth[box]
     beside = np.ones(estimated.shape, dtype=bool)
     beside[:, columns.start - box[1].start : columns.stop - box[1].start] = False
     own, street = [], []
     for step in steps:
-        own.append(_difference(np.full(estimated.shape, 1 / depth), velocity, step, box, sight))
-        behind = _difference(_from_beside(sight.inverse_depth, box), np.zeros(3), step, box, sight)
-        found = _difference(estimated, np.zeros(3), step, box, sight)
+        own.append(_grey_difference(np.full(estimated.shape, 1 / depth), velocity, step, box, observed))
+        behind = _grey_difference(_from_beside(observed.inverse_depth, box), np.zeros(3), step, box, observed)
+        found = _grey_difference(estimated, np.zeros(3), step, box, observed)
         street.append(np.where(beside, np.minimum(behind, found), behind))
     return np.stack(own), np.stack(street)
 
@@ -95,13 +97,13 @@ def _columns(mask: BoolArray) -> slice:
     return slice(int(columns[0]), int(columns[-1]) + 1)
 
 
-def _box(evidence: BoolArray, depth: float, sight: Sight) -> Box:
+def _box(evidence: BoolArray, depth: float, observed: Observations) -> Box:
     """Rows and columns where the thing may be: around the evidence, from its foot to HIGHEST above the road."""
     height, width = evidence.shape
     rows, columns = _columns(evidence.T), _columns(evidence)
     aside_px = int(ASIDE * max(rows.stop - rows.start, columns.stop - columns.start))
     bottom = min(rows.stop + BELOW_PX, height)
-    top = int(bottom - HIGHEST * sight.road.height * sight.camera.fy_px / depth)
+    top = int(bottom - HIGHEST * observed.road.height * observed.camera.fy_px / depth)
     left, right = max(columns.start - aside_px, 0), min(columns.stop + aside_px, width)
     return slice(max(min(top, rows.start), 0), bottom), slice(left, right)
 
@@ -119,30 +121,32 @@ def _from_beside(inverse_depth: FloatArray, box: Box) -> FloatArray:
     return np.asarray(left[:, None] * (1 - share) + right[:, None] * share)
 
 
-def _difference(inverse_depth: FloatArray, velocity: FloatArray, step: int, box: Box, sight: Sight) -> FloatArray:
+def _grey_difference(
+    inverse_depth: FloatArray, velocity: FloatArray, step: int, box: Box, observed: Observations
+) -> FloatArray:
     """Grey difference [h, w] in the box to the frame `step` before the last one, for things that move so."""
-    other_from_last = epipolar_residual.cam_from_last(sight.past.world_from_cam, step)
-    shift = other_from_last[:3, 3] - sight.seconds(step) * other_from_last[:3, :3] @ velocity
-    points = pinhole.rays(sight.camera)[box] @ other_from_last[:3, :3].T + inverse_depth[..., None] * shift
+    other_from_last = epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
+    shift = other_from_last[:3, 3] - observed.seconds(step) * other_from_last[:3, :3] @ velocity
+    points = pinhole.rays(observed.camera)[box] @ other_from_last[:3, :3].T + inverse_depth[..., None] * shift
     points[..., 2] = np.maximum(points[..., 2], IN_FRONT)
-    place = np.asarray(pinhole.project(points, sight.camera)[0], np.float32)
-    return epipolar_residual.difference(sight.images[-1][box], sight.images[-1 - step], place, WINDOW_PX)
+    place = np.asarray(pinhole.project(points, observed.camera)[0], np.float32)
+    return epipolar_residual.grey_difference(observed.images[-1][box], observed.images[-1 - step], place, WINDOW_PX)
 
 
-def _attached(won: BoolArray, seed: BoolArray) -> BoolArray:
+def _connected_to(better: BoolArray, seed: BoolArray) -> BoolArray:
     """The parts of `won` [H, W] that hang together with the seed."""
-    _, labels = cv2.connectedComponents(cv2.dilate(won.astype(np.uint8), np.ones((5, 5), np.uint8)))
-    return np.asarray(won & np.isin(labels, np.unique(labels[seed])))
+    _, labels = cv2.connectedComponents(cv2.dilate(better.astype(np.uint8), np.ones((5, 5), np.uint8)))
+    return np.asarray(better & np.isin(labels, np.unique(labels[seed])))
 
 
-def _filled(mask: BoolArray) -> BoolArray:
+def _fill_rows_and_columns(mask: BoolArray) -> BoolArray:
     """The mask [h, w] without gaps in any row, and then in any column; MARGIN_PX wider."""
-    whole = _between(_between(mask).T).T
+    whole = _fill_rows(_fill_rows(mask).T).T
     kernel = np.ones((2 * MARGIN_PX + 1,) * 2, np.uint8)
     return np.asarray(cv2.dilate(whole.astype(np.uint8), kernel) > 0)
 
 
-def _between(mask: BoolArray) -> BoolArray:
+def _fill_rows(mask: BoolArray) -> BoolArray:
     """From the first to the last pixel of every row."""
     inside: BoolArray = np.logical_or.accumulate(mask, axis=1)
     inside &= np.logical_or.accumulate(mask[:, ::-1], axis=1)[:, ::-1]

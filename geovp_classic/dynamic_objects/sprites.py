@@ -19,7 +19,7 @@ Window = tuple[slice, slice]  # rows and columns of a view
 
 
 @dataclass(frozen=True)
-class Layer:
+class SpriteLayer:
     """What one thing adds to a view, inside a window of it."""
 
     window: Window
@@ -39,7 +39,7 @@ class Sprite:
     depth: float  # z in the source's frame when the image was taken
     velocity: FloatArray  # [3] in the source's frame, per second
 
-    def rendered(self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float) -> Layer | None:
+    def render(self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float) -> SpriteLayer | None:
         """The thing `seconds` after the image was taken; None where it is out of view or too near."""
         cam_from_source = se3.inverse(world_from_cam) @ self.world_from_source
         rotation = cam_from_source[:3, :3]
@@ -57,7 +57,7 @@ class Sprite:
         )
         opacity = cv2.warpPerspective(self.mask.astype(np.float32), window_from_source, size, flags=cv2.INTER_LINEAR)
         inverse_depth = pinhole.rays(camera)[window] @ rotation[:, 2] / (self.depth + rotation[:, 2] @ shift)
-        return Layer(window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
+        return SpriteLayer(window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
 
     def _window(self, view_from_source: FloatArray, camera: Intrinsics) -> Window | None:
         """Where in the view the mask may be; its corners' third coordinate is their depth's share of the one seen."""
@@ -75,7 +75,7 @@ class Sprite:
         return slice(int(first[1]), int(end[1])), slice(int(first[0]), int(end[0]))
 
 
-def cut_out(
+def mask_out(
     sprites: tuple[Sprite, ...],
     inverse_depths: FloatArray,  # [P, H, W]
     confidence: FloatArray,  # [P, H, W]
@@ -86,18 +86,18 @@ def cut_out(
 
     A thing stays in the depths, for it hid what is behind; being unsure of it keeps it out of what stands.
     """
-    where = np.zeros(inverse_depths.shape, dtype=bool)
+    mask = np.zeros(inverse_depths.shape, dtype=bool)
     if not sprites:
-        return inverse_depths, confidence, where
+        return inverse_depths, confidence, mask
     depths = inverse_depths.copy()
     for sprite in sprites:
         for step, pose in enumerate(world_from_cam):
-            layer = sprite.rendered(pose, sprite.camera, float(seconds[step]))
+            layer = sprite.render(pose, sprite.camera, float(seconds[step]))
             if layer is not None:
-                shown = layer.opacity > 0
-                depths[step][layer.window] = np.where(shown, layer.inverse_depth, depths[step][layer.window])
-                where[step][layer.window] |= shown
-    return depths, np.where(where, 0, confidence), where
+                opaque = layer.opacity > 0
+                depths[step][layer.window] = np.where(opaque, layer.inverse_depth, depths[step][layer.window])
+                mask[step][layer.window] |= opaque
+    return depths, np.where(mask, 0, confidence), mask
 
 
 @dataclass(frozen=True)
@@ -114,24 +114,24 @@ class DynamicScene:
         frames, covered, depths = views.frames.copy(), views.covered.copy(), views.depths.copy()
         for k, since_s in enumerate(times_s - self.last_s):
             for sprite in self.sprites:
-                layer = sprite.rendered(world_from_cam[k], intrinsics, float(since_s))
+                layer = sprite.render(world_from_cam[k], intrinsics, float(since_s))
                 if layer is not None:
                     place = (k, *layer.window)
-                    frames[place], covered[place], depths[place] = _over(
+                    frames[place], covered[place], depths[place] = _composite_over(
                         frames[place], covered[place], depths[place], layer
                     )
         return Views(frames, covered, depths)
 
 
-def _over(
+def _composite_over(
     frame: ByteArray,  # [h, w, 3]
     covered: BoolArray,  # [h, w]
     depth: FloatArray,  # [h, w], 0 = unknown
-    layer: Layer,
+    layer: SpriteLayer,
 ) -> tuple[ByteArray, BoolArray, FloatArray]:
     """The layer in front of what is farther or invented."""
     own = 1 / layer.inverse_depth
     alpha = np.where(~covered | (depth <= 0) | (own < NEARER * depth), layer.opacity, 0)
     mixed = frame + alpha[..., None] * (layer.colours.astype(np.float32) - frame)
-    shown = alpha > 0.5
-    return (mixed + 0.5).astype(np.uint8), covered | shown, np.where(shown, own, depth).astype(np.float32)
+    opaque = alpha > 0.5
+    return (mixed + 0.5).astype(np.uint8), covered | opaque, np.where(opaque, own, depth).astype(np.float32)

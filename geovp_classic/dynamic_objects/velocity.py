@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from geovp_classic.dynamic_objects import epipolar_residual
-from geovp_classic.dynamic_objects.segmentation import Sight
+from geovp_classic.dynamic_objects.segmentation import Observations
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.epipolar import IN_FRONT
+from geovp_classic.geometry.epipolar import IN_FRONT, inside
 from geovp_classic.types import BoolArray, FloatArray
 
 NUM_ROUNDS = 3
@@ -29,25 +29,25 @@ def along_road(normal: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.svd(normal[None])[2][1:].T)
 
 
-def by_flow(
+def from_flow(
     body: BoolArray,  # [H, W]
     depth: float,
-    places: FloatArray,  # [K, H, W, 2] in the earlier frames
+    flow_pixels: FloatArray,  # [K, H, W, 2] in the earlier frames
     steps: tuple[int, ...],  # K
-    sight: Sight,
+    observed: Observations,
 ) -> FloatArray:
     """The velocity [3] along the road that explains the flow of the body best, with things at one depth.
 
     With z the third coordinate of a point there, its pixel's equation x z - X = 0 is linear in v.
     """
-    camera, directions = sight.camera, along_road(sight.road.normal)
+    camera, directions = observed.camera, along_road(observed.road.normal)
     rays = pinhole.rays(camera)[body]
     rows, missing = [], []
-    for place, step in zip(places, steps, strict=True):
-        other_from_last = epipolar_residual.cam_from_last(sight.past.world_from_cam, step)
+    for place, step in zip(flow_pixels, steps, strict=True):
+        other_from_last = epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
         x = (place[body] - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
         point = depth * rays @ other_from_last[:3, :3].T + other_from_last[:3, 3]
-        turned = sight.seconds(step) * other_from_last[:3, :3] @ directions  # [3, 2]
+        turned = observed.seconds(step) * other_from_last[:3, :3] @ directions  # [3, 2]
         rows.append(turned[None, :2] - x[..., None] * turned[2])  # [N, 2, 2]
         missing.append(point[:, :2] - x * point[:, 2:])
     return np.asarray(directions @ _robust(np.concatenate(rows).reshape(-1, 2), np.concatenate(missing).ravel()))
@@ -64,24 +64,24 @@ def _robust(rows: FloatArray, values: FloatArray) -> FloatArray:
     return solution
 
 
-def followed(
+def tracked(
     velocity: FloatArray,  # [3], nearly right
     body: BoolArray,  # [H, W]
     depth: float,
-    sight: Sight,
+    observed: Observations,
 ) -> FloatArray:
     """The velocity [3] along the road with which the body looks the same in all frames (Lucas & Kanade 1981)."""
     rows, columns = np.nonzero(body)
     some = slice(None, None, -(-len(rows) // MAX_PIXELS))
     rows, columns = rows[some], columns[some]
-    images = [cv2.GaussianBlur(image, (0, 0), BLUR_PX) for image in sight.images]
+    images = [cv2.GaussianBlur(image, (0, 0), BLUR_PX) for image in observed.images]
     slopes = [np.stack([cv2.Sobel(one, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))], -1) for one in images]
-    points, directions = depth * pinhole.rays(sight.camera)[rows, columns], along_road(sight.road.normal)
+    points, directions = depth * pinhole.rays(observed.camera)[rows, columns], along_road(observed.road.normal)
     for farthest in STAGES:
         steps = range(1, min(farthest, len(images) - 1) + 1)
         for _ in range(ROUNDS_PER_STAGE):
             parts = [
-                _equations(velocity, points, images[-1][rows, columns], (images[-1 - k], slopes[-1 - k]), k, sight)
+                _equations(velocity, points, images[-1][rows, columns], (images[-1 - k], slopes[-1 - k]), k, observed)
                 for k in steps
             ]
             derivative, missing = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -95,15 +95,15 @@ def _equations(
     seen: FloatArray,  # [N] grey values of them in the last image
     earlier: tuple[FloatArray, FloatArray],  # image [H, W] and its slopes [H, W, 2]
     step: int,
-    sight: Sight,
+    observed: Observations,
 ) -> tuple[FloatArray, FloatArray]:
     """How the earlier image's grey values change with the velocity [N, 3], and what they lack [N]; 0 outside."""
-    camera, other_from_last = sight.camera, epipolar_residual.cam_from_last(sight.past.world_from_cam, step)
-    rotation, seconds = other_from_last[:3, :3], sight.seconds(step)
+    camera, other_from_last = observed.camera, epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
+    rotation, seconds = other_from_last[:3, :3], observed.seconds(step)
     moved = (points - seconds * velocity) @ rotation.T + other_from_last[:3, 3]
     moved[:, 2] = np.maximum(moved[:, 2], IN_FRONT)
     place, _ = pinhole.project(moved, camera)
-    shown = epipolar_residual.inside(place, camera)
+    shown = inside(place, camera)
     u, v = place.T[:, None].astype(np.float32)
     grey, slope = (cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0] for one in earlier)
     along = slope * [camera.fx_px, camera.fy_px] / moved[:, 2:]

@@ -1,7 +1,7 @@
-"""Pixels of one frame projected into another along their epipolar lines, and triangulated from there; compiled.
+"""Where what one frame shows was in another frame, and from there back to its distance; compiled, pixel by pixel.
 
-A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole
-(Hartley & Zisserman 2004, eq. 13.2): from infinity towards the camera it moves along its epipolar line.
+A pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole (Hartley
+& Zisserman 2004, eq. 13.2): its way from infinity towards the camera is a piece of its epipolar line.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 IN_FRONT = 1e-3  # smallest z, relative to the ray
-STIFFNESS = 1e-3  # added to squared pixels per unit of inverse depth: undetermined depths become infinite
-_IN_FRONT, _STIFFNESS = np.float32(IN_FRONT), np.float32(STIFFNESS)
+DAMPING = 1e-3  # beside squared pixels per unit of inverse depth: infinity, where nothing tells the distance
+_IN_FRONT, _DAMPING = np.float32(IN_FRONT), np.float32(DAMPING)
 
 
 @dataclass(frozen=True)
 class Epipolar:
-    """The homography at infinity and the epipole of two frames."""
+    """Two frames: the other one's image of this one's pixels."""
 
     infinity: FloatArray  # A [3, 3] float32
     epipole: FloatArray  # b [3] float32
@@ -32,37 +32,43 @@ class Epipolar:
         infinity = other.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
         return cls(infinity.astype(np.float32), (other_from_this[:3, 3] @ other.matrix.T).astype(np.float32))
 
-    def seen_at(
+    def project(
         self,
         inverse_depth: FloatArray,  # [H, W] of this frame, or of every `stride_px`-th pixel of it each way
         stride_px: int = 1,
     ) -> tuple[FloatArray, FloatArray]:
         """Pixels [H, W, 2] float32 of the other frame, and the depth there over the depth here [H, W].
 
-        Points behind the other camera, where this ratio is not positive, are far outside the image.
+        What is behind the other camera, where this ratio is not positive, is far outside.
         """
         q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
-        places, ratio = np.empty((*q.shape, 2), np.float32), np.empty(q.shape, np.float32)
-        _seen_at(self.infinity, self.epipole, q, np.float32(stride_px), places, ratio)
-        return places, ratio
+        pixels, ratio = np.empty((*q.shape, 2), np.float32), np.empty(q.shape, np.float32)
+        _project(self.infinity, self.epipole, q, np.float32(stride_px), pixels, ratio)
+        return pixels, ratio
 
-    def triangulated(
+    def triangulate(
         self,
-        places: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
+        pixels: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
     ) -> FloatArray:
-        """The inverse depth [H, W] float32 that projects nearest to the places, by linear least squares."""
-        inverse_depth = np.empty(places.shape[:2], np.float32)
-        _triangulated(self.infinity, self.epipole, np.ascontiguousarray(places, dtype=np.float32), inverse_depth)
+        """The inverse depth [H, W] float32 that is seen nearest to the places, by linear least squares."""
+        inverse_depth = np.empty(pixels.shape[:2], np.float32)
+        _triangulate(self.infinity, self.epipole, np.ascontiguousarray(pixels, dtype=np.float32), inverse_depth)
         return inverse_depth
 
 
+def inside(pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0) -> BoolArray:
+    """Which pixels [..., 2] lie in the image, up to `border_px` beyond the centres of its outermost pixels."""
+    last = np.array([camera.width_px - 1, camera.height_px - 1])
+    return np.asarray(((pixels >= -border_px) & (pixels <= last + border_px)).all(axis=-1))
+
+
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _seen_at(
+def _project(
     a: FloatArray,  # [3, 3] float32
     b: FloatArray,  # [3] float32
     inverse_depth: FloatArray,  # [H, W] float32
     stride_px: np.float32,
-    places: FloatArray,  # [H, W, 2] float32, written
+    pixels: FloatArray,  # [H, W, 2] float32, written
     ratio: FloatArray,  # [H, W] float32, written
 ) -> None:
     for row in range(inverse_depth.shape[0]):
@@ -71,22 +77,22 @@ def _seen_at(
         for column in range(inverse_depth.shape[1]):
             u, q = stride_px * np.float32(column), inverse_depth[row, column]
             z = z0 + a[2, 0] * u + q * b[2]
-            share = np.float32(1) / max(z, _IN_FRONT)
-            places[row, column, 0] = (x0 + a[0, 0] * u + q * b[0]) * share
-            places[row, column, 1] = (y0 + a[1, 0] * u + q * b[1]) * share
+            scale = np.float32(1) / max(z, _IN_FRONT)
+            pixels[row, column, 0] = (x0 + a[0, 0] * u + q * b[0]) * scale
+            pixels[row, column, 1] = (y0 + a[1, 0] * u + q * b[1]) * scale
             ratio[row, column] = z
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _triangulated(a: FloatArray, b: FloatArray, places: FloatArray, inverse_depth: FloatArray) -> None:
-    """Least squares of the projection equation: (b_xy - p b_z) q = p a_z - a_xy."""
-    for row in range(places.shape[0]):
+def _triangulate(a: FloatArray, b: FloatArray, pixels: FloatArray, inverse_depth: FloatArray) -> None:
+    """The place times z is x and y: (b_xy - p b_z) q = p a_z - a_xy."""
+    for row in range(pixels.shape[0]):
         v = np.float32(row)
         x0, y0, z0 = a[0, 1] * v + a[0, 2], a[1, 1] * v + a[1, 2], a[2, 1] * v + a[2, 2]
-        for column in range(places.shape[1]):
-            u, p_u, p_v = np.float32(column), places[row, column, 0], places[row, column, 1]
+        for column in range(pixels.shape[1]):
+            u, p_u, p_v = np.float32(column), pixels[row, column, 0], pixels[row, column, 1]
             z = a[2, 0] * u + z0
             along_u, along_v = b[0] - p_u * b[2], b[1] - p_v * b[2]
             missing_u, missing_v = p_u * z - (a[0, 0] * u + x0), p_v * z - (a[1, 0] * u + y0)
-            square = along_u * along_u + along_v * along_v + _STIFFNESS
+            square = along_u * along_u + along_v * along_v + _DAMPING
             inverse_depth[row, column] = (along_u * missing_u + along_v * missing_v) / square

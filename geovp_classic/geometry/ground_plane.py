@@ -16,13 +16,13 @@ STRIDE_PX = 4  # every fourth pixel of the lower half votes
 CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
 MIN_SHARE = 0.2  # of the lower half that must lie on it
 MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
-AFLOAT_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which nothing hangs that does not stand on it
+FLOATING_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which nothing hangs that does not stand on it
 LEVEL_HEIGHTS = 4.0  # so many camera heights far a road is a plane
 HORIZON_HEIGHTS = 20.0  # ground farther away than so many camera heights is left as it was found
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundPlane:
     """The plane normal . point = height in the camera's frame, y down."""
 
     normal: FloatArray  # [3], unit length, pointing down
@@ -32,7 +32,7 @@ class Ground:
         """Inverse depth [H, W] float32 of the plane; negative above its horizon."""
         return (pinhole.rays(camera) @ self.normal / self.height).astype(np.float32)
 
-    def sureness(
+    def confidence(
         self,
         inverse_depth: FloatArray,  # [H, W] of the plane
     ) -> FloatArray:
@@ -48,7 +48,7 @@ def fit_ground(
     inverse_depth: FloatArray,  # [H, W]
     camera: Intrinsics,
     seed: int = 0,
-) -> Ground | None:
+) -> GroundPlane | None:
     """The plane that most of the image's lower half lies on (RANSAC, then least squares); None without such a one."""
     half = camera.height_px // 2
     rays = pinhole.rays(camera)[half::STRIDE_PX, ::STRIDE_PX].reshape(-1, 3)
@@ -67,12 +67,12 @@ def fit_ground(
     if not _upright(plane[None])[0] or _on_plane(plane[None], rays, found).mean() < MIN_SHARE:
         return None
     size = float(np.linalg.norm(plane))
-    return Ground(plane / size, 1 / size)
+    return GroundPlane(plane / size, 1 / size)
 
 
-def lift(
+def clamp_to_ground(
     inverse_depth: FloatArray,  # [H, W]
-    ground: Ground,
+    ground: GroundPlane,
     camera: Intrinsics,
     allowed: BoolArray,  # [H, W]; where the images don't contradict the ground
 ) -> FloatArray:
@@ -82,9 +82,9 @@ def lift(
     return np.where(near & allowed & (inverse_depth < plane), plane, inverse_depth)
 
 
-def afloat(
+def floating_mask(
     inverse_depth: FloatArray,  # [H, W]
-    ground: Ground,
+    ground: GroundPlane,
     camera: Intrinsics,
     islands: BoolArray,  # [H, W], surfaces that are cut off from all around
 ) -> BoolArray:
@@ -95,13 +95,13 @@ def afloat(
     height = ground.height
     above = 1 - height * ground.inverse_depth(camera) / np.maximum(height * inverse_depth, 1e-9)  # in camera heights
     count, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
-    hanging = np.zeros(islands.shape, dtype=bool)
+    floating = np.zeros(islands.shape, dtype=bool)
     for label in range(1, count):
         island = labels == label
         lowest, highest = np.percentile(above[island], (10, 90))
-        if AFLOAT_HEIGHTS[0] < lowest and highest < AFLOAT_HEIGHTS[1]:
-            hanging |= island
-    return hanging
+        if FLOATING_HEIGHTS[0] < lowest and highest < FLOATING_HEIGHTS[1]:
+            floating |= island
+    return floating
 
 
 def _upright(planes: FloatArray) -> BoolArray:

@@ -11,10 +11,10 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Context
 
-FINER = 1.5  # at most so much finer than the square's are the pixels that depth is sought for, if there are such
+MAX_SCALE = 1.5  # at most so much finer than the square's are the pixels that depth is sought for, if there are such
 
 
-def of(context: Context, frames: Literal["crop", "wide"]) -> Context:
+def select(context: Context, frames: Literal["crop", "wide"]) -> Context:
     """The context as it is, or with the uncropped images as its frames."""
     return uncropped(context) if frames == "wide" else context
 
@@ -29,8 +29,8 @@ def uncropped(context: Context) -> Context:
     if context.past_depths is not None:
         raise Incompatible("recorded depth covers the square only: with uncropped frames choose an estimating source")
     native, square = context.wide.intrinsics, context.intrinsics
-    finer = float(np.clip(native.fx_px / square.fx_px, 1, FINER))
-    width_px = max(1, round(native.width_px * finer * square.fx_px / native.fx_px))
-    height_px = max(1, round(native.height_px * finer * square.fy_px / native.fy_px))
+    scale = float(np.clip(native.fx_px / square.fx_px, 1, MAX_SCALE))
+    width_px = max(1, round(native.width_px * scale * square.fx_px / native.fx_px))
+    height_px = max(1, round(native.height_px * scale * square.fy_px / native.fy_px))
     frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in context.wide.frames])
     return dataclasses.replace(context, frames=frames, intrinsics=native.resized(width_px, height_px))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
+from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
 
 NOISE_PX = 0.25  # standard deviation of a coordinate of a tracked corner
@@ -16,6 +16,7 @@ MIN_CONTRAST = 1.5  # grey values; an image with a smaller standard deviation ha
 EXPOSURE_CHANGE = 0.08  # a larger relative change of brightness is undone before tracking
 MAX_ERROR_RATIO, MAX_ERROR_OFFSET = 3.0, 4.0  # a patch may differ by this times the median plus these grey values
 MIN_FOUND_SHARE = 0.3  # with fewer points found near the predictions, the predictions are discarded
+TERMINATION = (12, 0.02)  # iterations and pixels of a step after which Lucas-Kanade ends
 HALF_FROM_WIDTH_PX = 640  # wider images are searched for corners at half their size
 
 
@@ -58,19 +59,13 @@ class CornerTracker:
     ) -> tuple[FloatArray, BoolArray]:
         if len(pixels) == 0:
             return np.zeros((0, 2)), np.zeros(0, dtype=bool)
-        settings: dict[str, Any] = {
-            "winSize": (self.window_px, self.window_px),
-            "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02),
-            "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
-        }
-        start, guess = np.asarray(pixels, dtype=np.float32), np.array(predicted, dtype=np.float32)
-        ahead, forward, error = cv2.calcOpticalFlowPyrLK(before, now, start, guess, maxLevel=num_levels - 1, **settings)
-        back, backward, _ = cv2.calcOpticalFlowPyrLK(now, before, ahead, start.copy(), maxLevel=0, **settings)
-        tracked = np.nan_to_num(np.asarray(ahead, dtype=np.float64))
-        found = (forward.ravel() > 0) & (backward.ravel() > 0) & inside(tracked, now)
-        found &= np.linalg.norm(back - start, axis=1) < self.max_return_px
+        ahead, found, error = track_points(
+            (before, now), pixels, predicted, self.window_px, (num_levels, 1), TERMINATION, self.max_return_px
+        )
+        tracked = np.nan_to_num(ahead.astype(np.float64))
+        found &= inside(tracked, now)
         if found.any():
-            found &= error.ravel() < MAX_ERROR_RATIO * np.median(error.ravel()[found]) + MAX_ERROR_OFFSET
+            found &= error < MAX_ERROR_RATIO * np.median(error[found]) + MAX_ERROR_OFFSET
         return tracked, found
 
 

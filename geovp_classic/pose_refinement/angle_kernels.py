@@ -11,27 +11,27 @@ from geovp_classic.types import FloatArray
 Kernel = Callable[[FloatArray], FloatArray]  # covariance of angles so many seconds apart, up to a constant
 
 
-def returning(deviation_rad: float, lasting_s: float) -> Kernel:
+def matern52(deviation_rad: float, time_constant_s: float) -> Kernel:
     """Angles that come back to their mean (Matern 5/2; Rasmussen & Williams 2006, eq. 4.17)."""
 
     def covariance(apart_s: FloatArray) -> FloatArray:
-        far = np.sqrt(5) * np.abs(apart_s) / lasting_s
+        far = np.sqrt(5) * np.abs(apart_s) / time_constant_s
         return np.asarray(deviation_rad**2 * (1 + far + far**2 / 3) * np.exp(-far))
 
     return covariance
 
 
-def wandering(deviation_rad_s: float, lasting_s: float) -> Kernel:
+def integrated_ornstein_uhlenbeck(deviation_rad_s: float, time_constant_s: float) -> Kernel:
     """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of what they go in that time."""
 
     def covariance(apart_s: FloatArray) -> FloatArray:
-        lasts = np.abs(apart_s) / lasting_s
-        return np.asarray(-((deviation_rad_s * lasting_s) ** 2) * (lasts + np.expm1(-lasts)))
+        lasts = np.abs(apart_s) / time_constant_s
+        return np.asarray(-((deviation_rad_s * time_constant_s) ** 2) * (lasts + np.expm1(-lasts)))
 
     return covariance
 
 
-def of_differences(
+def covariance_of_differences(
     kernel: Kernel,
     one_s: FloatArray,  # [N]
     one_from_s: FloatArray | float,  # [N]

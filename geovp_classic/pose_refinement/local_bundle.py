@@ -17,7 +17,7 @@ from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 ROBUST_PX = 0.5  # errors of this size count half (Cauchy)
 ROTATION_RAD = 1.7e-4  # standard deviation of a given rotation
 SHIFT_SHARE = 7e-4  # and of a given position, of the distance from the reference
-TRUST = 30.0  # squared departures beyond which given poses lose their hold
+PRIOR_SCALE = 30.0  # squared departures beyond which given poses lose their hold
 NUM_ROUNDS = 8
 START_DAMPING = 1e-3
 NEAR = 1e-3
@@ -29,11 +29,11 @@ class Corners:
 
     rays: FloatArray  # [N, 3], z = 1, in the reference
     pixels: FloatArray  # [S, N, 2]
-    seen: BoolArray  # [S, N]
+    visible: BoolArray  # [S, N]
     camera: Intrinsics
     given: FloatArray  # [S, 4, 4], source from reference
 
-    def departure(self, poses: FloatArray) -> FloatArray:
+    def deviation(self, poses: FloatArray) -> FloatArray:
         """How far the poses have left the given ones [S, 6], in standard deviations."""
         return se3.log(poses @ se3.inverse(self.given)) * self.precision
 
@@ -44,25 +44,27 @@ class Corners:
         shift = SHIFT_SHARE * np.maximum(distance, SHIFT_SHARE * distance.max())
         return np.concatenate([np.tile(1 / shift[:, None], 3), np.full((len(shift), 3), 1 / ROTATION_RAD)], axis=1)
 
-    def cost(self, inverse_depth: FloatArray, poses: FloatArray, departure: FloatArray) -> float:
+    def cost(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> float:
         """The sum to be made small: Cauchy's function of the errors in units of ROBUST_PX, and of the departure."""
-        squared = (departure**2).sum()
-        return float(_misfit(*self._observed, poses, inverse_depth) + TRUST * np.log1p(squared / TRUST))
+        squared = (deviation**2).sum()
+        return float(
+            _robust_error(*self._observed, poses, inverse_depth) + PRIOR_SCALE * np.log1p(squared / PRIOR_SCALE)
+        )
 
-    def equations(self, inverse_depth: FloatArray, poses: FloatArray, departure: FloatArray) -> Equations:
+    def equations(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> Equations:
         """The cost near the poses and inverse depths, as a quadratic function of their changes."""
         h_twist, g_twist, h_depth, g_depth, mixed = _equations(*self._observed, poses, inverse_depth)
         precision = self.precision
-        held = 1 / (1 + (departure**2).sum() / TRUST)
-        h_twist += held * precision[:, :, None] ** 2 * np.eye(6)
-        return Equations(h_twist, g_twist + held * precision * departure, h_depth, g_depth, mixed)
+        prior_weight = 1 / (1 + (deviation**2).sum() / PRIOR_SCALE)
+        h_twist += prior_weight * precision[:, :, None] ** 2 * np.eye(6)
+        return Equations(h_twist, g_twist + prior_weight * precision * deviation, h_depth, g_depth, mixed)
 
-    def triangulated(self) -> FloatArray:
+    def triangulate(self) -> FloatArray:
         """Inverse depths [N] from the given poses: (u, v) (a_z + q b_z) = (a + q b)_xy solved for q, at least 0."""
         matrix = self.camera.matrix
         a = self.rays @ np.swapaxes(matrix @ self.given[:, :3, :3], -1, -2)  # [S, N, 3]
         b = (self.given[:, :3, 3] @ matrix.T)[:, None]
-        factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.seen[..., None]
+        factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.visible[..., None]
         wanted = a[..., :2] - self.pixels * a[..., 2:]
         square = (factor**2).sum(axis=(0, 2))
         return np.maximum((factor * wanted).sum(axis=(0, 2)) / np.maximum(square, 1e-12), 0)
@@ -70,7 +72,7 @@ class Corners:
     @property
     def _observed(self) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
         camera = self.camera
-        return self.rays, self.pixels, self.seen, np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
+        return self.rays, self.pixels, self.visible, np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
 
 
 @dataclass(frozen=True)
@@ -96,27 +98,27 @@ class Equations:
 
 def adjust(corners: Corners) -> FloatArray:
     """The poses [S, 4, 4] of least cost (Levenberg 1944, Marquardt 1963)."""
-    poses, inverse_depth = corners.given, corners.triangulated()
-    departure = corners.departure(poses)
-    cost, damping = corners.cost(inverse_depth, poses, departure), START_DAMPING
-    equations = corners.equations(inverse_depth, poses, departure)
+    poses, inverse_depth = corners.given, corners.triangulate()
+    deviation = corners.deviation(poses)
+    cost, damping = corners.cost(inverse_depth, poses, deviation), START_DAMPING
+    equations = corners.equations(inverse_depth, poses, deviation)
     for _ in range(NUM_ROUNDS):
         twists, deeper = equations.solved(damping)
         trial_poses, trial_depth = se3.exp(twists) @ poses, np.maximum(inverse_depth + deeper, 0)
-        departure = corners.departure(trial_poses)
-        trial_cost = corners.cost(trial_depth, trial_poses, departure)
+        deviation = corners.deviation(trial_poses)
+        trial_cost = corners.cost(trial_depth, trial_poses, deviation)
         damping = damping / 5 if trial_cost < cost else damping * 10
         if trial_cost < cost:
             poses, inverse_depth, cost = trial_poses, trial_depth, trial_cost
-            equations = corners.equations(inverse_depth, poses, departure)
+            equations = corners.equations(inverse_depth, poses, deviation)
     return poses
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _misfit(
+def _robust_error(
     rays: FloatArray,  # [N, 3]
     pixels: FloatArray,  # [S, N, 2]
-    seen: BoolArray,  # [S, N]
+    visible: BoolArray,  # [S, N]
     camera: FloatArray,  # [4]: fx, fy, cx, cy
     poses: FloatArray,  # [S, 4, 4]
     inverse_depth: FloatArray,  # [N]
@@ -126,7 +128,7 @@ def _misfit(
     for s in range(len(poses)):
         for n in range(len(rays)):
             x, y, z = _point(rays[n], poses[s], inverse_depth[n])
-            if seen[s, n] and z > NEAR:
+            if visible[s, n] and z > NEAR:
                 off_u = (camera[0] * x / z + camera[2] - pixels[s, n, 0]) / ROBUST_PX
                 off_v = (camera[1] * y / z + camera[3] - pixels[s, n, 1]) / ROBUST_PX
                 total += np.log1p(off_u * off_u + off_v * off_v)
@@ -137,7 +139,7 @@ def _misfit(
 def _equations(
     rays: FloatArray,  # [N, 3]
     pixels: FloatArray,  # [S, N, 2]
-    seen: BoolArray,  # [S, N]
+    visible: BoolArray,  # [S, N]
     camera: FloatArray,  # [4]: fx, fy, cx, cy
     poses: FloatArray,  # [S, 4, 4]
     inverse_depth: FloatArray,  # [N]
@@ -151,7 +153,7 @@ def _equations(
         for n in range(num):
             q = inverse_depth[n]
             x, y, z = _point(rays[n], poses[s], q)
-            if not (seen[s, n] and z > NEAR):
+            if not (visible[s, n] and z > NEAR):
                 continue
             off_u = (camera[0] * x / z + camera[2] - pixels[s, n, 0]) / ROBUST_PX
             off_v = (camera[1] * y / z + camera[3] - pixels[s, n, 1]) / ROBUST_PX

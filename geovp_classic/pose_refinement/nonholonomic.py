@@ -22,7 +22,9 @@ from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
 
 LEVER_M, LEVER_DEVIATION_M = 1.0, 0.4  # cameras sit so far before the axle that doesn't steer
 MODEL_RAD = np.radians(0.1)  # tyres slip, roads tilt: no course is surer than this
-FAR = 15.0  # standard deviations at which a given direction is believed as much as not; far beyond it is meant so
+OUTLIER_SIGMAS = (
+    15.0  # standard deviations at which a given direction is believed as much as not; far beyond it is meant so
+)
 LEAST_M = 1e-6
 
 
@@ -38,25 +40,27 @@ class NonholonomicConstraint:
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other coming positions; unchanged where lengths are not metres or nothing moves."""
         given = unrefined(motion, "nonholonomic")
-        seen = motion.past.world_from_cam
-        direction = observed(given.past.world_from_cam, seen) if motion.past.is_metric else None
+        registered = motion.past.world_from_cam
+        direction = motion_direction(given.past.world_from_cam, registered) if motion.past.is_metric else None
         if direction is None:
             return motion
-        last_from_cam = se3.inverse(seen[-1]) @ motion.futures
-        return motion.refined(motion.past, seen[-1] @ np.stack([direction.held(future) for future in last_from_cam]))
+        last_from_cam = se3.inverse(registered[-1]) @ motion.futures
+        return motion.refined(
+            motion.past, registered[-1] @ np.stack([direction.constrain(future) for future in last_from_cam])
+        )
 
 
 @dataclass(frozen=True)
-class Direction:
+class MotionDirection:
     """How the camera has been moving, in its own frame."""
 
     direction: FloatArray  # [3], unit length
-    given_rad: float  # root mean square, per axis: given directions of motion against those that the images show
-    held_rad: float  # the same: the images' directions against this course
+    given_error_rad: float  # root mean square, per axis: given directions of motion against those that the images show
+    constraint_error_rad: float  # the same: the images' directions against this course
 
-    def held(self, reference_from_cam: FloatArray) -> FloatArray:
+    def constrain(self, reference_from_cam: FloatArray) -> FloatArray:
         """Poses [F, 4, 4] in metres, one after the other, each step turned towards the course; rotations stay."""
-        if self.given_rad == 0 or len(reference_from_cam) == 0:
+        if self.given_error_rad == 0 or len(reference_from_cam) == 0:
             return reference_from_cam
         before = np.concatenate([np.eye(4)[None], reference_from_cam[:-1]])
         steps = se3.log(se3.inverse(before) @ reference_from_cam)
@@ -72,23 +76,23 @@ class Direction:
         length = np.maximum(np.linalg.norm(steps[:, :3], axis=1), LEAST_M)[:, None]
         turning = np.cross(steps[:, 3:], self.direction)
         off = (_expected(steps, self.direction) - steps[:, :3]) / length
-        unsure = LEVER_DEVIATION_M * turning / length
-        own = (MODEL_RAD**2 + self.held_rad**2) * np.eye(3) + unsure[:, :, None] * unsure[:, None]
-        white = np.linalg.solve(own + self.given_rad**2 * np.eye(3), off[..., None])[..., 0]
+        uncertain = LEVER_DEVIATION_M * turning / length
+        own = (MODEL_RAD**2 + self.constraint_error_rad**2) * np.eye(3) + uncertain[:, :, None] * uncertain[:, None]
+        white = np.linalg.solve(own + self.given_error_rad**2 * np.eye(3), off[..., None])[..., 0]
         distance = (off * white).sum(axis=1, keepdims=True)
-        return np.asarray(length * self.given_rad**2 * white / (1 + distance / FAR**2))
+        return np.asarray(length * self.given_error_rad**2 * white / (1 + distance / OUTLIER_SIGMAS**2))
 
 
-def observed(
+def motion_direction(
     given: FloatArray,  # [P, 4, 4], any frame
-    seen: FloatArray,  # [P, 4, 4], as the images show them; the last one is the same
-) -> Direction | None:
+    registered: FloatArray,  # [P, 4, 4], as the images show them; the last one is the same
+) -> MotionDirection | None:
     """The course of past poses in metres; None when they don't move, or are alone."""
-    was, now = (se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, seen))
-    sure = _sure(was) & (np.linalg.norm(now[:, :3, 3], axis=1) > LEAST_M)
-    if not sure.any():
+    was, now = (se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, registered))
+    usable = _has_direction(was) & (np.linalg.norm(now[:, :3, 3], axis=1) > LEAST_M)
+    if not usable.any():
         return None
-    steps = se3.log(se3.inverse(seen[:-1]) @ seen[1:])
+    steps = se3.log(se3.inverse(registered[:-1]) @ registered[1:])
     direction = _unit(steps[:, :3].sum(axis=0))
     for _ in range(2):
         direction = _unit((steps[:, :3] - LEVER_M * np.cross(steps[:, 3:], direction)).sum(axis=0))
@@ -97,7 +101,9 @@ def observed(
     for step in se3.exp(-steps[::-1]):
         at = at @ step
         expected.append(at)
-    return Direction(direction, _apart_rad(was, now, sure), _apart_rad(np.stack(expected[::-1]), now, sure))
+    return MotionDirection(
+        direction, _rms_angle_rad(was, now, usable), _rms_angle_rad(np.stack(expected[::-1]), now, usable)
+    )
 
 
 def _expected(steps: FloatArray, direction: FloatArray) -> FloatArray:
@@ -106,14 +112,14 @@ def _expected(steps: FloatArray, direction: FloatArray) -> FloatArray:
     return np.asarray(along[:, None] * direction + LEVER_M * np.cross(steps[:, 3:], direction))
 
 
-def _sure(reference_from_cam: FloatArray) -> BoolArray:
+def _has_direction(reference_from_cam: FloatArray) -> BoolArray:
     length = np.linalg.norm(reference_from_cam[:, :3, 3], axis=1)
     return np.asarray((length > DIRECTION_SHARE * length.max(initial=0.0)) & (length > LEAST_M))
 
 
-def _apart_rad(one: FloatArray, other: FloatArray, sure: BoolArray) -> float:
+def _rms_angle_rad(one: FloatArray, other: FloatArray, usable: BoolArray) -> float:
     """Root mean square difference of two directions from the reference, per axis."""
-    off = _unit(one[sure, :3, 3]) - _unit(other[sure, :3, 3])
+    off = _unit(one[usable, :3, 3]) - _unit(other[usable, :3, 3])
     return float(np.sqrt((off**2).sum(axis=1).mean() / 2))
 
 

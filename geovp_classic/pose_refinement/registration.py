@@ -17,6 +17,7 @@ import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3, wide_frames
+from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.pose_refinement.local_bundle import Corners, adjust
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
 
@@ -30,14 +31,6 @@ RETURN_PX = 0.5  # a track is kept while following it back ends this near to whe
 MIN_CORNERS = 30  # seen by at least one other frame; with fewer the given poses stay
 DIRECTION_SHARE = 0.2  # of the longest distance from the reference; shorter ones have no sure direction
 PERSISTENCE = 0.8  # of the directions' error that is expected of the future, too
-
-
-@dataclass(frozen=True)
-class Tracks:
-    """Corners of a reference image in all images."""
-
-    pixels: FloatArray  # [P, N, 2]
-    seen: BoolArray  # [P, N]
 
 
 @dataclass(frozen=True)
@@ -63,14 +56,16 @@ class Registration:
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with registered past poses, its futures turned about the last one."""
-        recent = wide_frames.of(context.only(self.needs), self.frames).recent(self.num_frames)
+        recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
         images = np.stack([pinhole.grey(frame) for frame in recent.frames])
         given, count = motion.past.world_from_cam, len(recent.frames)
         found = registered(images, recent.intrinsics, given[-count:], count - 1)
         earlier = found.world_from_cam[0] @ se3.inverse(given[-count]) @ given[:-count]
         past = np.concatenate([earlier, found.world_from_cam])
         last_from_cam = se3.inverse(given[-1]) @ motion.futures
-        futures = given[-1] @ se3.compose(last_from_cam[..., :3, :3], last_from_cam[..., :3, 3] @ found.steering.T)
+        futures = given[-1] @ se3.compose(
+            last_from_cam[..., :3, :3], last_from_cam[..., :3, 3] @ found.direction_correction.T
+        )
         return motion.refined(Trajectory(past, motion.past.times_s, motion.past.is_metric), futures)
 
 
@@ -79,7 +74,7 @@ class Registered:
     """Poses that fit the images, and how the given ones' directions of motion were turned against theirs."""
 
     world_from_cam: FloatArray  # [P, 4, 4]
-    steering: FloatArray  # [3, 3], turns the given directions of motion, in the reference camera's frame
+    direction_correction: FloatArray  # [3, 3], turns the given directions of motion, in the reference camera's frame
 
 
 def registered(
@@ -93,16 +88,16 @@ def registered(
     source_from_reference = se3.inverse(world_from_cam[others]) @ world_from_cam[reference]
     if not (np.linalg.norm(source_from_reference[:, :3, 3], axis=1) > 0).any():
         return Registered(world_from_cam, np.eye(3))
-    tracks = track(images, reference)
-    kept = tracks.seen[others].any(axis=0)
+    pixels, visible = track(images, reference)
+    kept = visible[others].any(axis=0)
     if kept.sum() < MIN_CORNERS:
         return Registered(world_from_cam, np.eye(3))
-    rays = pinhole.unproject(tracks.pixels[reference, kept], np.ones(kept.sum()), camera)
-    corners = Corners(rays, tracks.pixels[others][:, kept], tracks.seen[others][:, kept], camera, source_from_reference)
+    rays = pinhole.unproject(pixels[reference, kept], np.ones(kept.sum()), camera)
+    corners = Corners(rays, pixels[others][:, kept], visible[others][:, kept], camera, source_from_reference)
     reference_from_source = se3.inverse(adjust(corners))
-    better = world_from_cam.copy()
-    better[others] = world_from_cam[reference] @ reference_from_source
-    return Registered(better, steering(se3.inverse(source_from_reference), reference_from_source))
+    adjusted = world_from_cam.copy()
+    adjusted[others] = world_from_cam[reference] @ reference_from_source
+    return Registered(adjusted, direction_correction(se3.inverse(source_from_reference), reference_from_source))
 
 
 def unrefined(motion: Motion, name: str) -> Motion:
@@ -112,16 +107,16 @@ def unrefined(motion: Motion, name: str) -> Motion:
     return motion.unrefined
 
 
-def steering(
+def direction_correction(
     given: FloatArray,  # [S, 4, 4], reference from source
-    better: FloatArray,  # [S, 4, 4]
+    adjusted: FloatArray,  # [S, 4, 4]
 ) -> FloatArray:
     """The rotation [3, 3] that the better directions of motion have against the given ones, as far as it will last.
 
     A recorded camera that looks a degree beside where it says it looks, or a height that drifts, turns every direction
     alike, the coming ones too.
     """
-    was, now = given[:, :3, 3], better[:, :3, 3]
+    was, now = given[:, :3, 3], adjusted[:, :3, 3]
     length, length_now = np.linalg.norm(was, axis=1), np.linalg.norm(now, axis=1)
     sure = (length > DIRECTION_SHARE * length.max()) & (length_now > 0)
     if not sure.any():
@@ -133,8 +128,11 @@ def steering(
 def track(
     images: FloatArray,  # [P, H, W]
     reference: int,
-) -> Tracks:
-    """Corners in the middle of the reference image, followed frame by frame, back and forth, until they are lost."""
+) -> tuple[FloatArray, BoolArray]:
+    """Corners of the middle of the reference image: pixels [P, N, 2] in all images, and where they are visible [P, N].
+
+    They are tracked from frame to frame, away from the reference both ways, until they are lost.
+    """
     grey = [np.ascontiguousarray(image.astype(np.uint8)) for image in images]
     height, width = grey[reference].shape
     wideness = float(np.clip(width / height, 1, MIDDLE))
@@ -145,27 +143,17 @@ def track(
     corners = cv2.goodFeaturesToTrack(grey[reference], count, CORNER_QUALITY, spacing_px, mask=middle)
     start = np.zeros((0, 2), np.float32) if corners is None else np.asarray(corners, np.float32).reshape(-1, 2)
     pixels = np.tile(start, (len(images), 1, 1))
-    seen = np.zeros(pixels.shape[:2], dtype=bool)
-    seen[reference] = True
+    visible = np.zeros(pixels.shape[:2], dtype=bool)
+    visible[reference] = True
+    window_px = int(WINDOW_PX * max(1, height / TALL_PX)) | 1  # odd
     for steps in (range(reference - 1, -1, -1), range(reference + 1, len(images))):
         before = reference
         for step in steps:
-            pixels[step], seen[step] = _follow(grey[before], grey[step], pixels[before], seen[before])
+            known, pixels[step] = visible[before], pixels[before]
+            if known.any():
+                pair, start = (grey[before], grey[step]), pixels[before][known]
+                pixels[step, known], visible[step, known], _ = track_points(
+                    pair, start, start, window_px, max_return_px=RETURN_PX
+                )
             before = step
-    return Tracks(pixels.astype(np.float64), seen)
-
-
-def _follow(before: FloatArray, after: FloatArray, pixels: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Where the seen ones of the pixels [N, 2] went, and which of them [N] are found back near where they came from."""
-    if not seen.any():
-        return pixels, seen
-    side = int(WINDOW_PX * max(1, len(before) / TALL_PX)) | 1  # odd
-    window, start = (side, side), pixels[seen]
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start, start.copy(), winSize=window)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(
-        after, before, there, start.copy(), winSize=window, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
-    )
-    close = np.linalg.norm(back - start, axis=-1) < RETURN_PX
-    places, still = pixels.copy(), seen.copy()
-    places[seen], still[seen] = there, close & (np.asarray(found)[:, 0] > 0) & (np.asarray(returned)[:, 0] > 0)
-    return places, still
+    return pixels.astype(np.float64), visible

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.ground_plane import HORIZON_HEIGHTS, Ground
+from geovp_classic.geometry.ground_plane import HORIZON_HEIGHTS, GroundPlane
 from geovp_classic.types import FloatArray, Intrinsics
 
 NEAR_PLANE = 0.1  # relative difference of inverse depths up to which a pixel is of the road
@@ -20,22 +20,22 @@ CORRIDOR = 0.5  # camera heights to both sides of the way: what lies there is dr
 NEAREST, FARTHEST = 2.0, 10.0  # camera heights ahead, between which the road is looked at
 AT_LEAST = 5.0  # camera heights ahead that are looked at even on a shorter way
 LENGTH = 0.5  # camera heights, of the pieces that the road is cut into
-LEAST_PIECES, LEAST_PIXELS = 4, 10  # with fewer, nothing is known
+MIN_SEGMENTS, MIN_PIXELS = 4, 10  # with fewer, nothing is known
 ROBUST = 0.012  # camera heights: pieces this far off the slope count half (Cauchy)
 STEEPEST = 0.02  # slopes are believed up to this one
 # Such a slope is nearly as unsure as that of the given way, since it ends where parallax does: chosen on train and val.
-BELIEF = 0.4
+WEIGHT = 0.4
 
 
 @dataclass(frozen=True)
 class RoadProfile:
     """What an image shows of the road, in the camera's frame, in units of the camera's height above it."""
 
-    ground: Ground
+    ground: GroundPlane
     points: FloatArray  # [N, 3], in camera heights
 
     @classmethod
-    def of(cls, inverse_depth: FloatArray, camera: Intrinsics, ground: Ground) -> RoadProfile:
+    def of(cls, inverse_depth: FloatArray, camera: Intrinsics, ground: GroundPlane) -> RoadProfile:
         """The road of an image with this inverse depth [H, W]."""
         plane = ground.inverse_depth(camera)
         is_road = (inverse_depth * ground.height * HORIZON_HEIGHTS > 1) & (
@@ -44,20 +44,20 @@ class RoadProfile:
         depths = 1 / (inverse_depth[is_road] * ground.height)
         return cls(ground, pinhole.rays(camera)[is_road] * depths[:, None])
 
-    def at_height(self, reference_from_cam: FloatArray) -> FloatArray:
+    def correct_heights(self, reference_from_cam: FloatArray) -> FloatArray:
         """Poses [F, 4, 4], one after the other, moved along the road's normal; rotations stay."""
-        way = reference_from_cam[:, :3, 3]
+        path = reference_from_cam[:, :3, 3]
         better = reference_from_cam.copy()
-        distance = np.linalg.norm(way, axis=1, keepdims=True)
-        better[:, :3, 3] += BELIEF * self.rise(way) * distance * self.ground.normal
+        distance = np.linalg.norm(path, axis=1, keepdims=True)
+        better[:, :3, 3] += WEIGHT * self.slope(path) * distance * self.ground.normal
         return better
 
-    def rise(
+    def slope(
         self,
-        way: FloatArray,  # [F, 3], where the camera will be, one after the other
+        path: FloatArray,  # [F, 3], where the camera will be, one after the other
     ) -> float:
         """By how much the camera climbs above the road, over the distance ahead; 0 where too little road is seen."""
-        path = np.concatenate([np.zeros((1, 3)), way]) / self.ground.height
+        path = np.concatenate([np.zeros((1, 3)), path]) / self.ground.height
         path = path[: 1 + int(np.argmax(path[:, 2]))]  # while it goes ahead
         path = path[np.concatenate([[True], np.diff(np.maximum.accumulate(path[:, 2])) > 0])]
         if len(path) < 2:
@@ -70,19 +70,19 @@ class RoadProfile:
         under = (aside < CORRIDOR) & (ahead > NEAREST) & (ahead < end)
         ahead = ahead[under]
         above = self.points[under] @ self.ground.normal - np.interp(ahead, path[:, 2], path @ self.ground.normal)
-        return _slope(*_pieces(ahead, above))
+        return _robust_slope(*_segments(ahead, above))
 
 
-def _pieces(ahead: FloatArray, above: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _segments(ahead: FloatArray, above: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The mean distance and the median height of each piece of the road [K]."""
-    piece = ((ahead - NEAREST) / LENGTH).astype(int)
-    members = [piece == number for number in np.flatnonzero(np.bincount(piece) >= LEAST_PIXELS)]
+    segment = ((ahead - NEAREST) / LENGTH).astype(int)
+    members = [segment == number for number in np.flatnonzero(np.bincount(segment) >= MIN_PIXELS)]
     return np.array([ahead[m].mean() for m in members]), np.array([np.median(above[m]) for m in members])
 
 
-def _slope(ahead: FloatArray, above: FloatArray) -> float:
+def _robust_slope(ahead: FloatArray, above: FloatArray) -> float:
     """The slope of a straight line through the pieces, by iteratively reweighted least squares."""
-    if len(ahead) < LEAST_PIECES:
+    if len(ahead) < MIN_SEGMENTS:
         return 0.0
     line = np.stack([np.ones_like(ahead), ahead], axis=1)
     weight = np.ones_like(ahead)

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from geovp_classic.geometry import se3
-from geovp_classic.pose_refinement.angle_kernels import of_differences, wandering
-from geovp_classic.pose_refinement.unmeasured_intervals import SEEN_RAD, Recording, belief, recordings
+from geovp_classic.pose_refinement.angle_kernels import covariance_of_differences, integrated_ornstein_uhlenbeck
+from geovp_classic.pose_refinement.unmeasured_intervals import SEEN_RAD, Recording, agreement_weight, recordings
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
 
 RATE_RAD_S = np.radians(0.05)  # at which headings and tilts drift
@@ -27,25 +27,27 @@ LEAST_S = 1e-6
 
 
 @dataclass(frozen=True)
-class Errors:
+class DriftModel:
     """How rotations about one axis err, in seconds: deviations over RATE_RAD_S."""
 
     white_s: float
-    lasting_s: float  # for how long a rate lasts (the time constant of its correlation)
+    time_constant_s: float  # for how long a rate lasts (the time constant of its correlation)
     registration_s: float = 0.4  # white, too, but of the images' word, not of the recorded rotation
 
     def covariance(self, one_s: FloatArray, other_s: FloatArray) -> FloatArray:
         """Of the errors at times [N] and [M] against the one at time 0: [N, M]."""
-        drifted = of_differences(wandering(1.0, self.lasting_s), one_s, 0.0, other_s, 0.0)
+        drifted = covariance_of_differences(
+            integrated_ornstein_uhlenbeck(1.0, self.time_constant_s), one_s, 0.0, other_s, 0.0
+        )
         return drifted + self.white_s**2 * (1.0 + (one_s[:, None] == other_s))
 
-    def known(self, past_s: FloatArray) -> FloatArray:
+    def observed_covariance(self, past_s: FloatArray) -> FloatArray:
         """The covariance [P, P] of past errors as they are seen."""
         return self.covariance(past_s, past_s) + self.registration_s**2 * np.eye(len(past_s))
 
 
 # About the camera's x, y and z axis: a car pitches with every bump; chosen on train and val.
-AXES = (Errors(0.4, 0.2), Errors(0.2, 1.6), Errors(0.2, 0.4))
+AXES = (DriftModel(0.4, 0.2), DriftModel(0.2, 1.6), DriftModel(0.2, 0.4))
 # Past rotations that are off by more than so much jumped, as where nothing was measured; such errors end, too.
 JUMP_RAD = np.radians(0.2)
 
@@ -74,14 +76,16 @@ def _corrected(world_from_cam: FloatArray, recording: Recording) -> FloatArray:
     given, times_s, now = recording.given, recording.times_s, recording.now
     intervals = recording.intervals
     measured = ~np.any([one.inside(len(given)) for one in intervals] + [np.zeros(len(given), bool)], axis=0)
-    by_lag = _by_lag(given, times_s, now, measured) if recording.goes_on else np.zeros((len(given), 6))
-    past_rad, known = recording.past_rad, np.flatnonzero(measured[:now])
-    lag_s, drifting = _expected(past_rad[known], by_lag[known, 3:], times_s[known], times_s[now + 1 :])
-    believed = belief(past_rad[known], JUMP_RAD)
+    by_lag = _by_lag(given, times_s, now, measured) if recording.is_continuous else np.zeros((len(given), 6))
+    past_rad, observed_covariance = recording.past_rad, np.flatnonzero(measured[:now])
+    lag_s, drifting = _expected(
+        past_rad[observed_covariance], by_lag[observed_covariance, 3:], times_s[observed_covariance], times_s[now + 1 :]
+    )
+    weight = agreement_weight(past_rad[observed_covariance], JUMP_RAD)
     if any(one.inside(len(given))[now] for one in intervals):
-        believed *= belief(past_rad[:now], SEEN_RAD)
-    shift = believed * lag_s * by_lag[now + 1 :, :3]
-    errors_rad = believed * (lag_s * by_lag[now + 1 :, 3:] + drifting)
+        weight *= agreement_weight(past_rad[:now], SEEN_RAD)
+    shift = weight * lag_s * by_lag[now + 1 :, :3]
+    errors_rad = weight * (lag_s * by_lag[now + 1 :, 3:] + drifting)
     last_from_cam = se3.inverse(recording.world_from_last) @ world_from_cam
     in_step = se3.compose(last_from_cam[:, :3, :3], last_from_cam[:, :3, 3] + shift)
     return recording.world_from_last @ se3.turned(in_step, errors_rad)
@@ -96,8 +100,8 @@ def _expected(
     """The time that images come later than recorded poses, and the drift [F, 3] of coming rotations."""
     # All axes one after the other, since they share the lag: [3 P].
     shared = by_lag.T.ravel() * LAG_S / RATE_RAD_S
-    known = block_diag(*(axis.known(past_s) for axis in AXES)) + np.outer(shared, shared)
-    certain = np.linalg.solve(known, errors_rad.T.ravel())
+    observed_covariance = block_diag(*(axis.observed_covariance(past_s) for axis in AXES)) + np.outer(shared, shared)
+    certain = np.linalg.solve(observed_covariance, errors_rad.T.ravel())
     drifting = [axis.covariance(future_s, past_s) @ sure for axis, sure in zip(AXES, np.split(certain, 3), strict=True)]
     return float(shared @ certain) * LAG_S / RATE_RAD_S, np.stack(drifting, axis=1)
 

@@ -14,13 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.pose_refinement.angle_kernels import Kernel, of_differences, returning, wandering
+from geovp_classic.pose_refinement.angle_kernels import (
+    Kernel,
+    covariance_of_differences,
+    integrated_ornstein_uhlenbeck,
+    matern52,
+)
 from geovp_classic.pose_refinement.registration import unrefined
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
 
 # Steps are even when rate and speed change by less than this from one to the next, as measured ones hardly ever do.
-EVEN_RAD_S = np.radians(0.02)
-EVEN_M_S = 0.05
+UNIFORM_RAD_S = np.radians(0.02)
+UNIFORM_M_S = 0.05
 SLOWEST_M_S = 0.5  # what stands still is even, too
 LEAST_STEPS = 5
 SEEN_RAD = np.radians(0.05)  # what images err by; an even motion that they agree with to this is a measured one
@@ -30,9 +35,9 @@ NOISE_RAD = np.radians(0.03)  # of what images and recordings say of rotations
 
 # About the camera's x, y and z axis: chosen on poses of 00, 02, 08 and 09, with gaps cut into them.
 AXES = (
-    returning(np.radians(0.6), 0.25),
-    wandering(np.radians(2.0), 1.2),
-    wandering(np.radians(2.0), 0.15),
+    matern52(np.radians(0.6), 0.25),
+    integrated_ornstein_uhlenbeck(np.radians(2.0), 1.2),
+    integrated_ornstein_uhlenbeck(np.radians(2.0), 0.15),
 )
 
 
@@ -55,7 +60,7 @@ class UnmeasuredIntervals:
             for interval in recording.intervals:
                 if interval.inside(len(recording.given))[recording.now]:
                     errors_rad = interval.errors(recording.given, recording.seen, recording.times_s)
-                    share = 1 - belief(recording.past_rad[: recording.now], SEEN_RAD)
+                    share = 1 - agreement_weight(recording.past_rad[: recording.now], SEEN_RAD)
                     last_from_cam = se3.inverse(recording.world_from_last) @ futures[number]
                     futures[number] = recording.world_from_last @ se3.turned(last_from_cam, share * errors_rad)
         return motion.refined(motion.past, futures)
@@ -82,14 +87,14 @@ class Recording:
         return se3.turn(self.given[: len(self.seen)], self.seen)
 
     @property
-    def goes_on(self) -> bool:
+    def is_continuous(self) -> bool:
         """Whether the coming poses go on from the past."""
-        return _goes_on(self.given[:, :3, 3], self.times_s, self.now)
+        return _is_continuous(self.given[:, :3, 3], self.times_s, self.now)
 
     @property
     def intervals(self) -> list[Interval]:
         """The stretches that nothing measured."""
-        return found(self.given, self.times_s) if self.is_metric and self.goes_on else []
+        return find_intervals(self.given, self.times_s) if self.is_metric and self.is_continuous else []
 
 
 def recordings(context: Context, motion: Motion) -> list[Recording]:
@@ -133,22 +138,22 @@ class Interval:
             return np.zeros((len(times_s) - len(seen), 3))
         begin, end = self.first or 0, self.last
         rate_rad_s = se3.turn(given[begin], given[end - 1]) / (times_s[end - 1] - times_s[begin])
-        even = se3.turned(np.tile(np.eye(4), (len(times_s), 1, 1)), times_s[:, None] * rate_rad_s)
-        recorded, truly = (se3.turn(even[: len(poses)], poses) for poses in (given, seen))
+        uniform = se3.turned(np.tile(np.eye(4), (len(times_s), 1, 1)), times_s[:, None] * rate_rad_s)
+        recorded, registered = (se3.turn(uniform[: len(poses)], poses) for poses in (given, seen))
         measured = (times_s > times_s[end]) & (times_s <= times_s[end] + AFTER_S)
         measured[: 0 if self.first is None else self.first + 1] = True
         # Images tie the past to the reference, the recording ties what was measured to the gap's end.
         times = np.concatenate([times_s[: len(seen) - 1], times_s[measured]])
         against = np.concatenate([np.zeros(len(seen) - 1), np.full(measured.sum(), times_s[end])])
-        known = np.concatenate([truly[:-1], recorded[measured] - recorded[end]])
+        known = np.concatenate([registered[:-1], recorded[measured] - recorded[end]])
         known += (times - against)[:, None] * rate_rad_s
         coming = np.minimum(np.arange(len(seen), len(times_s)), end)  # behind the gap errors stay as at its end
         wanted = times_s[coming]
         angles = [
             _expected(kernel, turned, times, against, wanted) for kernel, turned in zip(AXES, known.T, strict=True)
         ]
-        mended = se3.turned(even[coming], np.stack(angles, axis=1) - wanted[:, None] * rate_rad_s)
-        return se3.turn(given[coming], mended)
+        corrected_poses = se3.turned(uniform[coming], np.stack(angles, axis=1) - wanted[:, None] * rate_rad_s)
+        return se3.turn(given[coming], corrected_poses)
 
 
 def _expected(
@@ -160,33 +165,35 @@ def _expected(
 ) -> FloatArray:
     """The angles [F] to be expected against the one at time 0."""
     noise = NOISE_RAD**2 * (np.eye(len(known)) + (against_s[:, None] == against_s))
-    certain = np.linalg.solve(of_differences(kernel, times_s, against_s, times_s, against_s) + noise, known)
-    return np.asarray(of_differences(kernel, wanted_s, 0.0, times_s, against_s) @ certain)
+    certain = np.linalg.solve(covariance_of_differences(kernel, times_s, against_s, times_s, against_s) + noise, known)
+    return np.asarray(covariance_of_differences(kernel, wanted_s, 0.0, times_s, against_s) @ certain)
 
 
-def found(
+def find_intervals(
     world_from_cam: FloatArray,  # [T, 4, 4] in metres
     times_s: FloatArray,  # [T]
 ) -> list[Interval]:
     """All gaps in a row of poses, one after the other."""
-    even = np.concatenate([[False], _even(world_from_cam, times_s), [False]])
-    begins, ends = (np.flatnonzero(np.diff(even.astype(int)) == sign).tolist() for sign in (1, -1))
+    uniform = np.concatenate([[False], _is_uniform(world_from_cam, times_s), [False]])
+    begins, ends = (np.flatnonzero(np.diff(uniform.astype(int)) == sign).tolist() for sign in (1, -1))
     # Steps begin .. end are even; the one after those still leads out of the gap.
     runs = [(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin + 1 >= LEAST_STEPS]
     return [Interval(begin if begin > 0 else None, end + 2 if end + 2 < len(times_s) else None) for begin, end in runs]
 
 
-def _even(world_from_cam: FloatArray, times_s: FloatArray) -> BoolArray:
+def _is_uniform(world_from_cam: FloatArray, times_s: FloatArray) -> BoolArray:
     """Whether each step but the last goes on in the next one [T - 2]."""
     intervals_s = np.diff(times_s)[:, None]
     turning = se3.turn(world_from_cam[:-1], world_from_cam[1:]) / intervals_s
     moving = np.diff(world_from_cam[:, :3, 3], axis=0) / intervals_s
     changes = (np.linalg.norm(np.diff(rates, axis=0), axis=1) for rates in (turning, moving))
-    even = np.all([change < most for change, most in zip(changes, (EVEN_RAD_S, EVEN_M_S), strict=True)], axis=0)
-    return np.asarray(even & (np.linalg.norm(moving[1:], axis=1) > SLOWEST_M_S))
+    uniform = np.all(
+        [change < most for change, most in zip(changes, (UNIFORM_RAD_S, UNIFORM_M_S), strict=True)], axis=0
+    )
+    return np.asarray(uniform & (np.linalg.norm(moving[1:], axis=1) > SLOWEST_M_S))
 
 
-def _goes_on(positions: FloatArray, times_s: FloatArray, now: int) -> bool:
+def _is_continuous(positions: FloatArray, times_s: FloatArray, now: int) -> bool:
     """Whether the step [T, 3] after the reference is as long, and leads as far that way, as the one before it."""
     if not 0 < now < len(positions) - 1:
         return False
@@ -194,6 +201,6 @@ def _goes_on(positions: FloatArray, times_s: FloatArray, now: int) -> bool:
     return bool(np.linalg.norm(after - before) <= MOST_CHANGE * np.linalg.norm(before))
 
 
-def belief(past_rad: FloatArray, half_rad: float) -> float:
+def agreement_weight(past_rad: FloatArray, half_rad: float) -> float:
     """Between 1 for no past errors [P, 3] and 0 for large ones; such errors are believed by half."""
     return 1 / (1 + float((past_rad**2).sum()) / max(1, len(past_rad)) / half_rad**2)

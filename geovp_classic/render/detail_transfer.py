@@ -16,7 +16,6 @@ import cv2
 import numba
 import numpy as np
 
-from geovp_classic.render.blur import broad
 from geovp_classic.types import ByteArray, FloatArray
 
 BAND_EDGES = (1.0, 1.7, 2.7, 4.0, 6.0)  # magnifications between which each band is lost
@@ -25,10 +24,11 @@ COARSE_PX = 4.0  # detail is what a blur of this standard deviation removes
 CONTRAST_PX = 6.0  # the neighbourhood in which contrasts are compared
 FLOOR = 2.0  # grey levels of contrast below which nothing is amplified
 LARGEST_GAIN = 1.0
-_LOST = (
+FINEST_PX = 2.0  # the smallest standard deviation of a blur on a smaller image; less would show its pixels
+_BAND_LOSS = (
     np.array([(1.0, fine) for fine in BAND_EDGES[:-1]], np.float32) / np.diff(BAND_EDGES).astype(np.float32)[:, None]
 )
-_NUM_BANDS, _LARGEST_GAIN = len(_LOST), np.float32(LARGEST_GAIN)
+_NUM_BANDS, _LARGEST_GAIN = len(_BAND_LOSS), np.float32(LARGEST_GAIN)
 _ZERO, _HALF, _ONE, _WHITE = np.float32(0), np.float32(0.5), np.float32(1), np.float32(255)
 
 
@@ -45,17 +45,17 @@ class FrameDetail:
         images = _planes(frame)
         return cls(np.stack([_bands(one) for one in images]), np.stack([_contrast(one) for one in images]))
 
-    def added_to(
+    def add_to(
         self,
         frame: ByteArray,  # [H, W, C]
         magnification: FloatArray,  # [H, W], 1 where nothing was lost
         strength: float = 1.0,
     ) -> ByteArray:
         """The frame with the bands that magnification took, at the contrast of what is there."""
-        images, times = _planes(frame), magnification.astype(np.float32)
+        images, magnified = _planes(frame), magnification.astype(np.float32)
         added = np.empty(images.shape, np.uint8)
         for image, bands, contrast, result in zip(images, self.bands, self.contrast, added, strict=True):
-            _add(image, bands, times, np.float32(strength), (_contrast(image), contrast), result)
+            _add(image, bands, magnified, np.float32(strength), (_contrast(image), contrast), result)
         return np.moveaxis(added, 0, -1)
 
 
@@ -78,9 +78,11 @@ def _add(
     own, other = contrasts
     for row in range(height):
         for column in range(width):
-            times, missing = magnification[row, column], _ZERO
+            magnified, missing = magnification[row, column], _ZERO
             for b in range(_NUM_BANDS):
-                missing += min(max(_LOST[b, 0] * times - _LOST[b, 1], _ZERO), _ONE) * bands[b, row, column]
+                missing += (
+                    min(max(_BAND_LOSS[b, 0] * magnified - _BAND_LOSS[b, 1], _ZERO), _ONE) * bands[b, row, column]
+                )
             gain = strength * min(own[row, column] / other[row, column], _LARGEST_GAIN)
             added[row, column] = np.uint8(min(max(image[row, column] + gain * missing + _HALF, _ZERO), _WHITE))
 
@@ -95,6 +97,23 @@ def _bands(image: FloatArray) -> FloatArray:
 
 def _contrast(image: FloatArray) -> FloatArray:
     """The local root mean square of detail [H, W]."""
-    detail = image - broad(image, COARSE_PX)
-    contrast: FloatArray = np.sqrt(broad(detail * detail, CONTRAST_PX) + np.float32(FLOOR**2))
+    detail = image - wide_blur(image, COARSE_PX)
+    contrast: FloatArray = np.sqrt(wide_blur(detail * detail, CONTRAST_PX) + np.float32(FLOOR**2))
     return contrast
+
+
+def wide_blur(
+    image: FloatArray,  # [H, W, 3] or [H, W], float32
+    sigma_px: float,
+) -> FloatArray:
+    """A Gaussian blur, on the image at a half, a quarter ... of its size as far as `sigma_px` allows."""
+    shrink = 1
+    while sigma_px / (2 * shrink) >= FINEST_PX and min(image.shape[:2]) >= 4 * shrink:
+        shrink *= 2
+    height, width = image.shape[:2]
+    small_size = (max(1, width // shrink), max(1, height // shrink))
+    small = cv2.resize(image, small_size, interpolation=cv2.INTER_AREA) if shrink > 1 else image
+    # Averaging over `shrink` pixels and interpolating between such averages blur, too: variances add
+    variance = (shrink**2 - 1) / 12 + (shrink**2) / 6 if shrink > 1 else 0.0
+    blurred = cv2.GaussianBlur(small, (0, 0), np.sqrt(sigma_px**2 - variance) / shrink)
+    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR) if shrink > 1 else blurred)

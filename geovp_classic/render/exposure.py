@@ -20,18 +20,18 @@ from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Scene
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render import patches
-from geovp_classic.render.image_sampler import is_grey, observed
+from geovp_classic.render.image_sampler import is_grey, resampled
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller images that are compared
 DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside say nothing
 MIN_SHARE = 0.02  # of the image that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
-STEADY = 0.008  # log gain from frame to frame (RMS) at which half of that is believed of a camera
+STEADY_LOG_GAIN = 0.008  # log gain from frame to frame (RMS) at which half of that is believed of a camera
 LARGEST_LOG_GAIN = np.log(2)
-WHITE = 235.0  # grey values above this one are partly saturated
-WHITE_SHARE = 0.3  # of a darkening (in log steps) that shows in what is saturated
-WHITE_BLUR_PX = 1.5
+SATURATED = 235.0  # grey values above this one are partly saturated
+SATURATED_SHARE = 0.3  # of a darkening (in log steps) that shows in what is saturated
+SATURATED_BLUR_PX = 1.5
 CONTROL_STEP_S = 0.1  # between two steps of the control, as between two frames
 METER_PX = 64  # height of the whole images that the coming mean is taken from
 
@@ -44,7 +44,7 @@ class Exposure:
     log_gains: FloatArray  # [P], how much brighter the last frame shows the same things than each frame
     log_rate_hz: float  # how fast the logarithm of the brightness of things changed in the end
     log_level: float  # the logarithm of the mean of an image, on average over the observed ones
-    belief: float  # 0 for a camera whose exposure does not change, towards 1 for a lively one
+    confidence: float  # 0 for a camera whose exposure does not change, towards 1 for a lively one
 
     @classmethod
     def of(
@@ -60,15 +60,15 @@ class Exposure:
         rate = -float((seconds[before] * gains[before]).sum()) / span if span > 0 else 0.0
         variance = float((np.diff(gains) ** 2).mean()) if len(gains) > 1 else 0.0
         level = float(np.mean([_log_mean(source.frame) for source in sources]))
-        return cls(seconds, gains, rate, level, variance / (variance + STEADY**2))
+        return cls(seconds, gains, rate, level, variance / (variance + STEADY_LOG_GAIN**2))
 
-    def matched(self, sources: Sequence[patches.Source]) -> list[patches.Source]:
+    def match(self, sources: Sequence[patches.Source]) -> list[patches.Source]:
         """The sources [P], each as bright as the last frame would show it."""
         return [
             replace(
                 one,
-                frame=exposed(one.frame, gain),
-                detail=None if one.detail is None else exposed(one.detail, gain),
+                frame=apply_log_gain(one.frame, gain),
+                detail=None if one.detail is None else apply_log_gain(one.detail, gain),
             )
             for one, gain in zip(sources, self.log_gains, strict=True)
         ]
@@ -101,19 +101,19 @@ class ExposureControl:
         """
         if since_s <= 0:
             return float(-np.interp(since_s, measured.seconds, measured.log_gains))
-        gain, speed_hz, off = 0.0, measured.log_rate_hz, _log(float(last @ tones(0.0))) - log_level
+        gain, speed_hz, off = 0.0, measured.log_rate_hz, _log(float(last @ tone_curve(0.0))) - log_level
         num_steps = max(1, round(since_s / CONTROL_STEP_S))
         dt_s = since_s / num_steps
         lasting = np.exp(-dt_s / self.inertia_s)
         for share in np.arange(1, num_steps + 1) / num_steps:
-            speed_hz = lasting * speed_hz - (1 - lasting) * measured.belief * min(self.pull_hz, 1 / dt_s) * off
+            speed_hz = lasting * speed_hz - (1 - lasting) * measured.confidence * min(self.pull_hz, 1 / dt_s) * off
             gain = float(np.clip(gain + speed_hz * dt_s, -LARGEST_LOG_GAIN, LARGEST_LOG_GAIN))
-            off = _log(float((last + share * (histogram - last)) @ tones(gain))) - log_level
+            off = _log(float((last + share * (histogram - last)) @ tone_curve(gain))) - log_level
         return gain
 
 
 @dataclass(frozen=True)
-class Exposed:
+class ExposedScene:
     """A scene as bright as the camera shows it at the time asked for."""
 
     scene: Scene
@@ -129,15 +129,15 @@ class Exposed:
         if self.whole:
             metered, now = self._metered(world_from_cam, times_s), self.last.frame
         else:
-            metered, now = views.frames, observed(self.last, intrinsics)
+            metered, now = views.frames, resampled(self.last, intrinsics)
         level, last = self.exposure.log_level if self.whole else _log_mean(now), _histogram(now)
 
-        def shown(step: int) -> ByteArray:
+        def expose(step: int) -> ByteArray:
             since_s = float(times_s[step]) - self.last_s
             gain = self.control.log_gain(self.exposure, since_s, _histogram(metered[step]), last, level)
-            return exposed(views.frames[step], gain)
+            return apply_log_gain(views.frames[step], gain)
 
-        return replace(views, frames=np.stack(parallel_map(shown, range(len(times_s)))))
+        return replace(views, frames=np.stack(parallel_map(expose, range(len(times_s)))))
 
     def _metered(self, world_from_cam: FloatArray, times_s: FloatArray) -> ByteArray:
         """The camera's whole images [F, h, w, 3], small: their means are what its control holds."""
@@ -179,35 +179,35 @@ def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:
     return np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.5))
 
 
-def tones(log_gain: float) -> FloatArray:
+def tone_curve(log_gain: float) -> FloatArray:
     """What grey values 0..255 become [256], at most 255; saturated ones, brighter than they look, darken less."""
-    return np.minimum(np.arange(256.0) * np.exp(log_gain) + _whiteness() * _kept(log_gain), 255)
+    return np.minimum(np.arange(256.0) * np.exp(log_gain) + _saturation() * _highlight_offset(log_gain), 255)
 
 
-def exposed(frame: ByteArray, log_gain: float) -> ByteArray:
+def apply_log_gain(frame: ByteArray, log_gain: float) -> ByteArray:
     """The frame with other tones; how white it is around a pixel counts, so that no texture of white is enlarged."""
     if is_grey(frame):  # takes a third of the time
-        return np.asarray(cv2.cvtColor(_exposed(frame[..., 0], log_gain), cv2.COLOR_GRAY2RGB), np.uint8)
-    return _exposed(frame, log_gain)
+        return np.asarray(cv2.cvtColor(_apply_log_gain(frame[..., 0], log_gain), cv2.COLOR_GRAY2RGB), np.uint8)
+    return _apply_log_gain(frame, log_gain)
 
 
-def _exposed(frame: ByteArray, log_gain: float) -> ByteArray:
-    kept = _kept(log_gain)
+def _apply_log_gain(frame: ByteArray, log_gain: float) -> ByteArray:
+    offset = _highlight_offset(log_gain)
     darker = np.minimum(np.arange(256.0) * np.exp(log_gain) + 0.5, 255).astype(np.uint8)
     plain: ByteArray = np.asarray(cv2.LUT(frame, darker), np.uint8)
-    if kept < 0.5 or not (frame > WHITE).any():
+    if offset < 0.5 or not (frame > SATURATED).any():
         return plain
-    white = cv2.GaussianBlur(cv2.LUT(frame, _whiteness().astype(np.float32)), (0, 0), WHITE_BLUR_PX)
-    return np.asarray(cv2.add(plain, (kept * white + 0.5).astype(np.uint8)))
+    white = cv2.GaussianBlur(cv2.LUT(frame, _saturation().astype(np.float32)), (0, 0), SATURATED_BLUR_PX)
+    return np.asarray(cv2.add(plain, (offset * white + 0.5).astype(np.uint8)))
 
 
-def _whiteness() -> FloatArray:
-    return np.clip((np.arange(256.0) - WHITE) / (255 - WHITE), 0, 1) ** 2
+def _saturation() -> FloatArray:
+    return np.clip((np.arange(256.0) - SATURATED) / (255 - SATURATED), 0, 1) ** 2
 
 
-def _kept(log_gain: float) -> float:
+def _highlight_offset(log_gain: float) -> float:
     """How much brighter a saturated pixel stays than 255 times the gain."""
-    return float(255 * max(np.exp(WHITE_SHARE * log_gain) - np.exp(log_gain), 0)) if log_gain < 0 else 0.0
+    return float(255 * max(np.exp(SATURATED_SHARE * log_gain) - np.exp(log_gain), 0)) if log_gain < 0 else 0.0
 
 
 def _histogram(frame: ByteArray) -> FloatArray:

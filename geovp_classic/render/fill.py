@@ -6,17 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import cv2
-import numba
 import numpy as np
-import numpy.typing as npt
 
 from geovp_classic.errors import BadData
+from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.interfaces import Fill
 from geovp_classic.parallel import parallel_map
-from geovp_classic.render.blur import broad
+from geovp_classic.render.detail_transfer import wide_blur
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
-IndexArray = npt.NDArray[np.intp]
 FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage and depth [H, W]
 
 
@@ -42,14 +40,7 @@ class NearestBackground:
         return _fill_each(views, last, self._fill_one)
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        far = np.where(covered & (depth > 0), depth, np.float32(0))
-        filled, far = _pulled_from_background(frame, covered, far)
-        known = covered.any(axis=1, keepdims=True)
-        if np.all(known):
-            return filled
-        known = np.broadcast_to(known, covered.shape)
-        filled, _ = _pulled_from_background(filled.transpose(1, 0, 2), known.T, far.T)
-        return filled.transpose(1, 0, 2)
+        return frame.reshape(-1, 3)[background_pixels(covered, depth)]
 
 
 @dataclass(frozen=True)
@@ -73,11 +64,11 @@ class Telea:
 
 @dataclass(frozen=True)
 class BorrowedDetail:
-    """Another fill's colours with the detail that the last observed frame has at the same place of the image.
+    """Another fill's colours with the detail that the last observed frame has at the same pixels.
 
-    A camera that turns keeps seeing road below, walls and trees beside and the sky above: what is where in the image
-    changes less than what it is. So the broad colours go on from the border of what is known (`colours`), and what is
-    finer than `coarse_share` of the image's width is borrowed, at `strength` of its contrast.
+    A turning camera keeps seeing road below, walls and trees beside and the sky above: textures change less than
+    objects. So low frequencies come from `colours`, and those finer than `coarse_share` of the image's width are
+    transferred from the last frame, at `strength` of their contrast.
     """
 
     colours: Fill = field(default_factory=NearestBackground)
@@ -92,96 +83,29 @@ class BorrowedDetail:
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled = self.colours.fill(views, last).copy()
-        seen = last.astype(np.float32)
-        detail = seen - self._broad(seen)
+        filled, detail = self.colours.fill(views, last).copy(), last.astype(np.float32)
+        detail = np.float32(self.strength) * (detail - self._blur(detail))
 
-        def borrow(step: int) -> None:
-            colours = self._broad(filled[step].astype(np.float32))
-            _borrow(views.covered[step], colours, detail, float(self.strength), filled[step])
+        def add_detail(step: int) -> None:
+            invented = np.clip(self._blur(filled[step].astype(np.float32)) + detail + np.float32(0.5), 0, 255)
+            np.copyto(filled[step], invented.astype(np.uint8), where=~views.covered[step, ..., None])
 
-        parallel_map(borrow, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
+        parallel_map(add_detail, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
         return filled
 
-    def _broad(self, image: FloatArray) -> FloatArray:
-        return broad(image, self.coarse_share * image.shape[1])
+    def _blur(self, image: FloatArray) -> FloatArray:
+        return wide_blur(image, self.coarse_share * image.shape[1])
 
 
 def _fill_each(views: Views, last: ByteArray, fill_one: FillOne) -> ByteArray:
     """Fill view by view; covered pixels stay as they are, whatever `fill_one` does to them."""
-    filled = views.frames.copy()
+    filled = np.where(views.covered[..., None], views.frames, np.uint8(0))
 
     def fill_step(step: int) -> None:
         covered = views.covered[step]
-        if covered.all():
-            return
-        _put(covered, np.zeros_like(filled[step]), filled[step])
-        invented = fill_one(filled[step], covered, views.depths[step]) if covered.any() else last
-        _put(covered, np.asarray(invented), filled[step])
+        if not covered.all():
+            invented = fill_one(filled[step], covered, views.depths[step]) if covered.any() else last
+            np.copyto(filled[step], invented, where=~covered[..., None])
 
     parallel_map(fill_step, range(len(filled)))
     return filled
-
-
-def _pulled_from_background(frame: ByteArray, known: BoolArray, far: FloatArray) -> tuple[ByteArray, FloatArray]:
-    """Colours [H, W, 3] and depth [H, W] with those of the farther known side of its row at every unknown pixel."""
-    frame, known, far = np.ascontiguousarray(frame), np.ascontiguousarray(known), np.ascontiguousarray(far)
-    columns = np.empty(known.shape, np.intp)
-    _pull_along_rows(known, far, columns)
-    filled, depth = np.empty_like(frame), np.empty_like(far)
-    _take_along_rows(columns, frame, far, filled, depth)
-    return filled, depth
-
-
-@numba.njit(nogil=True, cache=True)
-def _take_along_rows(
-    columns: IndexArray, frame: ByteArray, far: FloatArray, filled: ByteArray, depth: FloatArray
-) -> None:
-    for row in range(len(columns)):
-        for column in range(columns.shape[1]):
-            other = columns[row, column]
-            depth[row, column] = far[row, other]
-            for colour in range(3):
-                filled[row, column, colour] = frame[row, other, colour]
-
-
-@numba.njit(nogil=True, cache=True)
-def _put(covered: BoolArray, invented: ByteArray, filled: ByteArray) -> None:
-    """Write what is invented where nothing is covered."""
-    for row in range(len(covered)):
-        for column in range(covered.shape[1]):
-            if not covered[row, column]:
-                for colour in range(3):
-                    filled[row, column, colour] = invented[row, column, colour]
-
-
-@numba.njit(nogil=True, cache=True)
-def _borrow(covered: BoolArray, colours: FloatArray, detail: FloatArray, strength: float, filled: ByteArray) -> None:
-    """Write colours and a share of the detail where nothing is covered."""
-    for row in range(len(covered)):
-        for column in range(covered.shape[1]):
-            if not covered[row, column]:
-                for colour in range(3):
-                    value = colours[row, column, colour] + strength * detail[row, column, colour]
-                    filled[row, column, colour] = np.uint8(min(max(value + 0.5, 0.0), 255.0))
-
-
-@numba.njit(nogil=True, cache=True)
-def _pull_along_rows(known: BoolArray, far: FloatArray, columns: IndexArray) -> None:
-    """Write the column [H, W] to take into `columns`; a row without any known pixel keeps its own."""
-    height, width = known.shape
-    for row in range(height):
-        left = -1
-        for column in range(width):
-            left = column if known[row, column] else left
-            columns[row, column] = left
-        right = -1
-        for column in range(width - 1, -1, -1):
-            right = column if known[row, column] else right
-            left = columns[row, column]
-            if left < 0 or right < 0:
-                columns[row, column] = max(left, right) if max(left, right) >= 0 else column
-                continue
-            to_left, to_right = far[row, left], far[row, right]
-            is_left = to_left > to_right or (to_left == to_right and column - left <= right - column)
-            columns[row, column] = left if is_left else right

@@ -17,8 +17,8 @@ from geovp_classic.interfaces import Fill
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render import patches
 from geovp_classic.render.detail_transfer import FrameDetail
-from geovp_classic.render.image_sampler import Reader, is_grey, observed
-from geovp_classic.render.rasterizer import NOTHING, IndexArray
+from geovp_classic.render.image_sampler import ImageSampler, is_grey, resampled
+from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
@@ -34,30 +34,30 @@ def fuse(
     """The last frame's patches, and of every earlier frame what no later one sees; the used sources, last one first."""
     used: list[patches.Source] = []
     maps: list[FloatArray] = []
-    parts: list[patches.Patches] = []
-    for source, inverse_depth, trust in reversed(list(zip(sources, inverse_depths, confidence, strict=True))):
-        known = trust > 0 if used else np.ones(trust.shape, dtype=bool)
+    clouds: list[patches.Patches] = []
+    for source, inverse_depth, certainty in reversed(list(zip(sources, inverse_depths, confidence, strict=True))):
+        known = certainty > 0 if used else np.ones(certainty.shape, dtype=bool)
         for later, later_depth in zip(used, maps, strict=True):
             known &= _hidden_from(later, later_depth, source, inverse_depth, agreement)
         if known.any():
-            parts.append(patches.patches(inverse_depth, known, len(used)))
+            clouds.append(patches.from_depth_map(inverse_depth, known, len(used)))
             used.append(source)
             maps.append(inverse_depth)
-    return patches.joined(parts), used
+    return patches.concatenate(clouds), used
 
 
-def without(
+def remove_masked(
     cloud: patches.Patches,
     source: int,
-    cut: BoolArray,  # [H, W] of that source
+    mask: BoolArray,  # [H, W] of that source
 ) -> patches.Patches:
     """The cloud without that source's patches in the cut."""
-    if not cut.any():
+    if not mask.any():
         return cloud
     column, row = np.round(cloud.pixels).astype(int).T
     own = cloud.source == source
     kept = ~own
-    kept[own] = ~cut[row[own], column[own]]
+    kept[own] = ~mask[row[own], column[own]]
     return patches.Patches(*(getattr(cloud, name)[kept] for name in patches.Patches.__dataclass_fields__))
 
 
@@ -70,12 +70,12 @@ def _hidden_from(
     """
     pixels, ratio = patches.source_pixels(later, inverse_depth, source.world_from_source, source.camera)
     hidden = np.empty(ratio.shape, np.bool_)
-    _compare(pixels, ratio, np.asarray(inverse_depth, np.float32), later_depth, 1 - agreement, hidden)
+    _mark_hidden(pixels, ratio, np.asarray(inverse_depth, np.float32), later_depth, 1 - agreement, hidden)
     return hidden
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _compare(
+def _mark_hidden(
     pixels: FloatArray,  # [H, W, 2] of the later frame
     ratio: FloatArray,  # [H, W], depth in the later frame over own depth
     inverse_depth: FloatArray,  # [H, W]
@@ -105,22 +105,22 @@ class CloudScene:
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
-        drawn, winner = patches.draw(self.cloud, self.sources, world_from_cam, intrinsics)
-        frames, covered = np.empty((*drawn.shape, 3), np.uint8), np.empty(drawn.shape, dtype=bool)
-        depths, magnification = np.zeros(drawn.shape, np.float32), np.empty(drawn.shape, np.float32)
-        images = Reader.of(self.sources, intrinsics)
+        z_buffer, winner = patches.rasterise(self.cloud, self.sources, world_from_cam, intrinsics)
+        frames, covered = np.empty((*z_buffer.shape, 3), np.uint8), np.empty(z_buffer.shape, dtype=bool)
+        depths, magnification = np.zeros(z_buffer.shape, np.float32), np.empty(z_buffer.shape, np.float32)
+        sampler = ImageSampler.of(self.sources, intrinsics)
+        source_of = np.append(self.cloud.source, np.int32(NO_INDEX))  # NO_INDEX, -1, is the last one
 
-        def look(step: int) -> None:
-            number = _sources(winner[step], self.cloud.source)
-            inverse_depth, number = _close_cracks(drawn[step], number, self.crack_px)
-            inverse_depth = _without_dots(inverse_depth, number)
-            frames[step], covered[step], times = images.read(inverse_depth, number, world_from_cam[step])
-            magnification[step] = np.where(covered[step], times, np.float32(LARGEST_MAGNIFICATION))
+        def render_view(step: int) -> None:
+            inverse_depth, source_index = _close_cracks(z_buffer[step], source_of[winner[step]], self.crack_px)
+            inverse_depth = _median_filter(inverse_depth, source_index)
+            frames[step], covered[step], magnified = sampler.sample(inverse_depth, source_index, world_from_cam[step])
+            magnification[step] = np.where(covered[step], magnified, np.float32(LARGEST_MAGNIFICATION))
             with np.errstate(divide="ignore"):
                 np.divide(np.float32(1), inverse_depth, out=depths[step], where=covered[step])
 
-        parallel_map(look, range(len(world_from_cam)))
-        last = observed(self.sources[0], intrinsics)
+        parallel_map(render_view, range(len(world_from_cam)))
+        last = resampled(self.sources[0], intrinsics)
         filled = self.fill.fill(Views(frames, covered, depths), last)
         return Views(self._with_detail(filled, magnification, last), covered, depths)
 
@@ -131,7 +131,7 @@ class CloudScene:
         detail, added = FrameDetail.of(observed[..., channels]), np.empty_like(frames)
 
         def add(step: int) -> None:
-            result = detail.added_to(frames[step, ..., channels], magnification[step], self.detail_strength)
+            result = detail.add_to(frames[step, ..., channels], magnification[step], self.detail_strength)
             added[step] = result if result.shape[-1] == 3 else cv2.cvtColor(result, cv2.COLOR_GRAY2RGB)
 
         parallel_map(add, range(len(frames)))
@@ -140,70 +140,59 @@ class CloudScene:
 
 def _close_cracks(
     inverse_depth: FloatArray,  # [H, W]
-    source_number: IndexArray,  # [H, W], NOTHING in gaps
+    source_index: IndexArray,  # [H, W], NOTHING in gaps
     crack_px: int,
 ) -> tuple[FloatArray, IndexArray]:
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
-    seen = (source_number != NOTHING).view(np.uint8)
+    seen = (source_index != NO_INDEX).view(np.uint8)
     kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
-    depth, filled = inverse_depth.copy(), source_number.copy()
-    _grow(np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel)), depth, filled, 2 * crack_px)
+    depth, filled = inverse_depth.copy(), source_index.copy()
+    _grow_background(np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel)), depth, filled, 2 * crack_px)
     return depth, filled
 
 
-def _without_dots(
+def _median_filter(
     inverse_depth: FloatArray,  # [H, W] float32
-    source_number: IndexArray,  # [H, W]
+    source_index: IndexArray,  # [H, W]
 ) -> FloatArray:
     """The inverse depth without pixels in which a patch sticks out of its surface; lines of two pixels stay.
 
     Patches of one surface that differ by a hair are in front by turns, and each brings its own colour along. Pixels
     whose neighbours come from another source, or nowhere, stay as they are.
     """
-    number = source_number.astype(np.int16)
-    inside = cv2.erode(number, _AROUND) == cv2.dilate(number, _AROUND)
+    source_index = source_index.astype(np.int16)
+    inside = cv2.erode(source_index, _AROUND) == cv2.dilate(source_index, _AROUND)
     for _ in range(2):
         inverse_depth = np.where(inside, cv2.medianBlur(inverse_depth, 3), inverse_depth)
     return inverse_depth
 
 
 @numba.njit(nogil=True, cache=True)
-def _sources(winner: IndexArray, source: IndexArray) -> IndexArray:
-    """Which source [H, W] the winning patches [H, W] come from."""
-    number = np.full(winner.shape, NOTHING, source.dtype)
-    for row in range(winner.shape[0]):
-        for column in range(winner.shape[1]):
-            if winner[row, column] != NOTHING:
-                number[row, column] = source[winner[row, column]]
-    return number
-
-
-@numba.njit(nogil=True, cache=True)
-def _grow(
+def _grow_background(
     wanted: ByteArray,  # [H, W], not 0 where a gap is to be closed
     depth: FloatArray,  # [H, W] float32, drawn into; -1 where it stays unknown
-    number: IndexArray,  # [H, W], drawn into
+    source_index: IndexArray,  # [H, W], drawn into
     rounds: int,
 ) -> None:
     """In each round the wanted pixels take the farthest of their four neighbours, where one is known."""
-    rows, columns = np.nonzero((number == NOTHING) & (wanted > 0))
+    rows, columns = np.nonzero((source_index == NO_INDEX) & (wanted > 0))
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
-            if number[row, column] == NOTHING:
+            if source_index[row, column] == NO_INDEX:
                 depth[row, column] = np.inf
-    found, whose = np.empty(len(rows), np.float32), np.empty(len(rows), number.dtype)
+    found, whose = np.empty(len(rows), np.float32), np.empty(len(rows), source_index.dtype)
     for _ in range(rounds):
         for n in range(len(rows)):
             row, column = rows[n], columns[n]
-            found[n], whose[n] = depth[row, column], number[row, column]
-            if whose[n] != NOTHING:
+            found[n], whose[n] = depth[row, column], source_index[row, column]
+            if whose[n] != NO_INDEX:
                 continue
             for y, x in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
                 if 0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and depth[y, x] < found[n]:
-                    found[n], whose[n] = depth[y, x], number[y, x]
+                    found[n], whose[n] = depth[y, x], source_index[y, x]
         for n in range(len(rows)):
-            depth[rows[n], columns[n]], number[rows[n], columns[n]] = found[n], whose[n]
+            depth[rows[n], columns[n]], source_index[rows[n], columns[n]] = found[n], whose[n]
     for row in range(depth.shape[0]):
         for column in range(depth.shape[1]):
-            if number[row, column] == NOTHING:
+            if source_index[row, column] == NO_INDEX:
                 depth[row, column] = -1

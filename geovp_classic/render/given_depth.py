@@ -7,14 +7,27 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, patches
+from geovp_classic.render import patches
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.image_sampler import observed
-from geovp_classic.render.outlines import Outlines, outlines
-from geovp_classic.render.rasterizer import NOTHING, IndexArray
-from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from geovp_classic.render.image_sampler import resampled, warp
+from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Grant,
+    IntArray,
+    Intrinsics,
+    Trajectory,
+    Views,
+)
+
+PARTED_PX = 1.0  # surfaces that come this far apart, or closer together, do not share a pixel any more
+JUMP = 1e-3  # of the inverse depth: a smaller step opens no visible gap
+NEAR = 1e-6  # the smallest z of a point that is projected
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,7 @@ class GivenDepth:
             raise BadData("recorded depth has negative numbers or NaN: write 0 where it is unknown, inf for the sky")
         inverse_depth = np.where(depth > 0, 1 / np.where(depth > 0, depth.astype(np.float64), 1), np.nan)
         last = patches.Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
-        cloud = patches.patches(inverse_depth, np.isfinite(inverse_depth), 0)
+        cloud = patches.from_depth_map(inverse_depth, np.isfinite(inverse_depth), 0)
         return SurfaceScene(last, cloud, outlines(inverse_depth, context.intrinsics), self.fill)
 
 
@@ -58,24 +71,67 @@ class SurfaceScene:
         Uncovered where the last frame does not show what would be seen, which is filled, and where it shows a mixture
         of two surfaces that have parted since: that is rendered, a better guess than any fill's, but not vouched for.
         """
-        rendered, winner = patches.draw(self.cloud, [self.last], world_from_cam, intrinsics)
+        rendered, winner = patches.rasterise(self.cloud, [self.last], world_from_cam, intrinsics)
         last_from_cam = se3.inverse(self.last.world_from_source) @ world_from_cam
         parts = [self._view_one(*one, intrinsics) for one in zip(rendered, winner, last_from_cam, strict=True)]
         frames, depths, shown, mixed = (np.stack(maps) for maps in zip(*parts, strict=True))
-        filled = self.fill.fill(Views(frames, shown, depths), observed(self.last, intrinsics))
+        filled = self.fill.fill(Views(frames, shown, depths), resampled(self.last, intrinsics))
         return Views(filled, shown & ~mixed, depths)
 
     def _view_one(
         self, inverse_depth: FloatArray, winner: IndexArray, last_from_cam: FloatArray, intrinsics: Intrinsics
     ) -> tuple[ByteArray, FloatArray, BoolArray, BoolArray]:
-        """Frame [H, W, 3], depth [H, W], what is shown [H, W], and where parted surfaces mix [H, W]."""
-        seen = winner != NOTHING
-        pixels = backward.source_pixels(
-            last_from_cam, np.where(seen, inverse_depth, np.nan), intrinsics, self.last.camera
-        )
-        shown = seen & backward.inside(pixels, self.last.camera)
-        frame = np.where(shown[..., None], backward.sample(self.last.frame, pixels), np.uint8(0))
-        mixed = np.zeros(seen.shape, dtype=bool)
-        columns, rows = self.cloud.pixels[winner[seen]].astype(int).T
-        mixed[seen] = self.outlines.parted(se3.inverse(last_from_cam), intrinsics)[rows, columns]
+        """Frame [H, W, 3], depth [H, W], where the last frame shows the surface, and where parted surfaces mix."""
+        hit = winner != NO_INDEX
+        world_from_cam = self.last.world_from_source @ last_from_cam
+        frame, shown, _, _ = warp(self.last, np.where(hit, inverse_depth, np.nan), world_from_cam, intrinsics)
+        mixed = np.zeros(hit.shape, dtype=bool)
+        columns, rows = self.cloud.pixels[winner[hit]].astype(int).T
+        mixed[hit] = self.outlines.parted(se3.inverse(last_from_cam), intrinsics)[rows, columns]
         return frame, patches.depths(inverse_depth, shown), shown, mixed
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """Neighbouring pixels of one image that do not lie on one plane: either may show a mixture of two surfaces.
+
+    While both surfaces move together in the image, the mixture moves with them and stays right; once they part, its
+    colour belongs to neither.
+    """
+
+    size: tuple[int, int]  # (H, W)
+    pairs: IntArray  # [P, 2], numbers of the two pixels, row by row
+    ends: FloatArray  # [P, 2, 2, 4], homogeneous: for either pixel of the pair its place, and that on the other's plane
+
+    def parted(
+        self,
+        view_from_image: FloatArray,  # [4, 4]
+        camera: Intrinsics,
+    ) -> BoolArray:
+        """The image's pixels [H, W] beside a jump whose two sides the view shows PARTED_PX or more differently."""
+        x, y, z, _ = np.moveaxis(self.ends @ view_from_image.T, -1, 0)
+        z = np.maximum(z, NEAR)
+        gap_px = np.hypot(camera.fx_px * np.diff(x / z, axis=-1), camera.fy_px * np.diff(y / z, axis=-1))  # [P, 2, 1]
+        parted = np.zeros(self.size, dtype=bool)
+        parted.ravel()[self.pairs[gap_px.min(axis=(1, 2)) >= PARTED_PX]] = True
+        return parted
+
+
+def outlines(
+    inverse_depth: FloatArray,  # [H, W], NaN where unknown
+    camera: Intrinsics,
+) -> Outlines:
+    """All pairs of pixels side by side or above one another with a jump between them; none beside unknown depth."""
+    slopes = patches.slopes(inverse_depth).reshape(-1, 2)
+    q, numbers = inverse_depth.ravel(), np.arange(inverse_depth.size).reshape(inverse_depth.shape)
+    across = np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], axis=-1)
+    down = np.stack([numbers[:-1].ravel(), numbers[1:].ravel()], axis=-1)
+    pairs = np.concatenate([across, down])
+    axis = np.repeat([0, 1], [len(across), len(down)])
+    first, second = pairs.T
+    on_others = np.stack([q[second] - slopes[second, axis], q[first] + slopes[first, axis]], axis=-1)  # [P, 2]
+    jump = (np.abs(on_others - q[pairs]) > JUMP * q[pairs]).all(axis=-1)
+    pairs, on_others = pairs[jump], np.maximum(on_others[jump], 0.0)
+    rays = pinhole.rays(camera).reshape(-1, 3)[pairs]  # [P, 2, 3]
+    ends = [np.concatenate([rays, depth[..., None]], axis=-1) for depth in (q[pairs], on_others)]
+    return Outlines(inverse_depth.shape, pairs, np.stack(ends, axis=2))

@@ -13,9 +13,9 @@ import numpy as np
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, patches
+from geovp_classic.render import patches
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.image_sampler import observed
+from geovp_classic.render.image_sampler import resampled, warp
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
 MOVED_M = 0.1  # a shorter way says nothing about the direction of travel
@@ -48,9 +48,7 @@ class GroundFarPlane:
         roll_rad = float(np.deg2rad(self.roll_deg))
         pitch_rad = _travel_pitch_rad(past, roll_rad) if self.pitch_deg is None else float(np.deg2rad(self.pitch_deg))
         return GroundFarScene(
-            frame=context.frames[-1],
-            camera=context.intrinsics,
-            world_from_last=past.world_from_cam[-1],
+            last=patches.Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1]),
             normal_last=planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3],
             height_m=context.camera_height_m,
             fill=self.fill,
@@ -61,32 +59,26 @@ class GroundFarPlane:
 class GroundFarScene:
     """The last observed frame, laid on the ground below the horizon and on infinity above it."""
 
-    frame: ByteArray  # [H, W, 3]
-    camera: Intrinsics
-    world_from_last: FloatArray  # [4, 4]
+    last: patches.Source
     normal_last: FloatArray  # [3], unit normal of the ground, downwards, in the last camera's frame
     height_m: float
     fill: Fill
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The two planes from the poses [F, 4, 4]; uncovered where the last frame shows nothing of them."""
-        last_from_cam = se3.inverse(self.world_from_last) @ world_from_cam
-        frames, covered, depths = zip(*(self._view_one(one, intrinsics) for one in last_from_cam), strict=True)
-        views = Views(np.stack(frames), np.stack(covered), np.stack(depths))
-        last = observed(patches.Source(self.frame, self.camera, self.world_from_last), intrinsics)
-        return Views(self.fill.fill(views, last), views.covered, views.depths)
+        views = [self._view_one(pose, intrinsics) for pose in world_from_cam]
+        frames, covered, depths = (np.stack(maps) for maps in zip(*views, strict=True))
+        return Views(self.fill.fill(Views(frames, covered, depths), resampled(self.last, intrinsics)), covered, depths)
 
-    def _view_one(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
+    def _view_one(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Frame [H, W, 3], coverage and depth [H, W] from one pose."""
-        inverse_depth = self._inverse_depth(last_from_cam, intrinsics)
-        source = backward.source_pixels(last_from_cam, inverse_depth, intrinsics, self.camera)
-        covered = backward.inside(source, self.camera)
-        with np.errstate(divide="ignore"):
-            depth = np.where(covered, 1 / inverse_depth, 0).astype(np.float32)
-        return np.where(covered[..., None], backward.sample(self.frame, source), np.uint8(0)), covered, depth
+        inverse_depth = self._inverse_depth(world_from_cam, intrinsics)
+        frame, covered, _, _ = warp(self.last, inverse_depth, world_from_cam, intrinsics)
+        return frame, covered, patches.depths(inverse_depth, covered)
 
-    def _inverse_depth(self, last_from_cam: FloatArray, intrinsics: Intrinsics) -> FloatArray:
+    def _inverse_depth(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> FloatArray:
         """[H, W]: of the ground below this view's horizon, 0 above it; NaN when the camera is below the ground."""
+        last_from_cam = se3.inverse(self.last.world_from_source) @ world_from_cam
         normal_cam = self.normal_last @ last_from_cam[:3, :3]
         height_m = self.height_m - self.normal_last @ last_from_cam[:3, 3]
         below_horizon = pinhole.rays(intrinsics) @ normal_cam

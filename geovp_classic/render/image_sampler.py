@@ -14,8 +14,9 @@ import numba
 import numpy as np
 
 from geovp_classic.geometry import pinhole
-from geovp_classic.render.patches import Source, own_pixels, plane_sweep_maps
-from geovp_classic.render.rasterizer import NEAR_SHARE, NOTHING, IndexArray
+from geovp_classic.geometry.epipolar import inside
+from geovp_classic.render.patches import Source, projections, source_pixels
+from geovp_classic.render.rasterizer import NEAR_SHARE, NO_INDEX, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 MARGIN_PX = 4  # around each image, of its border's colours: as far as Lanczos' kernel of 8 x 8 reaches
@@ -43,13 +44,13 @@ def is_grey(frames: ByteArray) -> bool:
 
 
 @dataclass(frozen=True)
-class Images:
+class ImageStack:
     """Images of one size, ready to be read between their pixels."""
 
     channels: FloatArray  # [S, 1, H', W'] float32 when all are grey, else [S, 3, H', W']; with margins
 
     @classmethod
-    def of(cls, frames: Sequence[ByteArray]) -> Images:
+    def of(cls, frames: Sequence[ByteArray]) -> ImageStack:
         """The images of frames [H, W, 3]."""
         stacked = np.stack(frames)
         if is_grey(stacked):
@@ -58,34 +59,34 @@ class Images:
         framed = np.pad(stacked, margins, mode="edge").astype(np.float32)
         return cls(np.ascontiguousarray(np.moveaxis(framed, -1, 1)))
 
-    def read(
+    def sample(
         self,
         pixels: FloatArray,  # [H, W, 2] float32 of an image, from -0.5 to its size - 0.5
-        number: IndexArray,  # [H, W], of which image; NOTHING is black
+        source_index: IndexArray,  # [H, W], of which image; NOTHING is black
         scale: tuple[float, float],  # how many pixels an image has to each that is meant
     ) -> ByteArray:
         """Colours [H, W, 3] by Lanczos' kernel of 8 x 8, its place rounded to a 256th of a pixel."""
-        planes = np.zeros((self.channels.shape[1], *number.shape), np.uint8)
+        planes = np.zeros((self.channels.shape[1], *source_index.shape), np.uint8)
         for channel, plane in enumerate(planes):
-            _read(self.channels, channel, pixels, number, np.array(scale, np.float32), WEIGHTS, plane)
+            _sample(self.channels, channel, pixels, source_index, np.array(scale, np.float32), WEIGHTS, plane)
         return np.asarray(cv2.merge([planes[0]] * 3 if len(planes) == 1 else list(planes)), np.uint8)
 
 
 @dataclass(frozen=True)
-class Reader:
+class ImageSampler:
     """The images of sources that were taken with one camera, for the views of another."""
 
     sources: Sequence[Source]
     camera: Intrinsics  # of the views
-    coarse: Images
+    coarse: ImageStack
     coarse_scale: tuple[float, float]  # its pixels per pixel of the sources' camera
-    fine: Images | None  # the images with more pixels, if there are such
+    fine: ImageStack | None  # the images with more pixels, if there are such
     fine_scale: tuple[float, float]
     magnified: float  # by what a surface as near as in its source is larger in a view than in the coarse images
     finest: float  # the magnification up to which the fine images hold detail
 
     @classmethod
-    def of(cls, sources: Sequence[Source], camera: Intrinsics) -> Reader:
+    def of(cls, sources: Sequence[Source], camera: Intrinsics) -> ImageSampler:
         """A reader of at least one source; all of them have more detail, or none.
 
         Where the sources have more pixels than views of the camera, these are the detail of coarser images.
@@ -101,18 +102,18 @@ class Reader:
         return cls(
             sources,
             camera,
-            Images.of(frames),
+            ImageStack.of(frames),
             coarse_scale,
-            Images.of(details) if details else None,
+            ImageStack.of(details) if details else None,
             fine_scale,
             ratio / coarse_scale[0],
             fine_scale[0] / coarse_scale[0],
         )
 
-    def read(
+    def sample(
         self,
         inverse_depth: FloatArray,  # [H, W] float32 in the view, 0 = infinitely far
-        number: IndexArray,  # [H, W], of the source that shows it, or NOTHING
+        source_index: IndexArray,  # [H, W], of the source that shows it, or NOTHING
         world_from_cam: FloatArray,  # [4, 4]
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """The view [H, W, 3], black where no source shows it; coverage [H, W]; and the magnification [H, W] float32.
@@ -123,30 +124,51 @@ class Reader:
         first = self.sources[0]
         poses = np.stack([source.world_from_source for source in self.sources])
         view = Source(np.zeros((0, 0, 3), np.uint8), self.camera, world_from_cam)
-        a, b = plane_sweep_maps(view, poses, first.camera)
-        pixels, ratio = np.empty((*number.shape, 2), np.float32), np.empty(number.shape, np.float32)
+        a, b = projections(view, poses, first.camera)
+        pixels, ratio = np.empty((*source_index.shape, 2), np.float32), np.empty(source_index.shape, np.float32)
         last = first.camera.width_px - 0.5, first.camera.height_px - 0.5
-        _follow(a.astype(np.float32), b.astype(np.float32), inverse_depth, number, last, pixels, ratio)
+        _project_to_sources(
+            a.astype(np.float32), b.astype(np.float32), inverse_depth, source_index, last, pixels, ratio
+        )
         covered = np.isfinite(ratio)
-        shown = np.where(covered, number, np.int32(NOTHING))
+        shown_by = np.where(covered, source_index, np.int32(NO_INDEX))
         ratio *= np.float32(self.magnified)
-        frame = self.coarse.read(pixels, shown, self.coarse_scale)
+        frame = self.coarse.sample(pixels, shown_by, self.coarse_scale)
         if self.fine is not None:
             magnified = np.where(covered, ratio - 1, 0) / np.float32(max(self.finest - 1, 1e-6))
             share = np.clip(magnified, 0, 1).astype(np.float32)[..., None]
-            fine = self.fine.read(pixels, np.where(magnified > 0, shown, np.int32(NOTHING)), self.fine_scale)
+            fine = self.fine.sample(pixels, np.where(magnified > 0, shown_by, np.int32(NO_INDEX)), self.fine_scale)
             frame = (frame + share * (fine.astype(np.float32) - frame) + np.float32(0.5)).astype(np.uint8)
         return frame, covered, ratio / np.float32(self.finest)
 
 
-def observed(source: Source, camera: Intrinsics) -> ByteArray:
+def resampled(source: Source, camera: Intrinsics) -> ByteArray:
     """What a camera in the source's place would have seen [H, W, 3]; the border's colours outside of the source."""
     if source.camera == camera:
         return source.frame
-    reader = Reader.of([source], camera)
+    sampler = ImageSampler.of([source], camera)
     last = np.array([source.camera.width_px - 1, source.camera.height_px - 1], np.float32)
-    pixels = np.clip(own_pixels(source, camera), 0, last)
-    return reader.coarse.read(pixels, np.zeros(pixels.shape[:2], np.int32), reader.coarse_scale)
+    infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
+    pixels = np.clip(source_pixels(source, infinity, source.world_from_source, camera)[0], 0, last)
+    return sampler.coarse.sample(pixels, np.zeros(pixels.shape[:2], np.int32), sampler.coarse_scale)
+
+
+def warp(
+    source: Source,
+    inverse_depth: FloatArray,  # [H, W] in the view; 0 = infinitely far, NaN = nothing there
+    world_from_cam: FloatArray,  # [4, 4]
+    camera: Intrinsics,
+) -> tuple[ByteArray, BoolArray, FloatArray, FloatArray]:
+    """One source seen from a pose by backward warping, bicubic.
+
+    Colours [H, W, 3], black where the source doesn't show the view's surface; where it does [H, W]; the source's pixels
+    [H, W, 2] and the depth ratio source / view [H, W].
+    """
+    pixels, ratio = source_pixels(source, inverse_depth, world_from_cam, camera)
+    shown = (ratio > 0) & inside(pixels, source.camera, border_px=0.5)
+    u, v = np.moveaxis(np.where(shown[..., None], pixels, np.float32(0)), -1, 0)
+    frame = cv2.remap(source.frame, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(shown[..., None], frame, np.uint8(0)), shown, pixels, ratio
 
 
 def _scale(frame: ByteArray, camera: Intrinsics) -> tuple[float, float]:
@@ -155,11 +177,11 @@ def _scale(frame: ByteArray, camera: Intrinsics) -> tuple[float, float]:
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _follow(
+def _project_to_sources(
     a: FloatArray,  # [S, 3, 3] float32
     b: FloatArray,  # [S, 3] float32
     inverse_depth: FloatArray,  # [H, W] float32
-    number: IndexArray,  # [H, W]
+    source_index: IndexArray,  # [H, W]
     last: tuple[float, float],  # u and v of the outermost border of the sources
     pixels: FloatArray,  # [H, W, 2] float32, written where the source has it
     ratio: FloatArray,  # [H, W] float32, written; NaN elsewhere
@@ -169,8 +191,8 @@ def _follow(
     for row in range(height):
         for column in range(width):
             ratio[row, column] = np.nan
-            n = number[row, column]
-            if n == NOTHING:
+            n = source_index[row, column]
+            if n == NO_INDEX:
                 continue
             u, v, q = np.float32(column), np.float32(row), inverse_depth[row, column]
             z = a[n, 2, 0] * u + a[n, 2, 1] * v + a[n, 2, 2] + q * b[n, 2]
@@ -183,11 +205,11 @@ def _follow(
 
 
 @numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
-def _read(
+def _sample(
     channels: FloatArray,  # [S, C, H', W'] float32 with margins
     channel: int,
     pixels: FloatArray,  # [H, W, 2] float32
-    number: IndexArray,  # [H, W]
+    source_index: IndexArray,  # [H, W]
     scale: FloatArray,  # [2] float32
     weights: FloatArray,  # [PHASES + 1, 8] float32
     plane: ByteArray,  # [H, W], written where an image is named
@@ -200,10 +222,10 @@ def _read(
     flat, taps = channels.reshape(-1), np.uint64(weights.shape[1])
     count, rows, stride = np.uint64(channels.shape[1]), np.uint64(channels.shape[2]), np.uint64(channels.shape[3])
     shift_u, shift_v = _HALF * scale[0] + _FIRST, _HALF * scale[1] + _FIRST
-    for row in range(number.shape[0]):
-        for column in range(number.shape[1]):
-            n = number[row, column]
-            if n == NOTHING:
+    for row in range(source_index.shape[0]):
+        for column in range(source_index.shape[1]):
+            n = source_index[row, column]
+            if n == NO_INDEX:
                 continue
             u, v = pixels[row, column, 0] * scale[0] + shift_u, pixels[row, column, 1] * scale[1] + shift_v
             left, top = np.int32(u), np.int32(v)

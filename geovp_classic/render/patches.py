@@ -14,7 +14,7 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
-from geovp_classic.render.rasterizer import NOTHING, IndexArray, draw_views
+from geovp_classic.render.rasterizer import NO_INDEX, IndexArray, rasterise_views
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
@@ -45,7 +45,7 @@ class Patches:
         return len(self.pixels)
 
 
-def patches(
+def from_depth_map(
     inverse_depth: FloatArray,  # [H, W], 0 = infinitely far
     known: BoolArray,  # [H, W]
     source: int,
@@ -60,30 +60,30 @@ def patches(
     )
 
 
-def joined(parts: list[Patches]) -> Patches:
+def concatenate(clouds: list[Patches]) -> Patches:
     """All patches in one; earlier parts win where patches are equally near."""
-    columns = [np.concatenate([getattr(part, name) for part in parts]) for name in Patches.__dataclass_fields__]
+    columns = [np.concatenate([getattr(one, name) for one in clouds]) for name in Patches.__dataclass_fields__]
     return Patches(*columns)
 
 
-def draw(
+def rasterise(
     cloud: Patches,
     sources: list[Source],
     world_from_cam: FloatArray,  # [F, 4, 4]
     camera: Intrinsics,
 ) -> tuple[FloatArray, IndexArray]:
     """Inverse depth [F, H, W] of the nearest patch at every pixel's centre, and its number (NOTHING for none)."""
-    to_views = [plane_sweep_maps(source, world_from_cam, camera) for source in sources]
+    to_views = [projections(source, world_from_cam, camera) for source in sources]
     a, b = (np.stack(maps, axis=1) for maps in zip(*to_views, strict=True))  # [F, sources, 3, 3], [F, sources, 3]
     size = (len(world_from_cam), camera.height_px, camera.width_px)
     inverse_depth = np.full(size, -1.0, dtype=np.float32)
-    winner = np.full(size, NOTHING, dtype=np.int32)
+    winner = np.full(size, NO_INDEX, dtype=np.int32)
     columns = np.stack([*cloud.pixels.T, cloud.inverse_depth, *cloud.slope.T])
-    draw_views(columns, cloud.source, a.astype(np.float32), b.astype(np.float32), inverse_depth, winner)
+    rasterise_views(columns, cloud.source, a.astype(np.float32), b.astype(np.float32), inverse_depth, winner)
     return inverse_depth, winner
 
 
-def plane_sweep_maps(
+def projections(
     source: Source,
     world_from_cam: FloatArray,  # [F, 4, 4]
     camera: Intrinsics,
@@ -105,13 +105,7 @@ def source_pixels(
     The ratio is the magnification of surfaces that face the camera; it is not positive for what lies behind the source.
     """
     source_from_cam = se3.inverse(source.world_from_source) @ world_from_cam
-    return Epipolar.of(camera, source_from_cam, source.camera).seen_at(inverse_depth)
-
-
-def own_pixels(source: Source, camera: Intrinsics) -> FloatArray:
-    """Where the source shows what another camera in its place would show, [H, W, 2] float32."""
-    infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
-    return source_pixels(source, infinity, source.world_from_source, camera)[0]
+    return Epipolar.of(camera, source_from_cam, source.camera).project(inverse_depth)
 
 
 def slopes(inverse_depth: FloatArray) -> FloatArray:

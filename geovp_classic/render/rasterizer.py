@@ -23,7 +23,7 @@ Number = np.floating[Any]
 Vector = tuple[Number, Number, Number]
 Columns = tuple[Vector, Vector, Vector, Vector]
 
-NOTHING = -1
+NO_INDEX = -1
 HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
 NEAR_SHARE = 1e-3  # of a ray's length: a patch that comes nearer to the camera's plane is not drawn
 EDGE = np.float32(1 + 1e-4)  # tolerance of the inside test, of half a patch: shared edges leave no crack
@@ -33,7 +33,7 @@ BLOCK = 512  # patches that are planned at a time
 ROW = BLOCK + 16  # numbers between two rows of a plan: a power of two would put all rows in one place of the cache
 # Rows of a plan: the box in pixels from the base pixel, the base, p . (d x e), p . (e x m) and p . (m x d) as factors
 # of (x, y, 1), the inverse depth likewise, and its smallest and largest.
-LEFT, RIGHT, TOP, BOTTOM, BASE_X, BASE_Y, WHOLE, ALONG_D, ALONG_E, DEPTH, FARTHEST, NEAREST, NUM_ROWS = (
+LEFT, RIGHT, TOP, BOTTOM, BASE_X, BASE_Y, DET, ALONG_D, ALONG_E, DEPTH, FARTHEST, NEAREST, NUM_ROWS = (
     ROW * row for row in (0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 19, 20)
 )
 _HALF, _NEAR = np.float32(HALF_PX), np.float32(NEAR_SHARE)
@@ -41,40 +41,40 @@ _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-30)
 
 
 @numba.njit(cache=True, parallel=True)
-def draw_views(
+def rasterise_views(
     patches: FloatArray,  # [5, N] float32: u, v, inverse depth, its slopes along u and v
     source: IndexArray,  # [N], fastest where patches of one source follow each other
     a: FloatArray,  # [F, sources, 3, 3] float32
     b: FloatArray,  # [F, sources, 3] float32
-    drawn: FloatArray,
+    z_buffer: FloatArray,
     winner: IndexArray,
 ) -> None:
     """Draw patches into inverse depths [F, H, W] and the numbers of the nearest ones; see `surface.draw`."""
     for f in numba.prange(len(a)):
-        _draw_view(patches, source, a[f], b[f], drawn[f], winner[f])
+        _rasterise_view(patches, source, a[f], b[f], z_buffer[f], winner[f])
 
 
 @numba.njit(cache=True)
-def _draw_view(
-    patches: FloatArray, source: IndexArray, a: FloatArray, b: FloatArray, drawn: FloatArray, winner: IndexArray
+def _rasterise_view(
+    patches: FloatArray, source: IndexArray, a: FloatArray, b: FloatArray, z_buffer: FloatArray, winner: IndexArray
 ) -> None:
-    plan, kept = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
-    last = np.float32(drawn.shape[1] - 1), np.float32(drawn.shape[0] - 1)
+    setup, kept = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
+    last = np.float32(z_buffer.shape[1] - 1), np.float32(z_buffer.shape[0] - 1)
     us, vs, inverse_depths, slopes_u, slopes_v = patches[0], patches[1], patches[2], patches[3], patches[4]
     start = 0
     while start < len(source):
-        here, end = source[start], start + 1
-        while end < min(len(source), start + BLOCK) and source[end] == here:
+        value, end = source[start], start + 1
+        while end < min(len(source), start + BLOCK) and source[end] == value:
             end += 1
         u, v, inverse_depth = us[start:end], vs[start:end], inverse_depths[start:end]
-        to_view = _columns(a[here], b[here])
-        _plan(u, v, inverse_depth, slopes_u[start:end], slopes_v[start:end], to_view, last, plan)
+        to_view = _columns(a[value], b[value])
+        _set_up(u, v, inverse_depth, slopes_u[start:end], slopes_v[start:end], to_view, last, setup)
         count = 0
         for n in range(end - start):
             kept[count] = n
-            count += int((plan[LEFT + n] <= plan[RIGHT + n]) & (plan[TOP + n] <= plan[BOTTOM + n]))
+            count += int((setup[LEFT + n] <= setup[RIGHT + n]) & (setup[TOP + n] <= setup[BOTTOM + n]))
         for n in kept[:count]:
-            _fill(plan, n, start + n, drawn, winner)
+            _rasterise_patch(setup, n, start + n, z_buffer, winner)
         start = end
 
 
@@ -90,7 +90,7 @@ def _columns(a: FloatArray, b: FloatArray) -> Columns:
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
-def _plan(
+def _set_up(
     us: FloatArray,
     vs: FloatArray,
     inverse_depths: FloatArray,
@@ -98,7 +98,7 @@ def _plan(
     slopes_v: FloatArray,
     to_view: Columns,
     last: tuple[Number, Number],  # column and row of the view
-    plan: FloatArray,  # written
+    setup: FloatArray,  # written
 ) -> None:
     """What `_fill` needs of each patch; the box is empty for one that shows nothing or comes too near to the camera.
 
@@ -110,39 +110,39 @@ def _plan(
         q_d, q_e = _HALF * slopes_u[n], _HALF * slopes_v[n]
         flatter = min(_ONE, q / max(abs(q_d) + abs(q_e), _TINY))
         q_d, q_e = q_d * flatter, q_e * flatter
-        m_x, d_x, e_x = _seen(along_u[0], along_v[0], origin[0], shift[0], u, v, q, q_d, q_e)
-        m_y, d_y, e_y = _seen(along_u[1], along_v[1], origin[1], shift[1], u, v, q, q_d, q_e)
-        m_z, d_z, e_z = _seen(along_u[2], along_v[2], origin[2], shift[2], u, v, q, q_d, q_e)
-        is_before = m_z - abs(d_z) - abs(e_z) >= _NEAR
-        m_z, d_z, e_z = m_z if is_before else _ONE, d_z if is_before else _ZERO, e_z if is_before else _ZERO
+        m_x, d_x, e_x = _homogeneous(along_u[0], along_v[0], origin[0], shift[0], u, v, q, q_d, q_e)
+        m_y, d_y, e_y = _homogeneous(along_u[1], along_v[1], origin[1], shift[1], u, v, q, q_d, q_e)
+        m_z, d_z, e_z = _homogeneous(along_u[2], along_v[2], origin[2], shift[2], u, v, q, q_d, q_e)
+        is_in_front = m_z - abs(d_z) - abs(e_z) >= _NEAR
+        m_z, d_z, e_z = m_z if is_in_front else _ONE, d_z if is_in_front else _ZERO, e_z if is_in_front else _ZERO
 
         base_x, base_y = np.floor(m_x / m_z), np.floor(m_y / m_z)
         m_x, d_x, e_x = m_x - base_x * m_z, d_x - base_x * d_z, e_x - base_x * e_z
         m_y, d_y, e_y = m_y - base_y * m_z, d_y - base_y * d_z, e_y - base_y * e_z
-        shares = _ONE / (m_z - d_z - e_z), _ONE / (m_z + d_z - e_z), _ONE / (m_z - d_z + e_z), _ONE / (m_z + d_z + e_z)
-        left, right = _span(m_x, d_x, e_x, shares)
-        top, bottom = _span(m_y, d_y, e_y, shares)
-        plan[LEFT + n] = max(-np.floor(EDGE_PX - left), -base_x)
-        plan[RIGHT + n] = min(np.floor(right + EDGE_PX), last[0] - base_x if is_before else -base_x - _ONE)
-        plan[TOP + n] = max(-np.floor(EDGE_PX - top), -base_y)
-        plan[BOTTOM + n] = min(np.floor(bottom + EDGE_PX), last[1] - base_y)
-        plan[BASE_X + n], plan[BASE_Y + n] = base_x, base_y
-        plan[FARTHEST + n], plan[NEAREST + n] = _span(q, q_d, q_e, shares)
+        per_z = _ONE / (m_z - d_z - e_z), _ONE / (m_z + d_z - e_z), _ONE / (m_z - d_z + e_z), _ONE / (m_z + d_z + e_z)
+        left, right = _bounds(m_x, d_x, e_x, per_z)
+        top, bottom = _bounds(m_y, d_y, e_y, per_z)
+        setup[LEFT + n] = max(-np.floor(EDGE_PX - left), -base_x)
+        setup[RIGHT + n] = min(np.floor(right + EDGE_PX), last[0] - base_x if is_in_front else -base_x - _ONE)
+        setup[TOP + n] = max(-np.floor(EDGE_PX - top), -base_y)
+        setup[BOTTOM + n] = min(np.floor(bottom + EDGE_PX), last[1] - base_y)
+        setup[BASE_X + n], setup[BASE_Y + n] = base_x, base_y
+        setup[FARTHEST + n], setup[NEAREST + n] = _bounds(q, q_d, q_e, per_z)
 
         m, d, e = (m_x, m_y, m_z), (d_x, d_y, d_z), (e_x, e_y, e_z)
-        whole, along_d, along_e = _cross(d, e), _cross(e, m), _cross(m, d)
-        volume = m_x * whole[0] + m_y * whole[1] + m_z * whole[2]
+        det, along_d, along_e = _cross(d, e), _cross(e, m), _cross(m, d)
+        volume = m_x * det[0] + m_y * det[1] + m_z * det[2]
         share = _ONE / volume if volume != _ZERO else _ZERO  # zero when seen from the side
-        _note(plan, WHOLE + n, whole)
-        _note(plan, ALONG_D + n, along_d)
-        _note(plan, ALONG_E + n, along_e)
-        plan[DEPTH + n] = (q * whole[0] + q_d * along_d[0] + q_e * along_e[0]) * share
-        plan[DEPTH + ROW + n] = (q * whole[1] + q_d * along_d[1] + q_e * along_e[1]) * share
-        plan[DEPTH + 2 * ROW + n] = (q * whole[2] + q_d * along_d[2] + q_e * along_e[2]) * share
+        _store(setup, DET + n, det)
+        _store(setup, ALONG_D + n, along_d)
+        _store(setup, ALONG_E + n, along_e)
+        setup[DEPTH + n] = (q * det[0] + q_d * along_d[0] + q_e * along_e[0]) * share
+        setup[DEPTH + ROW + n] = (q * det[1] + q_d * along_d[1] + q_e * along_e[1]) * share
+        setup[DEPTH + 2 * ROW + n] = (q * det[2] + q_d * along_d[2] + q_e * along_e[2]) * share
 
 
 @numba.njit(cache=True, fastmath=True)
-def _seen(
+def _homogeneous(
     along_u: Number,
     along_v: Number,
     origin: Number,
@@ -159,21 +159,21 @@ def _seen(
 
 
 @numba.njit(cache=True, fastmath=True)
-def _span(
+def _bounds(
     middle: Number,
     d: Number,
     e: Number,
-    shares: tuple[Number, Number, Number, Number],  # 1 / z of the corners -d -e, +d -e, -d +e, +d +e
+    per_z: tuple[Number, Number, Number, Number],  # 1 / z of the corners -d -e, +d -e, -d +e, +d +e
 ) -> tuple[Number, Number]:
     """The smallest and largest value at the corners."""
-    first, second = (middle - d - e) * shares[0], (middle + d - e) * shares[1]
-    third, fourth = (middle - d + e) * shares[2], (middle + d + e) * shares[3]
+    first, second = (middle - d - e) * per_z[0], (middle + d - e) * per_z[1]
+    third, fourth = (middle - d + e) * per_z[2], (middle + d + e) * per_z[3]
     return min(min(first, second), min(third, fourth)), max(max(first, second), max(third, fourth))
 
 
 @numba.njit(cache=True)
-def _note(plan: FloatArray, start: int, factors: Vector) -> None:
-    plan[start], plan[start + ROW], plan[start + 2 * ROW] = factors
+def _store(setup: FloatArray, start: int, coefficients: Vector) -> None:
+    setup[start], setup[start + ROW], setup[start + 2 * ROW] = coefficients
 
 
 @numba.njit(cache=True, fastmath=True)
@@ -182,26 +182,26 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _fill(plan: FloatArray, n: int, number: int, drawn: FloatArray, winner: IndexArray) -> None:
+def _rasterise_patch(setup: FloatArray, n: int, number: int, z_buffer: FloatArray, winner: IndexArray) -> None:
     """Draw the patch of the plan where it is nearer than what is there."""
-    base_x, base_y = int(plan[BASE_X + n]), int(plan[BASE_Y + n])
-    whole, along_d, along_e = _factors(plan, WHOLE + n), _factors(plan, ALONG_D + n), _factors(plan, ALONG_E + n)
-    depth, farthest, nearest = _factors(plan, DEPTH + n), plan[FARTHEST + n], plan[NEAREST + n]
-    for i in range(int(plan[TOP + n]), int(plan[BOTTOM + n]) + 1):
-        for j in range(int(plan[LEFT + n]), int(plan[RIGHT + n]) + 1):
+    base_x, base_y = int(setup[BASE_X + n]), int(setup[BASE_Y + n])
+    det, along_d, along_e = _load(setup, DET + n), _load(setup, ALONG_D + n), _load(setup, ALONG_E + n)
+    depth, farthest, nearest = _load(setup, DEPTH + n), setup[FARTHEST + n], setup[NEAREST + n]
+    for i in range(int(setup[TOP + n]), int(setup[BOTTOM + n]) + 1):
+        for j in range(int(setup[LEFT + n]), int(setup[RIGHT + n]) + 1):
             x, y, row, column = np.float32(j), np.float32(i), base_y + i, base_x + j
-            here = min(max(_at(depth, x, y), farthest), nearest)
-            limit = EDGE * abs(_at(whole, x, y))
-            if here > drawn[row, column] and abs(_at(along_d, x, y)) <= limit and abs(_at(along_e, x, y)) <= limit:
-                drawn[row, column] = here
+            value = min(max(_at(depth, x, y), farthest), nearest)
+            limit = EDGE * abs(_at(det, x, y))
+            if value > z_buffer[row, column] and abs(_at(along_d, x, y)) <= limit and abs(_at(along_e, x, y)) <= limit:
+                z_buffer[row, column] = value
                 winner[row, column] = number
 
 
 @numba.njit(cache=True)
-def _factors(plan: FloatArray, start: int) -> Vector:
-    return plan[start], plan[start + ROW], plan[start + 2 * ROW]
+def _load(setup: FloatArray, start: int) -> Vector:
+    return setup[start], setup[start + ROW], setup[start + 2 * ROW]
 
 
 @numba.njit(cache=True, fastmath=True)
-def _at(factors: Vector, x: Number, y: Number) -> Number:
-    return factors[0] * x + factors[1] * y + factors[2]
+def _at(coefficients: Vector, x: Number, y: Number) -> Number:
+    return coefficients[0] * x + coefficients[1] * y + coefficients[2]

@@ -15,8 +15,8 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Fill
-from geovp_classic.render import backward, patches
-from geovp_classic.render.image_sampler import observed
+from geovp_classic.render import patches
+from geovp_classic.render.image_sampler import resampled, warp
 from geovp_classic.render.patches import Source
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
@@ -92,7 +92,7 @@ class VolumeScene:
         """The volume from the poses [F, 4, 4], behind it the far plane; uncovered where there is neither."""
         seen = [self._view_one(pose, intrinsics) for pose in world_from_cam]
         frames, covered, depths = (np.stack(maps) for maps in zip(*seen, strict=True))
-        return Views(self.fill.fill(Views(frames, covered, depths), observed(self.last, intrinsics)), covered, depths)
+        return Views(self.fill.fill(Views(frames, covered, depths), resampled(self.last, intrinsics)), covered, depths)
 
     def _view_one(self, world_from_cam: FloatArray, camera: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Frame, coverage and depth from one pose."""
@@ -100,33 +100,27 @@ class VolumeScene:
         inverse_depth = close_gaps(inverse_depth, GAP_PX)
         solid, coloured = np.isfinite(inverse_depth), (colours > 0).any(axis=-1)
         frame = np.clip(255 * colours + 0.5, 0, 255).astype(np.uint8)
-        near = self._from_last(np.where(solid, inverse_depth, 0), world_from_cam, camera)
-        beyond = self._from_last(np.zeros(solid.shape), world_from_cam, camera)
-        is_far = ~solid & beyond.shown & (beyond.depth_there * self.volume.unit * self.volume.reach <= 1)
-        is_last = solid & near.shown
-        frame[is_last], frame[is_far] = near.colours[is_last], beyond.colours[is_far]
+        near, near_shown, _ = self._from_last(np.where(solid, inverse_depth, 0), world_from_cam, camera)
+        far, far_shown, there = self._from_last(np.zeros(solid.shape), world_from_cam, camera)
+        is_far = ~solid & far_shown & (there * self.volume.unit * self.volume.reach <= 1)
+        is_last = solid & near_shown
+        frame[is_last], frame[is_far] = near[is_last], far[is_far]
         covered = is_far | (solid & (coloured | is_last))
         depths = np.where(covered, patches.depths(np.where(is_far, 0, inverse_depth), covered), np.float32(0))
         return np.where(covered[..., None], frame, np.uint8(0)), covered, depths
 
-    def _from_last(self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics) -> Reading:
-        """What the last frame shows of surfaces at the inverse depth [H, W] of the view."""
-        pixels, ratio = patches.source_pixels(self.last, inverse_depth, world_from_cam, camera)
-        inside = (ratio > 0) & backward.inside(pixels, self.last.camera)
-        u, v = np.moveaxis(np.where(inside[..., None], pixels, 0).astype(np.float32), -1, 0)
+    def _from_last(
+        self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics
+    ) -> tuple[ByteArray, BoolArray, FloatArray]:
+        """Colours [H, W, 3] of the last frame for surfaces at the view's inverse depth [H, W], and its own depth there.
+
+        In between, where it shows them [H, W]: neither beside its image nor behind its own surfaces.
+        """
+        colours, shown, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
+        u, v = np.moveaxis(np.where(shown[..., None], pixels, np.float32(0)), -1, 0)
         there = np.asarray(cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST), np.float32)
-        in_front = inverse_depth / np.where(inside, ratio, 1) >= there * (1 - self.agreement)
-        shown = inside & (in_front | (inverse_depth == 0))
-        return Reading(backward.sample(self.last.frame, pixels), shown, there)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What a source shows of a view's surfaces."""
-
-    colours: ByteArray  # [H, W, 3]
-    shown: BoolArray  # [H, W]; False where something nearer hides them, or beside the image
-    depth_there: FloatArray  # [H, W], the source's own inverse depth
+        in_front = inverse_depth / np.where(shown, ratio, 1) >= there * (1 - self.agreement)
+        return colours, shown & (in_front | (inverse_depth == 0)), there
 
 
 def close_gaps(

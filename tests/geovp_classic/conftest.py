@@ -19,7 +19,7 @@ from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import MissingExtra
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.ground_plane import Ground
+from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
 PART_OF_PROTOCOL = {
@@ -192,7 +192,7 @@ class Traffic:
     camera: Intrinsics
     inverse_depth: FloatArray  # [H, W] of the street alone
     mask: BoolArray  # [H, W], the car
-    road: Ground
+    road: GroundPlane
 
 
 @pytest.fixture(scope="session")
@@ -208,7 +208,7 @@ def drive_behind() -> Callable[..., Traffic]:
         images, masks = zip(*(car.image(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True)
         poses[:, :3, 3] /= unit_m
         street = (unit_m / depth_of_street(np.eye(4))[0]).astype(np.float32)
-        road = Ground(np.array([0.0, 1.0, 0.0]), HEIGHT / unit_m)
+        road = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT / unit_m)
         return Traffic(np.stack(images), Trajectory(poses, times_s, unit_m == 1.0), CAMERA, street, masks[-1], road)
 
     return _drive

@@ -22,10 +22,10 @@ def found(drive_behind: Callable[..., Any]) -> Callable[..., tuple[list[DynamicO
     return _found
 
 
-def find(traffic: Any, movers: DynamicObjects | None = None, **changed: Any) -> list[DynamicObject]:
+def find(traffic: Any, objects: DynamicObjects | None = None, **changed: Any) -> list[DynamicObject]:
     street = {"images": traffic.images, "past": traffic.past, "road": traffic.road, **changed}
     camera = traffic.camera
-    return (movers or DynamicObjects()).find(
+    return (objects or DynamicObjects()).find(
         street["images"], camera, street["past"], traffic.inverse_depth, street["road"]
     )
 
@@ -35,31 +35,31 @@ def overlap(found: BoolArray, true: BoolArray) -> float:
 
 
 def test_a_car_ahead_is_found_with_its_velocity(found: Callable[..., Any]) -> None:
-    (mover,), traffic = found()
-    assert overlap(mover.mask, traffic.mask) > 0.7
-    assert mover.depth == pytest.approx(8.0, rel=0.1)
+    (found_object,), traffic = found()
+    assert overlap(found_object.mask, traffic.mask) > 0.7
+    assert found_object.depth == pytest.approx(8.0, rel=0.1)
     # Depth comes from one row of pixels, and the velocity against the camera's 4 m/s scales with it.
-    relative = (mover.velocity - [0, 0, 4.0]) * 8.0 / mover.depth
+    relative = (found_object.velocity - [0, 0, 4.0]) * 8.0 / found_object.depth
     np.testing.assert_allclose(relative, [1.2, 0.0, 1.0], atol=0.05)
 
 
 def test_a_car_that_crosses_is_found_with_its_velocity(found: Callable[..., Any]) -> None:
-    (mover,), traffic = found(velocity=(2.0, 0.0, 0.0))
-    assert overlap(mover.mask, traffic.mask) > 0.7
-    relative = (mover.velocity - [0, 0, 4.0]) * 8.0 / mover.depth
+    (found_object,), traffic = found(velocity=(2.0, 0.0, 0.0))
+    assert overlap(found_object.mask, traffic.mask) > 0.7
+    relative = (found_object.velocity - [0, 0, 4.0]) * 8.0 / found_object.depth
     np.testing.assert_allclose(relative, [2.0, 0.0, -4.0], atol=0.05)
 
 
 def test_two_pieces_of_evidence_are_one_car(found: Callable[..., Any]) -> None:
     # Driving away at twice the camera's speed leaves two separate patches of contradiction on this car.
-    movers, traffic = found(velocity=(0.0, 0.0, 8.0))
-    assert len(movers) == 1
-    assert overlap(movers[0].mask, traffic.mask) > 0.7
+    objects, traffic = found(velocity=(0.0, 0.0, 8.0))
+    assert len(objects) == 1
+    assert overlap(objects[0].mask, traffic.mask) > 0.7
 
 
 def test_what_stands_is_not_found(found: Callable[..., Any]) -> None:
-    movers, _ = found(velocity=(0.0, 0.0, 0.0))
-    assert movers == []
+    objects, _ = found(velocity=(0.0, 0.0, 0.0))
+    assert objects == []
 
 
 def test_any_unit_of_length_will_do(found: Callable[..., Any]) -> None:
@@ -73,8 +73,8 @@ def test_any_unit_of_length_will_do(found: Callable[..., Any]) -> None:
 def test_a_change_of_exposure_moves_nothing(drive_behind: Callable[..., Any]) -> None:
     traffic = drive_behind()
     darker = np.linspace(0.8, 1.0, len(traffic.images), dtype=np.float32)[:, None, None] * traffic.images
-    (mover,) = find(traffic, images=darker)
-    assert overlap(mover.mask, traffic.mask) > 0.7
+    (found_object,) = find(traffic, images=darker)
+    assert overlap(found_object.mask, traffic.mask) > 0.7
     still = drive_behind(velocity=(0.0, 0.0, 0.0))
     assert find(still, images=darker[:, :1, :1] / traffic.images[:, :1, :1] * still.images) == []
 
@@ -88,8 +88,8 @@ def test_nothing_is_found_without_a_road_or_an_earlier_frame(drive_behind: Calla
 
 def test_an_older_frame_is_not_needed(drive_behind: Callable[..., Any]) -> None:
     traffic = drive_behind()
-    (mover,) = find(traffic, images=traffic.images[-4:], past=traffic.past[-4:])
-    assert overlap(mover.mask, traffic.mask) > 0.7
+    (found_object,) = find(traffic, images=traffic.images[-4:], past=traffic.past[-4:])
+    assert overlap(found_object.mask, traffic.mask) > 0.7
 
 
 @pytest.mark.parametrize("steps", [(), (0,), (1, -2)])

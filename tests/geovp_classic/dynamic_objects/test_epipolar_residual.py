@@ -13,11 +13,11 @@ STEPS = (1, 2, 3)
 
 
 @pytest.fixture(scope="module")
-def evidence(drive_behind: Callable[..., Any]) -> Callable[..., tuple[epipolar_residual.Unexplained, Any]]:
-    def _evidence(velocity: tuple[float, float, float]) -> tuple[epipolar_residual.Unexplained, Any]:
+def evidence(drive_behind: Callable[..., Any]) -> Callable[..., tuple[epipolar_residual.ResidualEvidence, Any]]:
+    def _evidence(velocity: tuple[float, float, float]) -> tuple[epipolar_residual.ResidualEvidence, Any]:
         traffic = drive_behind(velocity=velocity)
         poses = traffic.past.world_from_cam
-        found = epipolar_residual.unexplained(
+        found = epipolar_residual.residual_evidence(
             traffic.images, traffic.camera, poses, traffic.inverse_depth, traffic.road, STEPS
         )
         return found, traffic
@@ -49,9 +49,8 @@ def test_flow_leads_to_where_the_street_was(evidence: Callable[..., Any]) -> Non
     street = ~traffic.mask
     points = pinhole.rays(traffic.camera)[street] / traffic.inverse_depth[street][:, None]
     then, _ = pinhole.project(points + np.array([0.0, 0.0, 1.2]), traffic.camera)
-    assert np.median(np.linalg.norm(found.places[2][street] - then, axis=-1)) < 1
-    assert found.steps == STEPS
-    assert found.places.shape == (3, *traffic.mask.shape, 2)
+    assert np.median(np.linalg.norm(found.flow_pixels[2][street] - then, axis=-1)) < 1
+    assert found.flow_pixels.shape == (3, *traffic.mask.shape, 2)
 
 
 def test_gain_and_offset_are_taken_back(drive_behind: Callable[..., Any]) -> None:
@@ -59,7 +58,7 @@ def test_gain_and_offset_are_taken_back(drive_behind: Callable[..., Any]) -> Non
     spoilt = traffic.images.copy()
     spoilt[-3] = 0.8 * spoilt[-3] + 12
     args = traffic.camera, traffic.past.world_from_cam, traffic.inverse_depth
-    equal = epipolar_residual.equally_exposed(spoilt, *args, (2,))
+    equal = epipolar_residual.equalise_exposure(spoilt, *args, (2,))
     assert np.abs(equal[-3] - traffic.images[-3]).mean() < 2.5
     assert np.abs(spoilt[-3] - traffic.images[-3]).mean() > 10
     for step in (1, 3):  # only what is asked for changes
@@ -70,9 +69,9 @@ def test_images_of_one_grey_keep_their_exposure(drive_behind: Callable[..., Any]
     traffic = drive_behind(velocity=(0.0, 0.0, 0.0))
     flat = np.full_like(traffic.images, 100.0)
     poses = traffic.past.world_from_cam
-    equal = epipolar_residual.equally_exposed(flat, traffic.camera, poses, traffic.inverse_depth, (1,))
+    equal = epipolar_residual.equalise_exposure(flat, traffic.camera, poses, traffic.inverse_depth, (1,))
     np.testing.assert_array_equal(equal, flat)
-    found = epipolar_residual.unexplained(flat, traffic.camera, poses, traffic.inverse_depth, traffic.road, STEPS)
+    found = epipolar_residual.residual_evidence(flat, traffic.camera, poses, traffic.inverse_depth, traffic.road, STEPS)
     assert (found.strength == 0).all()
 
 
@@ -80,30 +79,17 @@ def test_a_difference_is_a_mean_over_its_window() -> None:
     last, earlier = np.zeros((9, 9), np.float32), np.zeros((9, 9), np.float32)
     earlier[4, 4] = 50.0
     place = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0)), -1).astype(np.float32)
-    mean = epipolar_residual.difference(last, earlier, place, window_px=5)
+    mean = epipolar_residual.grey_difference(last, earlier, place, window_px=5)
     assert mean[4, 4] == pytest.approx(50 / 25)
     assert mean[4, 6] == pytest.approx(50 / 25)
     assert mean[4, 7] == pytest.approx(0, abs=1e-6)
     place[..., 0] += 0.5  # half of the bright pixel is read from each of its neighbours
-    assert epipolar_residual.difference(last, earlier, place, window_px=1)[4, 3:5] == pytest.approx([25, 25])
-
-
-def test_inside_is_up_to_the_centres_of_the_last_pixels(drive_behind: Callable[..., Any]) -> None:
-    camera = drive_behind().camera
-    corner = np.array([camera.width_px - 1.0, camera.height_px - 1.0])
-    places = np.stack([np.zeros(2), corner, corner + np.array([0.1, 0]), [-0.1, 3]])
-    np.testing.assert_array_equal(epipolar_residual.inside(places, camera), [True, True, False, False])
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_medians_are_those_of_numpy(count: int) -> None:
-    values = np.random.default_rng(count).integers(0, 4, (count, 5, 7)).astype(np.float32)
-    np.testing.assert_array_equal(epipolar_residual._medians(values), np.median(values, axis=0))
+    assert epipolar_residual.grey_difference(last, earlier, place, window_px=1)[4, 3:5] == pytest.approx([25, 25])
 
 
 def test_gain_and_offset_are_those_of_a_straight_line() -> None:
     x = np.random.default_rng(0).uniform(0, 255, 200).astype(np.float32)
-    assert epipolar_residual._line(x, 0.8 * x + 12) == pytest.approx((0.8, 12), abs=1e-4)
+    assert epipolar_residual._fit_line(x, 0.8 * x + 12) == pytest.approx((0.8, 12), abs=1e-4)
     noisy = 0.8 * x + np.random.default_rng(1).normal(0, 20, 200)
-    assert epipolar_residual._line(x, noisy) == pytest.approx(tuple(np.polyfit(x, noisy, 1)), rel=1e-6)
-    assert epipolar_residual._line(np.full(9, 80.0), np.arange(9.0)) == (1, 0)
+    assert epipolar_residual._fit_line(x, noisy) == pytest.approx(tuple(np.polyfit(x, noisy, 1)), rel=1e-6)
+    assert epipolar_residual._fit_line(np.full(9, 80.0), np.arange(9.0)) == (1, 0)

@@ -18,8 +18,8 @@ def traffic(drive_behind: Callable[..., Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def sight(traffic: Any) -> segmentation.Sight:
-    return segmentation.Sight(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
+def observed(traffic: Any) -> segmentation.Observations:
+    return segmentation.Observations(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
 
 
 def half_of(mask: BoolArray) -> BoolArray:
@@ -31,39 +31,39 @@ def half_of(mask: BoolArray) -> BoolArray:
     return part
 
 
-def test_half_of_a_car_leads_to_the_whole(traffic: Any, sight: segmentation.Sight) -> None:
-    mask = segmentation.outline(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, sight)
+def test_half_of_a_car_leads_to_the_whole(traffic: Any, observed: segmentation.Observations) -> None:
+    mask = segmentation.segment(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed)
     assert mask is not None
     assert (mask & traffic.mask).sum() / traffic.mask.sum() > 0.9  # recall
     assert (mask & traffic.mask).sum() / mask.sum() > 0.7  # precision
 
 
-def test_a_motion_that_explains_nothing_has_no_outline(traffic: Any, sight: segmentation.Sight) -> None:
-    assert segmentation.outline(half_of(traffic.mask), 8.0, np.array([-3.0, 0.0, -6.0]), STEPS, sight) is None
+def test_a_motion_that_explains_nothing_has_no_outline(traffic: Any, observed: segmentation.Observations) -> None:
+    assert segmentation.segment(half_of(traffic.mask), 8.0, np.array([-3.0, 0.0, -6.0]), STEPS, observed) is None
 
 
-def test_the_street_has_no_outline(traffic: Any, sight: segmentation.Sight) -> None:
+def test_the_street_has_no_outline(traffic: Any, observed: segmentation.Observations) -> None:
     wall = np.zeros_like(traffic.mask)
     wall[20:30, 60:80] = True  # 24 m away and standing
-    assert segmentation.outline(wall, 24.0, np.array([1.2, 0.0, 5.0]), STEPS, sight) is None
+    assert segmentation.segment(wall, 24.0, np.array([1.2, 0.0, 5.0]), STEPS, observed) is None
 
 
-def test_an_outline_has_no_gap_in_any_row_or_column(traffic: Any, sight: segmentation.Sight) -> None:
-    mask = segmentation.outline(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, sight)
+def test_an_outline_has_no_gap_in_any_row_or_column(traffic: Any, observed: segmentation.Observations) -> None:
+    mask = segmentation.segment(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed)
     assert mask is not None
     for lines in (mask, mask.T):
         starts = (np.diff(lines.astype(int), axis=1, prepend=0) == 1).sum(axis=1)
         assert starts.max() == 1
 
 
-def test_seconds_count_back_from_the_last_frame(sight: segmentation.Sight) -> None:
-    assert sight.seconds(0) == 0
-    assert sight.seconds(3) == pytest.approx(0.3)
+def test_seconds_count_back_from_the_last_frame(observed: segmentation.Observations) -> None:
+    assert observed.seconds(0) == 0
+    assert observed.seconds(3) == pytest.approx(0.3)
 
 
 def test_a_thing_looks_the_same_where_its_motion_took_it_and_nowhere_else(
-    traffic: Any, sight: segmentation.Sight
+    traffic: Any, observed: segmentation.Observations
 ) -> None:
     # Images are rounded and sampled twice, which costs some grey values; the texture's own spread is 60.
-    assert segmentation.misfit(traffic.mask, 8.0, np.array([1.2, 0.0, 5.0]), STEPS, sight) < 8
-    assert segmentation.misfit(traffic.mask, 8.0, np.array([1.2, 0.0, 0.0]), STEPS, sight) > 20
+    assert segmentation.photometric_error(traffic.mask, 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed) < 8
+    assert segmentation.photometric_error(traffic.mask, 8.0, np.array([1.2, 0.0, 0.0]), STEPS, observed) > 20

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, cut_out
+from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, mask_out
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Views
 
@@ -96,21 +96,21 @@ def test_the_nearer_of_two_boards_wins_in_any_order() -> None:
 
 @pytest.mark.parametrize("shift", [(0, 0, 5.9), (0, 0, 20), (100, 0, 0), (0, -90, 0)])
 def test_too_near_behind_or_beside_it_is_not_drawn(shift: tuple[float, float, float]) -> None:
-    assert board().rendered(ahead(shift)[0], CAMERA, 0.0) is None
+    assert board().render(ahead(shift)[0], CAMERA, 0.0) is None
     views = DynamicScene(Wall(10.0), (board(),), 0.0).view(ahead(shift), np.array([0.1]), CAMERA)
     assert not red(views.frames[0]).any()
 
 
 def test_looking_back_it_is_not_drawn() -> None:
     about = se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))
-    assert board().rendered(about, CAMERA, 0.0) is None
+    assert board().render(about, CAMERA, 0.0) is None
 
 
 def test_the_window_changes_nothing() -> None:
     # A turned camera of another size sees in its window what it sees in the whole image.
     turned = se3.exp(np.array([0.3, -0.1, 0.5, 0.02, 0.15, 0.05]))
     wide = Intrinsics(80.0, 70.0, 50.0, 30.0, 101, 61)
-    layer = board().rendered(turned, wide, 0.2)
+    layer = board().render(turned, wide, 0.2)
     assert layer is not None
     whole = np.zeros((61, 101))
     whole[layer.window] = layer.opacity
@@ -129,7 +129,9 @@ def test_the_street_is_cut_where_things_were_then() -> None:
     # Half a second earlier the board was 5 pixels further left; half-covered pixels go as well.
     inverse_depths, confidence = np.full((2, 49, 65), 0.1), np.ones((2, 49, 65))
     things = (board((1.0, 0.0, 0.0)),)
-    depths, trust, where = cut_out(things, inverse_depths, confidence, ahead((0, 0, 0), (0, 0, 0)), np.array([-0.5, 0]))
+    depths, trust, where = mask_out(
+        things, inverse_depths, confidence, ahead((0, 0, 0), (0, 0, 0)), np.array([-0.5, 0])
+    )
     for step, shift_px in enumerate((-5, 0)):
         expected = np.zeros((49, 65), dtype=bool)
         expected[22:27, 30 + shift_px : 35 + shift_px] = True
@@ -143,7 +145,7 @@ def test_the_street_is_cut_where_things_were_then() -> None:
 
 def test_without_things_nothing_is_cut() -> None:
     depths, confidence = np.full((2, 49, 65), 0.1), np.ones((2, 49, 65))
-    same, trust, where = cut_out((), depths, confidence, ahead((0, 0, 0), (0, 0, 1)), np.array([-0.1, 0]))
+    same, trust, where = mask_out((), depths, confidence, ahead((0, 0, 0), (0, 0, 1)), np.array([-0.1, 0]))
     np.testing.assert_array_equal(same, depths)
     np.testing.assert_array_equal(trust, confidence)
     assert not where.any()

@@ -19,23 +19,23 @@ def traffic(drive_behind: Callable[..., Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def sight(traffic: Any) -> segmentation.Sight:
-    return sight_of(traffic)
+def observed(traffic: Any) -> segmentation.Observations:
+    return observations_of(traffic)
 
 
-def sight_of(traffic: Any) -> segmentation.Sight:
-    return segmentation.Sight(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
+def observations_of(traffic: Any) -> segmentation.Observations:
+    return segmentation.Observations(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
 
 
-def places_of(velocity: FloatArray, depth: float, sight: segmentation.Sight) -> FloatArray:
+def flow_pixels_of(velocity: FloatArray, depth: float, observed: segmentation.Observations) -> FloatArray:
     """Where a thing at the depth was in earlier frames, by walking it back in the world."""
-    points = depth * pinhole.rays(sight.camera)
-    poses, times_s = sight.past.world_from_cam, sight.past.times_s
+    points = depth * pinhole.rays(observed.camera)
+    poses, times_s = observed.past.world_from_cam, observed.past.times_s
     back = [
         se3.transform(se3.inverse(poses[-1 - k]) @ poses[-1], points - (times_s[-1] - times_s[-1 - k]) * velocity)
         for k in STEPS
     ]
-    return np.stack([pinhole.project(there, sight.camera)[0] for there in back])
+    return np.stack([pinhole.project(there, observed.camera)[0] for there in back])
 
 
 def body_of(traffic: Any) -> BoolArray:
@@ -45,45 +45,47 @@ def body_of(traffic: Any) -> BoolArray:
     return np.asarray(inner)
 
 
-def test_exact_flow_gives_the_velocity_exactly(traffic: Any, sight: segmentation.Sight) -> None:
+def test_exact_flow_gives_the_velocity_exactly(traffic: Any, observed: segmentation.Observations) -> None:
     true = np.array([1.2, 0.0, 5.0])
-    places = places_of(true, 8.0, sight)
-    np.testing.assert_allclose(velocity.by_flow(traffic.mask, 8.0, places, STEPS, sight), true, atol=1e-9)
+    flow_pixels = flow_pixels_of(true, 8.0, observed)
+    np.testing.assert_allclose(velocity.from_flow(traffic.mask, 8.0, flow_pixels, STEPS, observed), true, atol=1e-9)
 
 
-def test_a_sixth_of_wrong_flow_is_outvoted(traffic: Any, sight: segmentation.Sight) -> None:
+def test_a_sixth_of_wrong_flow_is_outvoted(traffic: Any, observed: segmentation.Observations) -> None:
     true = np.array([1.2, 0.0, 5.0])
-    places = places_of(true, 8.0, sight)
+    flow_pixels = flow_pixels_of(true, 8.0, observed)
     rows = np.flatnonzero(traffic.mask.any(axis=1))
-    places[:, rows[: len(rows) // 6]] += 6.0
-    np.testing.assert_allclose(velocity.by_flow(traffic.mask, 8.0, places, STEPS, sight), true, atol=0.02)
+    flow_pixels[:, rows[: len(rows) // 6]] += 6.0
+    np.testing.assert_allclose(velocity.from_flow(traffic.mask, 8.0, flow_pixels, STEPS, observed), true, atol=0.02)
 
 
 def test_a_depth_wrong_by_a_factor_scales_the_velocity_against_the_camera(
-    traffic: Any, sight: segmentation.Sight
+    traffic: Any, observed: segmentation.Observations
 ) -> None:
     # The camera drives at 4 m/s; halved, everything against it is half: (0.6, 0, 0.5) + (0, 0, 4).
-    places = places_of(np.array([1.2, 0.0, 5.0]), 8.0, sight)
-    halved = velocity.by_flow(traffic.mask, 4.0, places, STEPS, sight)
+    flow_pixels = flow_pixels_of(np.array([1.2, 0.0, 5.0]), 8.0, observed)
+    halved = velocity.from_flow(traffic.mask, 4.0, flow_pixels, STEPS, observed)
     np.testing.assert_allclose(halved, [0.6, 0.0, 4.5], atol=1e-9)
 
 
-def test_following_mends_a_velocity_that_is_a_fifth_wrong(traffic: Any, sight: segmentation.Sight) -> None:
-    found = velocity.followed(np.array([1.0, 0.0, 4.8]), body_of(traffic), 8.0, sight)
+def test_following_mends_a_velocity_that_is_a_fifth_wrong(traffic: Any, observed: segmentation.Observations) -> None:
+    found = velocity.tracked(np.array([1.0, 0.0, 4.8]), body_of(traffic), 8.0, observed)
     np.testing.assert_allclose(found, [1.2, 0.0, 5.0], atol=0.03)
 
 
-def test_following_stays_where_nothing_is_to_be_seen(traffic: Any, sight: segmentation.Sight) -> None:
-    blank = segmentation.Sight(
-        np.full_like(traffic.images, 90.0), sight.camera, sight.past, sight.inverse_depth, sight.road
+def test_following_stays_where_nothing_is_to_be_seen(traffic: Any, observed: segmentation.Observations) -> None:
+    blank = segmentation.Observations(
+        np.full_like(traffic.images, 90.0), observed.camera, observed.past, observed.inverse_depth, observed.road
     )
     start = np.array([1.0, 0.0, 4.0])
-    np.testing.assert_allclose(velocity.followed(start, body_of(traffic), 8.0, blank), start, atol=1e-9)
+    np.testing.assert_allclose(velocity.tracked(start, body_of(traffic), 8.0, blank), start, atol=1e-9)
 
 
-def test_one_earlier_frame_is_enough_to_follow(traffic: Any, sight: segmentation.Sight) -> None:
-    short = segmentation.Sight(traffic.images[-2:], sight.camera, traffic.past[-2:], sight.inverse_depth, sight.road)
-    found = velocity.followed(np.array([1.1, 0.0, 4.9]), body_of(traffic), 8.0, short)
+def test_one_earlier_frame_is_enough_to_follow(traffic: Any, observed: segmentation.Observations) -> None:
+    short = segmentation.Observations(
+        traffic.images[-2:], observed.camera, traffic.past[-2:], observed.inverse_depth, observed.road
+    )
+    found = velocity.tracked(np.array([1.1, 0.0, 4.9]), body_of(traffic), 8.0, short)
     np.testing.assert_allclose(found, [1.2, 0.0, 5.0], atol=0.3)
 
 

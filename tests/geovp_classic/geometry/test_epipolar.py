@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.geometry.epipolar import Epipolar
+from geovp_classic.geometry.epipolar import Epipolar, inside
 from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(60.0, 66.0, 23.0, 20.0, 48, 40)
@@ -23,27 +23,27 @@ def slowly_seen(inverse_depth: FloatArray) -> FloatArray:
 
 
 def test_places_are_those_of_points_in_space(inverse_depth: FloatArray) -> None:
-    places, _ = Epipolar.of(CAMERA, MOTION).seen_at(inverse_depth)
-    np.testing.assert_allclose(places, slowly_seen(inverse_depth), atol=2e-3)
+    pixels, _ = Epipolar.of(CAMERA, MOTION).project(inverse_depth)
+    np.testing.assert_allclose(pixels, slowly_seen(inverse_depth), atol=2e-3)
 
 
 def test_some_of_the_pixels_are_where_they_are_among_all(inverse_depth: FloatArray) -> None:
     between = Epipolar.of(CAMERA, MOTION)
-    some, every = between.seen_at(inverse_depth[::4, ::4], stride_px=4), between.seen_at(inverse_depth)
+    some, every = between.project(inverse_depth[::4, ::4], stride_px=4), between.project(inverse_depth)
     for part, whole in zip(some, every, strict=True):
         np.testing.assert_array_equal(part, whole[::4, ::4])
 
 
 def test_what_is_behind_is_far_outside() -> None:
     backward = se3.exp(np.array([0, 0, -10.0, 0, 0, 0]))
-    places, ratio = Epipolar.of(CAMERA, backward).seen_at(np.full((40, 48), 0.2, np.float32))  # at z = 5 - 10
-    assert ((places < -100) | (places > 100)).any(axis=-1).all()
+    pixels, ratio = Epipolar.of(CAMERA, backward).project(np.full((40, 48), 0.2, np.float32))  # at z = 5 - 10
+    assert ((pixels < -100) | (pixels > 100)).any(axis=-1).all()
     np.testing.assert_allclose(ratio, -1)  # 5 m behind, over 5 m before
 
 
 def test_places_on_their_lines_give_the_inverse_depth_back(inverse_depth: FloatArray) -> None:
     between = Epipolar.of(CAMERA, MOTION)
-    found = between.triangulated(slowly_seen(inverse_depth))
+    found = between.triangulate(slowly_seen(inverse_depth))
     np.testing.assert_allclose(found, inverse_depth, atol=6e-3)  # near the epipole a place says little
     assert np.median(np.abs(found - inverse_depth)) < 1e-5
 
@@ -51,15 +51,22 @@ def test_places_on_their_lines_give_the_inverse_depth_back(inverse_depth: FloatA
 def test_beside_its_line_the_nearest_place_counts() -> None:
     # Sideways motion: lines are rows, so what lies above or below its row changes nothing.
     between = Epipolar.of(CAMERA, se3.exp(np.array([1.0, 0, 0, 0, 0, 0])))
-    places, _ = between.seen_at(np.full((40, 48), 0.1, np.float32))
-    places[..., 1] += 3
-    np.testing.assert_allclose(between.triangulated(places), 0.1, atol=1e-5)
+    pixels, _ = between.project(np.full((40, 48), 0.1, np.float32))
+    pixels[..., 1] += 3
+    np.testing.assert_allclose(between.triangulate(pixels), 0.1, atol=1e-5)
 
 
 def test_another_camera_sees_the_same_points_at_its_own_pixels(inverse_depth: FloatArray) -> None:
     other = Intrinsics(30.0, 40.0, 12.0, 9.0, 24, 20)
-    mine, ratio = Epipolar.of(CAMERA, MOTION).seen_at(inverse_depth)
-    places, same = Epipolar.of(CAMERA, MOTION, other).seen_at(inverse_depth)
-    np.testing.assert_allclose(places[..., 0], (mine[..., 0] - 23) / 60 * 30 + 12, atol=1e-3)
-    np.testing.assert_allclose(places[..., 1], (mine[..., 1] - 20) / 66 * 40 + 9, atol=1e-3)
+    mine, ratio = Epipolar.of(CAMERA, MOTION).project(inverse_depth)
+    pixels, same = Epipolar.of(CAMERA, MOTION, other).project(inverse_depth)
+    np.testing.assert_allclose(pixels[..., 0], (mine[..., 0] - 23) / 60 * 30 + 12, atol=1e-3)
+    np.testing.assert_allclose(pixels[..., 1], (mine[..., 1] - 20) / 66 * 40 + 9, atol=1e-3)
     np.testing.assert_allclose(same, ratio, rtol=1e-5)
+
+
+def test_inside_is_up_to_the_border() -> None:
+    corner = np.array([CAMERA.width_px - 1.0, CAMERA.height_px - 1.0])
+    pixels = np.stack([np.zeros(2), corner, corner + np.array([0.1, 0]), [-0.1, 3], [-0.6, 3]])
+    np.testing.assert_array_equal(inside(pixels, CAMERA), [True, True, False, False, False])
+    np.testing.assert_array_equal(inside(pixels, CAMERA, border_px=0.5), [True, True, True, True, False])

@@ -11,15 +11,15 @@ from geovp_classic.types import FloatArray, Intrinsics
 CAMERA = Intrinsics(100.0, 110.0, 60.0, 45.0, 120, 96)
 
 
-def _street(height: float, pitch_rad: float, roll_rad: float) -> tuple[ground_plane.Ground, FloatArray]:
+def _street(height: float, pitch_rad: float, roll_rad: float) -> tuple[ground_plane.GroundPlane, FloatArray]:
     normal = np.array([np.sin(roll_rad), np.cos(pitch_rad) * np.cos(roll_rad), np.sin(pitch_rad) * np.cos(roll_rad)])
-    plane = ground_plane.Ground(normal, height)
+    plane = ground_plane.GroundPlane(normal, height)
     return plane, np.maximum(plane.inverse_depth(CAMERA), 0.02 / height)  # and a wall far away
 
 
 def test_inverse_depth_of_level_ground() -> None:
     # the row 55 px below the centre looks down by 55 / 110 per metre ahead: 1.5 m below is 3 m ahead
-    level = ground_plane.Ground(np.array([0.0, 1.0, 0.0]), 1.5)
+    level = ground_plane.GroundPlane(np.array([0.0, 1.0, 0.0]), 1.5)
     assert level.inverse_depth(CAMERA)[45 + 44, 7] == pytest.approx(44 / 110 / 1.5)
     assert (level.inverse_depth(CAMERA)[:45] < 0).all()
 
@@ -49,16 +49,16 @@ def test_only_what_lies_below_is_lifted_and_only_where_allowed() -> None:
     found[80, :30] *= 0.5  # below the road
     found[80, 60:90] *= 1.5  # a thing on it
     allowed[80, 10:20] = False
-    lifted = ground_plane.lift(found, plane, CAMERA, allowed)
+    lifted = ground_plane.clamp_to_ground(found, plane, CAMERA, allowed)
     np.testing.assert_allclose(lifted[80, :10], inverse_depth[80, :10])
     np.testing.assert_array_equal(lifted[80, 10:20], found[80, 10:20])
     np.testing.assert_array_equal(lifted[80, 60:90], found[80, 60:90])
 
 
 def test_a_road_is_surely_a_plane_near_by_and_ever_less_farther_away() -> None:
-    level = ground_plane.Ground(np.array([0.0, 1.0, 0.0]), 1.5)
-    sureness = level.sureness(1 / (1.5 * np.array([0.5, 4.0, 8.0, 16.0, -3.0])))  # distances in camera heights
-    np.testing.assert_allclose(sureness, [1, 1, 1 / 4, 1 / 16, 0])
+    level = ground_plane.GroundPlane(np.array([0.0, 1.0, 0.0]), 1.5)
+    confidence = level.confidence(1 / (1.5 * np.array([0.5, 4.0, 8.0, 16.0, -3.0])))  # distances in camera heights
+    np.testing.assert_allclose(confidence, [1, 1, 1 / 4, 1 / 16, 0])
 
 
 def test_what_hangs_low_over_the_road_is_told_from_what_stands_on_it_and_from_what_hangs_high() -> None:
@@ -67,7 +67,7 @@ def test_what_hangs_low_over_the_road_is_told_from_what_stands_on_it_and_from_wh
     hanging, standing, high = np.s_[50:58, 10:30], np.s_[50:78, 40:60], np.s_[5:15, 80:100]
     for place, depth in ((hanging, 4.0), (standing, 5.0), (high, 6.0)):
         inverse_depth[place], islands[place] = 1 / depth, True  # hanging: 1.0 to 1.3 m above the road
-    found = ground_plane.afloat(inverse_depth, plane, CAMERA, islands)
+    found = ground_plane.floating_mask(inverse_depth, plane, CAMERA, islands)
     assert found[hanging].all()
     assert found.sum() == found[hanging].sum()
-    assert not ground_plane.afloat(inverse_depth, plane, CAMERA, np.zeros_like(islands)).any()
+    assert not ground_plane.floating_mask(inverse_depth, plane, CAMERA, np.zeros_like(islands)).any()

@@ -15,7 +15,7 @@ def straight(num: int = 6, step: float = 0.8) -> FloatArray:
     return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, 0, 0]))
 
 
-def seen_corners(poses: FloatArray, given: FloatArray, noise_px: float = 0.1) -> Corners:
+def visible_corners(poses: FloatArray, given: FloatArray, noise_px: float = 0.1) -> Corners:
     """Exact corners of random points, in the true poses [S, 4, 4] (source from reference), and the given ones."""
     rng = np.random.default_rng(3)
     pixels = rng.uniform([5, 5], [122, 106], (150, 2))
@@ -29,7 +29,7 @@ def seen_corners(poses: FloatArray, given: FloatArray, noise_px: float = 0.1) ->
 def errors(corners: Corners, inverse_depth: FloatArray, poses: FloatArray) -> FloatArray:
     """Reprojection errors [S, N, 2] in units of ROBUST_PX; 0 where nothing is seen, or behind the camera."""
     points = corners.rays @ np.swapaxes(poses[:, :3, :3], -1, -2) + inverse_depth[:, None] * poses[:, None, :3, 3]
-    valid = (corners.seen & (points[..., 2] > local_bundle.NEAR))[..., None]
+    valid = (corners.visible & (points[..., 2] > local_bundle.NEAR))[..., None]
     there, _ = pinhole.project(np.where(valid, points, [0.0, 0.0, 1.0]), corners.camera)
     return np.where(valid, there - corners.pixels, 0.0) / local_bundle.ROBUST_PX
 
@@ -47,12 +47,12 @@ def slow_equations(corners: Corners, inverse_depth: FloatArray, poses: FloatArra
         2 * tiny
     )
     weight = 1 / (1 + (off**2).sum(axis=-1))
-    departure, precision = corners.departure(poses), corners.precision
-    held = 1 / (1 + (departure**2).sum() / local_bundle.TRUST)
+    deviation, precision = corners.deviation(poses), corners.precision
+    prior_weight = 1 / (1 + (deviation**2).sum() / local_bundle.PRIOR_SCALE)
     return Equations(
         np.einsum("sn,snki,snkj->sij", weight, by_twist, by_twist)
-        + held * np.stack([np.diag(diagonal) for diagonal in precision**2]),
-        np.einsum("sn,snki,snk->si", weight, by_twist, off) + held * precision * departure,
+        + prior_weight * np.stack([np.diag(diagonal) for diagonal in precision**2]),
+        np.einsum("sn,snki,snk->si", weight, by_twist, off) + prior_weight * precision * deviation,
         np.einsum("sn,snk,snk->n", weight, by_depth, by_depth),
         np.einsum("sn,snk,snk->n", weight, by_depth, off),
         np.einsum("sn,snki,snk->nsi", weight, by_twist, by_depth),
@@ -63,18 +63,18 @@ def slow_equations(corners: Corners, inverse_depth: FloatArray, poses: FloatArra
 def hard() -> tuple[Corners, FloatArray, FloatArray]:
     """Corners with errors, some unseen, some behind the last camera; inverse depths and poses off the given ones."""
     poses = se3.inverse(straight()[:3]) @ straight()[5]
-    corners = seen_corners(poses, poses, noise_px=1.0)
-    corners.seen[:, ::5] = False
+    corners = visible_corners(poses, poses, noise_px=1.0)
+    corners.visible[:, ::5] = False
     poses = se3.exp(np.array([0.01, 0, 0.02, 0.001, -0.002, 0])) @ poses
     poses[2, 2, 3] = -15.0
-    depth = corners.triangulated()
+    depth = corners.triangulate()
     assert 0.1 < ((corners.rays @ poses[2, :3, :3].T + depth[:, None] * poses[2, :3, 3])[:, 2] < 0).mean() < 0.9
     return corners, depth, poses
 
 
 def test_equations_are_those_of_the_slow_twin(hard: tuple[Corners, FloatArray, FloatArray]) -> None:
     corners, depth, poses = hard
-    equations, expected = corners.equations(depth, poses, corners.departure(poses)), slow_equations(*hard)
+    equations, expected = corners.equations(depth, poses, corners.deviation(poses)), slow_equations(*hard)
     for name in Equations.__dataclass_fields__:
         size = np.abs(getattr(expected, name)).max()
         np.testing.assert_allclose(getattr(equations, name), getattr(expected, name), rtol=1e-4, atol=1e-6 * size)
@@ -82,17 +82,17 @@ def test_equations_are_those_of_the_slow_twin(hard: tuple[Corners, FloatArray, F
 
 def test_cost_is_that_of_the_slow_twin(hard: tuple[Corners, FloatArray, FloatArray]) -> None:
     corners, depth, poses = hard
-    departure = corners.departure(poses)
+    deviation = corners.deviation(poses)
     expected = np.log1p((errors(*hard) ** 2).sum(axis=-1)).sum()
-    expected += local_bundle.TRUST * np.log1p((departure**2).sum() / local_bundle.TRUST)
-    assert corners.cost(depth, poses, departure) == pytest.approx(expected, rel=1e-9)
+    expected += local_bundle.PRIOR_SCALE * np.log1p((deviation**2).sum() / local_bundle.PRIOR_SCALE)
+    assert corners.cost(depth, poses, deviation) == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_step_solves_the_whole_system() -> None:
     # 3 poses and 150 depths as one dense matrix of 168 x 168.
     truth = se3.inverse(straight()[:3]) @ straight()[5]
-    corners = seen_corners(truth, truth, noise_px=1.0)
-    equations = corners.equations(corners.triangulated(), truth, corners.departure(truth))
+    corners = visible_corners(truth, truth, noise_px=1.0)
+    equations = corners.equations(corners.triangulate(), truth, corners.deviation(truth))
     whole = np.zeros((168, 168))
     for s in range(3):
         whole[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] = equations.h_twist[s]
@@ -108,7 +108,7 @@ def test_a_step_solves_the_whole_system() -> None:
 
 def test_poses_that_fit_stay_nearly_where_they_are() -> None:
     truth = se3.inverse(straight()[:5]) @ straight()[5]
-    adjusted = local_bundle.adjust(seen_corners(truth, truth))
+    adjusted = local_bundle.adjust(visible_corners(truth, truth))
     moved = se3.log(adjusted @ se3.inverse(truth))
     assert np.rad2deg(np.abs(moved[:, 3:])).max() < 0.02
     assert np.abs(moved[:, :3]).max() < 0.01
@@ -119,11 +119,11 @@ def test_the_unit_is_that_of_the_given_poses() -> None:
     truth = se3.inverse(straight()[:5]) @ straight()[5]
     half = truth.copy()
     half[:, :3, 3] /= 2
-    moved = se3.log(local_bundle.adjust(seen_corners(truth, half)) @ se3.inverse(half))
+    moved = se3.log(local_bundle.adjust(visible_corners(truth, half)) @ se3.inverse(half))
     assert np.abs(moved[:, :3]).max() < 0.01
 
 
 def test_corners_without_error_give_their_depth() -> None:
     poses = se3.inverse(straight()[:5]) @ straight()[5]
-    corners = seen_corners(poses, poses, noise_px=0.0)
-    assert np.abs(errors(corners, corners.triangulated(), poses)).max() < 1e-6
+    corners = visible_corners(poses, poses, noise_px=0.0)
+    assert np.abs(errors(corners, corners.triangulate(), poses)).max() < 1e-6

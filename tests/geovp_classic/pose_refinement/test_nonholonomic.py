@@ -7,7 +7,7 @@ import pytest
 
 from geovp_classic.geometry import se3
 from geovp_classic.pose_refinement import nonholonomic
-from geovp_classic.pose_refinement.nonholonomic import Direction
+from geovp_classic.pose_refinement.nonholonomic import MotionDirection
 from geovp_classic.types import FloatArray
 
 PAST, FUTURE = 10, 20
@@ -34,9 +34,9 @@ def error_m(poses: FloatArray, truth: FloatArray) -> FloatArray:
 def test_a_lost_height_is_given_back_for_the_most_part(turn_rad: float) -> None:
     truth = drive(turn_rad)
     given = sinking(truth)
-    way = nonholonomic.observed(given[:PAST], truth[:PAST])
-    assert way is not None
-    followed = way.held(given[PAST:])
+    direction = nonholonomic.motion_direction(given[:PAST], truth[:PAST])
+    assert direction is not None
+    followed = direction.constrain(given[PAST:])
     assert error_m(given[PAST:], truth[PAST:])[-1] > 0.15
     assert error_m(followed, truth[PAST:])[-1] < 0.03
     np.testing.assert_array_equal(followed[:, :3, :3], given[PAST:, :3, :3])
@@ -46,27 +46,27 @@ def test_the_course_is_that_of_the_axle_whatever_the_turn() -> None:
     expected = np.array([0, 0.02, 1.0]) / np.hypot(0.02, 1.0)
     for turn_rad in (0.0, 0.05):
         poses = drive(turn_rad)[:PAST]
-        way = nonholonomic.observed(sinking(poses), poses)
-        assert way is not None
-        np.testing.assert_allclose(way.direction, expected, atol=1e-3)
-        assert way.held_rad < 1e-3
-        np.testing.assert_allclose(way.given_rad, 0.01 / np.sqrt(2), rtol=0.05)
+        direction = nonholonomic.motion_direction(sinking(poses), poses)
+        assert direction is not None
+        np.testing.assert_allclose(direction.direction, expected, atol=1e-3)
+        assert direction.constraint_error_rad < 1e-3
+        np.testing.assert_allclose(direction.given_error_rad, 0.01 / np.sqrt(2), rtol=0.05)
 
 
 def test_poses_that_the_images_agree_with_stay() -> None:
     truth = drive()
-    way = nonholonomic.observed(truth[:PAST], truth[:PAST])
-    assert way is not None
+    direction = nonholonomic.motion_direction(truth[:PAST], truth[:PAST])
+    assert direction is not None
     sideways = se3.exp(np.arange(1, 5)[:, None] * np.array([1.0, 0, 0, 0, 0, 0]))
-    np.testing.assert_array_equal(way.held(sideways), sideways)
+    np.testing.assert_array_equal(direction.constrain(sideways), sideways)
 
 
 def test_a_way_that_is_meant_to_go_sideways_does() -> None:
     truth = drive()
-    way = nonholonomic.observed(sinking(truth)[:PAST], truth[:PAST])
-    assert way is not None
+    direction = nonholonomic.motion_direction(sinking(truth)[:PAST], truth[:PAST])
+    assert direction is not None
     sideways = se3.exp(np.arange(1, 5)[:, None] * np.array([1.0, 0, 0, 0, 0, 0]))
-    assert error_m(way.held(sideways), sideways).max() < 0.05
+    assert error_m(direction.constrain(sideways), sideways).max() < 0.05
 
 
 def test_a_camera_that_keeps_no_course_is_left_alone() -> None:
@@ -74,10 +74,10 @@ def test_a_camera_that_keeps_no_course_is_left_alone() -> None:
     truth = drive()
     truth[: PAST - 1, :2, 3] += 0.5 * rng.standard_normal((PAST - 1, 2))
     given = sinking(truth)
-    way = nonholonomic.observed(given[:PAST], truth[:PAST])
-    assert way is not None
-    assert way.held_rad > 5 * way.given_rad
-    assert error_m(way.held(given[PAST:]), given[PAST:]).max() < 0.02
+    direction = nonholonomic.motion_direction(given[:PAST], truth[:PAST])
+    assert direction is not None
+    assert direction.constraint_error_rad > 5 * direction.given_error_rad
+    assert error_m(direction.constrain(given[PAST:]), given[PAST:]).max() < 0.02
 
 
 def test_a_lane_change_stays_one() -> None:
@@ -92,27 +92,27 @@ def test_a_lane_change_stays_one() -> None:
         poses.append(poses[-1] @ step)
     changed = np.stack(poses)
     changed = se3.inverse(changed[PAST - 1]) @ changed
-    way = Direction(np.array([0, 0, 1.0]), given_rad=0.01, held_rad=0.0)
+    direction = MotionDirection(np.array([0, 0, 1.0]), given_error_rad=0.01, constraint_error_rad=0.0)
     assert changed[-1, 0, 3] > 0.5
-    assert error_m(way.held(changed[PAST:]), changed[PAST:]).max() < 0.02
+    assert error_m(direction.constrain(changed[PAST:]), changed[PAST:]).max() < 0.02
 
 
 def test_standing_still_shows_no_course() -> None:
     still = np.tile(np.eye(4), (PAST, 1, 1))
-    assert nonholonomic.observed(still, still) is None
+    assert nonholonomic.motion_direction(still, still) is None
 
 
 def test_a_single_pose_shows_no_course() -> None:
     alone = np.eye(4)[None]
-    assert nonholonomic.observed(alone, alone) is None
+    assert nonholonomic.motion_direction(alone, alone) is None
 
 
 def test_stops_on_the_way_are_no_trouble() -> None:
     truth = drive()
-    way = nonholonomic.observed(sinking(truth)[:PAST], truth[:PAST])
-    assert way is not None
+    direction = nonholonomic.motion_direction(sinking(truth)[:PAST], truth[:PAST])
+    assert direction is not None
     stopped = np.repeat(sinking(truth)[PAST : PAST + 2], 3, axis=0)
-    followed = way.held(stopped)
+    followed = direction.constrain(stopped)
     assert np.isfinite(followed).all()
     np.testing.assert_array_equal(followed[3], followed[5])
-    assert way.held(np.zeros((0, 4, 4))).shape == (0, 4, 4)
+    assert direction.constrain(np.zeros((0, 4, 4))).shape == (0, 4, 4)

@@ -35,11 +35,11 @@ def test_directions_that_all_err_alike_give_the_steering() -> None:
     turn = se3.exp(np.array([0, 0, 0, 0, np.deg2rad(2.0), 0]))
     better = given.copy()
     better[:, :3, 3] = given[:, :3, 3] @ turn[:3, :3].T
-    found = registration.steering(given, better)
+    found = registration.direction_correction(given, better)
     angle = np.rad2deg(se3.rotation_angle_rad(se3.compose(found, np.zeros(3))))
     assert angle == pytest.approx(2.0 * registration.PERSISTENCE, abs=0.01)
     np.testing.assert_allclose(found[0, 2], np.sin(np.deg2rad(angle)), atol=1e-6)
-    np.testing.assert_array_equal(registration.steering(given, given), np.eye(3))
+    np.testing.assert_array_equal(registration.direction_correction(given, given), np.eye(3))
 
 
 def test_nothing_to_see_or_no_motion_leaves_the_poses(image: Image) -> None:
@@ -50,19 +50,19 @@ def test_nothing_to_see_or_no_motion_leaves_the_poses(image: Image) -> None:
     images = np.tile(image(np.eye(4))[..., 0].astype(np.float32), (3, 1, 1))
     found = registration.registered(images, CAMERA, still, reference=2)
     np.testing.assert_array_equal(found.world_from_cam, still)
-    np.testing.assert_array_equal(found.steering, np.eye(3))
+    np.testing.assert_array_equal(found.direction_correction, np.eye(3))
 
 
 def test_tracks_end_where_they_should(image: Image) -> None:
     poses = straight(3)
     images = np.stack([image(pose)[..., 0] for pose in poses]).astype(np.float32)
-    tracks = registration.track(images, reference=1)
-    assert tracks.seen[1].all()
-    assert tracks.seen[0].mean() > 0.5
-    assert tracks.seen[2].mean() > 0.5
+    pixels, visible = registration.track(images, reference=1)
+    assert visible[1].all()
+    assert visible[0].mean() > 0.5
+    assert visible[2].mean() > 0.5
     # Driving on, everything moves away from the epipole at (63.5, 55).
-    before, after = (tracks.pixels[step] - [63.5, 55] for step in (1, 2))
-    kept = tracks.seen[2]
+    before, after = (pixels[step] - [63.5, 55] for step in (1, 2))
+    kept = visible[2]
     assert (np.linalg.norm(after, axis=-1) > np.linalg.norm(before, axis=-1) - 0.3)[kept].mean() > 0.95
 
 
@@ -82,9 +82,9 @@ def test_windows_of_tracks_grow_with_tall_images(rows: int, side: int, monkeypat
 
 def test_a_wide_image_is_registered_by_its_middle() -> None:
     images = np.random.default_rng(4).uniform(0, 255, (2, 64, 200)).astype(np.float32)
-    columns = registration.track(images, reference=0).pixels[0, :, 0]
+    columns = registration.track(images, reference=0)[0][0, :, 0]
     assert columns.min() >= 49  # (200 - 1.6 * 64) / 2
     assert columns.max() < 151
-    square = registration.track(images[:, :, :64], reference=0).pixels[0, :, 0]
+    square = registration.track(images[:, :, :64], reference=0)[0][0, :, 0]
     assert square.min() < 8
     assert square.max() > 56

@@ -8,7 +8,7 @@ import pytest
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import PoseRefinement
-from geovp_classic.pose_refinement.rotation_drift import Errors, RotationDrift
+from geovp_classic.pose_refinement.rotation_drift import DriftModel, RotationDrift
 from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredIntervals
 from geovp_classic.types import Context, FloatArray, Intrinsics, Motion, Trajectory
 
@@ -17,12 +17,12 @@ TIMES_S = np.arange(-9, 21) * 0.1
 NOW = 9
 
 
-def samples(errors: Errors, count: int) -> FloatArray:
+def samples(errors: DriftModel, count: int) -> FloatArray:
     """Errors [count, 30] of 30 frames against the tenth, step by step: rates decay and are stirred, and add up."""
     random = np.random.default_rng(0)
     fine_s = 0.01
     rate = random.normal(size=count)
-    keep = np.exp(-fine_s / errors.lasting_s)
+    keep = np.exp(-fine_s / errors.time_constant_s)
     at, drifted = np.zeros(count), [np.zeros(count)]
     for _ in range(29):
         for _ in range(10):
@@ -74,12 +74,12 @@ def from_now(world_from_cam: FloatArray) -> FloatArray:
     return se3.inverse(world_from_cam[NOW]) @ world_from_cam
 
 
-@pytest.mark.parametrize("errors", [Errors(0.4, 0.2), Errors(0.2, 0.4), Errors(0.05, 1.0, 0.1)])
-def test_nothing_linear_foretells_simulated_errors_better(errors: Errors) -> None:
+@pytest.mark.parametrize("errors", [DriftModel(0.4, 0.2), DriftModel(0.2, 0.4), DriftModel(0.05, 1.0, 0.1)])
+def test_nothing_linear_foretells_simulated_errors_better(errors: DriftModel) -> None:
     wrong = samples(errors, 20_000)
     noisy = wrong[:, :9] + errors.registration_s * np.random.default_rng(1).normal(size=(len(wrong), 9))
     truth = wrong[:, 10:]
-    foretold = noisy @ np.linalg.solve(errors.known(PAST_S), errors.covariance(PAST_S, FUTURE_S))
+    foretold = noisy @ np.linalg.solve(errors.observed_covariance(PAST_S), errors.covariance(PAST_S, FUTURE_S))
     fitted = noisy @ np.linalg.lstsq(noisy, truth, rcond=None)[0]
     left, best = (((given - truth) ** 2).mean(axis=0) for given in (foretold, fitted))
     np.testing.assert_allclose(left, best, rtol=0.01)
@@ -113,12 +113,12 @@ def test_rotations_that_jumped_are_no_drift() -> None:
 @pytest.mark.parametrize("lag_s", [0.006, -0.004])
 def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + lag_s))
-    mended = corrected(given, truth[: NOW + 1])
-    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])) for poses in (given[NOW + 1 :], mended))
+    corrected_poses = corrected(given, truth[: NOW + 1])
+    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])) for poses in (given[NOW + 1 :], corrected_poses))
     assert before[:, 1].max() > 0.0015  # the heading turns by up to 0.6 rad/s
     assert after[:, :2].max() < 0.5 * before[:, :2].max()
     before, after = (
-        np.linalg.norm((poses - truth[NOW + 1 :])[:, :3, 3], axis=1) for poses in (given[NOW + 1 :], mended)
+        np.linalg.norm((poses - truth[NOW + 1 :])[:, :3, 3], axis=1) for poses in (given[NOW + 1 :], corrected_poses)
     )
     assert after.mean() < 0.6 * before.mean()
 
@@ -126,9 +126,9 @@ def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
 def test_a_lag_is_nothing_to_a_pose_that_does_not_go_on_from_the_past() -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + 0.006))
     last = given[-1:]
-    mended = corrected(np.concatenate([given[: NOW + 1], last]), truth[: NOW + 1], TIMES_S[: NOW + 2])
-    np.testing.assert_allclose(mended[:, :3, 3], last[:, :3, 3], atol=1e-12)
-    assert np.abs(se3.turn(mended, last)).max() < 0.003
+    corrected_poses = corrected(np.concatenate([given[: NOW + 1], last]), truth[: NOW + 1], TIMES_S[: NOW + 2])
+    np.testing.assert_allclose(corrected_poses[:, :3, 3], last[:, :3, 3], atol=1e-12)
+    assert np.abs(se3.turn(corrected_poses, last)).max() < 0.003
 
 
 def evenly(first: int, last: int) -> FloatArray:
@@ -143,24 +143,24 @@ def evenly(first: int, last: int) -> FloatArray:
 
 def test_a_gap_that_the_reference_lies_in_is_bridged() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
-    mended = corrected(given, truth[: NOW + 1], TIMES_S, True, UnmeasuredIntervals(), RotationDrift())
+    corrected_poses = corrected(given, truth[: NOW + 1], TIMES_S, True, UnmeasuredIntervals(), RotationDrift())
     behind = slice(16 - NOW, None)
-    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :]))[behind] for poses in (given[NOW + 1 :], mended))
+    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :]))[behind] for poses in (given[NOW + 1 :], corrected_poses))
     assert before.max() > np.radians(1)
     assert after.max() < 0.1 * before.max()
 
 
 def test_without_metres_no_gap_is_known() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
-    mended = corrected(given, truth[: NOW + 1], TIMES_S, False, UnmeasuredIntervals(), RotationDrift())
-    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])).max() for poses in (given[NOW + 1 :], mended))
+    corrected_poses = corrected(given, truth[: NOW + 1], TIMES_S, False, UnmeasuredIntervals(), RotationDrift())
+    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])).max() for poses in (given[NOW + 1 :], corrected_poses))
     assert after > 0.8 * before
 
 
 def test_a_gap_in_the_past_says_nothing_of_what_is_measured() -> None:
     given, truth = from_now(evenly(0, 6)), from_now(driven(TIMES_S))
-    mended = corrected(given, truth[: NOW + 1])
-    np.testing.assert_allclose(mended, given[NOW + 1 :], atol=1e-6)
+    corrected_poses = corrected(given, truth[: NOW + 1])
+    np.testing.assert_allclose(corrected_poses, given[NOW + 1 :], atol=1e-6)
 
 
 def test_poses_that_the_images_agree_with_stay() -> None:

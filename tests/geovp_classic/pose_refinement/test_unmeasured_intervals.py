@@ -50,32 +50,34 @@ def from_now(world_from_cam: FloatArray) -> FloatArray:
 
 def errors_deg(given: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How the given rotations err after the reference, and what of this is left."""
-    (gap,) = (gap for gap in unmeasured_intervals.found(given, TIMES_S) if gap.inside(len(given))[NOW])
+    (interval,) = (
+        interval for interval in unmeasured_intervals.find_intervals(given, TIMES_S) if interval.inside(len(given))[NOW]
+    )
     seen = from_now(driven(TIMES_S))
-    expected = gap.errors(from_now(given), seen[: NOW + 1], TIMES_S)
+    expected = interval.errors(from_now(given), seen[: NOW + 1], TIMES_S)
     err = se3.turn(from_now(given)[NOW + 1 :], seen[NOW + 1 :])
     return np.degrees(err), np.degrees(err - expected)
 
 
 def test_what_goes_on_evenly_is_found() -> None:
-    assert unmeasured_intervals.found(recorded(), TIMES_S) == [Interval(FIRST, LAST)]
+    assert unmeasured_intervals.find_intervals(recorded(), TIMES_S) == [Interval(FIRST, LAST)]
     inside = Interval(FIRST, LAST).inside(30)
     np.testing.assert_array_equal(np.flatnonzero(inside), np.arange(FIRST + 1, LAST))
 
 
 def test_ends_that_are_not_in_sight_are_unknown() -> None:
-    assert unmeasured_intervals.found(recorded()[FIRST + 2 :], TIMES_S[FIRST + 2 :]) == [
+    assert unmeasured_intervals.find_intervals(recorded()[FIRST + 2 :], TIMES_S[FIRST + 2 :]) == [
         Interval(None, LAST - FIRST - 2)
     ]
-    assert unmeasured_intervals.found(recorded()[: LAST - 1], TIMES_S[: LAST - 1]) == [Interval(FIRST, None)]
+    assert unmeasured_intervals.find_intervals(recorded()[: LAST - 1], TIMES_S[: LAST - 1]) == [Interval(FIRST, None)]
     np.testing.assert_array_equal(np.flatnonzero(Interval(FIRST, None).inside(12)), np.arange(FIRST + 1, 12))
     np.testing.assert_array_equal(np.flatnonzero(Interval(None, 3).inside(12)), np.arange(3))
 
 
 def test_measured_poses_and_a_car_that_waits_are_no_gap() -> None:
-    assert unmeasured_intervals.found(driven(TIMES_S), TIMES_S) == []
-    assert unmeasured_intervals.found(np.tile(np.eye(4), (30, 1, 1)), TIMES_S) == []
-    assert unmeasured_intervals.found(np.eye(4)[None], TIMES_S[:1]) == []
+    assert unmeasured_intervals.find_intervals(driven(TIMES_S), TIMES_S) == []
+    assert unmeasured_intervals.find_intervals(np.tile(np.eye(4), (30, 1, 1)), TIMES_S) == []
+    assert unmeasured_intervals.find_intervals(np.eye(4)[None], TIMES_S[:1]) == []
 
 
 def test_a_gap_that_began_in_sight_is_bridged() -> None:
@@ -86,8 +88,8 @@ def test_a_gap_that_began_in_sight_is_bridged() -> None:
 
 
 def test_behind_a_gap_errors_stay_what_they_were_at_its_end() -> None:
-    (gap,) = unmeasured_intervals.found(recorded(), TIMES_S)
-    expected = gap.errors(from_now(recorded()), from_now(driven(TIMES_S))[: NOW + 1], TIMES_S)
+    (interval,) = unmeasured_intervals.find_intervals(recorded(), TIMES_S)
+    expected = interval.errors(from_now(recorded()), from_now(driven(TIMES_S))[: NOW + 1], TIMES_S)
     behind = expected[LAST - NOW - 1 :]
     np.testing.assert_allclose(behind, np.broadcast_to(behind[0], behind.shape), atol=1e-12)
 
@@ -96,9 +98,9 @@ def test_a_gap_that_began_out_of_sight_errs_less_on_average() -> None:
     begin, before, after = FIRST + 1, [], []
     for phase_s in np.linspace(0, 5, 40):
         given, seen = from_now(recorded(FIRST, NOW + 4, phase_s)), from_now(driven(TIMES_S + phase_s))
-        (gap,) = unmeasured_intervals.found(given[begin:], TIMES_S[begin:])
-        assert gap.first is None
-        expected = gap.errors(given[begin:], seen[begin : NOW + 1], TIMES_S[begin:])
+        (interval,) = unmeasured_intervals.find_intervals(given[begin:], TIMES_S[begin:])
+        assert interval.first is None
+        expected = interval.errors(given[begin:], seen[begin : NOW + 1], TIMES_S[begin:])
         err = se3.turn(given, seen)[NOW + 1 :]
         before.append(err[-1])
         after.append(err[-1] - expected[-1])
@@ -109,14 +111,14 @@ def test_a_gap_that_began_out_of_sight_errs_less_on_average() -> None:
 def test_nothing_is_known_of_a_gap_without_end() -> None:
     given, seen = from_now(recorded()), from_now(driven(TIMES_S))
     left = slice(None, LAST - 1)
-    (gap,) = unmeasured_intervals.found(given[left], TIMES_S[left])
-    np.testing.assert_array_equal(gap.errors(given[left], seen[: NOW + 1], TIMES_S[left]), 0)
+    (interval,) = unmeasured_intervals.find_intervals(given[left], TIMES_S[left])
+    np.testing.assert_array_equal(interval.errors(given[left], seen[: NOW + 1], TIMES_S[left]), 0)
 
 
 @pytest.mark.parametrize("turned", [np.array([0.0, 0.5, 0.0]), np.array([0.1, 2.0, -0.1])])
 def test_the_world_s_axes_do_not_matter(turned: FloatArray) -> None:
     world = se3.exp(np.concatenate([[1.0, 2.0, 3.0], turned]))
-    assert unmeasured_intervals.found(world @ recorded(), TIMES_S) == [Interval(FIRST, LAST)]
+    assert unmeasured_intervals.find_intervals(world @ recorded(), TIMES_S) == [Interval(FIRST, LAST)]
 
 
 def test_kitti_s_recording_of_00_has_a_gap_that_images_bridge() -> None:
@@ -128,7 +130,7 @@ def test_kitti_s_recording_of_00_has_a_gap_that_images_bridge() -> None:
     assert clip.trajectory is not None
     assert clip.wide is not None
     given, times_s = clip.trajectory.world_from_cam, clip.times_s - clip.times_s[NOW]
-    assert unmeasured_intervals.found(given, times_s) == [Interval(5, 21)]  # frames 346 to 362
+    assert unmeasured_intervals.find_intervals(given, times_s) == [Interval(5, 21)]  # frames 346 to 362
     grey = np.stack([pinhole.grey(frame) for frame in clip.wide.frames[:24]])
     seen, witness = (
         registered(grey[:count], clip.wide.intrinsics, given[:count], NOW).world_from_cam for count in (NOW + 1, 24)

@@ -8,7 +8,7 @@ import pytest
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import exposure, patches
-from geovp_classic.render.exposure import Exposed, Exposure, ExposureControl
+from geovp_classic.render.exposure import ExposedScene, Exposure, ExposureControl
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 CAMERA = Intrinsics(100.0, 100.0, 63.5, 47.5, 128, 96)
@@ -60,7 +60,7 @@ def gains(found: Exposure, brightness: int, last: int, level: float, times_s: Fl
 def test_a_fixed_exposure_stays_as_it_is() -> None:
     sources, inverse_depth, seconds = drive(np.ones(5))
     found = Exposure.of(sources, inverse_depth, seconds)
-    assert found.belief < 0.05
+    assert found.confidence < 0.05
     np.testing.assert_allclose(gains(found, 60, 100, np.log(100), TIMES_S[:1]), 0, atol=0.01)
     alone = Exposure.of(sources[-1:], inverse_depth, seconds[-1:])
     np.testing.assert_array_equal(gains(alone, 60, 100, np.log(100), TIMES_S[:1]), 0)
@@ -69,7 +69,7 @@ def test_a_fixed_exposure_stays_as_it_is() -> None:
 def test_a_trend_goes_on_for_a_moment_and_no_longer() -> None:
     found = Exposure.of(*drive(1.05 ** np.arange(5)))
     assert found.log_rate_hz == pytest.approx(np.log(1.05) / 0.1, rel=0.1)
-    steady = replace(found, belief=0.0)
+    steady = replace(found, confidence=0.0)
     told = gains(steady, 100, 100, np.log(100))
     lasting = np.exp(-0.1 / ExposureControl().inertia_s)
     assert 0 < told[0] < told[1]
@@ -78,7 +78,7 @@ def test_a_trend_goes_on_for_a_moment_and_no_longer() -> None:
 
 def test_the_control_of_a_lively_camera_takes_a_change_back() -> None:
     found = Exposure.of(*drive(np.array([1.0, 1.2, 0.9, 1.0, 1.0, 1.0])))
-    assert found.belief > 0.9
+    assert found.confidence > 0.9
     assert found.log_rate_hz == pytest.approx(0.0, abs=0.05)
     told = gains(found, 70, 100, np.log(100))
     assert 0 <= told[0] < 0.02  # it has not seen the change yet
@@ -88,7 +88,7 @@ def test_the_control_of_a_lively_camera_takes_a_change_back() -> None:
 
 
 def test_a_level_that_is_off_is_returned_to() -> None:
-    found = Exposure(SECONDS, np.zeros(3), 0.0, np.log(100), belief=1.0)
+    found = Exposure(SECONDS, np.zeros(3), 0.0, np.log(100), confidence=1.0)
     told = gains(found, 120, 120, found.log_level)
     assert told[0] < -0.01
     assert told[-1] == pytest.approx(np.log(100 / 120), abs=0.01)
@@ -96,7 +96,7 @@ def test_a_level_that_is_off_is_returned_to() -> None:
 
 @pytest.mark.parametrize("dt_s", [1e-3, 0.03, 0.5, 1.0, 20.0])
 def test_any_frame_rate_comes_to_rest_at_the_level(dt_s: float) -> None:
-    found = Exposure(SECONDS, np.zeros(3), 0.0, np.log(100), belief=1.0)
+    found = Exposure(SECONDS, np.zeros(3), 0.0, np.log(100), confidence=1.0)
     told = gains(found, 70, 70, found.log_level, np.array([4.0, 20.0]) + dt_s)
     assert told.max() < 1.3 * np.log(100 / 70)
     assert told[-1] == pytest.approx(np.log(100 / 70), abs=0.02)
@@ -105,30 +105,30 @@ def test_any_frame_rate_comes_to_rest_at_the_level(dt_s: float) -> None:
 def test_black_images_stay_black_and_gains_bounded() -> None:
     lively = Exposure(SECONDS, np.zeros(3), 50.0, np.log(200), 1.0)
     source = patches.Source(paint(np.eye(4)), CAMERA, np.eye(4))
-    black = Exposed(Grey(0), source, lively, ExposureControl(), 0.0, whole=True)
+    black = ExposedScene(Grey(0), source, lively, ExposureControl(), 0.0, whole=True)
     assert not black.view(np.eye(4)[None], np.array([0.1]), CAMERA).frames.any()
     assert gains(lively, 1, 1, np.log(200)).max() == exposure.LARGEST_LOG_GAIN
 
 
 def test_white_may_have_been_brighter_than_white() -> None:
     ramp = np.arange(256.0)
-    np.testing.assert_allclose(exposure.tones(np.log(0.7))[:230], 0.7 * ramp[:230])
-    assert exposure.tones(np.log(0.7))[255] == pytest.approx(255 * 0.7**exposure.WHITE_SHARE)
-    np.testing.assert_array_equal(exposure.tones(0.0), ramp)
-    np.testing.assert_allclose(exposure.tones(np.log(1.5)), np.minimum(1.5 * ramp, 255))
-    assert (np.diff(exposure.tones(-0.3)) > 0).all()
+    np.testing.assert_allclose(exposure.tone_curve(np.log(0.7))[:230], 0.7 * ramp[:230])
+    assert exposure.tone_curve(np.log(0.7))[255] == pytest.approx(255 * 0.7**exposure.SATURATED_SHARE)
+    np.testing.assert_array_equal(exposure.tone_curve(0.0), ramp)
+    np.testing.assert_allclose(exposure.tone_curve(np.log(1.5)), np.minimum(1.5 * ramp, 255))
+    assert (np.diff(exposure.tone_curve(-0.3)) > 0).all()
 
 
 @pytest.mark.parametrize("value", [0, 100, 254, 255])
 @pytest.mark.parametrize("log_gain", [-0.5, -0.01, 0.0, 0.4])
 def test_even_images_take_the_tones(value: int, log_gain: float) -> None:
     frame = np.full((9, 12, 3), value, np.uint8)
-    assert np.abs(exposure.exposed(frame, log_gain) - exposure.tones(log_gain)[value]).max() <= 1
+    assert np.abs(exposure.apply_log_gain(frame, log_gain) - exposure.tone_curve(log_gain)[value]).max() <= 1
 
 
 def test_texture_of_white_is_not_enlarged() -> None:
     noisy = np.where(np.indices((40, 40)).sum(axis=0) % 2, 255, 239).astype(np.uint8)
-    dark = exposure.exposed(np.repeat(noisy[..., None], 3, axis=-1), np.log(0.75)).astype(float)
+    dark = exposure.apply_log_gain(np.repeat(noisy[..., None], 3, axis=-1), np.log(0.75)).astype(float)
     assert dark[10:30, 10:30].std() < noisy.std()
     assert dark.mean() > 0.8 * noisy.mean()
 
@@ -136,11 +136,11 @@ def test_texture_of_white_is_not_enlarged() -> None:
 def test_frames_are_matched_to_the_last_one() -> None:
     sources, inverse_depth, seconds = drive(np.array([1.4, 0.7, 1.0]))
     same, _, _ = drive(np.ones(3))
-    matched = Exposure.of(sources, inverse_depth, seconds).matched(sources)
+    matched = Exposure.of(sources, inverse_depth, seconds).match(sources)
     for one, expected in zip(matched, same, strict=True):
         assert np.abs(one.frame.astype(float) - expected.frame).mean() < 1.5
     detailed = patches.Source(sources[0].frame, CAMERA, np.eye(4), sources[0].frame)
-    twice = Exposure(np.zeros(1), np.array([np.log(1.5)]), 0.0, 0.0, 0.0).matched([detailed])[0]
+    twice = Exposure(np.zeros(1), np.array([np.log(1.5)]), 0.0, 0.0, 0.0).match([detailed])[0]
     assert twice.detail is not None
     np.testing.assert_array_equal(twice.detail, twice.frame)
 
@@ -155,7 +155,9 @@ def test_a_part_is_held_at_what_it_showed_a_whole_at_what_all_showed() -> None:
     control = Exposure(SECONDS[-2:], np.zeros(2), 0.0, np.log(90), 1.0)
     poses = np.tile(np.eye(4), (40, 1, 1))
     for whole, camera, expected in ((False, right, 120), (False, CAMERA, 60), (True, right, 90), (True, CAMERA, 90)):
-        views = Exposed(Grey(70), last, control, ExposureControl(), 7.0, whole).view(poses, 7 + 5 * TIMES_S, camera)
+        views = ExposedScene(Grey(70), last, control, ExposureControl(), 7.0, whole).view(
+            poses, 7 + 5 * TIMES_S, camera
+        )
         assert views.frames[-1].mean() == pytest.approx(expected, abs=1.5)
 
 

@@ -6,13 +6,7 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Fill
-from geovp_classic.render.fill import (
-    Blank,
-    BorrowedDetail,
-    NearestBackground,
-    Telea,
-    _pulled_from_background,
-)
+from geovp_classic.render.fill import Blank, BorrowedDetail, NearestBackground, Telea
 from geovp_classic.types import ByteArray, Views
 
 FILLS = [
@@ -53,21 +47,6 @@ def test_an_empty_row_takes_the_farther_row() -> None:
     covered = np.array([[[1], [0], [0], [1]]])
     filled = fill_in(NearestBackground(), views(covered, np.array([[[9], [0], [0], [3]]]), frames))[0, :, 0, 0]
     assert filled.tolist() == [10, 10, 10, 50]
-
-
-def test_rows_are_pulled_as_the_slow_way_does() -> None:
-    rng = np.random.default_rng(0)
-    known = rng.random((40, 30)) < np.linspace(0, 0.4, 40)[:, None]
-    far = np.where(known, rng.integers(1, 4, known.shape), 0).astype(np.float32)
-    rows, columns = np.indices(known.shape, dtype=np.uint8)
-    colours, depth = _pulled_from_background(np.stack([rows, columns, rows], axis=-1), known, far)
-    for row, column in np.ndindex(known.shape):
-        there = np.flatnonzero(known[row])
-        sides = [there[there <= column][-1:], there[there >= column][:1]]
-        found = [int(side[0]) for side in sides if len(side)] or [column]
-        best = max(found, key=lambda other: (far[row, other], -abs(other - column)))  # of equals the first: the left
-        assert colours[row, column].tolist() == [row, best, row]
-        assert depth[row, column] == far[row, best]
 
 
 def test_inpainting_goes_on_with_what_surrounds_the_hole() -> None:

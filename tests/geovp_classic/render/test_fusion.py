@@ -13,8 +13,8 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import patches
 from geovp_classic.render.detail_transfer import BAND_EDGES, FrameDetail, _add
 from geovp_classic.render.fill import Blank
-from geovp_classic.render.fusion import _close_cracks, _hidden_from, _without_dots, fuse, without
-from geovp_classic.render.rasterizer import NOTHING, IndexArray
+from geovp_classic.render.fusion import _close_cracks, _hidden_from, _median_filter, fuse, remove_masked
+from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
 
@@ -89,9 +89,9 @@ def test_the_sky_turns_but_does_not_come_nearer() -> None:
     sky = np.zeros((48, 64))
     image = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
     source = patches.Source(image, CAMERA, np.eye(4))
-    cloud = patches.patches(sky, np.ones(sky.shape, bool), 0)
+    cloud = patches.from_depth_map(sky, np.ones(sky.shape, bool), 0)
     ahead = se3.compose(np.eye(3), np.array([0.0, 0, 50]))
-    drawn, winner = patches.draw(cloud, [source], ahead[None], CAMERA)
+    drawn, winner = patches.rasterise(cloud, [source], ahead[None], CAMERA)
     np.testing.assert_array_equal(winner[0].ravel(), np.arange(sky.size))
     assert (drawn == 0).all()
 
@@ -121,30 +121,30 @@ def test_dots_go_and_thin_things_stay() -> None:
         inverse_depth[row, column] = 0.11
     number = np.zeros((20, 30), np.int32)
     number[12:, 12:] = 1  # beside it all stays
-    number[:3, :3] = NOTHING
+    number[:3, :3] = NO_INDEX
     inverse_depth[2, 2] = plain[2, 2] = -1
     plain[13, 12] = inverse_depth[13, 12] = 0.3
-    np.testing.assert_array_equal(_without_dots(inverse_depth, number), plain)
+    np.testing.assert_array_equal(_median_filter(inverse_depth, number), plain)
 
 
-def test_grain_is_added_only_where_magnification_took_it() -> None:
+def test_detail_is_added_only_where_magnification_removed_it() -> None:
     rng = np.random.default_rng(1)
     observed = rng.integers(60, 200, (48, 64, 3), dtype=np.uint8)
     flat = np.full_like(observed, 128)
     times = np.ones((48, 64), np.float32)
-    grain = FrameDetail.of(observed)
-    np.testing.assert_array_equal(grain.added_to(observed, times), observed)
+    detail = FrameDetail.of(observed)
+    np.testing.assert_array_equal(detail.add_to(observed, times), observed)
     times[:, 32:] = 3.0
     blurred = pinhole.resize(pinhole.resize(observed, (16, 12)), (64, 48))
-    roughness = np.abs(np.diff(grain.added_to(blurred, times).astype(int), axis=1)).mean(axis=(0, 2))
+    roughness = np.abs(np.diff(detail.add_to(blurred, times).astype(int), axis=1)).mean(axis=(0, 2))
     before = np.abs(np.diff(blurred.astype(int), axis=1)).mean(axis=(0, 2))
     assert roughness[36:].mean() > 1.5 * before[36:].mean()
     np.testing.assert_allclose(roughness[:28], before[:28])
     # Where nothing is to be seen, little is invented: the contrast of what is there bounds the grain.
-    assert np.abs(grain.added_to(flat, times).astype(int) - 128).mean() < 5
+    assert np.abs(detail.add_to(flat, times).astype(int) - 128).mean() < 5
 
 
-def test_grain_is_added_as_the_slow_way_does() -> None:
+def test_detail_is_added_as_the_slow_twin_does() -> None:
     rng = np.random.default_rng(2)
     image, bands = rng.uniform(0, 255, (9, 7)), rng.normal(0, 40, (len(BAND_EDGES) - 1, 9, 7))
     times, own, other = rng.uniform(0.5, 8, (9, 7)), rng.uniform(2, 20, (9, 7)), rng.uniform(2, 20, (9, 7))
@@ -183,7 +183,7 @@ def test_cracks_close_as_the_slow_twin_says(crack_px: int) -> None:
     rng = np.random.default_rng(crack_px)
     seen = rng.uniform(size=(20, 30)) > 0.3
     depth, number = rng.uniform(size=seen.shape).astype(np.float32), rng.integers(0, 9, seen.shape).astype(np.int32)
-    number[~seen] = NOTHING
+    number[~seen] = NO_INDEX
     kernel = np.ones((2 * crack_px + 1,) * 2, np.uint8)
     cracks = (cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0) & ~seen
     expected = _grown_slowly(np.where(seen, depth, np.float32(np.inf)), number.copy(), cracks, 2 * crack_px)
@@ -195,12 +195,12 @@ def test_cracks_close_as_the_slow_twin_says(crack_px: int) -> None:
 
 def test_patches_of_one_source_leave_the_cloud() -> None:
     known = np.ones((4, 5), dtype=bool)
-    cloud = patches.joined([patches.patches(np.full((4, 5), 0.2), known, number) for number in (0, 1)])
+    cloud = patches.concatenate([patches.from_depth_map(np.full((4, 5), 0.2), known, number) for number in (0, 1)])
     cut = np.zeros((4, 5), dtype=bool)
     cut[1, 2:4] = True
-    left = without(cloud, 0, cut)
+    left = remove_masked(cloud, 0, cut)
     assert len(left) == 40 - 2
     assert (left.source == 1).sum() == 20
     own = left.pixels[left.source == 0]
     assert not ((own[:, 1] == 1) & (own[:, 0] >= 2) & (own[:, 0] < 4)).any()
-    assert without(cloud, 0, np.zeros((4, 5), dtype=bool)) is cloud
+    assert remove_masked(cloud, 0, np.zeros((4, 5), dtype=bool)) is cloud

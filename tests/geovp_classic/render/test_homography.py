@@ -102,7 +102,7 @@ def test_a_camera_below_the_ground_sees_no_ground(plain: Any, camera: Intrinsics
     clip = plain.clip(drive, camera)
     context, _ = clip.split(NUM_PAST, Grant.CAMERA_HEIGHT)
     scene = GroundFarPlane(pitch_deg=0.0).reconstruct(context, clip.trajectory[:NUM_PAST])
-    sunken = scene.world_from_last @ se3.exp(np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0]))
+    sunken = scene.last.world_from_source @ se3.exp(np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0]))
     views = scene.view(sunken[None], np.zeros(len(sunken[None])), camera)
     assert not views.covered[0, 61:].any()
     assert views.covered[0, :60].all()

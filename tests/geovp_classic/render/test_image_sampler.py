@@ -6,8 +6,8 @@ import pytest
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import patches
-from geovp_classic.render.image_sampler import Images, Reader, observed
-from geovp_classic.render.rasterizer import NOTHING
+from geovp_classic.render.image_sampler import ImageSampler, ImageStack, resampled
+from geovp_classic.render.rasterizer import NO_INDEX
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 CAMERA = Intrinsics(40.0, 44.0, 19.5, 15.5, 40, 32)
@@ -49,7 +49,7 @@ def lanczos(frame: ByteArray, u: FloatArray, v: FloatArray) -> FloatArray:
     return np.clip(np.einsum("hwi,hwj,hwijc->hwc", down, across, around), 0, 255)
 
 
-def slow_read(
+def slow_sample(
     source: patches.Source, inverse_depth: FloatArray, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The whole view [H, W, 3] from one source, where that shows it [H, W], and the depth ratio [H, W]."""
@@ -71,21 +71,23 @@ def test_each_pixel_is_what_its_source_shows(is_grey: bool, with_detail: bool) -
     seen = sources(rng, is_grey, with_detail)
     inverse_depth = rng.uniform(0, 0.6, (32, 40)).astype(np.float32)
     inverse_depth[:5] = 0
-    number = rng.integers(NOTHING, 3, (32, 40)).astype(np.int32)
+    source_index = rng.integers(NO_INDEX, 3, (32, 40)).astype(np.int32)
     pose = se3.exp(np.array([0.2, -0.1, 0.8, 0.05, 0.1, -0.02]))
-    frame, covered, magnification = Reader.of(seen, CAMERA).read(inverse_depth, number, pose)
+    frame, covered, magnification = ImageSampler.of(seen, CAMERA).sample(inverse_depth, source_index, pose)
     assert 0.3 < covered.mean() < 0.8  # a quarter is nowhere, some of the rest beside the sources
     assert not frame[~covered].any()
     for n, source in enumerate(seen):
-        view, inside, ratio = slow_read(source, inverse_depth, pose)
-        mine = number == n
+        view, inside, ratio = slow_sample(source, inverse_depth, pose)
+        mine = source_index == n
         np.testing.assert_array_equal(covered[mine], inside[mine])
-        shown = mine & inside
+        shown_by = mine & inside
         larger = CAMERA.fx_px / SOURCE_CAMERA.fx_px
-        np.testing.assert_allclose(magnification[shown], ratio[shown] * larger / (2 if with_detail else 1), rtol=1e-5)
-        assert np.abs(frame[shown] - view[shown]).mean() < 0.5  # of rounding, and of places to 256ths of a pixel
-        assert np.abs(frame[shown] - view[shown]).max() < 1.5
-    assert not covered[number == NOTHING].any()
+        np.testing.assert_allclose(
+            magnification[shown_by], ratio[shown_by] * larger / (2 if with_detail else 1), rtol=1e-5
+        )
+        assert np.abs(frame[shown_by] - view[shown_by]).mean() < 0.5  # of rounding, and of places to 256ths of a pixel
+        assert np.abs(frame[shown_by] - view[shown_by]).max() < 1.5
+    assert not covered[source_index == NO_INDEX].any()
 
 
 @pytest.mark.parametrize("is_grey", [True, False])
@@ -95,46 +97,46 @@ def test_finer_sources_are_the_detail_of_coarser_images(is_grey: bool) -> None:
     pose = se3.exp(np.array([0.1, 0.0, 0.9, 0.02, 0.05, 0]))
     fine = image(rng, (72, 98), is_grey)
     view_camera = Intrinsics(30.0, 30.0, 19.5, 15.5, 40, 32)  # half as fine
-    inverse_depth, number = np.full((32, 40), 0.4, np.float32), np.zeros((32, 40), np.int32)
+    inverse_depth, source_index = np.full((32, 40), 0.4, np.float32), np.zeros((32, 40), np.int32)
     small = pinhole.resize(fine, (49, 36))
-    one = Reader.of([patches.Source(fine, fine_camera, np.eye(4))], view_camera)
-    same = Reader.of([patches.Source(small, SOURCE_CAMERA, np.eye(4), fine)], view_camera)
-    for part, expected in zip(*(r.read(inverse_depth, number, pose) for r in (one, same)), strict=True):
+    one = ImageSampler.of([patches.Source(fine, fine_camera, np.eye(4))], view_camera)
+    same = ImageSampler.of([patches.Source(small, SOURCE_CAMERA, np.eye(4), fine)], view_camera)
+    for part, expected in zip(*(r.sample(inverse_depth, source_index, pose) for r in (one, same)), strict=True):
         np.testing.assert_allclose(part.astype(float), expected.astype(float), atol=1)
-    seen = [observed(reader.sources[0], view_camera).astype(float) for reader in (one, same)]
+    seen = [resampled(sampler.sources[0], view_camera).astype(float) for sampler in (one, same)]
     np.testing.assert_allclose(*seen, atol=1)
 
 
 def test_what_was_observed_is_the_first_source_itself() -> None:
     seen = sources(np.random.default_rng(2), is_grey=False, with_detail=True)
-    shown = observed(seen[0], SOURCE_CAMERA.cropped(10, 5, 30, 20))
-    np.testing.assert_array_equal(shown, seen[0].frame[5:25, 10:40])
-    np.testing.assert_array_equal(observed(seen[0], SOURCE_CAMERA), seen[0].frame)
+    shown_by = resampled(seen[0], SOURCE_CAMERA.cropped(10, 5, 30, 20))
+    np.testing.assert_array_equal(shown_by, seen[0].frame[5:25, 10:40])
+    np.testing.assert_array_equal(resampled(seen[0], SOURCE_CAMERA), seen[0].frame)
 
 
 def test_beside_what_was_observed_the_border_goes_on() -> None:
     seen = sources(np.random.default_rng(2), is_grey=True, with_detail=False)
     larger = SOURCE_CAMERA.cropped(-3, -2, 55, 40)
     framed = cv2.copyMakeBorder(seen[0].frame, 2, 2, 3, 3, cv2.BORDER_REPLICATE)
-    np.testing.assert_array_equal(observed(seen[0], larger), framed)
+    np.testing.assert_array_equal(resampled(seen[0], larger), framed)
 
 
 def test_none_of_many_images_reaches_into_another() -> None:
-    images = Images.of([np.full((20, 30, 3), 10 * n, np.uint8) for n in range(1, 8)])
+    images = ImageStack.of([np.full((20, 30, 3), 10 * n, np.uint8) for n in range(1, 8)])
     corners = np.array([[[-0.5, -0.5], [29.5, -0.5]], [[-0.5, 19.5], [29.5, 19.5]]], np.float32)
     for n in range(7):
-        read = images.read(corners, np.full((2, 2), n, np.int32), (1.0, 1.0))
+        read = images.sample(corners, np.full((2, 2), n, np.int32), (1.0, 1.0))
         np.testing.assert_array_equal(read, 10 * (n + 1))
 
 
 def test_grey_images_are_read_like_each_channel_of_colours() -> None:
     rng = np.random.default_rng(3)
     colours = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
-    pixels, number = rng.uniform(-0.5, 47.5, (20, 30, 2)).astype(np.float32), np.zeros((20, 30), np.int32)
-    whole = Images.of([colours]).read(pixels, number, (1.0, 1.0))
+    pixels, source_index = rng.uniform(-0.5, 47.5, (20, 30, 2)).astype(np.float32), np.zeros((20, 30), np.int32)
+    whole = ImageStack.of([colours]).sample(pixels, source_index, (1.0, 1.0))
     assert whole.std(axis=-1).mean() > 10
     for channel in range(3):
-        grey = Images.of([np.repeat(colours[..., channel : channel + 1], 3, axis=-1)])
+        grey = ImageStack.of([np.repeat(colours[..., channel : channel + 1], 3, axis=-1)])
         assert grey.channels.shape[1] == 1
-        read = grey.read(pixels, number, (1.0, 1.0))
+        read = grey.sample(pixels, source_index, (1.0, 1.0))
         np.testing.assert_array_equal(read, np.repeat(whole[..., channel : channel + 1], 3, axis=-1))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.render.outlines import outlines
+from geovp_classic.render.given_depth import outlines
 from geovp_classic.types import FloatArray, Intrinsics
 
 CAMERA = Intrinsics(100.0, 100.0, 15.5, 15.5, 32, 32)

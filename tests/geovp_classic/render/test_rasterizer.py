@@ -20,7 +20,9 @@ def corner(
     return np.array([*(seen[:2] / seen[2]), here / seen[2], seen[2]])
 
 
-def slow_draw(cloud: patches.Patches, sources: list[patches.Source], pose: FloatArray) -> tuple[FloatArray, BoolArray]:
+def slow_rasterise(
+    cloud: patches.Patches, sources: list[patches.Source], pose: FloatArray
+) -> tuple[FloatArray, BoolArray]:
     """Inverse depth [H, W], -1 for nothing, and where no outline passes close to the pixel's centre."""
     drawn, clear = (
         np.full((CAMERA.height_px, CAMERA.width_px), -1.0),
@@ -28,7 +30,7 @@ def slow_draw(cloud: patches.Patches, sources: list[patches.Source], pose: Float
     )
     column, row = np.meshgrid(np.arange(CAMERA.width_px), np.arange(CAMERA.height_px))
     for n in range(len(cloud)):
-        a, b = (one[0] for one in patches.plane_sweep_maps(sources[cloud.source[n]], pose[None], CAMERA))
+        a, b = (one[0] for one in patches.projections(sources[cloud.source[n]], pose[None], CAMERA))
         offsets = rasterizer.HALF_PX * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         quad = [corner(cloud.pixels[n], cloud.inverse_depth[n], cloud.slope[n], offset, a, b) for offset in offsets]
         x, y, q, z = np.array(quad).T
@@ -50,9 +52,9 @@ def cloud_of(rng: np.random.Generator) -> tuple[patches.Patches, list[patches.So
     for number, twist in enumerate([np.zeros(6), np.array([0.5, 0.1, -0.3, 0.05, -0.1, 0.2])]):
         inverse_depth = rng.uniform(0.02, 0.5, (10, 12))
         inverse_depth[:3] = 0
-        parts.append(patches.patches(inverse_depth, rng.random((10, 12)) < 0.9, number))
+        parts.append(patches.from_depth_map(inverse_depth, rng.random((10, 12)) < 0.9, number))
         sources.append(patches.Source(np.zeros((10, 12, 3), np.uint8), SOURCE_CAMERA, se3.exp(twist)))
-    return patches.joined(parts), sources
+    return patches.concatenate(parts), sources
 
 
 def test_every_pixel_shows_what_the_slow_twin_finds() -> None:
@@ -60,14 +62,14 @@ def test_every_pixel_shows_what_the_slow_twin_finds() -> None:
     poses = se3.exp(
         np.array([[0, 0, 0.5, 0, 0, 0], [0.3, 0, 1.5, 0.1, 0.3, 0.1], [0, 0, -2, 0, 0, 0], [0, 0, 3, 0, 3, 0.0]])
     )
-    drawn, winner = patches.draw(cloud, sources, poses, CAMERA)
+    drawn, winner = patches.rasterise(cloud, sources, poses, CAMERA)
     for step, pose in enumerate(poses):
-        expected, clear = slow_draw(cloud, sources, pose)
+        expected, clear = slow_rasterise(cloud, sources, pose)
         assert clear.mean() > 0.9
         np.testing.assert_array_equal((drawn[step] >= 0)[clear], (expected >= 0)[clear])
         close = np.abs(drawn[step] - expected)[clear] < 1e-3 * (1 + np.abs(expected[clear]))
         assert close.mean() > 0.97  # a plane through four corners is not unique where these are not flat
-        np.testing.assert_array_equal(winner[step] == rasterizer.NOTHING, drawn[step] < 0)
+        np.testing.assert_array_equal(winner[step] == rasterizer.NO_INDEX, drawn[step] < 0)
     assert (drawn[:3] >= 0).mean() > 0.3
 
 
@@ -79,7 +81,7 @@ def test_one_patch_covers_the_pixels_it_should() -> None:
         np.zeros(1, np.int32),
     )
     source = patches.Source(np.zeros((10, 12, 3), np.uint8), SOURCE_CAMERA, np.eye(4))
-    drawn, winner = patches.draw(patch, [source], np.eye(4)[None], CAMERA)
+    drawn, winner = patches.rasterise(patch, [source], np.eye(4)[None], CAMERA)
     # 1.04 pixels of f = 12 are 3.47 of f = 40 and 3.81 of f = 44, around (19.5, 15.5): 4 x 4 pixel centres.
     assert np.argwhere(winner[0] == 0).tolist() == [[row, column] for row in range(14, 18) for column in range(18, 22)]
     np.testing.assert_allclose(drawn[0, 14:18, 18:22], 0.5)
@@ -94,6 +96,6 @@ def test_sky_is_drawn_behind_everything_and_what_is_too_near_is_not() -> None:
     )
     source = patches.Source(np.zeros((10, 12, 3), np.uint8), SOURCE_CAMERA, np.eye(4))
     poses = se3.compose(np.eye(3), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.9999]]))
-    _, winner = patches.draw(patch, [source], poses, CAMERA)
+    _, winner = patches.rasterise(patch, [source], poses, CAMERA)
     assert winner[0, 15, 19] == 1
     assert winner[1, 15, 19] == 0  # at 2 m, it is 0.1 mm before the camera

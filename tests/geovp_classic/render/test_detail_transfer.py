@@ -1,10 +1,10 @@
-"""Broad blurs on smaller images equal those at full size."""
+"""Wide blurs on smaller images equal those at full size."""
 
 import cv2
 import numpy as np
 import pytest
 
-from geovp_classic.render.blur import broad
+from geovp_classic.render.detail_transfer import wide_blur
 
 RNG = np.random.default_rng(1)
 
@@ -13,20 +13,20 @@ RNG = np.random.default_rng(1)
 def test_nearly_equals_the_blur_at_full_size(sigma_px: float) -> None:
     image = cv2.GaussianBlur(RNG.uniform(0, 255, (96, 128, 3)).astype(np.float32), (0, 0), 1.0)
     exact = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
-    off = np.abs(broad(image, sigma_px) - exact)  # grey levels of 255
+    off = np.abs(wide_blur(image, sigma_px) - exact)  # grey levels of 255
     assert off[8:-8, 8:-8].max() < 1.5
     assert off.mean() < 0.3 * exact.std() + 0.1
 
 
 def test_keeps_what_is_even_and_how_wide_a_dot_becomes() -> None:
-    assert (broad(np.full((50, 70), 7.0, np.float32), 9.0) == pytest.approx(7.0)) is True
+    assert (wide_blur(np.full((50, 70), 7.0, np.float32), 9.0) == pytest.approx(7.0)) is True
     dot = np.zeros((129, 129), np.float32)
     dot[64, 64] = 1.0
-    blurred = broad(dot, 8.0)
+    blurred = wide_blur(dot, 8.0)
     assert blurred.sum() == pytest.approx(1.0, abs=0.01)
     away = np.arange(129) - 64
     assert np.sqrt((blurred * away**2).sum()) == pytest.approx(8.0, rel=0.03)
 
 
 def test_tiny_images_are_no_trouble() -> None:
-    assert broad(np.ones((1, 3), np.float32), 8.0).shape == (1, 3)
+    assert wide_blur(np.ones((1, 3), np.float32), 8.0).shape == (1, 3)
