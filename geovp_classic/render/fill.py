@@ -83,8 +83,8 @@ class BorrowedDetail:
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled, detail = self.colours.fill(views, last).copy(), last.astype(np.float32)
-        detail = np.float32(self.strength) * (detail - self._blur(detail))
+        filled, seen = self.colours.fill(views, last).copy(), last.astype(np.float32)
+        detail = np.float32(self.strength) * (seen - self._blur(seen))
 
         def add_detail(step: int) -> None:
             invented = np.clip(self._blur(filled[step].astype(np.float32)) + detail + np.float32(0.5), 0, 255)
