@@ -10,6 +10,8 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -51,17 +53,16 @@ def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
 
 
 def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
-    """Predict with `chained` and `depth-fusion` at their defaults; the views and the times of STAGES.
-
-    Depth is estimated twice, by itself and in the renderer, so that the time of its other stages is known.
-    """
+    """Predict with `chained` and `depth-fusion` at their defaults; the views and the times of STAGES."""
     source, renderer = Chained(), DepthFusion()
     (past, _), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
-    _, depth = timed(lambda: renderer.depth.inverse_depths(context.only(renderer.depth.needs), past))
-    scene, all_s = timed(lambda: renderer.reconstruct(context.only(renderer.needs), past))
+    needs = renderer.depth.needs
+    estimate, depth = timed(lambda: renderer.depth.inverse_depths(context.only(needs), past))
+    given: Any = SimpleNamespace(needs=needs, inverse_depths=lambda *_: estimate)
+    scene, fusion = timed(lambda: replace(renderer, depth=given).reconstruct(context.only(renderer.needs), past))
     views, view = timed(lambda: scene.view(futures[0], context.times_s[context.num_past :], context.intrinsics))
-    return views, [odometry, forecast, depth, (all_s[0] - depth[0], all_s[1] - depth[1]), view]
+    return views, [odometry, forecast, depth, fusion, view]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

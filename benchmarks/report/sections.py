@@ -14,7 +14,6 @@ from benchmarks import plots, tables
 from benchmarks.report.markup import Html, fold, image, joined, table, tag
 from benchmarks.store import Cell
 
-NOTHING = "-"
 CURVES = ("horizon", "samples")
 MEMORY = (
     "memory: the process's highest resident memory while it predicted the row's clips, metrics not counted; what it "
@@ -142,8 +141,8 @@ def _method(cell: Cell, stages: Sequence[str], num_clips: int) -> Iterator[str]:
     yield f"{cell.num_clips} of {num_clips}"
     for stage in stages:
         known = stage in cell.seconds and cell.num_clips > 0
-        yield f"{cell.seconds[stage] / cell.num_clips:.2f}" if known else NOTHING
-    yield f"{_memory_mb(cell):.0f}" if _memory_mb(cell) else NOTHING
+        yield f"{cell.seconds[stage] / cell.num_clips:.2f}" if known else "-"
+    yield f"{_memory_mb(cell):.0f}" if _memory_mb(cell) else "-"
 
 
 def _memory_mb(cell: Cell) -> float:
