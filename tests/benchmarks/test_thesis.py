@@ -105,6 +105,11 @@ def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) 
     samples = {(entry.spec["name"], entry.num_samples) for entry in own.predictors.values()}
     assert {(name, count) for name in ("svg", "srvp", "slamp") for count in (1, 100)} <= samples
     sources = [entry.spec["pose_source"]["name"] for entry in own.predictors.values() if "pose_source" in entry.spec]
-    assert sources == ["deepvo", "planar", "ground-truth", "chained", "chained", "chained", "chained"]
+    refined = ["refined"] * 4  # the rows of fusion without any true pose
+    assert sources[:7] == ["deepvo", "planar", "ground-truth", *refined]
+    crossed = {
+        f"{poses}+{renderer}" for poses in ("gt-3d", "gt-3d-refined") for renderer in ("fusion", "ground-far-plane")
+    }
+    assert crossed | {"gt-3d-refined+synsin", "gt-2d-refined+synsin"} <= set(own.predictors)
     assert [own.predictors[f"vo+{forecast}+fusion-10"].num_samples for forecast in ("ctrv", "prior")] == [10, 10]
     assert "copy-last" in own.predictors
