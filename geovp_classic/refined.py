@@ -1,4 +1,4 @@
-"""Refined motion: a pose source and what corrects it from the images; depth and pose refinement meet here."""
+"""Refined motion: a pose source and corrections from the images; packages `depth` and `pose_refinement` meet here."""
 
 from __future__ import annotations
 
@@ -40,10 +40,8 @@ class RoadHeight:
         ground = fit_ground(inverse_depth, recent.intrinsics)
         if ground is None:
             return motion
-        profile, world_from_last = (
-            RoadProfile.of(inverse_depth, recent.intrinsics, ground),
-            motion.past.world_from_cam[-1],
-        )
+        profile = RoadProfile.of(inverse_depth, recent.intrinsics, ground)
+        world_from_last = motion.past.world_from_cam[-1]
         last_from_cam = se3.inverse(world_from_last) @ motion.futures
         futures = np.stack([profile.correct_heights(future) for future in last_from_cam])
         return motion.refined(motion.past, world_from_last @ futures)
@@ -70,7 +68,7 @@ class Refined:
 
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The refined motion; each part sees its own share of the context only."""
+        """The refined motion; each part sees only what it was granted of the context."""
         motion = self.source.estimate(context.only(self.source.needs), num_samples)
         for refinement in self.refinements:
             motion = refinement.refine(context.only(refinement.needs), motion)

@@ -80,7 +80,7 @@ def street() -> tuple[Street, FloatArray]:
     colours = np.random.default_rng(0).integers(0, 256, (*inverse_depth.shape, 3), dtype=np.uint8)
     sources = [patches.Source(colours, CAMERA, pose) for pose in track[:NUM_SOURCES]]
     known = np.ones(inverse_depth.shape, dtype=bool)
-    cloud = patches.joined([patches.patches(inverse_depth, known, number) for number in range(NUM_SOURCES)])
+    cloud = patches.concatenate([patches.from_depth_map(inverse_depth, known, number) for number in range(NUM_SOURCES)])
     points_cam = (rays / inverse_depth[..., None]).reshape(-1, 3)
     points_world = np.concatenate([se3.transform(pose, points_cam) for pose in track[:NUM_SOURCES]])
     return Street(cloud, sources, points_world, np.tile(colours.reshape(-1, 3), (NUM_SOURCES, 1))), track[NUM_SOURCES:]
@@ -88,7 +88,7 @@ def street() -> tuple[Street, FloatArray]:
 
 def draw_splat(scene: Street, world_from_cam: FloatArray) -> FloatArray:
     """Inverse depth [F, H, W] by our splat."""
-    return patches.draw(scene.cloud, scene.sources, world_from_cam, CAMERA)[0]
+    return patches.rasterise(scene.cloud, scene.sources, world_from_cam, CAMERA)[0]
 
 
 def draw_numpy(scene: Street, world_from_cam: FloatArray) -> FloatArray:

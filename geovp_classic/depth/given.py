@@ -1,4 +1,4 @@
-"""Recorded depth as a depth source: the yardstick for the estimated ones."""
+"""Recorded depth as a depth source: the upper bound for the estimated ones."""
 
 from __future__ import annotations
 

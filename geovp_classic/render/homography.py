@@ -1,7 +1,7 @@
 """The simple predictive-display model: a flat road below the horizon, everything else infinitely far away.
 
 The road moves by its plane-induced homography, the rest by the infinite homography of a rotating camera. It holds on
-open, flat roads; whatever stands upright close by is smeared over the road.
+open, flat roads; upright objects close by are smeared over the road.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from geovp_classic.render.fill import Blank
 from geovp_classic.render.image_sampler import resampled, warp
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
-MOVED_M = 0.1  # a shorter way says nothing about the direction of travel
+MOVED_M = 0.1  # a shorter path does not tell the direction of travel
 
 
 @dataclass(frozen=True)
