@@ -19,7 +19,7 @@ from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion, T
 
 @dataclass(frozen=True)
 class RecordedPast:
-    """The odometry that never errs: the recorded past poses."""
+    """The recorded past poses, as an odometry without error."""
 
     @property
     def needs(self) -> Grant:
@@ -125,7 +125,7 @@ class Planar:
 
     The plane is that of the last observed frame: the camera looks `pitch_deg` above it and is rolled clockwise by
     `roll_deg`. With both 0 it is the camera's own x-z plane. Height, pitch and roll stay as they are in that frame; the
-    past is kept as the source says it.
+    past is kept as it is.
     """
 
     source: PoseSource

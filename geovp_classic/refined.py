@@ -22,7 +22,7 @@ from geovp_classic.types import Context, Grant, Motion
 
 @dataclass(frozen=True)
 class RoadHeight:
-    """Coming positions moved towards their height above the road that the last observed frame shows."""
+    """Future positions moved towards their height above the road that the last observed frame shows."""
 
     depth: DepthSource = field(default_factory=Multiview)
     frames: Literal["crop", "wide"] = "crop"
@@ -34,7 +34,7 @@ class RoadHeight:
         return self.depth.needs | (Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE)
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion with other coming heights; unchanged where no road is seen."""
+        """The motion with other future heights; unchanged where no road is visible."""
         recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
         inverse_depth = self.depth.inverse_depths(recent, motion.past[-self.num_frames :])[0][-1]
         ground = fit_ground(inverse_depth, recent.intrinsics)

@@ -1,4 +1,4 @@
-"""Inverse depth of one frame from the frames around it: plane sweep, semi-global aggregation, ground prior, completion."""
+"""Inverse depth of one frame from others: plane sweep, semi-global aggregation, ground prior, completion."""
 
 from __future__ import annotations
 

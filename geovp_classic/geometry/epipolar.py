@@ -1,7 +1,7 @@
 """Dense projection of one frame's pixels into another frame, and triangulation from there; compiled.
 
-A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole (Hartley
-& Zisserman 2004, eq. 13.2): as q grows from 0 (infinity), it moves along its epipolar line.
+A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole
+(Hartley & Zisserman 2004, eq. 13.2): as q grows from 0 (infinity), it moves along its epipolar line.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Epipolar:
         self,
         pixels: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
     ) -> FloatArray:
-        """The inverse depth [H, W] float32 that is seen nearest to the places, by linear least squares."""
+        """The inverse depth [H, W] float32 that projects nearest to the pixels, by linear least squares."""
         inverse_depth = np.empty(pixels.shape[:2], np.float32)
         _triangulate(self.infinity, self.epipole, np.ascontiguousarray(pixels, dtype=np.float32), inverse_depth)
         return inverse_depth

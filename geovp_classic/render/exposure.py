@@ -32,7 +32,7 @@ SATURATED = 235.0  # grey values above this one are partly saturated
 SATURATED_SHARE = 0.3  # of a darkening (in log steps) that saturated pixels show
 SATURATED_BLUR_PX = 1.5
 CONTROL_STEP_S = 0.1  # between two steps of the control, as between two frames
-METER_PX = 64  # height of the whole images that the coming mean is taken from
+METER_PX = 64  # height of the whole images that the future mean is taken from
 
 
 @dataclass(frozen=True)

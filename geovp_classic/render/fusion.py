@@ -140,7 +140,7 @@ class CloudScene:
 
 def _close_cracks(
     inverse_depth: FloatArray,  # [H, W]
-    source_index: IndexArray,  # [H, W], NOTHING in gaps
+    source_index: IndexArray,  # [H, W], NO_INDEX in gaps
     crack_px: int,
 ) -> tuple[FloatArray, IndexArray]:
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""

@@ -8,7 +8,7 @@ from benchmarks.performance import splat
 
 def test_all_three_draw_the_same_street() -> None:
     scene, poses = splat.street()
-    assert len(scene.points_world) == len(scene.patches) == 3 * 256 * 256
+    assert len(scene.points_world) == len(scene.cloud) == 3 * 256 * 256
     surface, dots, open3d = (draw(scene, poses[:2]) for draw in splat.WAYS.values())
     same = np.abs(dots - open3d) <= 0.01 * open3d
     assert same[open3d > 0].mean() > 0.98  # a point between two pixels may be rounded either way
