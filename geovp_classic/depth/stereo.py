@@ -29,10 +29,7 @@ class Stereo:
         if not self.frames or not self.nearest_m > 0:
             raise BadData(f"stereo: frames {self.frames}, nearest_m {self.nearest_m}: expected a frame and a distance")
 
-    @property
-    def needs(self) -> Grant:
-        """The right images."""
-        return Grant.RIGHT_FRAMES
+    needs = Grant.RIGHT_FRAMES  # the right images
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0 where filled or not wanted.

@@ -32,10 +32,7 @@ LEAST_M = 1e-6
 class NonholonomicConstraint:
     """Future positions drawn to the direction in which the camera has been moving, in its own frame."""
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing: it compares registered poses with the given ones."""
-        return Grant.NONE
+    needs = Grant.NONE  # nothing: it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other future positions; unchanged where lengths are not metres or nothing moves."""

@@ -59,10 +59,7 @@ class RotationDrift:
     interval, the weight is what that interval's own correction leaves.
     """
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing: it compares registered poses with the given ones."""
-        return Grant.NONE
+    needs = Grant.NONE  # nothing: it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other future poses."""

@@ -50,10 +50,7 @@ class UnmeasuredIntervals:
     Their weight is how much the images contradict the uniform motion that was recorded.
     """
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing: it compares registered poses with the given ones."""
-        return Grant.NONE
+    needs = Grant.NONE  # nothing: it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other future rotations; unchanged where the last frame's pose was measured."""

@@ -36,10 +36,7 @@ class GivenDepth:
 
     fill: Fill = field(default_factory=Blank)
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past depths."""
-        return Grant.PAST_DEPTHS
+    needs = Grant.PAST_DEPTHS  # the recorded past depths
 
     def reconstruct(self, context: Context, past: Trajectory) -> SurfaceScene:
         """The last frame's visible surface; Incompatible when the clip has no depth or the poses are not metric."""

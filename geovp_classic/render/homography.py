@@ -34,10 +34,7 @@ class GroundFarPlane:
     pitch_deg: float | None = None
     roll_deg: float = 0.0
 
-    @property
-    def needs(self) -> Grant:
-        """The camera's height above the ground."""
-        return Grant.CAMERA_HEIGHT
+    needs = Grant.CAMERA_HEIGHT  # the camera's height above the ground
 
     def reconstruct(self, context: Context, past: Trajectory) -> GroundFarScene:
         """The two planes; Incompatible without a camera height or without metric poses."""
