@@ -1,4 +1,4 @@
-"""The verbs of the suite: one-method Protocols that a component, ours or a plug-in's, fulfils without a base class."""
+"""The interfaces of the suite: one-method Protocols that a component or plug-in fulfils without a base class."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from geovp_classic.types import (
 
 
 class Component(Protocol):
-    """Whatever sees a context: it says which parts of it it must be granted."""
+    """A component with access to a context."""
 
     @property
     def needs(self) -> Grant:
-        """What it must be granted."""
+        """The parts of the context that it must be granted."""
         ...
 
 
 @runtime_checkable
 class Odometry(Component, Protocol):
-    """Says where the camera was, from what it saw; never raises on hard images but bridges and marks the step."""
+    """Estimates the past trajectory from the frames; never raises on hard images but bridges and marks the step."""
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory [P] and which steps were really tracked [P]."""
@@ -65,7 +65,7 @@ class ScaleEstimator(Protocol):
 
 @runtime_checkable
 class Scale(Component, Protocol):
-    """Gives an odometry metres, or says that its lengths have no unit."""
+    """Gives an odometry metric scale, or leaves its lengths without a unit."""
 
     @property
     def is_metric(self) -> bool:
@@ -79,7 +79,7 @@ class Scale(Component, Protocol):
 
 @runtime_checkable
 class Forecaster(Protocol):
-    """Says where the camera will be, from where it was; sees poses only."""
+    """Predicts future poses from past ones; sees poses only."""
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4] at the given times [F], in the world frame of the past."""
@@ -88,7 +88,7 @@ class Forecaster(Protocol):
 
 @runtime_checkable
 class PoseSource(Component, Protocol):
-    """Says where the camera was and will be."""
+    """Gives the camera's past and future motion."""
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks what it needs."""
@@ -97,10 +97,10 @@ class PoseSource(Component, Protocol):
 
 @runtime_checkable
 class PoseRefinement(Component, Protocol):
-    """Says better where the camera was and will be, from the images and from what the poses themselves show."""
+    """Corrects the camera's motion, from the images and from the poses themselves."""
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion, corrected, in the same world frame; unchanged where there is nothing to say.
+        """The motion, corrected, in the same world frame; unchanged where there is no correction.
 
         Incompatible when the clip or the refinements before it lack what it needs.
         """
@@ -109,7 +109,7 @@ class PoseRefinement(Component, Protocol):
 
 @runtime_checkable
 class DepthSource(Component, Protocol):
-    """Says how far away the observed pixels are."""
+    """Estimates the depth of the observed pixels."""
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H, W] in [0, 1]."""
@@ -118,7 +118,7 @@ class DepthSource(Component, Protocol):
 
 @runtime_checkable
 class Scene(Protocol):
-    """What was reconstructed from the past; can be seen from anywhere, at any time, any number of times."""
+    """A reconstruction from the past; can be rendered from any pose, at any time, any number of times."""
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4] at the times [F], in the world frame and on the clock of its past.
@@ -130,7 +130,7 @@ class Scene(Protocol):
 
 @runtime_checkable
 class Renderer(Component, Protocol):
-    """Builds a scene from what was seen and from where."""
+    """Reconstructs a scene from observed frames and their poses."""
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """The scene; Incompatible when the past's unit or the clip does not suit it."""
@@ -144,14 +144,14 @@ class Fill(Protocol):
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3], unchanged where `views.covered`; each from its own view alone.
 
-        `last` [H, W, 3] is what the views' camera would have seen in the last observed frame's place.
+        `last` [H, W, 3] is the last observed frame, resampled to the views' camera.
         """
         ...
 
 
 @runtime_checkable
 class FramePredictor(Component, Protocol):
-    """Says what the camera will see, by whatever means."""
+    """Predicts future frames, by whatever means."""
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Predicted frames [S, F, H, W, 3] for the future times of the context."""
@@ -168,7 +168,7 @@ class Metric(Protocol):
 
     @property
     def higher_is_better(self) -> bool:
-        """Which way the arrow points."""
+        """Whether larger numbers are better."""
         ...
 
 

@@ -19,12 +19,9 @@ from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion, T
 
 @dataclass(frozen=True)
 class RecordedPast:
-    """The odometry that never errs: the recorded past poses."""
+    """The recorded past poses, as an odometry without error."""
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past poses."""
-        return Grant.PAST_POSES
+    needs = Grant.PAST_POSES  # the recorded past poses
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The recorded past [P], every step tracked; Incompatible when the clip has no poses."""
@@ -36,10 +33,7 @@ class RecordedPast:
 class GroundTruth:
     """The recorded motion in 3D, past and future: the perfect pose source (GT-3D)."""
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded poses of past and future."""
-        return Grant.PAST_POSES | Grant.FUTURE_POSES
+    needs = Grant.PAST_POSES | Grant.FUTURE_POSES  # the recorded poses of past and future
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The recorded motion, one sample; Incompatible when the clip has no poses."""
@@ -73,10 +67,7 @@ class _Continued:
     def _forecaster(self) -> Forecaster:
         raise NotImplementedError
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past poses."""
-        return Grant.PAST_POSES
+    needs = Grant.PAST_POSES  # the recorded past poses
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The recorded past and its continuation, one sample; Incompatible when the clip has no poses."""
@@ -125,7 +116,7 @@ class Planar:
 
     The plane is that of the last observed frame: the camera looks `pitch_deg` above it and is rolled clockwise by
     `roll_deg`. With both 0 it is the camera's own x-z plane. Height, pitch and roll stay as they are in that frame; the
-    past is kept as the source says it.
+    past is kept as it is.
     """
 
     source: PoseSource
@@ -179,10 +170,7 @@ class Commanded:
         if self.futures is not None and not self.futures.is_file():
             raise BadData(f"{self.futures} is missing, expected a TUM or KITTI trajectory of the commanded motion")
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past poses, on which the command goes on."""
-        return Grant.PAST_POSES
+    needs = Grant.PAST_POSES  # the recorded past poses, on which the command goes on
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The recorded past and the commanded future, one sample; Incompatible when the clip has no poses."""

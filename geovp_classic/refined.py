@@ -1,4 +1,4 @@
-"""Refined motion: a pose source and what corrects it from the images; depth and pose refinement meet here."""
+"""Refined motion: a pose source and corrections from the images; packages `depth` and `pose_refinement` meet here."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _coarse_depth() -> DepthSource:
 
 @dataclass(frozen=True)
 class RoadHeight:
-    """Coming positions moved towards their height above the road that the last observed frame shows."""
+    """Future positions moved towards their height above the road that the last observed frame shows."""
 
     depth: DepthSource = field(default_factory=_coarse_depth)
     frames: Literal["crop", "wide"] = "crop"
@@ -38,16 +38,14 @@ class RoadHeight:
         return self.depth.needs | (Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE)
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion with other coming heights; unchanged where no road is seen."""
+        """The motion with other future heights; unchanged where no road is visible."""
         recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
         inverse_depth = self.depth.inverse_depths(recent, motion.past[-self.num_frames :])[0][-1]
         ground = fit_ground(inverse_depth, recent.intrinsics)
         if ground is None:
             return motion
-        profile, world_from_last = (
-            RoadProfile.of(inverse_depth, recent.intrinsics, ground),
-            motion.past.world_from_cam[-1],
-        )
+        profile = RoadProfile.of(inverse_depth, recent.intrinsics, ground)
+        world_from_last = motion.past.world_from_cam[-1]
         last_from_cam = se3.inverse(world_from_last) @ motion.futures
         futures = np.stack([profile.correct_heights(future) for future in last_from_cam])
         return motion.refined(motion.past, world_from_last @ futures)
@@ -74,7 +72,7 @@ class Refined:
 
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The refined motion; each part sees its own share of the context only."""
+        """The refined motion; each part sees only what it was granted of the context."""
         motion = self.source.estimate(context.only(self.source.needs), num_samples)
         for refinement in self.refinements:
             motion = refinement.refine(context.only(refinement.needs), motion)

@@ -1,4 +1,4 @@
-"""Renderers that begin with a depth source: depth and rendering, rooms on one floor, meet here and only here."""
+"""Renderers with a depth source: packages `depth`, `dynamic_objects` and `render` meet here and only here."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from geovp_classic.types import Context, FloatArray, Grant, Trajectory
 
 @dataclass(frozen=True)
 class DepthFusion:
-    """All observed frames as one cloud of patches; holes are filled, magnified surfaces get their detail back."""
+    """All observed frames as one cloud of patches; holes are filled, detail is transferred to magnified surfaces."""
 
     depth: DepthSource = field(default_factory=Multiview)
     fill: Fill = field(default_factory=BorrowedDetail)
     frames: Literal["crop", "wide"] = "crop"  # wide: the uncropped ones, in full resolution
     num_frames: int = 10  # how many of the last observed frames are used
-    crack_px: int = 3  # gaps up to about twice this width are closed between surfaces, not invented
-    agreement: float = 0.1  # two inverse depths are of one surface when they differ by less than this share
+    crack_px: int = 3  # gaps between surfaces up to about twice this width are closed, not filled
+    agreement: float = 0.1  # largest relative difference of inverse depths of one surface
     detail_strength: float = 1.0  # of the transferred detail; 0 leaves magnified surfaces blurred
-    dynamic_objects: DynamicObjects | None = field(default_factory=DynamicObjects)  # None: they stand like all else
+    dynamic_objects: DynamicObjects | None = field(default_factory=DynamicObjects)  # None: they are rendered as static
     exposure: ExposureControl | None = field(default_factory=ExposureControl)  # None: it stays as it was last
 
     def __post_init__(self) -> None:
@@ -74,7 +74,7 @@ class DepthFusion:
         return ExposedScene(scene, sources[-1], exposure, self.exposure, last_s, whole=self.frames == "wide")
 
     def sprites(self, context: Context, past: Trajectory) -> tuple[moving_sprites.Sprite, ...]:
-        """What moves by itself in the last frame, as the scene shows it; in the unit of the past."""
+        """The dynamic objects of the last frame, as the scene renders them; in the unit of the past."""
         recent, past = self._recent(context, past)
         return self._sprites(recent, past, self.depth.inverse_depths(recent, past)[0][-1])
 
@@ -109,7 +109,7 @@ class VolumeFusion:
     fill: Fill = field(default_factory=NearestBackground)
     num_frames: int = 10  # how many of the last observed frames are used
     voxel_px: float = 2.5  # the edge of a voxel, as seen at the median depth
-    reach: float = 5.0  # what is farther lies on a far plane
+    reach: float = 5.0  # surfaces farther away lie on a far plane
     agreement: float = 0.3  # a surface is what the last frame shows when inverse depths differ by at most this share
 
     def __post_init__(self) -> None:

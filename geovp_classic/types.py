@@ -1,4 +1,4 @@
-"""The nouns of the suite: what a camera saw, how it moved, and what a predictor is given and gives back.
+"""The data types of the suite: clips, camera motion, and the input and output of predictors.
 
 Conventions, stated once and kept everywhere:
 

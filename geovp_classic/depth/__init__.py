@@ -1,1 +1,1 @@
-"""How far away the observed pixels are: inverse depth of the observed frames."""
+"""Inverse depth of the observed frames."""

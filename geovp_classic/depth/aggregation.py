@@ -18,7 +18,7 @@ SumArray = npt.NDArray[np.uint16]
 # One pass goes down the rows and one up. Each follows four directions: from the neighbour beside, as (du, dv) of the
 # downward pass, and from the three in the row before.
 FROM = ((-1, 0), (-1, -1), (0, -1), (1, -1))
-NEIGHBOURS = 2  # hypotheses on either side of the winner that are no rivals
+NEIGHBOURS = 2  # hypotheses on either side of the winner that do not count as rivals
 _FAR_OFF = np.float32(1e9)
 _HALF = np.float32(0.5)
 _PER_PATH = np.float32(1 / (2 * len(FROM)))
@@ -114,7 +114,7 @@ def _extend(
     large_step: np.float32,
     path: FloatArray,  # [N + 3], written
 ) -> None:
-    """Equation 13 of Hirschmueller 2008. Without a minimum in it, the compiler makes vectors of the loop."""
+    """Equation 13 of Hirschmueller 2008. The compiler vectorises the loop because it holds no running minimum."""
     num = len(cost)
     least = previous[num + 2]
     jump = least + large_step
@@ -126,7 +126,7 @@ def _extend(
 
 @numba.njit(fastmath=True, cache=True)
 def _smallest(values: FloatArray) -> np.float32:
-    """The smallest of [N], by quarters, so that no comparison waits for the one before."""
+    """The smallest of [N], by quarters, so that comparisons run in parallel."""
     a, b, c, d = _FAR_OFF, _FAR_OFF, _FAR_OFF, _FAR_OFF
     quarter = len(values) // 4
     for n in range(quarter):

@@ -1,4 +1,4 @@
-"""Holes in depth: small islands of wrong matches, and pixels without a match, take the depth of the background."""
+"""Depth completion: small islands of wrong matches, and pixels without a match, take the background's depth."""
 
 from __future__ import annotations
 

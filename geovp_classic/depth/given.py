@@ -1,4 +1,4 @@
-"""Recorded depth as a depth source: the yardstick for the estimated ones."""
+"""Recorded depth as a depth source: the upper bound for the estimated ones."""
 
 from __future__ import annotations
 
@@ -14,10 +14,7 @@ from geovp_classic.types import Context, FloatArray, Grant, Trajectory
 class Given:
     """The recorded depth of the observed frames, in metres."""
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past depths."""
-        return Grant.PAST_DEPTHS
+    needs = Grant.PAST_DEPTHS  # the recorded past depths
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where depth is recorded, 0 where unknown.

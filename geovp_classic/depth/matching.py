@@ -1,4 +1,4 @@
-"""How badly images agree with a reference image if its pixels lay at given inverse depths: a plane sweep's costs.
+"""Matching costs of a plane sweep: how badly images agree with a reference image at given inverse depths.
 
 The measure is one minus the zero-mean normalised cross-correlation (ZNCC) of small windows, which neither gain nor
 offset of the exposure changes. Planes face the reference camera (Collins 1996).

@@ -1,7 +1,7 @@
-"""Depth from the observed frames and where the camera was: what the past alone tells about the shape of the street.
+"""Multi-view depth from the observed frames and their poses.
 
 Forward motion leaves no parallax around its own direction, the epipole: the longest baseline decides there, the
-neighbours help, and what nothing decides comes out far and uncertain.
+neighbours help, and pixels without any evidence come out far and uncertain.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from geovp_classic.types import Context, FloatArray, Grant, Trajectory
 
 @dataclass(frozen=True)
 class LevelRoad:
-    """A level road at the recorded camera height, for frames about which the others say nothing."""
+    """A level road at the recorded camera height, for frames without parallax."""
 
     def inverse_depth(self, context: Context, past: Trajectory) -> FloatArray:
         """Inverse depth [H, W] of the road, 0 above its horizon; Incompatible without a height or without metres."""
@@ -40,7 +40,7 @@ class Multiview:
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
     num_planes: int = 96  # of a sweep over images of up to TALL_PX rows; over taller ones proportionally more
-    ground: GroundPrior | None = field(default_factory=GroundPrior)  # None: nothing is known of a road
+    ground: GroundPrior | None = field(default_factory=GroundPrior)  # None: no prior
     level_road: LevelRoad | None = None  # where there is no parallax
 
     def __post_init__(self) -> None:

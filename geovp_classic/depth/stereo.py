@@ -1,4 +1,4 @@
-"""Depth from a second eye: what the last frames' right images show is the yardstick for depth from one camera."""
+"""Stereo depth from the right images of the last frames: the upper bound for depth from one camera."""
 
 from __future__ import annotations
 
@@ -22,17 +22,14 @@ class Stereo:
     """Semi-global block matching (Hirschmueller 2008, OpenCV's) of frames with the right images of their instants."""
 
     frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
-    nearest_m: float = 4.0  # nearer things are not searched for
+    nearest_m: float = 4.0  # nearer surfaces are not searched for
 
     def __post_init__(self) -> None:
         """Raise BadData for settings that give no depth."""
         if not self.frames or not self.nearest_m > 0:
             raise BadData(f"stereo: frames {self.frames}, nearest_m {self.nearest_m}: expected a frame and a distance")
 
-    @property
-    def needs(self) -> Grant:
-        """The right images."""
-        return Grant.RIGHT_FRAMES
+    needs = Grant.RIGHT_FRAMES  # the right images
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0 where filled or not wanted.

@@ -1,4 +1,4 @@
-"""Inverse depth of one frame from the frames around it: plane sweep, semi-global aggregation, road, completion."""
+"""Inverse depth of one frame from others: plane sweep, semi-global aggregation, ground prior, completion."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from geovp_classic.types import FloatArray, Intrinsics
 
 TALL_PX = 256  # rows; taller images are swept over more planes
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
-SPECKLE_SHARE = 0.0045  # of the image; smaller islands of depth are wrong matches more often than things
-FLOATING_SHARE = 0.027  # larger ones are still wrong where they hang low over the road
-SURE_LEAD = 75.0  # a lead over all rivals that is worth full confidence
+SPECKLE_SHARE = 0.0045  # of the image; smaller islands of depth are wrong matches more often than objects
+FLOATING_SHARE = 0.027  # larger ones are still wrong where they float low over the road
+SURE_LEAD = 75.0  # the lead over all rivals with full confidence
 
 
 @dataclass(frozen=True)
 class GroundPrior:
-    """Nothing lies below the road that is found under the camera, as far as the images allow it."""
+    """No surface lies below the ground plane, unless the images contradict it."""
 
-    excess: float = 40.0  # what lying on a near road may cost more than the best depth, where that is below the road
+    excess: float = 40.0  # largest extra cost of lying on a near road, where the best depth is below it
 
 
 def sweep(
@@ -38,7 +38,7 @@ def sweep(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Inverse depth and confidence [H, W] of the reference image, float32, in the poses' unit; None without parallax.
 
-    A confidence of 0 says that the depth is as good as any other, 1 that it has no rival.
+    Confidence is 0 where other depths fit as well, and 1 where none does.
     """
     source_from_reference = se3.inverse(world_from_cam[list(sources)]) @ world_from_cam[reference]
     planes, step_px = viewpoints.hypotheses(source_from_reference, camera, num_planes)

@@ -1,4 +1,4 @@
-"""Which frames to compare with a frame, and at which inverse depths: both from the poses alone, whatever their unit."""
+"""Source frames for a plane sweep, and its inverse depths: both from the poses alone, whatever their unit."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from geovp_classic.types import FloatArray, Intrinsics
 
 MIN_OVERLAP = 0.4  # of the image, at infinity
 GRID = 8  # pixels along each side at which parallax is worked out
-HALVINGS = 4  # baselines that are sought: the longest, a half, a quarter, an eighth of it
-NEAREST_SHIFT = 0.125  # of the image's shorter side, that the shortest baseline gives the nearest things
+HALVINGS = 4  # baselines of the sources: the longest, a half, a quarter, an eighth of it
+NEAREST_SHIFT = 0.125  # of the image's shorter side, that the shortest baseline gives the nearest surfaces
 MIN_PARALLAX_PX = 1.0  # less is noise, of the images or of the poses
 TYPICAL = 0.75  # the quantile of the pixels' parallax that counts: forward motion has none at its centre
 
@@ -62,7 +62,7 @@ def hypotheses(
 def shows_parallax(
     parallax_px: FloatArray,  # [H, W], as found for each pixel
 ) -> bool:
-    """Whether the camera moved, as far as images tell: the quarter of the pixels that moved most did so visibly."""
+    """Whether the images show that the camera moved: the quarter of the pixels that moved most did so visibly."""
     return bool(np.quantile(parallax_px, TYPICAL) >= MIN_PARALLAX_PX)
 
 

@@ -1,1 +1,1 @@
-"""What moves by itself: found, segmented, its velocity measured, and rendered as sprites."""
+"""Dynamic objects: detected, segmented, their velocity measured, and rendered as sprites."""

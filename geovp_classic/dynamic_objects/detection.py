@@ -1,4 +1,4 @@
-"""Things that move by themselves: found in the last frame, set on the road, outlined, and their own velocity."""
+"""Dynamic objects: detected in the last frame, placed on the road, segmented, and their velocity estimated."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
-JOIN_SHARE = 1 / 20  # of the image's height: evidence so near together is one thing's
-SMALLEST_SHARE = 4e-4  # of the image's pixels that must be evidence, or the thing is not believed
-SAME_SHARE = 0.5  # of evidence that lies on a thing found before: the same thing's
-FARTHEST_HEIGHTS = 40.0  # the foot of a thing on the road is at most so many camera heights away
+JOIN_SHARE = 1 / 20  # of the image's height: evidence this close belongs to one object
+SMALLEST_SHARE = 4e-4  # of the image's pixels that must be evidence, or the object is rejected
+SAME_SHARE = 0.5  # of a cluster on the mask of an object found before: it is the same object
+FARTHEST_HEIGHTS = 40.0  # camera heights: largest distance of the foot of an object on the road
 SPEEDS_HEIGHTS_HZ = (0.7, 25.0)  # camera heights per second; of cars and cyclists between 1.2 and 40 m/s
-SMALLEST_HEIGHTS = (0.4, 0.2)  # height and width of things on the road, in camera heights
+SMALLEST_HEIGHTS = (0.4, 0.2)  # height and width of objects on the road, in camera heights
 LARGEST_HEIGHTS = (2.0, 5.0)
-MAX_PHOTOMETRIC_ERROR = 25.0  # grey values; things keep their looks, chance matches of sky and leaves don't
-FOOT_PERCENT = 90  # of the rows of a thing's pixels are above where it stands; below is its shadow
-SHADOW_SHARE = 0.25  # of the mask's height is shadow and road that the thing has just left
+MAX_PHOTOMETRIC_ERROR = 25.0  # grey values; larger errors are chance matches of sky and leaves
+FOOT_PERCENT = 90  # of the rows of an object's pixels are above its foot; below is its shadow
+SHADOW_SHARE = 0.25  # of the mask's height is shadow and road that the object has just left
 
 
 @dataclass(frozen=True)
 class DynamicObject:
-    """One thing, flat and facing the last camera, that goes on at its velocity."""
+    """A flat object that faces the last camera and moves at a constant velocity."""
 
     mask: BoolArray  # [H, W], where the last frame shows it
     depth: float  # of the last frame, in the poses' unit
@@ -37,9 +37,9 @@ class DynamicObject:
 
 @dataclass(frozen=True)
 class DynamicObjects:
-    """Finds what moves by itself, where flow and images contradict all standing things on or above the road."""
+    """Detects dynamic objects where flow and images contradict every static point on or above the road."""
 
-    steps: tuple[int, ...] = (1, 2, 3)  # how many frames before the last one it is compared with
+    steps: tuple[int, ...] = (1, 2, 3)  # how many frames back the last one is compared with
     min_strength: float = 0.7  # of the evidence, see epipolar_residual
     min_shift_px: float = 1.0
 
@@ -56,7 +56,7 @@ class DynamicObjects:
         inverse_depth: FloatArray,  # [H, W] of the last frame
         road: GroundPlane | None,
     ) -> list[DynamicObject]:
-        """What moves by itself in the last frame; nothing where no road is seen or no frame is early enough."""
+        """The dynamic objects of the last frame; none without a road or without frames that far back."""
         steps = tuple(step for step in self.steps if step < len(past))
         if not steps or road is None:
             return []
@@ -91,7 +91,7 @@ def _clusters(evidence: BoolArray) -> list[BoolArray]:
 def _dynamic_object(
     evidence: BoolArray, flow_pixels: FloatArray, steps: tuple[int, ...], observed: Observations
 ) -> DynamicObject | None:
-    """The thing that a cluster of evidence belongs to; None when it isn't like one that drives on the road."""
+    """The object that a cluster of evidence belongs to; None when it is unlike a vehicle on the road."""
     depth = _foot_depth(evidence, observed)
     if depth is None:
         return None
@@ -110,7 +110,7 @@ def _dynamic_object(
 
 
 def _body(mask: BoolArray, observed: Observations) -> BoolArray:
-    """The pixels [H, W] of the mask whose flow is the thing's: those with texture, above its shadow."""
+    """The pixels [H, W] of the mask with the object's own flow: those with texture, above its shadow."""
     rows = np.flatnonzero(mask.any(axis=1))
     above = np.arange(len(mask)) < rows[-1] - SHADOW_SHARE * len(rows)
     steps = [

@@ -1,8 +1,8 @@
-"""Which pixels of the last frame no standing thing on or above the road explains: two tests that must both fail.
+"""Evidence of motion: pixels of the last frame that no static point on or above the road explains.
 
-A standing thing may lie at any distance from the road's surface to infinity. Where it appears in an earlier frame is
-therefore a piece of its epipolar line (Hartley & Zisserman 2004, eq. 13.2); what is seen elsewhere moves by itself.
-The images decide: at the best standing place they must match worse than at the place that optical flow found.
+A static point may lie at any distance from the road's surface to infinity. Where it appears in an earlier frame is
+therefore a piece of its epipolar line (Hartley & Zisserman 2004, eq. 13.2); a pixel that is found elsewhere moves by
+itself. The images decide: the best static correspondence must match worse than the one of optical flow.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from geovp_classic.parallel import parallel_map
 from geovp_classic.types import FloatArray, Intrinsics
 
 WINDOW_PX = 5  # over which differences of grey values are averaged
-EXPOSURE_STRIDE_PX = 4  # every fourth pixel votes on how exposure changed
+EXPOSURE_STRIDE_PX = 4  # every fourth pixel is used to estimate the change of exposure
 EXPOSURE_ROUNDS = 3
-GREY_NOISE = 4.0  # difference of grey values 0..255 that says nothing
-SMOOTHING_PX = 5  # of the flow that the search begins with
-BELOW_ROAD = 0.85  # a standing thing has at least this share of the road's inverse depth: the road isn't quite flat
+GREY_NOISE = 4.0  # difference of grey values 0..255 that is noise
+SMOOTHING_PX = 5  # of the flow that the search starts from
+BELOW_ROAD = 0.85  # of the road's inverse depth, the least of a static point: the road is not quite flat
 
 
 @dataclass(frozen=True)
 class ResidualEvidence:
-    """How much better flow matches the images than anything standing, and where flow says that pixels came from."""
+    """How much better flow matches the images than any static point, and the correspondences of the flow."""
 
-    strength: FloatArray  # [H, W], excess of the grey difference as a multiple of the flow's own; 0 = explained
-    shift_px: FloatArray  # [H, W], from the best standing place to the place found
+    strength: FloatArray  # [H, W], excess of the static grey difference over that of flow, relative to the latter
+    shift_px: FloatArray  # [H, W], distance of the flow from the best static correspondence
     flow_pixels: FloatArray  # [K, H, W, 2] float32, pixels (u, v) in the earlier frames
 
 
@@ -39,11 +39,11 @@ def residual_evidence(
     images: FloatArray,  # [P, H, W] float32 grey 0..255
     camera: Intrinsics,
     world_from_cam: FloatArray,  # [P, 4, 4]
-    inverse_depth: FloatArray,  # [H, W] of the last frame, as if all were standing
+    inverse_depth: FloatArray,  # [H, W] of the last frame, estimated as if all were static
     ground: GroundPlane | None,
     steps: tuple[int, ...],
 ) -> ResidualEvidence:
-    """The median over the earlier frames: one chance match or one hidden pixel decides nothing."""
+    """The evidence as a median over the earlier frames, robust to single chance matches and occlusions."""
     lowest = _road_limit(camera, ground)
     static_depth = np.maximum(inverse_depth, lowest).astype(np.float32)
     tests = parallel_map(lambda step: _test_frame(step, images, camera, world_from_cam, static_depth, lowest), steps)
@@ -58,9 +58,9 @@ def equalise_exposure(
     inverse_depth: FloatArray,  # [H, W] of the last frame
     steps: tuple[int, ...],
 ) -> FloatArray:
-    """The images with those `steps` before the last one brought to its gain and offset, as most of what stands says.
+    """The images with those `steps` before the last one brought to its gain and offset, fitted to static points.
 
-    One gain and one offset for an image: whatever is done locally bleeds over the edges of things.
+    There is one gain and one offset for an image: local corrections would bleed over the edges of objects.
     """
     equal = images.copy()
     some = (slice(None, None, EXPOSURE_STRIDE_PX),) * 2
@@ -98,7 +98,7 @@ def cam_from_last(world_from_cam: FloatArray, step: int) -> FloatArray:
 
 
 def _road_limit(camera: Intrinsics, ground: GroundPlane | None) -> FloatArray:
-    """The least inverse depth [H, W] of things not below the road; 0 beyond the near road and without one."""
+    """The least inverse depth [H, W] of points not below the road; 0 beyond the near road and without one."""
     if ground is None:
         return np.zeros((camera.height_px, camera.width_px), np.float32)
     road = ground.inverse_depth(camera)
@@ -113,7 +113,7 @@ def _test_frame(
     static_depth: FloatArray,  # [H, W]
     lowest: FloatArray,  # [H, W]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Strength and shift [H, W] and place [H, W, 2] by the frame `step` frames before the last one."""
+    """Strength and shift [H, W], 0 where the flow leaves the earlier image, and the flow's pixels [H, W, 2]."""
     pair = images[[-1, -1 - step]]
     last, earlier = pair
     between = Epipolar.of(camera, cam_from_last(world_from_cam, step))
@@ -131,7 +131,7 @@ def _test_frame(
 def _flow(pair: FloatArray, grid: FloatArray, static_pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where the last image's pixels are in the earlier one [H, W, 2], and the grey difference there [H, W].
 
-    Dense inverse search (Kroeger 2016), once from rest and once from where all would be if it stood; the better counts.
+    Dense inverse search (Kroeger 2016), from zero flow and from the flow of a static scene; the better counts.
     """
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     last, earlier = np.clip(pair, 0, 255).astype(np.uint8)
@@ -148,7 +148,7 @@ def grey_difference(
     place: FloatArray,  # [H, W, 2] float32
     window_px: int = WINDOW_PX,
 ) -> FloatArray:
-    """Mean absolute difference of grey values [H, W] between the last image and the earlier one at the places."""
+    """Mean absolute grey difference [H, W] between the last image and the earlier one at the pixels `place`."""
     return np.asarray(cv2.blur(np.abs(_sample(earlier, place) - last), (window_px, window_px)))
 
 

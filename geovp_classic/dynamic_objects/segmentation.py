@@ -1,4 +1,4 @@
-"""The outline of a thing that moves: where its motion explains the images and the street behind it does not."""
+"""Motion segmentation: pixels where an object's motion explains the images and a static background does not."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
 WINDOW_PX = 3  # over which differences of grey values are averaged
-MARGIN_GREY = 1.0  # grey values 0..255 by which the thing must explain a pixel better than the street does
-MARGIN_SHARE = 0.25  # and this share of its own difference
+MARGIN_GREY = 1.0  # grey values 0..255 by which the object must explain a pixel better than the background
+MARGIN_SHARE = 0.25  # and this share of the object's own error
 HIGHEST = 1.35  # camera heights: vans, seen by a car's camera
-ASIDE = 0.4  # of the evidence's extent: how far the thing may go on beside it
+ASIDE = 0.4  # of the evidence's extent: how far the object may extend beside it
 BELOW_PX = 2
-MIN_BETTER = 0.4  # of the evidence that the thing's motion must explain better
+MIN_BETTER = 0.4  # of the evidence that the object's motion must explain better
 MARGIN_PX = 1
 
 
@@ -28,7 +28,7 @@ Box = tuple[slice, slice]  # rows and columns of the image
 
 @dataclass(frozen=True)
 class Observations:
-    """What the search for moving things looks at."""
+    """The observed frames with their geometry."""
 
     images: FloatArray  # [P, H, W] float32 grey 0..255, equally exposed
     camera: Intrinsics
@@ -48,9 +48,9 @@ def segment(
     steps: tuple[int, ...],
     observed: Observations,
 ) -> BoolArray | None:
-    """The outline [H, W] of a thing at one depth; None when its motion doesn't explain the evidence.
+    """The mask [H, W] of an object at one depth; None when its motion does not explain the evidence.
 
-    What lies between is filled: doors and panes look the same wherever they are.
+    Gaps are filled: uniform doors and panes match anywhere.
     """
     box = _box(evidence, depth, observed)
     own, street = _photometric_errors(box, depth, velocity, steps, observed, _columns(evidence))
@@ -66,7 +66,7 @@ def segment(
 def photometric_error(
     body: BoolArray, depth: float, velocity: FloatArray, steps: tuple[int, ...], observed: Observations
 ) -> float:
-    """Mean difference of grey values between a thing's body [H, W] and what earlier frames show where it was then."""
+    """Mean difference of grey values between an object's body [H, W] and earlier frames where it was then."""
     box = _columns(body.T), _columns(body)
     inverse_depth = np.full(body[box].shape, 1 / depth)
     return float(np.mean([_grey_difference(inverse_depth, velocity, step, box, observed)[body[box]] for step in steps]))
@@ -75,10 +75,10 @@ def photometric_error(
 def _photometric_errors(
     box: Box, depth: float, velocity: FloatArray, steps: tuple[int, ...], observed: Observations, columns: slice
 ) -> tuple[FloatArray, FloatArray]:
-    """Grey differences [K, h, w] in the box, if its pixels were the thing's and if they were the street's.
+    """Grey differences [K, h, w] in the box under the object's motion and as static background.
 
-    In the columns of the evidence, depth was estimated from the thing as if it stood: there the street goes on from
-    beside the box. Elsewhere the estimate counts, too.
+    In the columns of the evidence, depth was estimated from the object as if static: there the background is
+    interpolated from both sides of the box. Elsewhere the estimated depth counts, too.
     """
     estimated = observed.inverse_depth[box]
     beside = np.ones(estimated.shape, dtype=bool)
@@ -98,7 +98,7 @@ def _columns(mask: BoolArray) -> slice:
 
 
 def _box(evidence: BoolArray, depth: float, observed: Observations) -> Box:
-    """Rows and columns where the thing may be: around the evidence, from its foot to HIGHEST above the road."""
+    """Rows and columns where the object may be: around the evidence, from its foot to HIGHEST above the road."""
     height, width = evidence.shape
     rows, columns = _columns(evidence.T), _columns(evidence)
     aside_px = int(ASIDE * max(rows.stop - rows.start, columns.stop - columns.start))
@@ -109,14 +109,11 @@ def _box(evidence: BoolArray, depth: float, observed: Observations) -> Box:
 
 
 def _from_beside(inverse_depth: FloatArray, box: Box) -> FloatArray:
-    """Inverse depth [h, w] in the box that goes straight on from the left of it to its right, row by row."""
+    """Inverse depth [h, w] in the box, interpolated between its left and right neighbours row by row."""
     rows, columns = box
-    left = inverse_depth[rows, columns.start - 1] if columns.start > 0 else None
-    right = inverse_depth[rows, columns.stop] if columns.stop < inverse_depth.shape[1] else None
-    if left is None or right is None:
-        only = left if right is None else right
-        only = inverse_depth[rows, 0] if only is None else only
-        left, right = only, only
+    width = inverse_depth.shape[1]
+    beside = [column for column in (columns.start - 1, columns.stop) if 0 <= column < width] or [0]
+    left, right = inverse_depth[rows, beside[0]], inverse_depth[rows, beside[-1]]
     share = np.linspace(0, 1, columns.stop - columns.start)
     return np.asarray(left[:, None] * (1 - share) + right[:, None] * share)
 
@@ -124,7 +121,7 @@ def _from_beside(inverse_depth: FloatArray, box: Box) -> FloatArray:
 def _grey_difference(
     inverse_depth: FloatArray, velocity: FloatArray, step: int, box: Box, observed: Observations
 ) -> FloatArray:
-    """Grey difference [h, w] in the box to the frame `step` before the last one, for things that move so."""
+    """Grey difference [h, w] in the box to the frame `step` before the last one, for a body with that velocity."""
     other_from_last = epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
     shift = other_from_last[:3, 3] - observed.seconds(step) * other_from_last[:3, :3] @ velocity
     points = pinhole.rays(observed.camera)[box] @ other_from_last[:3, :3].T + inverse_depth[..., None] * shift
@@ -134,7 +131,7 @@ def _grey_difference(
 
 
 def _connected_to(better: BoolArray, seed: BoolArray) -> BoolArray:
-    """The parts of `won` [H, W] that hang together with the seed."""
+    """The parts of `won` [H, W] that are connected to the seed."""
     _, labels = cv2.connectedComponents(cv2.dilate(better.astype(np.uint8), np.ones((5, 5), np.uint8)))
     return np.asarray(better & np.isin(labels, np.unique(labels[seed])))
 

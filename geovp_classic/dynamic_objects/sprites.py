@@ -1,4 +1,4 @@
-"""Things that move by themselves: cut out of what stands, and drawn into it as flat images where they have got to."""
+"""Sprites (billboards) of dynamic objects: masked out of the static scene and composited where they have moved to."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Scene
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
-NEARER = 1.02  # a thing wins over the road it stands on, though its flat image leans out of its foot
-NEAR_SHARE = 0.1  # of its depth when it was seen: nearer than that it is not drawn
-RIM_PX = 2  # around the window that a thing is drawn in
+NEARER = 1.02  # a sprite up to this factor farther than the static scene is in front: it stands on the road
+NEAR_SHARE = 0.1  # of its observed depth: nearer objects are not rendered
+RIM_PX = 2  # around the window of a sprite
 
 Window = tuple[slice, slice]  # rows and columns of a view
 
 
 @dataclass(frozen=True)
 class SpriteLayer:
-    """What one thing adds to a view, inside a window of it."""
+    """A rendered sprite, in a window of the view."""
 
     window: Window
     colours: ByteArray  # [h, w, 3]
@@ -40,7 +40,7 @@ class Sprite:
     velocity: FloatArray  # [3] in the source's frame, per second
 
     def render(self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float) -> SpriteLayer | None:
-        """The thing `seconds` after the image was taken; None where it is out of view or too near."""
+        """The sprite `seconds` after the image was taken; None where it is out of view or too near."""
         cam_from_source = se3.inverse(world_from_cam) @ self.world_from_source
         rotation = cam_from_source[:3, :3]
         shift = rotation @ (seconds * self.velocity) + cam_from_source[:3, 3]
@@ -60,7 +60,7 @@ class Sprite:
         return SpriteLayer(window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
 
     def _window(self, view_from_source: FloatArray, camera: Intrinsics) -> Window | None:
-        """Where in the view the mask may be; its corners' third coordinate is their depth's share of the one seen."""
+        """The window of the view that holds the mask; None when out of view or nearer than NEAR_SHARE."""
         rows, columns = np.flatnonzero(self.mask.any(axis=1)), np.flatnonzero(self.mask.any(axis=0))
         u, v = np.meshgrid(columns[[0, -1]] + [-1, 1], rows[[0, -1]] + [-1, 1])
         corners = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3) @ view_from_source.T
@@ -82,9 +82,9 @@ def mask_out(
     world_from_cam: FloatArray,  # [P, 4, 4]
     seconds: FloatArray,  # [P] since the sprites' image, negative before it
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Depths with the things where they were, confidence 0 there, and where that is [P, H, W].
+    """Depths with the objects where they were, confidence 0 there, and their masks [P, H, W].
 
-    A thing stays in the depths, for it hid what is behind; being unsure of it keeps it out of what stands.
+    Objects stay in the depths, because they occlude; a confidence of 0 keeps them out of the static scene.
     """
     mask = np.zeros(inverse_depths.shape, dtype=bool)
     if not sprites:
@@ -109,7 +109,7 @@ class DynamicScene:
     last_s: float  # the time of the sprites' frame, the last observed one
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The scene from the poses [F, 4, 4]; where a moving thing is in front, it is drawn, and counts as covered."""
+        """The scene from the poses [F, 4, 4]; sprites in front are composited and count as covered."""
         views = self.static.view(world_from_cam, times_s, intrinsics)
         frames, covered, depths = views.frames.copy(), views.covered.copy(), views.depths.copy()
         for k, since_s in enumerate(times_s - self.last_s):
@@ -129,7 +129,7 @@ def _composite_over(
     depth: FloatArray,  # [h, w], 0 = unknown
     layer: SpriteLayer,
 ) -> tuple[ByteArray, BoolArray, FloatArray]:
-    """The layer in front of what is farther or invented."""
+    """The layer composited over farther and over invented pixels."""
     own = 1 / layer.inverse_depth
     alpha = np.where(~covered | (depth <= 0) | (own < NEARER * depth), layer.opacity, 0)
     mixed = frame + alpha[..., None] * (layer.colours.astype(np.float32) - frame)

@@ -1,4 +1,4 @@
-"""The own velocity of a thing on the road: from optical flow first, then by following it through all frames.
+"""The velocity of an object on the road: from optical flow first, then by tracking it through all frames.
 
 A point p of the last frame was at R (p - v t) + c in the frame t seconds earlier, with R and c the camera's own motion.
 """
@@ -16,12 +16,12 @@ from geovp_classic.types import BoolArray, FloatArray
 
 NUM_ROUNDS = 3
 OUTLIER = 2.5  # times the median residual
-STAGES = (3, 6, 9)  # frames before the last one that a thing is followed through, near ones first
+STAGES = (3, 6, 9)  # frames before the last one that an object is followed through, near ones first
 ROUNDS_PER_STAGE = 3
 BLUR_PX = 1.0
 MAX_PIXELS = 400
 ROBUST_GREY = 8.0  # grey values; differences of this size count half
-HOLD = 1e-6  # of the equations' size: what nothing says stays
+HOLD = 1e-6  # regularisation, relative to the normal equations
 
 
 def along_road(normal: FloatArray) -> FloatArray:
@@ -36,7 +36,7 @@ def from_flow(
     steps: tuple[int, ...],  # K
     observed: Observations,
 ) -> FloatArray:
-    """The velocity [3] along the road that explains the flow of the body best, with things at one depth.
+    """The velocity [3] along the road that explains the flow of the body best, at one depth.
 
     With z the third coordinate of a point there, its pixel's equation x z - X = 0 is linear in v.
     """
@@ -54,7 +54,7 @@ def from_flow(
 
 
 def _robust(rows: FloatArray, values: FloatArray) -> FloatArray:
-    """Least squares without the equations that the others contradict."""
+    """Least squares with outliers removed."""
     kept = np.ones(len(rows), dtype=bool)
     solution: FloatArray = np.zeros(rows.shape[1])
     for _ in range(NUM_ROUNDS):
@@ -70,7 +70,7 @@ def tracked(
     depth: float,
     observed: Observations,
 ) -> FloatArray:
-    """The velocity [3] along the road with which the body looks the same in all frames (Lucas & Kanade 1981)."""
+    """The velocity [3] along the road of least photometric error in all frames (Lucas & Kanade 1981)."""
     rows, columns = np.nonzero(body)
     some = slice(None, None, -(-len(rows) // MAX_PIXELS))
     rows, columns = rows[some], columns[some]
@@ -91,13 +91,13 @@ def tracked(
 
 def _equations(
     velocity: FloatArray,
-    points: FloatArray,  # [N, 3] of the thing, in the last camera's frame
+    points: FloatArray,  # [N, 3] of the object, in the last camera's frame
     seen: FloatArray,  # [N] grey values of them in the last image
     earlier: tuple[FloatArray, FloatArray],  # image [H, W] and its slopes [H, W, 2]
     step: int,
     observed: Observations,
 ) -> tuple[FloatArray, FloatArray]:
-    """How the earlier image's grey values change with the velocity [N, 3], and what they lack [N]; 0 outside."""
+    """Derivatives [N, 3] of the earlier image's grey values by the velocity, and residuals [N]; 0 outside."""
     camera, other_from_last = observed.camera, epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
     rotation, seconds = other_from_last[:3, :3], observed.seconds(step)
     moved = (points - seconds * velocity) @ rotation.T + other_from_last[:3, 3]
@@ -113,7 +113,7 @@ def _equations(
 
 
 def _weighted(rows: FloatArray, missing: FloatArray) -> FloatArray:
-    """Least squares in which what differs by more than ROBUST_GREY counts little (Cauchy)."""
+    """Least squares with Cauchy weights of scale ROBUST_GREY."""
     weight = 1 / (1 + (missing / ROBUST_GREY) ** 2)
     normal = (rows * weight[:, None]).T @ rows
     normal += (HOLD * np.trace(normal) + 1e-12) * np.eye(len(normal))

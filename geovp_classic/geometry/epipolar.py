@@ -1,7 +1,7 @@
-"""Where what one frame shows was in another frame, and from there back to its distance; compiled, pixel by pixel.
+"""Dense projection of one frame's pixels into another frame, and triangulation from there; compiled.
 
-A pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole (Hartley
-& Zisserman 2004, eq. 13.2): its way from infinity towards the camera is a piece of its epipolar line.
+A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole
+(Hartley & Zisserman 2004, eq. 13.2): as q grows from 0 (infinity), it moves along its epipolar line.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 IN_FRONT = 1e-3  # smallest z, relative to the ray
-DAMPING = 1e-3  # beside squared pixels per unit of inverse depth: infinity, where nothing tells the distance
+DAMPING = 1e-3  # squared pixels per unit of inverse depth: without parallax the result is infinitely far
 _IN_FRONT, _DAMPING = np.float32(IN_FRONT), np.float32(DAMPING)
 
 
 @dataclass(frozen=True)
 class Epipolar:
-    """Two frames: the other one's image of this one's pixels."""
+    """The maps A and b that project this frame's pixels into the other frame."""
 
     infinity: FloatArray  # A [3, 3] float32
     epipole: FloatArray  # b [3] float32
@@ -39,7 +39,7 @@ class Epipolar:
     ) -> tuple[FloatArray, FloatArray]:
         """Pixels [H, W, 2] float32 of the other frame, and the depth there over the depth here [H, W].
 
-        What is behind the other camera, where this ratio is not positive, is far outside.
+        Points behind the other camera, where this ratio is not positive, are far outside.
         """
         q = np.ascontiguousarray(inverse_depth, dtype=np.float32)
         pixels, ratio = np.empty((*q.shape, 2), np.float32), np.empty(q.shape, np.float32)
@@ -50,7 +50,7 @@ class Epipolar:
         self,
         pixels: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
     ) -> FloatArray:
-        """The inverse depth [H, W] float32 that is seen nearest to the places, by linear least squares."""
+        """The inverse depth [H, W] float32 that projects nearest to the pixels, by linear least squares."""
         inverse_depth = np.empty(pixels.shape[:2], np.float32)
         _triangulate(self.infinity, self.epipole, np.ascontiguousarray(pixels, dtype=np.float32), inverse_depth)
         return inverse_depth
@@ -85,7 +85,7 @@ def _project(
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _triangulate(a: FloatArray, b: FloatArray, pixels: FloatArray, inverse_depth: FloatArray) -> None:
-    """The place times z is x and y: (b_xy - p b_z) q = p a_z - a_xy."""
+    """The pixel p times z is x and y: (b_xy - p b_z) q = p a_z - a_xy."""
     for row in range(pixels.shape[0]):
         v = np.float32(row)
         x0, y0, z0 = a[0, 1] * v + a[0, 2], a[1, 1] * v + a[1, 2], a[2, 1] * v + a[2, 2]

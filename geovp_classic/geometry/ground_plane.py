@@ -1,4 +1,4 @@
-"""The road under the camera as a plane: found in inverse depth, where every plane is linear in the image."""
+"""The ground plane, fitted in inverse depth, where every plane is linear in the image."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 NUM_TRIALS = 80
 NUM_ROUNDS = 4
-STRIDE_PX = 4  # every fourth pixel of the lower half votes
+STRIDE_PX = 4  # of the pixels of the lower half that are used
 CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
 MIN_SHARE = 0.2  # of the lower half that must lie on it
 MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
-FLOATING_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which nothing hangs that does not stand on it
-LEVEL_HEIGHTS = 4.0  # so many camera heights far a road is a plane
-HORIZON_HEIGHTS = 20.0  # ground farther away than so many camera heights is left as it was found
+FLOATING_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which no object floats
+LEVEL_HEIGHTS = 4.0  # camera heights: up to this distance a road is a plane
+HORIZON_HEIGHTS = 20.0  # camera heights: ground farther away is not changed
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class GroundPlane:
         self,
         inverse_depth: FloatArray,  # [H, W] of the plane
     ) -> FloatArray:
-        """How surely a road lies on the plane [H, W]: 1 up to LEVEL_HEIGHTS, falling with the square of the distance.
+        """Confidence [H, W] that the road lies on the plane; 0 above the horizon.
 
-        0 above the horizon.
+        It is 1 up to LEVEL_HEIGHTS and falls with the square of the distance beyond.
         """
         nearness: FloatArray = np.clip(LEVEL_HEIGHTS * self.height * inverse_depth, 0, 1)
         return nearness**2
@@ -74,9 +74,9 @@ def clamp_to_ground(
     inverse_depth: FloatArray,  # [H, W]
     ground: GroundPlane,
     camera: Intrinsics,
-    allowed: BoolArray,  # [H, W]; where the images don't contradict the ground
+    allowed: BoolArray,  # [H, W]; where the images do not contradict the ground
 ) -> FloatArray:
-    """The inverse depth [H, W] with nothing below the ground where it is allowed to lie on it."""
+    """The inverse depth [H, W] with no surface below the ground, where `allowed`."""
     plane = ground.inverse_depth(camera)
     near = plane * ground.height > 1 / HORIZON_HEIGHTS
     return np.where(near & allowed & (inverse_depth < plane), plane, inverse_depth)
@@ -88,9 +88,9 @@ def floating_mask(
     camera: Intrinsics,
     islands: BoolArray,  # [H, W], surfaces that are cut off from all around
 ) -> BoolArray:
-    """Which islands [H, W] hang low over the road: wrong matches, or things that come towards the camera.
+    """Which islands [H, W] float low over the road: wrong matches, or objects that come towards the camera.
 
-    These shift along epipolar lines like standing things that are nearer, so that their foot is up in the air.
+    Oncoming objects shift along epipolar lines like nearer static ones, so that their foot seems to float.
     """
     height = ground.height
     above = 1 - height * ground.inverse_depth(camera) / np.maximum(height * inverse_depth, 1e-9)  # in camera heights
@@ -113,7 +113,7 @@ def _upright(planes: FloatArray) -> BoolArray:
 def _on_plane(planes: FloatArray, rays: FloatArray, found: FloatArray) -> BoolArray:
     """Which points [M] lie on which planes [N], nearer than the horizon: [N, M].
 
-    What is farther away would draw the plane to the foot of whatever stands there.
+    Farther points would draw the plane to the foot of upright objects.
     """
     expected = planes @ rays.T
     near = expected * HORIZON_HEIGHTS > np.linalg.norm(planes, axis=1, keepdims=True)

@@ -33,5 +33,5 @@ def track_points(
         now, before, there, start.copy(), winSize=window, maxLevel=backward - 1, criteria=criteria, flags=flags
     )
     returns = np.linalg.norm(back - start, axis=1) < max_return_px
-    close: BoolArray = returns & (found.ravel() > 0) & (returned.ravel() > 0)
-    return np.asarray(there), close, np.asarray(error, np.float32).ravel()
+    kept = np.asarray(returns & (found.ravel() > 0) & (returned.ravel() > 0))
+    return np.asarray(there, np.float32), kept, np.asarray(error, np.float32).ravel()

@@ -1,4 +1,4 @@
-"""The uncropped frames in place of the square ones: what stands beside the square, finer geometry and all detail."""
+"""The uncropped frames in place of the square crops: a wider view, finer geometry and all detail."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Context
 
-MAX_SCALE = 1.5  # at most so much finer than the square's are the pixels that depth is sought for, if there are such
+MAX_SCALE = 1.5  # largest resolution for depth, over that of the square
 
 
 def select(context: Context, frames: Literal["crop", "wide"]) -> Context:
@@ -20,7 +20,7 @@ def select(context: Context, frames: Literal["crop", "wide"]) -> Context:
 
 
 def uncropped(context: Context) -> Context:
-    """The context with the uncropped images as its frames, up to FINER times as fine as the square; `wide` stays.
+    """The context with the uncropped images as its frames, up to MAX_SCALE times as fine as the square; `wide` stays.
 
     Incompatible when there are none, or when recorded depth of the square should be used with them.
     """

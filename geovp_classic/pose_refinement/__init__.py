@@ -1,1 +1,1 @@
-"""Better poses from the images: refinements that stand between a pose source and a renderer."""
+"""Pose refinement from the images, between a pose source and a renderer."""

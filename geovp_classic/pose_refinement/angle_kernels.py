@@ -1,4 +1,4 @@
-"""How a vehicle's angles go in time: covariances of Gaussian processes (Rasmussen & Williams 2006)."""
+"""Kernels of Gaussian processes for a vehicle's angles over time (Rasmussen & Williams 2006)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import numpy as np
 
 from geovp_classic.types import FloatArray
 
-Kernel = Callable[[FloatArray], FloatArray]  # covariance of angles so many seconds apart, up to a constant
+Kernel = Callable[
+    [FloatArray], FloatArray
+]  # covariance of angles as a function of their distance in seconds, up to a constant
 
 
 def matern52(deviation_rad: float, time_constant_s: float) -> Kernel:
-    """Angles that come back to their mean (Matern 5/2; Rasmussen & Williams 2006, eq. 4.17)."""
+    """Matern kernel with nu = 5/2 for angles that return to their mean (Rasmussen & Williams 2006, eq. 4.17)."""
 
     def covariance(apart_s: FloatArray) -> FloatArray:
         far = np.sqrt(5) * np.abs(apart_s) / time_constant_s
@@ -22,7 +24,7 @@ def matern52(deviation_rad: float, time_constant_s: float) -> Kernel:
 
 
 def integrated_ornstein_uhlenbeck(deviation_rad_s: float, time_constant_s: float) -> Kernel:
-    """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of what they go in that time."""
+    """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of their increment."""
 
     def covariance(apart_s: FloatArray) -> FloatArray:
         lasts = np.abs(apart_s) / time_constant_s
@@ -38,7 +40,7 @@ def covariance_of_differences(
     other_s: FloatArray,  # [M]
     other_from_s: FloatArray | float,  # [M]
 ) -> FloatArray:
-    """Covariance [N, M] of angles at some times against those at others."""
+    """Covariance [N, M] of angle(one_s) - angle(one_from_s) and angle(other_s) - angle(other_from_s)."""
     ones = one_s, np.broadcast_to(one_from_s, one_s.shape)
     others = other_s, np.broadcast_to(other_from_s, other_s.shape)
     (to_to, to_from), (from_to, from_from) = ([kernel(one[:, None] - other) for other in others] for one in ones)

@@ -1,7 +1,8 @@
-"""Poses and inverse depths of corners adjusted together (bundle adjustment, Triggs 2000), held by the given poses.
+"""Local bundle adjustment (Triggs 2000) of poses and inverse depths of corners, with the given poses as a prior.
 
-The given poses are right to within a standard deviation or far off: all departures together count by Cauchy's function,
-so that poses the images agree with stay, and those that they contradict by pixels are let go.
+Given poses are either right to within a standard deviation or far off. So their deviations count together by Cauchy's
+function: poses that agree with the images stay, and poses that contradict them by pixels lose their prior. COLMAP has
+no such prior for rotations (benchmarks/performance/libraries.py compares both).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 ROBUST_PX = 0.5  # errors of this size count half (Cauchy)
 ROTATION_RAD = 1.7e-4  # standard deviation of a given rotation
 SHIFT_SHARE = 7e-4  # and of a given position, of the distance from the reference
-PRIOR_SCALE = 30.0  # squared departures beyond which given poses lose their hold
+PRIOR_SCALE = 30.0  # scale of Cauchy's function of the squared deviation from the given poses
 NUM_ROUNDS = 8
 START_DAMPING = 1e-3
 NEAR = 1e-3
@@ -25,7 +26,7 @@ NEAR = 1e-3
 
 @dataclass(frozen=True)
 class Corners:
-    """What is adjusted to: corners of the reference in the other frames."""
+    """The observations: corners of the reference image in the other frames, and the given poses."""
 
     rays: FloatArray  # [N, 3], z = 1, in the reference
     pixels: FloatArray  # [S, N, 2]
@@ -34,7 +35,7 @@ class Corners:
     given: FloatArray  # [S, 4, 4], source from reference
 
     def deviation(self, poses: FloatArray) -> FloatArray:
-        """How far the poses have left the given ones [S, 6], in standard deviations."""
+        """Deviations of the poses from the given ones [S, 6], in standard deviations."""
         return se3.log(poses @ se3.inverse(self.given)) * self.precision
 
     @property
@@ -45,7 +46,7 @@ class Corners:
         return np.concatenate([np.tile(1 / shift[:, None], 3), np.full((len(shift), 3), 1 / ROTATION_RAD)], axis=1)
 
     def cost(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> float:
-        """The sum to be made small: Cauchy's function of the errors in units of ROBUST_PX, and of the departure."""
+        """The cost: Cauchy's function of the reprojection errors in units of ROBUST_PX, and of the deviation."""
         squared = (deviation**2).sum()
         return float(
             _robust_error(*self._observed, poses, inverse_depth) + PRIOR_SCALE * np.log1p(squared / PRIOR_SCALE)
@@ -123,7 +124,7 @@ def _robust_error(
     poses: FloatArray,  # [S, 4, 4]
     inverse_depth: FloatArray,  # [N]
 ) -> float:
-    """The sum of Cauchy's function of the errors of all corners that are seen and in front."""
+    """The sum of Cauchy's function of the errors of all corners that are visible and in front."""
     total = 0.0
     for s in range(len(poses)):
         for n in range(len(rays)):
@@ -144,7 +145,7 @@ def _equations(
     poses: FloatArray,  # [S, 4, 4]
     inverse_depth: FloatArray,  # [N]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """See `Equations`; of the errors alone."""
+    """See `Equations`; without the prior."""
     count, num = len(poses), len(rays)
     h_twist, g_twist = np.zeros((count, 6, 6)), np.zeros((count, 6))
     h_depth, g_depth, mixed = np.zeros(num), np.zeros(num), np.zeros((num, count, 6))

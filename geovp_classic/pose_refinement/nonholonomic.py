@@ -1,13 +1,13 @@
-"""Which way a vehicle moves: coming poses, held to the course that past images show.
+"""The nonholonomic constraint: future positions follow the direction of motion that past images show.
 
 Recorded rotations are right to hundredths of a degree over seconds, recorded positions are not: where satellite
-navigation is corrected, a recorded car slides sideways or sinks by half a degree of its way. A vehicle cannot. Its rear
-axle moves along the vehicle, and so a camera on it moves in one direction of its own, apart from what turning adds
-because it sits before that axle (the nonholonomic constraint; Scaramuzza 2011). The images of the past say which.
+navigation is corrected, a recorded car slides sideways or sinks at an angle of half a degree. A vehicle cannot: its
+rear axle moves along the vehicle. So a camera on it moves in one direction of its own frame, apart from the lever arm
+between camera and axle when it turns (Scaramuzza 2011). The images of the past show this direction.
 
-Given and expected directions are combined by their variances, both of them measured on the past: how far the given
-poses' directions were from what the images showed, and how far the camera was from holding such a course. Poses that
-the images agree with stay as they are, and a camera that is carried by hand is left alone.
+Given and expected directions are combined by their variances, both measured on the past: how far the given poses'
+directions were from those of the images, and how far these were from the constraint. Poses that agree with the images
+stay as they are, and so do those of a hand-held camera.
 """
 
 from __future__ import annotations
@@ -20,25 +20,22 @@ from geovp_classic.geometry import se3
 from geovp_classic.pose_refinement.registration import DIRECTION_SHARE, unrefined
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
 
-LEVER_M, LEVER_DEVIATION_M = 1.0, 0.4  # cameras sit so far before the axle that doesn't steer
-MODEL_RAD = np.radians(0.1)  # tyres slip, roads tilt: no course is surer than this
+LEVER_M, LEVER_DEVIATION_M = 1.0, 0.4  # lever arm: distance of the camera before the rear axle
+MODEL_RAD = np.radians(0.1)  # least deviation of the constraint: tyres slip, roads tilt
 OUTLIER_SIGMAS = (
-    15.0  # standard deviations at which a given direction is believed as much as not; far beyond it is meant so
+    15.0  # standard deviations at which the weight of the constraint halves; far beyond, motion is sideways on purpose
 )
 LEAST_M = 1e-6
 
 
 @dataclass(frozen=True)
 class NonholonomicConstraint:
-    """Coming positions held to the direction in which the camera has been moving, in its own frame."""
+    """Future positions drawn to the direction in which the camera has been moving, in its own frame."""
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing: it compares registered poses with the given ones."""
-        return Grant.NONE
+    needs = Grant.NONE  # nothing: it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion with other coming positions; unchanged where lengths are not metres or nothing moves."""
+        """The motion with other future positions; unchanged where lengths are not metres or nothing moves."""
         given = unrefined(motion, "nonholonomic")
         registered = motion.past.world_from_cam
         direction = motion_direction(given.past.world_from_cam, registered) if motion.past.is_metric else None
@@ -55,11 +52,11 @@ class MotionDirection:
     """How the camera has been moving, in its own frame."""
 
     direction: FloatArray  # [3], unit length
-    given_error_rad: float  # root mean square, per axis: given directions of motion against those that the images show
-    constraint_error_rad: float  # the same: the images' directions against this course
+    given_error_rad: float  # RMS per axis: given directions of motion against those of the images
+    constraint_error_rad: float  # RMS per axis: the images' directions against the constraint
 
     def constrain(self, reference_from_cam: FloatArray) -> FloatArray:
-        """Poses [F, 4, 4] in metres, one after the other, each step turned towards the course; rotations stay."""
+        """Poses [F, 4, 4] in metres, one after the other, each step turned towards the direction; rotations stay."""
         if self.given_error_rad == 0 or len(reference_from_cam) == 0:
             return reference_from_cam
         before = np.concatenate([np.eye(4)[None], reference_from_cam[:-1]])
@@ -72,7 +69,7 @@ class MotionDirection:
         return se3.compose(reference_from_cam[:, :3, :3], np.stack(positions))
 
     def _correction(self, steps: FloatArray) -> FloatArray:
-        """What is to be added to the way [F, 3] of steps [F, 6] (a Kalman update with both ways as measurements)."""
+        """The correction [F, 3] of the translations of steps [F, 6] (a Kalman update with both directions)."""
         length = np.maximum(np.linalg.norm(steps[:, :3], axis=1), LEAST_M)[:, None]
         turning = np.cross(steps[:, 3:], self.direction)
         off = (_expected(steps, self.direction) - steps[:, :3]) / length
@@ -85,9 +82,9 @@ class MotionDirection:
 
 def motion_direction(
     given: FloatArray,  # [P, 4, 4], any frame
-    registered: FloatArray,  # [P, 4, 4], as the images show them; the last one is the same
+    registered: FloatArray,  # [P, 4, 4], registered to the images; the last one is the same
 ) -> MotionDirection | None:
-    """The course of past poses in metres; None when they don't move, or are alone."""
+    """The direction of motion of past poses in metres; None when they do not move, or for a single one."""
     was, now = (se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, registered))
     usable = _has_direction(was) & (np.linalg.norm(now[:, :3, 3], axis=1) > LEAST_M)
     if not usable.any():
@@ -107,7 +104,7 @@ def motion_direction(
 
 
 def _expected(steps: FloatArray, direction: FloatArray) -> FloatArray:
-    """The way [F, 3] of a camera before the axle, as far along its course as the steps [F, 6] go."""
+    """The translation [F, 3] of a camera before the axle that goes as far along its direction as the steps [F, 6]."""
     along = steps[:, :3] @ direction
     return np.asarray(along[:, None] * direction + LEVER_M * np.cross(steps[:, 3:], direction))
 

@@ -1,10 +1,9 @@
-"""Poses that the images agree with: given poses, improved until tracked corners meet, in the unit they came in.
+"""Registration of given poses to the images: bundle adjustment of tracked corners, in the unit of the given poses.
 
-Recorded poses can be wrong by more than a pixel from one frame to the next (GPS and gyroscopes are smooth over
-hundreds of metres, not over ten), and a plane sweep needs a quarter of one. Corners of one reference image are
-followed to the others (Lucas & Kanade 1981; there and back again), and poses and inverse depths of the corners are
-adjusted together (bundle adjustment, Triggs 2000), held by the given poses where the corners say nothing: those alone
-know how long a metre is.
+Recorded poses can be wrong by more than a pixel from one frame to the next (GPS and gyroscopes are smooth over hundreds
+of metres, not over ten), and a plane sweep needs a quarter of one. Corners of a reference image are tracked through the
+others (Lucas & Kanade 1981, with a forward-backward check), and their inverse depths are adjusted together with the
+poses (Triggs 2000). The given poses are the prior, which also fixes the scale.
 """
 
 from __future__ import annotations
@@ -23,22 +22,21 @@ from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsic
 
 TALL_PX = 256  # rows of an image up to which windows keep their size
 MAX_CORNERS = 400  # in a square image
-MIDDLE = 1.6  # widths of the square; poses that fit corners farther out, too, fit what is shown less well
+MIDDLE = 1.6  # widths of the square; corners farther out make the fit within the square worse
 CORNER_QUALITY = 0.01
 CORNER_SPACING = 0.025  # of the image's height
 WINDOW_PX = 15  # in images of up to TALL_PX rows; proportionally more in taller ones
-RETURN_PX = 0.5  # a track is kept while following it back ends this near to where it came from
-MIN_CORNERS = 30  # seen by at least one other frame; with fewer the given poses stay
-DIRECTION_SHARE = 0.2  # of the longest distance from the reference; shorter ones have no sure direction
-PERSISTENCE = 0.8  # of the directions' error that is expected of the future, too
+RETURN_PX = 0.5  # largest forward-backward error of a track
+MIN_CORNERS = 30  # visible in at least one other frame; with fewer the given poses stay
+DIRECTION_SHARE = 0.2  # of the longest distance from the reference; shorter ones have no reliable direction
+PERSISTENCE = 0.8  # share of the past error of the direction that is expected in the future
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Past poses adjusted until tracked corners meet; coming ones are turned as the past directions of motion were.
+    """Past poses adjusted to tracked corners; future ones are rotated as the past directions of motion were.
 
-    The last observed pose stays: everything is counted from it. Poses before the last `num_frames` go with the first of
-    those.
+    The last observed pose is the reference and stays. Poses before the last `num_frames` move with the first of those.
     """
 
     frames: Literal["crop", "wide"] = "crop"
@@ -71,10 +69,10 @@ class Registration:
 
 @dataclass(frozen=True)
 class Registered:
-    """Poses that fit the images, and how the given ones' directions of motion were turned against theirs."""
+    """Poses that fit the images, and the correction of the given directions of motion."""
 
     world_from_cam: FloatArray  # [P, 4, 4]
-    direction_correction: FloatArray  # [3, 3], turns the given directions of motion, in the reference camera's frame
+    direction_correction: FloatArray  # [3, 3] rotation of the given directions, in the reference camera's frame
 
 
 def registered(
@@ -83,7 +81,7 @@ def registered(
     world_from_cam: FloatArray,  # [P, 4, 4]
     reference: int,
 ) -> Registered:
-    """The poses after adjustment; that of the reference stays, and all do where too little is seen."""
+    """The poses after adjustment; that of the reference stays, and all do with too few corners."""
     others = np.array([step for step in range(len(images)) if step != reference], dtype=int)
     source_from_reference = se3.inverse(world_from_cam[others]) @ world_from_cam[reference]
     if not (np.linalg.norm(source_from_reference[:, :3, 3], axis=1) > 0).any():
@@ -101,7 +99,7 @@ def registered(
 
 
 def unrefined(motion: Motion, name: str) -> Motion:
-    """The motion as the pose source said it; Incompatible where nothing has been registered."""
+    """The motion of the pose source itself; Incompatible where nothing has been registered."""
     if motion.unrefined is None:
         raise Incompatible(f"{name} compares given with registered poses: put registration before it")
     return motion.unrefined
@@ -111,17 +109,16 @@ def direction_correction(
     given: FloatArray,  # [S, 4, 4], reference from source
     adjusted: FloatArray,  # [S, 4, 4]
 ) -> FloatArray:
-    """The rotation [3, 3] that the better directions of motion have against the given ones, as far as it will last.
+    """The rotation [3, 3] from the given to the adjusted directions of motion, times PERSISTENCE.
 
-    A recorded camera that looks a degree beside where it says it looks, or a height that drifts, turns every direction
-    alike, the coming ones too.
+    A wrong mounting angle of the recorded camera, or a drifting height, rotates all directions alike, future ones too.
     """
     was, now = given[:, :3, 3], adjusted[:, :3, 3]
     length, length_now = np.linalg.norm(was, axis=1), np.linalg.norm(now, axis=1)
-    sure = (length > DIRECTION_SHARE * length.max()) & (length_now > 0)
-    if not sure.any():
+    reliable = (length > DIRECTION_SHARE * length.max()) & (length_now > 0)
+    if not reliable.any():
         return np.eye(3)
-    turns = np.cross(was[sure], now[sure]) / (length * length_now)[sure, None]
+    turns = np.cross(was[reliable], now[reliable]) / (length * length_now)[reliable, None]
     return se3.exp(np.concatenate([np.zeros(3), PERSISTENCE * turns.mean(axis=0)]))[:3, :3]
 
 

@@ -1,8 +1,8 @@
-"""The road ahead carries the camera: coming poses, brought towards their height above the road that the images show.
+"""The height above the road: future positions drawn to a constant height over the road that the last image shows.
 
-Recorded rotations are right to hundredths of a degree, recorded heights drift by up to half a degree of the way, and a
-camera that comes too high makes the road below it slide. What it will drive on lies in the last image already: its
-height above that, along the whole way, should neither grow nor shrink.
+Recorded rotations are right to hundredths of a degree, recorded heights drift by up to half a degree of the path, and a
+camera that comes too high makes the road below it slide. The road ahead lies in the last image already: the camera's
+height above it should neither grow nor shrink along the path.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from geovp_classic.geometry.ground_plane import HORIZON_HEIGHTS, GroundPlane
 from geovp_classic.types import FloatArray, Intrinsics
 
 NEAR_PLANE = 0.1  # relative difference of inverse depths up to which a pixel is of the road
-CORRIDOR = 0.5  # camera heights to both sides of the way: what lies there is driven on
-NEAREST, FARTHEST = 2.0, 10.0  # camera heights ahead, between which the road is looked at
-AT_LEAST = 5.0  # camera heights ahead that are looked at even on a shorter way
-LENGTH = 0.5  # camera heights, of the pieces that the road is cut into
-MIN_SEGMENTS, MIN_PIXELS = 4, 10  # with fewer, nothing is known
-ROBUST = 0.012  # camera heights: pieces this far off the slope count half (Cauchy)
-STEEPEST = 0.02  # slopes are believed up to this one
-# Such a slope is nearly as unsure as that of the given way, since it ends where parallax does: chosen on train and val.
+CORRIDOR = 0.5  # camera heights to both sides of the path that count as the road ahead
+NEAREST, FARTHEST = 2.0, 10.0  # camera heights ahead, between which the road is measured
+AT_LEAST = 5.0  # camera heights ahead that are measured even for a shorter path
+LENGTH = 0.5  # camera heights, of the segments of the road
+MIN_SEGMENTS, MIN_PIXELS = 4, 10  # with fewer the slope is 0
+ROBUST = 0.012  # camera heights: segments this far off the line count half (Cauchy)
+STEEPEST = 0.02  # largest slope that is corrected
+# Share of the slope that is corrected: it is nearly as uncertain as the given path's. Chosen on train and val.
 WEIGHT = 0.4
 
 
 @dataclass(frozen=True)
 class RoadProfile:
-    """What an image shows of the road, in the camera's frame, in units of the camera's height above it."""
+    """The road points of an image, in the camera's frame, in units of the camera's height above the road."""
 
     ground: GroundPlane
     points: FloatArray  # [N, 3], in camera heights
@@ -54,9 +54,9 @@ class RoadProfile:
 
     def slope(
         self,
-        path: FloatArray,  # [F, 3], where the camera will be, one after the other
+        path: FloatArray,  # [F, 3], future positions
     ) -> float:
-        """By how much the camera climbs above the road, over the distance ahead; 0 where too little road is seen."""
+        """The slope of the road against the path [F, 3]; 0 where too little road is visible."""
         path = np.concatenate([np.zeros((1, 3)), path]) / self.ground.height
         path = path[: 1 + int(np.argmax(path[:, 2]))]  # while it goes ahead
         path = path[np.concatenate([[True], np.diff(np.maximum.accumulate(path[:, 2])) > 0])]
@@ -74,14 +74,14 @@ class RoadProfile:
 
 
 def _segments(ahead: FloatArray, above: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The mean distance and the median height of each piece of the road [K]."""
+    """The mean distance and the median height of each segment of the road [K]."""
     segment = ((ahead - NEAREST) / LENGTH).astype(int)
     members = [segment == number for number in np.flatnonzero(np.bincount(segment) >= MIN_PIXELS)]
     return np.array([ahead[m].mean() for m in members]), np.array([np.median(above[m]) for m in members])
 
 
 def _robust_slope(ahead: FloatArray, above: FloatArray) -> float:
-    """The slope of a straight line through the pieces, by iteratively reweighted least squares."""
+    """The slope of a straight line through the segments, by iteratively reweighted least squares."""
     if len(ahead) < MIN_SEGMENTS:
         return 0.0
     line = np.stack([np.ones_like(ahead), ahead], axis=1)

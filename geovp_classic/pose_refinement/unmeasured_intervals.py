@@ -1,10 +1,10 @@
-"""Stretches of recorded poses that nothing measured: found, and bridged by what the images show.
+"""Unmeasured intervals of recorded poses: detected, and interpolated with the help of the images.
 
-Where satellite navigation or its log fails for a second or two, recordings go on evenly: along a straight line, at one
-rate of turn, until the next measured pose. No vehicle does. A camera in such a gap looks up to a degree beside where
-the recording says, and this is in every coming pose, since those are counted from it. But images tie the past to the
-last frame, and the recording ties what was measured to the gap's end. What lies between is interpolated by a Gaussian
-process for each axis (Rasmussen & Williams 2006, eq. 2.23), that knows how vehicles turn, pitch and roll.
+Where satellite navigation or its log fails for a second or two, recordings continue uniformly: on a straight line, at
+one rate of turn, until the next measured pose. No vehicle does. A camera within such an interval looks up to a degree
+beside its recorded direction, and this error is in every future pose, since those are relative to it. But registration
+ties the past to the last frame, and the recording ties measured poses to the end of the interval. Between them a
+Gaussian process for each axis interpolates (Rasmussen & Williams 2006, eq. 2.23).
 """
 
 from __future__ import annotations
@@ -23,17 +23,19 @@ from geovp_classic.pose_refinement.angle_kernels import (
 from geovp_classic.pose_refinement.registration import unrefined
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
 
-# Steps are even when rate and speed change by less than this from one to the next, as measured ones hardly ever do.
+# Steps are uniform when rate and speed change by less than this from one to the next; measured ones hardly ever are.
 UNIFORM_RAD_S = np.radians(0.02)
 UNIFORM_M_S = 0.05
-SLOWEST_M_S = 0.5  # what stands still is even, too
+SLOWEST_M_S = 0.5  # a standing camera moves uniformly, too
 LEAST_STEPS = 5
-SEEN_RAD = np.radians(0.05)  # what images err by; an even motion that they agree with to this is a measured one
+REGISTRATION_RAD = np.radians(
+    0.05
+)  # error of registration: a uniform motion that agrees with the images to this was measured
 MOST_CHANGE = 0.5  # share of the speed, between two steps of one path
-AFTER_S = 0.5  # so much of what was measured after the gap counts
-NOISE_RAD = np.radians(0.03)  # of what images and recordings say of rotations
+AFTER_S = 0.5  # how long after the interval measured poses are used
+NOISE_RAD = np.radians(0.03)  # of registered and of recorded rotations
 
-# About the camera's x, y and z axis: chosen on poses of 00, 02, 08 and 09, with gaps cut into them.
+# About the camera's x, y and z axis: chosen on poses of 00, 02, 08 and 09, with intervals cut into them.
 AXES = (
     matern52(np.radians(0.6), 0.25),
     integrated_ornstein_uhlenbeck(np.radians(2.0), 1.2),
@@ -43,24 +45,21 @@ AXES = (
 
 @dataclass(frozen=True)
 class UnmeasuredIntervals:
-    """Rotations after a last frame that nothing measured: interpolated between the images' word and the interval's end.
+    """Future rotations after an unmeasured last frame: interpolated between registration and the interval's end.
 
-    As far as the images contradict the even motion that was recorded.
+    Their weight is how much the images contradict the uniform motion that was recorded.
     """
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing: it compares registered poses with the given ones."""
-        return Grant.NONE
+    needs = Grant.NONE  # nothing: it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion with other coming rotations; unchanged where the last frame's pose was measured."""
+        """The motion with other future rotations; unchanged where the last frame's pose was measured."""
         futures = motion.futures.copy()
         for number, recording in enumerate(recordings(context, motion)):
             for interval in recording.intervals:
                 if interval.inside(len(recording.given))[recording.now]:
                     errors_rad = interval.errors(recording.given, recording.seen, recording.times_s)
-                    share = 1 - agreement_weight(recording.past_rad[: recording.now], SEEN_RAD)
+                    share = 1 - agreement_weight(recording.past_rad[: recording.now], REGISTRATION_RAD)
                     last_from_cam = se3.inverse(recording.world_from_last) @ futures[number]
                     futures[number] = recording.world_from_last @ se3.turned(last_from_cam, share * errors_rad)
         return motion.refined(motion.past, futures)
@@ -68,7 +67,7 @@ class UnmeasuredIntervals:
 
 @dataclass(frozen=True)
 class Recording:
-    """Past and coming poses as they were recorded, and the past ones as the images show them."""
+    """Recorded past and future poses, and the registered past ones."""
 
     given: FloatArray  # [P + F, 4, 4], last camera from camera
     seen: FloatArray  # [P, 4, 4]
@@ -83,17 +82,21 @@ class Recording:
 
     @property
     def past_rad(self) -> FloatArray:
-        """How past rotations err [P, 3]."""
+        """The errors of past rotations [P, 3], as rotation vectors."""
         return se3.turn(self.given[: len(self.seen)], self.seen)
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the coming poses go on from the past."""
-        return _is_continuous(self.given[:, :3, 3], self.times_s, self.now)
+        """Whether the future poses continue the past: the velocity after the reference is near the one before it."""
+        around = slice(self.now - 1, self.now + 2)
+        if not 0 < self.now < len(self.given) - 1:
+            return False
+        before, after = np.diff(self.given[around, :3, 3], axis=0) / np.diff(self.times_s[around])[:, None]
+        return bool(np.linalg.norm(after - before) <= MOST_CHANGE * np.linalg.norm(before))
 
     @property
     def intervals(self) -> list[Interval]:
-        """The stretches that nothing measured."""
+        """The unmeasured intervals."""
         return find_intervals(self.given, self.times_s) if self.is_metric and self.is_continuous else []
 
 
@@ -116,13 +119,13 @@ def recordings(context: Context, motion: Motion) -> list[Recording]:
 
 @dataclass(frozen=True)
 class Interval:
-    """Where the last measured pose and the next one stand in a row of poses; None for one that isn't in it."""
+    """The steps of the last measured pose before and the first one after; None for one outside the sequence."""
 
     first: int | None
     last: int | None
 
     def inside(self, count: int) -> BoolArray:
-        """Which of so many poses nothing measured."""
+        """Which of `count` poses are unmeasured."""
         unmeasured = np.zeros(count, dtype=bool)
         unmeasured[0 if self.first is None else self.first + 1 : self.last] = True
         return unmeasured
@@ -130,10 +133,10 @@ class Interval:
     def errors(
         self,
         given: FloatArray,  # [T, 4, 4], reference from camera, as recorded
-        seen: FloatArray,  # [P, 4, 4], of the first P of them, up to the reference, as images show them
+        seen: FloatArray,  # [P, 4, 4], of the first P of them, up to the reference, registered
         times_s: FloatArray,  # [T], 0 for the reference
     ) -> FloatArray:
-        """How rotations after the reference, a pose inside, err: rotation vectors [F, 3] in its frame; 0 for no end."""
+        """Errors of the rotations after the reference, a pose inside: rotation vectors [F, 3]; 0 without an end."""
         if self.last is None:
             return np.zeros((len(times_s) - len(seen), 3))
         begin, end = self.first or 0, self.last
@@ -142,18 +145,18 @@ class Interval:
         recorded, registered = (se3.turn(uniform[: len(poses)], poses) for poses in (given, seen))
         measured = (times_s > times_s[end]) & (times_s <= times_s[end] + AFTER_S)
         measured[: 0 if self.first is None else self.first + 1] = True
-        # Images tie the past to the reference, the recording ties what was measured to the gap's end.
+        # Registration ties the past to the reference, the recording ties measured poses to the interval's end.
         times = np.concatenate([times_s[: len(seen) - 1], times_s[measured]])
         against = np.concatenate([np.zeros(len(seen) - 1), np.full(measured.sum(), times_s[end])])
         known = np.concatenate([registered[:-1], recorded[measured] - recorded[end]])
         known += (times - against)[:, None] * rate_rad_s
-        coming = np.minimum(np.arange(len(seen), len(times_s)), end)  # behind the gap errors stay as at its end
-        wanted = times_s[coming]
+        future = np.minimum(np.arange(len(seen), len(times_s)), end)  # after the interval errors stay as at its end
+        wanted = times_s[future]
         angles = [
             _expected(kernel, turned, times, against, wanted) for kernel, turned in zip(AXES, known.T, strict=True)
         ]
-        corrected_poses = se3.turned(uniform[coming], np.stack(angles, axis=1) - wanted[:, None] * rate_rad_s)
-        return se3.turn(given[coming], corrected_poses)
+        corrected_poses = se3.turned(uniform[future], np.stack(angles, axis=1) - wanted[:, None] * rate_rad_s)
+        return se3.turn(given[future], corrected_poses)
 
 
 def _expected(
@@ -163,26 +166,26 @@ def _expected(
     against_s: FloatArray,
     wanted_s: FloatArray,  # [F]
 ) -> FloatArray:
-    """The angles [F] to be expected against the one at time 0."""
+    """The expected angles [F], relative to the one at time 0."""
     noise = NOISE_RAD**2 * (np.eye(len(known)) + (against_s[:, None] == against_s))
-    certain = np.linalg.solve(covariance_of_differences(kernel, times_s, against_s, times_s, against_s) + noise, known)
-    return np.asarray(covariance_of_differences(kernel, wanted_s, 0.0, times_s, against_s) @ certain)
+    weights = np.linalg.solve(covariance_of_differences(kernel, times_s, against_s, times_s, against_s) + noise, known)
+    return np.asarray(covariance_of_differences(kernel, wanted_s, 0.0, times_s, against_s) @ weights)
 
 
 def find_intervals(
     world_from_cam: FloatArray,  # [T, 4, 4] in metres
     times_s: FloatArray,  # [T]
 ) -> list[Interval]:
-    """All gaps in a row of poses, one after the other."""
+    """All unmeasured intervals of a sequence of poses, in order."""
     uniform = np.concatenate([[False], _is_uniform(world_from_cam, times_s), [False]])
     begins, ends = (np.flatnonzero(np.diff(uniform.astype(int)) == sign).tolist() for sign in (1, -1))
-    # Steps begin .. end are even; the one after those still leads out of the gap.
+    # Steps begin .. end are uniform; the one after those still leads out of the interval.
     runs = [(begin, end) for begin, end in zip(begins, ends, strict=True) if end - begin + 1 >= LEAST_STEPS]
     return [Interval(begin if begin > 0 else None, end + 2 if end + 2 < len(times_s) else None) for begin, end in runs]
 
 
 def _is_uniform(world_from_cam: FloatArray, times_s: FloatArray) -> BoolArray:
-    """Whether each step but the last goes on in the next one [T - 2]."""
+    """Whether each step but the last continues uniformly in the next one [T - 2]."""
     intervals_s = np.diff(times_s)[:, None]
     turning = se3.turn(world_from_cam[:-1], world_from_cam[1:]) / intervals_s
     moving = np.diff(world_from_cam[:, :3, 3], axis=0) / intervals_s
@@ -193,14 +196,6 @@ def _is_uniform(world_from_cam: FloatArray, times_s: FloatArray) -> BoolArray:
     return np.asarray(uniform & (np.linalg.norm(moving[1:], axis=1) > SLOWEST_M_S))
 
 
-def _is_continuous(positions: FloatArray, times_s: FloatArray, now: int) -> bool:
-    """Whether the step [T, 3] after the reference is as long, and leads as far that way, as the one before it."""
-    if not 0 < now < len(positions) - 1:
-        return False
-    before, after = np.diff(positions[now - 1 : now + 2], axis=0) / np.diff(times_s[now - 1 : now + 2])[:, None]
-    return bool(np.linalg.norm(after - before) <= MOST_CHANGE * np.linalg.norm(before))
-
-
 def agreement_weight(past_rad: FloatArray, half_rad: float) -> float:
-    """Between 1 for no past errors [P, 3] and 0 for large ones; such errors are believed by half."""
+    """A weight from 1 for no past errors [P, 3] to 0 for large ones; one half for an RMS of `half_rad`."""
     return 1 / (1 + float((past_rad**2).sum()) / max(1, len(past_rad)) / half_rad**2)

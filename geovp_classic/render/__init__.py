@@ -1,1 +1,1 @@
-"""Scenes built from the observed frames, and how they look from elsewhere."""
+"""Scenes reconstructed from the observed frames, and their rendering from other poses."""

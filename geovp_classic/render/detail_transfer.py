@@ -1,10 +1,10 @@
-"""Give magnified surfaces the fine detail back that one observed image cannot hold.
+"""Transfer of fine detail to magnified surfaces, which one observed image cannot hold.
 
-A surface that is seen z times larger than it was observed has nothing above 1 / z of the finest frequency: roads, walls
-and trees turn to blur, which perceptual metrics and people dislike more than wrong grain. While a car drives on, the
-grain at one place of the image changes little (road below, walls and trees beside). So the missing frequency bands
-are borrowed from the last observed frame at the same place, with the contrast of what is there now. Bands are cut as in
-a Laplacian pyramid (Burt & Adelson 1983).
+A surface that is seen z times larger than it was observed has no frequencies above 1 / z of the finest one: roads,
+walls and trees blur, which perceptual metrics and people dislike more than wrong texture. While a car drives on, the
+texture at one place of the image changes little (road below, walls and trees beside). So the missing frequency bands
+are taken from the last observed frame at the same pixels, at the local contrast of the view. Bands are cut as in a
+Laplacian pyramid (Burt & Adelson 1983).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from geovp_classic.types import ByteArray, FloatArray
 
 BAND_EDGES = (1.0, 1.7, 2.7, 4.0, 6.0)  # magnifications between which each band is lost
-BLUR_PX = 0.5  # standard deviation, per unit of magnification, of the blur that removes what is lost
+BLUR_PX = 0.5  # standard deviation of the low-pass filter, per unit of magnification
 COARSE_PX = 4.0  # detail is what a blur of this standard deviation removes
 CONTRAST_PX = 6.0  # the neighbourhood in which contrasts are compared
 FLOOR = 2.0  # grey levels of contrast below which nothing is amplified
@@ -41,7 +41,7 @@ class FrameDetail:
 
     @classmethod
     def of(cls, frame: ByteArray) -> FrameDetail:
-        """The grain of a frame [H, W, C], in colour or in grey."""
+        """The detail of a frame [H, W, C], in colour or in grey."""
         images = _planes(frame)
         return cls(np.stack([_bands(one) for one in images]), np.stack([_contrast(one) for one in images]))
 
@@ -51,7 +51,7 @@ class FrameDetail:
         magnification: FloatArray,  # [H, W], 1 where nothing was lost
         strength: float = 1.0,
     ) -> ByteArray:
-        """The frame with the bands that magnification took, at the contrast of what is there."""
+        """The frame with the bands that magnification removed, at the local contrast of the frame."""
         images, magnified = _planes(frame), magnification.astype(np.float32)
         added = np.empty(images.shape, np.uint8)
         for image, bands, contrast, result in zip(images, self.bands, self.contrast, added, strict=True):
@@ -73,7 +73,7 @@ def _add(
     contrasts: tuple[FloatArray, FloatArray],  # [H, W] float32, of the image and of the frame with the bands
     added: ByteArray,  # [H, W], written
 ) -> None:
-    """Add to every pixel the share of each band that its magnification took."""
+    """Add to every pixel the share of each band that its magnification removed."""
     height, width = image.shape
     own, other = contrasts
     for row in range(height):

@@ -1,11 +1,10 @@
-"""How bright the coming images will be: cameras on vehicles set their exposure anew for every frame.
+"""Auto exposure: how bright the future frames will be.
 
-What the camera has just shown comes out a fifth brighter or darker a second later, because sky or shadow has come into
-view. The control behind it holds the mean of the camera's whole image, and takes some tenths of a second for that:
-where the coming whole image can be foretold (uncropped frames), so can its exposure. Of a square cut out of it only
-the square's own mean is known, which is held less exactly; the level that it has in the end counts as the one that is
-held. How much a camera does so shows in the observed frames: a fixed exposure stays. And what is white may have been
-brighter than white: it hardly darkens.
+Cameras on vehicles set their exposure anew for every frame; sky or shadow that comes into view makes the same surfaces
+a fifth brighter or darker a second later. The control loop holds the mean of the camera's whole image, with a lag of
+some tenths of a second. Where the future whole image can be rendered (uncropped frames), so can its mean. Of a square
+crop only the crop's own mean is known, which is held less exactly; its last level counts as the set point. How strongly
+a camera reacts shows in the observed frames: a fixed exposure stays. Saturated pixels hardly darken.
 """
 
 from __future__ import annotations
@@ -24,27 +23,27 @@ from geovp_classic.render.image_sampler import is_grey, resampled
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller images that are compared
-DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside say nothing
+DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside are not compared
 MIN_SHARE = 0.02  # of the image that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
-STEADY_LOG_GAIN = 0.008  # log gain from frame to frame (RMS) at which half of that is believed of a camera
+STEADY_LOG_GAIN = 0.008  # RMS log gain from frame to frame at which the confidence in an active control is one half
 LARGEST_LOG_GAIN = np.log(2)
 SATURATED = 235.0  # grey values above this one are partly saturated
-SATURATED_SHARE = 0.3  # of a darkening (in log steps) that shows in what is saturated
+SATURATED_SHARE = 0.3  # of a darkening (in log steps) that saturated pixels show
 SATURATED_BLUR_PX = 1.5
 CONTROL_STEP_S = 0.1  # between two steps of the control, as between two frames
-METER_PX = 64  # height of the whole images that the coming mean is taken from
+METER_PX = 64  # height of the whole images that the future mean is taken from
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """What the observed frames tell about the camera's exposure."""
+    """The exposure of the observed frames, relative to the last one."""
 
     seconds: FloatArray  # [P] since the last frame
-    log_gains: FloatArray  # [P], how much brighter the last frame shows the same things than each frame
-    log_rate_hz: float  # how fast the logarithm of the brightness of things changed in the end
+    log_gains: FloatArray  # [P], how much brighter the last frame shows the same surfaces than each frame
+    log_rate_hz: float  # speed of the log brightness of the same surfaces at the last frame
     log_level: float  # the logarithm of the mean of an image, on average over the observed ones
-    confidence: float  # 0 for a camera whose exposure does not change, towards 1 for a lively one
+    confidence: float  # that the exposure is controlled: 0 for one that does not change, towards 1 for a lively one
 
     @classmethod
     def of(
@@ -53,7 +52,7 @@ class Exposure:
         inverse_depth: FloatArray,  # [H, W] of the last one
         seconds: FloatArray,  # [P], 0 for the last one
     ) -> Exposure:
-        """The exposure as the things in the last frame tell; steady where there is one frame only."""
+        """The exposure from the surfaces that the last frame shows; constant for a single frame."""
         gains = _log_gains(sources, inverse_depth)
         before = slice(-1 - TREND_STEPS, -1)
         span = float((seconds[before] ** 2).sum())
@@ -76,10 +75,10 @@ class Exposure:
 
 @dataclass(frozen=True)
 class ExposureControl:
-    """How a camera sets its exposure: with inertia, towards the level at which it holds the mean of its image."""
+    """A second-order control loop with inertia that draws the mean of the image towards a level."""
 
-    inertia_s: float = 0.11  # how long the speed of the log exposure goes on
-    pull_hz: float = 3.3  # the speed that the control aims at, per log step of the mean from its level
+    inertia_s: float = 0.11  # time constant of the speed of the log exposure
+    pull_hz: float = 3.3  # target speed per log step of the mean from its level
 
     def __post_init__(self) -> None:
         """Raise BadData unless both are positive."""
@@ -90,14 +89,14 @@ class ExposureControl:
         self,
         measured: Exposure,
         since_s: float,  # the last observed frame; negative before it
-        histogram: FloatArray,  # [256] of the image then, were it exposed as the last observed one
+        histogram: FloatArray,  # [256] of the image then, at the exposure of the last observed one
         last: FloatArray,  # [256] of the last observed one
         log_level: float,  # the logarithm of the mean that the control holds
     ) -> float:
         """By how much brighter the image is than the last frame's exposure would show it.
 
-        Of past times as it was measured. Of coming ones by a control with inertia that draws the mean towards its
-        level, while what is in view changes evenly from the last frame to the image then.
+        At past times interpolated between the measured gains, at future ones simulated, while the histogram changes
+        linearly from the last frame's to that of the image then.
         """
         if since_s <= 0:
             return float(-np.interp(since_s, measured.seconds, measured.log_gains))
@@ -114,14 +113,14 @@ class ExposureControl:
 
 @dataclass(frozen=True)
 class ExposedScene:
-    """A scene as bright as the camera shows it at the time asked for."""
+    """A scene at the exposure that its camera has at each time."""
 
     scene: Scene
     last: patches.Source  # the last observed frame
     exposure: Exposure
     control: ExposureControl
     last_s: float  # the time of the last observed frame
-    whole: bool  # whether the observed frames are the camera's whole images, whose mean is held
+    whole: bool  # whether the observed frames are the camera's whole images, whose mean the control holds
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4] at the times [F]."""
@@ -148,7 +147,7 @@ class ExposedScene:
 
 
 def _log_gains(sources: Sequence[patches.Source], inverse_depth: FloatArray) -> FloatArray:
-    """The median over what is neither black nor white in both frames; 0 where too little is comparable."""
+    """Log gains [P] to the last frame: medians over pixels neither dark nor saturated in both; 0 for too few."""
     last = sources[-1]
     scale = min(1.0, WIDTH_PX / last.camera.width_px)
     width, height = (max(1, round(side * scale)) for side in (last.camera.width_px, last.camera.height_px))
@@ -172,7 +171,7 @@ def _log_gains(sources: Sequence[patches.Source], inverse_depth: FloatArray) -> 
 
 
 def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:
-    """The frame in grey, smaller and without its finest detail, which no depth is exact enough for."""
+    """The frame in grey, smaller and without its finest detail, for which no depth is exact enough."""
     grey = cv2.resize(
         cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY), size_px, interpolation=cv2.INTER_AREA
     )
@@ -180,12 +179,12 @@ def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:
 
 
 def tone_curve(log_gain: float) -> FloatArray:
-    """What grey values 0..255 become [256], at most 255; saturated ones, brighter than they look, darken less."""
+    """New values [256] of the grey values 0..255, at most 255; saturated ones darken less."""
     return np.minimum(np.arange(256.0) * np.exp(log_gain) + _saturation() * _highlight_offset(log_gain), 255)
 
 
 def apply_log_gain(frame: ByteArray, log_gain: float) -> ByteArray:
-    """The frame with other tones; how white it is around a pixel counts, so that no texture of white is enlarged."""
+    """The frame after the tone curve; saturation is blurred, so that texture in white areas is not amplified."""
     if is_grey(frame):  # takes a third of the time
         return np.asarray(cv2.cvtColor(_apply_log_gain(frame[..., 0], log_gain), cv2.COLOR_GRAY2RGB), np.uint8)
     return _apply_log_gain(frame, log_gain)

@@ -31,7 +31,7 @@ class Blank:
 class NearestBackground:
     """An uncovered pixel takes the colour of the farther one of the covered pixels left and right of it in its row.
 
-    What a moving camera uncovers lies behind what hid it. Equally far ones: the nearer pixel. Rows without any covered
+    A moving camera uncovers background. Of equally far pixels it is the nearer one. Rows without any covered
     pixel take the row above or below in the same manner; a frame without any is the last observed one.
     """
 
@@ -83,8 +83,8 @@ class BorrowedDetail:
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled, seen = self.colours.fill(views, last).copy(), last.astype(np.float32)
-        detail = np.float32(self.strength) * (seen - self._blur(seen))
+        filled, image = self.colours.fill(views, last).copy(), last.astype(np.float32)
+        detail = (np.float32(self.strength) * (image - self._blur(image))).astype(np.float32)
 
         def add_detail(step: int) -> None:
             invented = np.clip(self._blur(filled[step].astype(np.float32)) + detail + np.float32(0.5), 0, 255)

@@ -1,8 +1,8 @@
-"""Fuse the observed frames into one cloud of surface patches and show it from each future pose.
+"""Fusion of the observed frames into one cloud of surface patches, which is rendered from each future pose.
 
-The last frame shows what lies ahead at the best resolution, so all its pixels are kept; an earlier frame adds only what
-no later one could see: behind things, or beside the image. Depths of one surface from two frames must agree, or
-neither is trusted. Colours are read backward from the frame that a patch came from, once, and stay sharp.
+The last frame shows what lies ahead at the best resolution, so all its pixels are kept; an earlier frame adds only
+surfaces that no later one sees: occluded there, or outside its image. Depths of one surface from two frames must agree,
+or the earlier one is dropped. Colours are sampled once, backward, from the frame of each patch, and stay sharp.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def fuse(
     confidence: FloatArray,  # [P, H, W]
     agreement: float,
 ) -> tuple[patches.Patches, list[patches.Source]]:
-    """The last frame's patches, and of every earlier frame what no later one sees; the used sources, last one first."""
+    """The last frame's patches, those of earlier frames that no later one sees; and the used sources, latest first."""
     used: list[patches.Source] = []
     maps: list[FloatArray] = []
     clouds: list[patches.Patches] = []
@@ -51,7 +51,7 @@ def remove_masked(
     source: int,
     mask: BoolArray,  # [H, W] of that source
 ) -> patches.Patches:
-    """The cloud without that source's patches in the cut."""
+    """The cloud without that source's patches in the mask."""
     if not mask.any():
         return cloud
     column, row = np.round(cloud.pixels).astype(int).T
@@ -66,7 +66,7 @@ def _hidden_from(
 ) -> BoolArray:
     """Which of the source's pixels [H, W] the later frame does not show: beside its image or behind its surfaces.
 
-    What would stand in front of the later frame's surfaces would have been seen there: it is wrong, so not hidden.
+    A surface in front of the later frame's surfaces would be visible there: its depth is wrong, so it is not hidden.
     """
     pixels, ratio = patches.source_pixels(later, inverse_depth, source.world_from_source, source.camera)
     hidden = np.empty(ratio.shape, np.bool_)
@@ -81,7 +81,7 @@ def _mark_hidden(
     inverse_depth: FloatArray,  # [H, W]
     later_depth: FloatArray,  # [H', W'], inverse
     share: float,
-    hidden: BoolArray,  # [H, W], written: whether the later frame shows it neither in nor before its surfaces
+    hidden: BoolArray,  # [H, W], written: True beside the later image or behind its surfaces
 ) -> None:
     for row in range(ratio.shape[0]):
         for column in range(ratio.shape[1]):
@@ -104,7 +104,7 @@ class CloudScene:
     detail_strength: float
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows what would be seen."""
+        """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows the surface."""
         z_buffer, winner = patches.rasterise(self.cloud, self.sources, world_from_cam, intrinsics)
         frames, covered = np.empty((*z_buffer.shape, 3), np.uint8), np.empty(z_buffer.shape, dtype=bool)
         depths, magnification = np.zeros(z_buffer.shape, np.float32), np.empty(z_buffer.shape, np.float32)
@@ -140,7 +140,7 @@ class CloudScene:
 
 def _close_cracks(
     inverse_depth: FloatArray,  # [H, W]
-    source_index: IndexArray,  # [H, W], NOTHING in gaps
+    source_index: IndexArray,  # [H, W], NO_INDEX in gaps
     crack_px: int,
 ) -> tuple[FloatArray, IndexArray]:
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
@@ -155,10 +155,10 @@ def _median_filter(
     inverse_depth: FloatArray,  # [H, W] float32
     source_index: IndexArray,  # [H, W]
 ) -> FloatArray:
-    """The inverse depth without pixels in which a patch sticks out of its surface; lines of two pixels stay.
+    """A median filter against single patches that stick out of their surface; lines of two pixels stay.
 
-    Patches of one surface that differ by a hair are in front by turns, and each brings its own colour along. Pixels
-    whose neighbours come from another source, or nowhere, stay as they are.
+    Overlapping patches of one surface differ slightly in depth, and each samples its own colour. Pixels with a
+    neighbour of another source, or without one, stay as they are.
     """
     source_index = source_index.astype(np.int16)
     inside = cv2.erode(source_index, _AROUND) == cv2.dilate(source_index, _AROUND)
@@ -170,8 +170,8 @@ def _median_filter(
 @numba.njit(nogil=True, cache=True)
 def _grow_background(
     wanted: ByteArray,  # [H, W], not 0 where a gap is to be closed
-    depth: FloatArray,  # [H, W] float32, drawn into; -1 where it stays unknown
-    source_index: IndexArray,  # [H, W], drawn into
+    depth: FloatArray,  # [H, W] float32, changed; -1 where it stays unknown
+    source_index: IndexArray,  # [H, W], changed
     rounds: int,
 ) -> None:
     """In each round the wanted pixels take the farthest of their four neighbours, where one is known."""

@@ -25,21 +25,18 @@ from geovp_classic.types import (
     Views,
 )
 
-PARTED_PX = 1.0  # surfaces that come this far apart, or closer together, do not share a pixel any more
+PARTED_PX = 1.0  # surfaces that come this far apart, or closer together, no longer share a pixel
 JUMP = 1e-3  # of the inverse depth: a smaller step opens no visible gap
 NEAR = 1e-6  # the smallest z of a point that is projected
 
 
 @dataclass(frozen=True)
 class GivenDepth:
-    """The recorded depth of the last frame, drawn with a z-buffer; colours are read backward from the frame, once."""
+    """The recorded depth of the last frame, rasterised with a z-buffer; colours are sampled backward from the frame."""
 
     fill: Fill = field(default_factory=Blank)
 
-    @property
-    def needs(self) -> Grant:
-        """The recorded past depths."""
-        return Grant.PAST_DEPTHS
+    needs = Grant.PAST_DEPTHS  # the recorded past depths
 
     def reconstruct(self, context: Context, past: Trajectory) -> SurfaceScene:
         """The last frame's visible surface; Incompatible when the clip has no depth or the poses are not metric."""
@@ -68,8 +65,8 @@ class SurfaceScene:
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The surface from the poses [F, 4, 4].
 
-        Uncovered where the last frame does not show what would be seen, which is filled, and where it shows a mixture
-        of two surfaces that have parted since: that is rendered, a better guess than any fill's, but not vouched for.
+        Uncovered where the last frame does not show the surface, which is filled, and where it shows a mixture of two
+        surfaces that have parted since: those pixels are rendered, a better guess than any fill's.
         """
         rendered, winner = patches.rasterise(self.cloud, [self.last], world_from_cam, intrinsics)
         last_from_cam = se3.inverse(self.last.world_from_source) @ world_from_cam

@@ -1,7 +1,7 @@
 """The simple predictive-display model: a flat road below the horizon, everything else infinitely far away.
 
 The road moves by its plane-induced homography, the rest by the infinite homography of a rotating camera. It holds on
-open, flat roads; whatever stands upright close by is smeared over the road.
+open, flat roads; upright objects close by are smeared over the road.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from geovp_classic.render.fill import Blank
 from geovp_classic.render.image_sampler import resampled, warp
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
-MOVED_M = 0.1  # a shorter way says nothing about the direction of travel
+MOVED_M = 0.1  # a shorter path does not tell the direction of travel
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,7 @@ class GroundFarPlane:
     pitch_deg: float | None = None
     roll_deg: float = 0.0
 
-    @property
-    def needs(self) -> Grant:
-        """The camera's height above the ground."""
-        return Grant.CAMERA_HEIGHT
+    needs = Grant.CAMERA_HEIGHT  # the camera's height above the ground
 
     def reconstruct(self, context: Context, past: Trajectory) -> GroundFarScene:
         """The two planes; Incompatible without a camera height or without metric poses."""

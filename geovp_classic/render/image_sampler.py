@@ -1,7 +1,7 @@
-"""Read a view's colours backward from the images that show its surfaces, each pixel once and from one image.
+"""Backward warping: a view's colours sampled from the source images that show its surfaces.
 
-OpenCV reads one image at a time, at 32nds of a pixel; reading by a compiled loop here costs the same whether one
-image shows the view or ten do in turns, and takes a third of the time.
+OpenCV samples one image at a time, at 32nds of a pixel. The compiled loop here costs the same whether one image shows
+the view or ten do, and takes a third of the time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PHASES = 256  # places between two pixels that the kernel is tabulated for
 NOT_FINER = 0.95  # of the views' pixels that sources have; with fewer the sources are finer than the views
 _FIRST = np.float32(MARGIN_PX - 3.5)  # from an image's border to the middle of the kernel's first pixel there
 _ZERO, _HALF, _WHITE, _PHASES = np.float32(0), np.float32(0.5), np.float32(255), np.float32(PHASES)
-_TWO, _THREE, _FOUR = np.uint64(2), np.uint64(3), np.uint64(4)  # unsigned, so that no negative index is looked for
+_TWO, _THREE, _FOUR = np.uint64(2), np.uint64(3), np.uint64(4)  # unsigned, so that negative indices need no check
 
 
 def lanczos_weights() -> FloatArray:
@@ -45,7 +45,7 @@ def is_grey(frames: ByteArray) -> bool:
 
 @dataclass(frozen=True)
 class ImageStack:
-    """Images of one size, ready to be read between their pixels."""
+    """Images of one size with margins, sampled by Lanczos' kernel."""
 
     channels: FloatArray  # [S, 1, H', W'] float32 when all are grey, else [S, 3, H', W']; with margins
 
@@ -54,7 +54,7 @@ class ImageStack:
         """The images of frames [H, W, 3]."""
         stacked = np.stack(frames)
         if is_grey(stacked):
-            stacked = stacked[..., :1]  # takes a third of the time
+            stacked = stacked[..., :1]  # a third of the work
         margins = [(0, 0), (MARGIN_PX, MARGIN_PX), (MARGIN_PX, MARGIN_PX), (0, 0)]
         framed = np.pad(stacked, margins, mode="edge").astype(np.float32)
         return cls(np.ascontiguousarray(np.moveaxis(framed, -1, 1)))
@@ -74,7 +74,7 @@ class ImageStack:
 
 @dataclass(frozen=True)
 class ImageSampler:
-    """The images of sources that were taken with one camera, for the views of another."""
+    """Samples sources that were taken with one camera for the views of another."""
 
     sources: Sequence[Source]
     camera: Intrinsics  # of the views
@@ -82,12 +82,12 @@ class ImageSampler:
     coarse_scale: tuple[float, float]  # its pixels per pixel of the sources' camera
     fine: ImageStack | None  # the images with more pixels, if there are such
     fine_scale: tuple[float, float]
-    magnified: float  # by what a surface as near as in its source is larger in a view than in the coarse images
+    magnified: float  # magnification of a view over the coarse images, at equal depth
     finest: float  # the magnification up to which the fine images hold detail
 
     @classmethod
     def of(cls, sources: Sequence[Source], camera: Intrinsics) -> ImageSampler:
-        """A reader of at least one source; all of them have more detail, or none.
+        """A sampler of at least one source; all of them have more detail, or none.
 
         Where the sources have more pixels than views of the camera, these are the detail of coarser images.
         """
@@ -118,8 +118,8 @@ class ImageSampler:
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """The view [H, W, 3], black where no source shows it; coverage [H, W]; and the magnification [H, W] float32.
 
-        The magnification is by what surfaces that face the camera are larger than in the images (the depth ratio
-        source / view), over what the finer images make up for; not a number where nothing is covered.
+        The magnification of surfaces that face the camera is the depth ratio source / view, over what the finer images
+        make up for; NaN where nothing is covered.
         """
         first = self.sources[0]
         poses = np.stack([source.world_from_source for source in self.sources])
@@ -143,7 +143,7 @@ class ImageSampler:
 
 
 def resampled(source: Source, camera: Intrinsics) -> ByteArray:
-    """What a camera in the source's place would have seen [H, W, 3]; the border's colours outside of the source."""
+    """The source's image [H, W, 3] for another camera at its pose; the border's colours outside of the source."""
     if source.camera == camera:
         return source.frame
     sampler = ImageSampler.of([source], camera)
@@ -212,12 +212,12 @@ def _sample(
     source_index: IndexArray,  # [H, W]
     scale: FloatArray,  # [2] float32
     weights: FloatArray,  # [PHASES + 1, 8] float32
-    plane: ByteArray,  # [H, W], written where an image is named
+    plane: ByteArray,  # [H, W], written where there is a source
 ) -> None:
     """The weighted sum of 8 x 8 values at every pixel.
 
-    Several columns at a time: the compiler makes vectors of the innermost loop, whose length it does not know; a loop
-    of known length, or one more loop around, it would take apart.
+    The compiler vectorises the innermost loop because it does not know its length; a loop of known length, or one more
+    loop around, it would unroll.
     """
     flat, taps = channels.reshape(-1), np.uint64(weights.shape[1])
     count, rows, stride = np.uint64(channels.shape[1]), np.uint64(channels.shape[2]), np.uint64(channels.shape[3])

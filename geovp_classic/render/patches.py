@@ -1,4 +1,4 @@
-"""Observed pixels as small flat patches in space, drawn from any pose with a z-buffer, fast.
+"""Observed pixels as small flat patches in space (surfels), rasterised from any pose with a z-buffer.
 
 A patch is what one pixel of a source image shows: the square around it, at its inverse depth and with the slope of
 its surface, so that approached surfaces neither tear nor lose their planes. Inverse depth 0 is infinitely far and needs
@@ -17,13 +17,13 @@ from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.render.rasterizer import NO_INDEX, IndexArray, rasterise_views
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
-STRAIGHT = 0.5  # a slope goes on when the next step differs by less than this share of it
+STRAIGHT = 0.5  # a surface is straight where the next step differs by less than this share
 FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
 
 
 @dataclass(frozen=True)
 class Source:
-    """An image that surfaces are seen in."""
+    """A posed image."""
 
     frame: ByteArray  # [H, W, 3]
     camera: Intrinsics
@@ -100,7 +100,7 @@ def source_pixels(
     world_from_cam: FloatArray,  # [4, 4]
     camera: Intrinsics,
 ) -> tuple[FloatArray, FloatArray]:
-    """Where the source shows what the view shows, [H, W, 2] float32, and the depth ratio source / view [H, W].
+    """Pixels [H, W, 2] float32 of the source that show the view's surface, and the depth ratio source / view [H, W].
 
     The ratio is the magnification of surfaces that face the camera; it is not positive for what lies behind the source.
     """
@@ -116,8 +116,7 @@ def slopes(inverse_depth: FloatArray) -> FloatArray:
 def _slopes(inverse_depth: FloatArray) -> FloatArray:
     """The step of the surface per pixel along the rows [H, W]; 0 where neither side goes on straight.
 
-    A pixel on the edge of a thing belongs to one side; the side whose next step continues the slope is its own. Of two
-    such sides the flatter one is taken.
+    A pixel at a depth edge belongs to the side whose next step continues the slope; of two such sides to the flatter.
     """
     padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
     step = np.diff(padded, axis=1)  # [H, W + 3]; pixel c lies between steps c + 1 and c + 2

@@ -1,11 +1,10 @@
-"""The compiled part of drawing patches: every patch of a cloud as a flat quadrilateral in a z-buffer, view by view.
+"""The compiled rasteriser: every patch of a cloud as a flat quadrilateral in a z-buffer, view by view.
 
-Where a pixel (u, v) with inverse depth q is seen is linear before the division by z, so that a patch is its middle m
-and two steps d and e to the middles of its sides. The ray p = (x, y, 1) of a pixel meets its plane at m + s d + t e,
-with s = p . (e x m) / p . (d x e) and t = p . (m x d) / p . (d x e) by Cramer's rule: all that decides is linear in the
-image (homogeneous edge functions, Olano & Greer 1997). Each block of patches is first planned in one loop without
-branches, which the processor does for many patches at once, in pixels counted from the patch, so that single precision
-is enough.
+The projection of a pixel (u, v) with inverse depth q is linear before the division by z, so a patch is its middle m and
+two steps d and e to the middles of its sides. The ray p = (x, y, 1) of a pixel meets its plane at m + s d + t e, with
+s = p . (e x m) / p . (d x e) and t = p . (m x d) / p . (d x e) by Cramer's rule: all edge tests are linear in the image
+(homogeneous edge functions, Olano & Greer 1997). Each block of patches is set up in one loop without branches, which
+the compiler vectorises, in pixels relative to the patch, so that single precision is enough.
 """
 
 from __future__ import annotations
@@ -24,15 +23,15 @@ Vector = tuple[Number, Number, Number]
 Columns = tuple[Vector, Vector, Vector, Vector]
 
 NO_INDEX = -1
-HALF_PX = 0.52  # of the square a pixel stands for; the little more closes cracks on curved surfaces
-NEAR_SHARE = 1e-3  # of a ray's length: a patch that comes nearer to the camera's plane is not drawn
+HALF_PX = 0.52  # of the square a pixel stands for; the margin closes cracks on curved surfaces
+NEAR_SHARE = 1e-3  # of a ray's length: a patch nearer to the camera's plane is not rasterised
 EDGE = np.float32(1 + 1e-4)  # tolerance of the inside test, of half a patch: shared edges leave no crack
 EDGE_PX = np.float32(1e-5)  # and of the box around it
 
-BLOCK = 512  # patches that are planned at a time
-ROW = BLOCK + 16  # numbers between two rows of a plan: a power of two would put all rows in one place of the cache
-# Rows of a plan: the box in pixels from the base pixel, the base, p . (d x e), p . (e x m) and p . (m x d) as factors
-# of (x, y, 1), the inverse depth likewise, and its smallest and largest.
+BLOCK = 512  # patches that are set up at a time
+ROW = BLOCK + 16  # numbers between two rows of a setup: with a power of two all rows would share cache lines
+# Rows of a setup: the box in pixels from the base pixel, the base, then p . (d x e), p . (e x m), p . (m x d) and the
+# inverse depth as coefficients of (x, y, 1), and its smallest and largest value.
 LEFT, RIGHT, TOP, BOTTOM, BASE_X, BASE_Y, DET, ALONG_D, ALONG_E, DEPTH, FARTHEST, NEAREST, NUM_ROWS = (
     ROW * row for row in (0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 19, 20)
 )
@@ -49,7 +48,7 @@ def rasterise_views(
     z_buffer: FloatArray,
     winner: IndexArray,
 ) -> None:
-    """Draw patches into inverse depths [F, H, W] and the numbers of the nearest ones; see `surface.draw`."""
+    """Rasterise patches into z-buffers [F, H, W] of inverse depth and the numbers of the nearest ones."""
     for f in numba.prange(len(a)):
         _rasterise_view(patches, source, a[f], b[f], z_buffer[f], winner[f])
 
@@ -80,7 +79,7 @@ def _rasterise_view(
 
 @numba.njit(cache=True)
 def _columns(a: FloatArray, b: FloatArray) -> Columns:
-    """What a step along u, along v, the origin and inverse depth add to the homogeneous pixel of the view."""
+    """The columns of A and b: what u, v, 1 and inverse depth add to the homogeneous pixel of the view."""
     return (
         (a[0, 0], a[1, 0], a[2, 0]),
         (a[0, 1], a[1, 1], a[2, 1]),
@@ -100,9 +99,9 @@ def _set_up(
     last: tuple[Number, Number],  # column and row of the view
     setup: FloatArray,  # written
 ) -> None:
-    """What `_fill` needs of each patch; the box is empty for one that shows nothing or comes too near to the camera.
+    """Set up `_rasterise_patch`; the box is empty for patches outside the view or too near to the camera.
 
-    A slope that would lead behind infinity is made flatter.
+    A slope that would lead beyond infinity is made flatter.
     """
     along_u, along_v, origin, shift = to_view
     for n in range(len(us)):
@@ -183,7 +182,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 @numba.njit(cache=True, fastmath=True)
 def _rasterise_patch(setup: FloatArray, n: int, number: int, z_buffer: FloatArray, winner: IndexArray) -> None:
-    """Draw the patch of the plan where it is nearer than what is there."""
+    """Write the patch where it is nearer than the z-buffer."""
     base_x, base_y = int(setup[BASE_X + n]), int(setup[BASE_Y + n])
     det, along_d, along_e = _load(setup, DET + n), _load(setup, ALONG_D + n), _load(setup, ALONG_E + n)
     depth, farthest, nearest = _load(setup, DEPTH + n), setup[FARTHEST + n], setup[NEAREST + n]

@@ -1,7 +1,7 @@
-"""Fuse depth maps into a truncated signed distance volume and look at it by ray casting (Curless & Levoy 1996).
+"""Depth maps fused into a truncated signed distance volume, rendered by ray casting (Curless & Levoy 1996).
 
 Open3D's sparse voxel blocks hold the volume. Its unit is the median depth of the last observed frame, its frame that
-frame's camera, so that neither the poses' unit nor a far-off world frame matters. What is farther than the volume
+frame's camera, so that neither the poses' unit nor a far-off world frame matters. Whatever is farther than the volume
 reaches lies on a far plane and keeps the last frame's image.
 """
 
@@ -25,10 +25,10 @@ FIRST_BLOCKS = 8192  # the volume grows beyond by itself
 TRUNCATION_VOXELS = 16.0  # along a ray that grazes the road the distance to it grows by so much from voxel to voxel
 GAP_PX = 16
 LEAST_WEIGHT = 0.5  # one frame that saw a surface is enough
-NEAREST = 0.01  # median depths; nothing nearer is looked for
+NEAREST = 0.01  # median depths; surfaces nearer than this are not cast
 FRAGMENT_STEP = 8  # pixels per cell of the map of ranges along which rays are cast
 WARM_UP_STEP = 2  # see Volume.warmed_up
-BEHIND = 2.0  # farther than the volume reaches from the last frame, a pose that backs up may still look
+BEHIND = 2.0  # farther than the volume reaches from the last frame, that rays reach from a pose that backs up
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def close_gaps(
     inverse_depth: FloatArray,  # [H, W], NaN where no surface was found
     gap_px: int,
 ) -> FloatArray:
-    """Gaps of at most `gap_px` in a column become the plane between what is above and below.
+    """Gaps of at most `gap_px` in a column become the plane between their upper and lower border.
 
     Rays that graze the road slip between the voxels that hold it; inverse depth is linear on a plane.
     """

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.odometry.bundle import bundle_adjust
+from geovp_classic.odometry.lens import Lens
 from geovp_classic.pose_refinement import local_bundle
 from geovp_classic.pose_refinement.local_bundle import Corners, Equations
 from geovp_classic.types import FloatArray, Intrinsics
@@ -127,3 +129,21 @@ def test_corners_without_error_give_their_depth() -> None:
     poses = se3.inverse(straight()[:5]) @ straight()[5]
     corners = visible_corners(poses, poses, noise_px=0.0)
     assert np.abs(errors(corners, corners.triangulate(), poses)).max() < 1e-6
+
+
+def test_without_a_prior_the_answer_is_that_of_colmap(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local_bundle, "ROTATION_RAD", 1.0)
+    monkeypatch.setattr(local_bundle, "SHIFT_SHARE", 1.0)
+    monkeypatch.setattr(local_bundle, "NUM_ROUNDS", 30)
+    truth = se3.inverse(straight()[:5]) @ straight()[5]
+    given = se3.exp(np.random.default_rng(0).normal(0, 1, (5, 6)) * ((5e-3,) * 3 + (5e-4,) * 3)) @ truth
+    corners = visible_corners(truth, given, noise_px=0.02)  # far below ROBUST_PX: both losses are squares
+    points = corners.rays / np.maximum(corners.triangulate(), 1e-3)[:, None]
+    pixels = np.concatenate([pinhole.project(corners.rays, CAMERA)[0][None], corners.pixels])
+    poses = np.concatenate([np.eye(4)[None], given])
+    for _ in range(4):  # it stops early
+        poses, points = bundle_adjust(poses, points, pixels, Lens(CAMERA), num_fixed=1)
+    ours, theirs = local_bundle.adjust(corners), poses[1:]
+    unit = np.linalg.norm(theirs[0, :3, 3]) / np.linalg.norm(ours[0, :3, 3])
+    np.testing.assert_allclose(ours[:, :3, :3], theirs[:, :3, :3], atol=2e-5)
+    np.testing.assert_allclose(ours[:, :3, 3] * unit, theirs[:, :3, 3], atol=5e-4)  # of 0.8 to 4
