@@ -1,4 +1,4 @@
-"""The embedded data set: clips of a car driving through synthetic streets, rendered on first use and kept on disk."""
+"""The synthetic data set: clips of a car driving through synthetic streets, rendered on first use and kept on disk."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import json
 import os
 import tempfile
 import zipfile
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,33 +16,33 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.data.synthetic import camera as cameras
+from geovp_classic.data.synthetic import drive
 from geovp_classic.data.synthetic.drive import Manoeuvre
-from geovp_classic.data.synthetic.render import Footage, render_drive
+from geovp_classic.data.synthetic.render import render_drive
 from geovp_classic.data.synthetic.shading import Optics
-from geovp_classic.data.synthetic.world import World, build_world
+from geovp_classic.data.synthetic.street import build_street
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import ByteArray, Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import Clip, ExtraView, FloatArray, Intrinsics, Trajectory
 
-Arrays = Mapping[str, npt.NDArray[Any]]
-
+Arrays = dict[str, npt.NDArray[Any]]
 RATE_HZ = 10.0
 DRIVE_FRAMES = 60  # as long as the traffic is interesting
+RIGHT_FROM_CAM = se3.compose(np.eye(3), np.array([-drive.BASELINE_M, 0.0, 0.0]))
 
 
 @dataclass(frozen=True)
 class Synthetic:
-    """A synthetic street world with exact poses, depths and moving masks.
+    """A synthetic street with exact poses, depths and moving masks.
 
     The clips go round the manoeuvres of `drive.Manoeuvre`, each on a street of its own. After one round come later
     windows of the same drives, `stride` frames on, and when the drives (DRIVE_FRAMES long) are used up, new streets.
     Streets are furnished for 230 m, so that clips of more than about 150 frames drive out of town.
     The same settings give the same bytes. Clips are kept under `cache` (default: GEOVP_CACHE, else the user's cache
-    folder) and rendered again when a file there is damaged. `noise`, `exposure_drift`, `haze_per_m` and `gloss` set to
-    0 make a world whose surfaces look the same from everywhere. `blur_px` is the spread of the lens, `finest_detail_m`
-    the size to which textures are smoothed: more of both makes images that survive resampling. `pitch_deg` (up) and
-    `roll_deg` (clockwise) say how the camera is mounted, `bounce` scales how the car shakes it, `noise` is in bytes.
+    folder). `noise` (in bytes), `exposure_drift`, `haze_per_m` and `gloss` set to 0 make a world whose surfaces look
+    the same from everywhere. More `blur_px`, the spread of the lens, and `finest_detail_m`, the size to which textures
+    are smoothed, make images that survive resampling. `pitch_deg` (up) and `roll_deg` (clockwise) say how the camera
+    is mounted, `bounce` scales how the car shakes it.
     """
 
     seed: int = 0
@@ -93,14 +92,25 @@ class Synthetic:
         if arrays is None:
             arrays = self._render(index)
             _write(file, arrays)
-        return self._clip(index, arrays)
+        wide = drive.wide_camera(self.size_px)
+        return Clip(
+            name=self.clip_name(index),
+            frames=arrays["frames"],
+            times_s=arrays["times_s"],
+            intrinsics=drive.square_camera(self.size_px),
+            trajectory=Trajectory(arrays["world_from_cam"], arrays["times_s"], is_metric=True),
+            depths=arrays["depths"],
+            moving=arrays["moving"],
+            wide=ExtraView(arrays["wide"], wide, np.eye(4)) if self.with_wide else None,
+            right=ExtraView(arrays["right"], wide, RIGHT_FROM_CAM) if self.with_right else None,
+            camera_height_m=drive.CAMERA_HEIGHT_M,
+        )
 
     def window(self, index: int) -> tuple[int, Manoeuvre, int]:
         """The seed of clip `index`'s street, what is driven there, and the first frame of the clip on that drive."""
-        kinds = list(Manoeuvre)
         windows = max(1, 1 + (DRIVE_FRAMES - self.num_frames) // self.stride)
-        lap, kind = divmod(index, len(kinds))
-        return self.seed + 1000 * (lap // windows), kinds[kind], (lap % windows) * self.stride
+        lap, kind = divmod(index, len(Manoeuvre))
+        return self.seed + 1000 * (lap // windows), list(Manoeuvre)[kind], (lap % windows) * self.stride
 
     @property
     def clip_names(self) -> tuple[str, ...]:
@@ -115,78 +125,39 @@ class Synthetic:
     def _render(self, index: int) -> Arrays:
         seed, manoeuvre, first = self.window(index)
         times_s = (first + np.arange(self.num_frames)) / RATE_HZ
-        world = _world(seed, manoeuvre)
-        world_from_cam = cameras.world_from_camera(world, times_s, seed, self.pitch_deg, self.roll_deg, self.bounce)
-        square, wide = cameras.square_camera(self.size_px), cameras.wide_camera(self.size_px)
-        footage = self._film(world, world_from_cam, wide if self.with_wide else square, times_s)
-        images = self._expose(footage, index, eye=0)
-        left = (images.shape[2] - square.width_px) // 2
-        middle = slice(left, left + square.width_px)
-        arrays: dict[str, npt.NDArray[Any]] = {
-            "world_from_cam": world_from_cam,
-            "times_s": times_s,
-            "frames": images[:, :, middle],
-            "depths": footage.depths[:, :, middle],
-            "moving": footage.moving[:, :, middle],
-        }
-        if self.with_wide:
-            arrays["wide"] = images
-        if self.with_right:
-            world_from_right = world_from_cam @ se3.inverse(_right_from_cam())
-            arrays["right"] = self._expose(self._film(world, world_from_right, wide, times_s), index, eye=1)
-        return arrays
-
-    def _film(self, world: World, world_from_cam: FloatArray, camera: Intrinsics, times_s: FloatArray) -> Footage:
+        street = _street(seed, manoeuvre)
+        square, wide = drive.square_camera(self.size_px), drive.wide_camera(self.size_px)
         optics = Optics(self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m)
-        return render_drive(world, world_from_cam, camera, times_s, optics)
 
-    def _expose(self, footage: Footage, index: int, eye: int) -> ByteArray:
-        rng = np.random.default_rng([self.seed, index, eye, 99])
-        canvas_px = cameras.wide_camera(self.size_px).width_px
-        return cameras.exposed(footage.light, canvas_px, rng, self.noise, self.exposure_drift)
+        def images(world_from_cam: FloatArray, camera: Intrinsics, eye: int) -> Arrays:
+            rendering = render_drive(street, world_from_cam, camera, times_s, optics)
+            rng = np.random.default_rng([self.seed, index, eye, 99])
+            frames = drive.expose(rendering.light, wide.width_px, rng, self.noise, self.exposure_drift)
+            return {"frames": frames, "depths": rendering.depths, "moving": rendering.moving}
 
-    def _clip(self, index: int, arrays: Arrays) -> Clip:
-        wide = cameras.wide_camera(self.size_px)
-        return Clip(
-            name=self.clip_name(index),
-            frames=arrays["frames"],
-            times_s=arrays["times_s"],
-            intrinsics=cameras.square_camera(self.size_px),
-            trajectory=Trajectory(arrays["world_from_cam"], arrays["times_s"], is_metric=True),
-            depths=arrays["depths"],
-            moving=arrays["moving"],
-            wide=ExtraView(arrays["wide"], wide, np.eye(4)) if self.with_wide else None,
-            right=ExtraView(arrays["right"], wide, _right_from_cam()) if self.with_right else None,
-            camera_height_m=cameras.CAMERA_HEIGHT_M,
+        world_from_cam = drive.world_from_camera(
+            street.ego, street.terrain, times_s, seed, self.pitch_deg, self.roll_deg, self.bounce
         )
+        whole = images(world_from_cam, wide if self.with_wide else square, eye=0)
+        left = (whole["frames"].shape[2] - square.width_px) // 2
+        arrays = {key: value[:, :, left : left + square.width_px] for key, value in whole.items()}
+        arrays |= {"world_from_cam": world_from_cam, "times_s": times_s}
+        if self.with_wide:
+            arrays["wide"] = whole["frames"]
+        if self.with_right:
+            arrays["right"] = images(world_from_cam @ se3.inverse(RIGHT_FROM_CAM), wide, eye=1)["frames"]
+        return arrays
 
     def _folder(self) -> Path:
         """Where clips of these settings, made by this code, are kept."""
         settings = {key: value for key, value in dataclasses.asdict(self).items() if key not in ("cache", "num_clips")}
-        digest = hashlib.sha256((json.dumps(settings, sort_keys=True) + _code_version()).encode()).hexdigest()
-        return Path(self.cache or _user_cache()) / "synthetic" / digest[:16]
+        code = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))
+        digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode() + code).hexdigest()
+        users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
+        return Path(self.cache or os.environ.get("GEOVP_CACHE") or users) / "synthetic" / digest[:16]
 
 
-def _right_from_cam() -> FloatArray:
-    """[4, 4] of the right camera, BASELINE_M beside the left one."""
-    return se3.compose(np.eye(3), np.array([-cameras.BASELINE_M, 0.0, 0.0]))
-
-
-def _user_cache() -> Path:
-    own = os.environ.get("GEOVP_CACHE")
-    return Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
-
-
-@functools.lru_cache(maxsize=2)
-def _world(seed: int, manoeuvre: Manoeuvre) -> World:
-    return build_world(seed, manoeuvre)
-
-
-@functools.lru_cache(maxsize=1)
-def _code_version() -> str:
-    """A hash of this package's source, so that images made by other code are not taken for this one's."""
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+_street = functools.lru_cache(maxsize=2)(build_street)
 
 
 def _read(file: Path) -> Arrays | None:
@@ -199,12 +170,12 @@ def _read(file: Path) -> Arrays | None:
 
 
 def _write(file: Path, arrays: Arrays) -> None:
-    """Written beside and renamed into place, so that a reader never sees half a file."""
+    """Written to a temporary file and renamed, so that a reader never sees half a file."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as beside:
-            np.savez(beside, allow_pickle=False, **arrays)
-        os.replace(beside.name, file)
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:
+            np.savez(part, allow_pickle=False, **arrays)
+        os.replace(part.name, file)
     except OSError as error:
         raise BadData(
             f"synthetic clips cannot be kept in {file.parent} ({error.strerror}): make room there or set GEOVP_CACHE "

@@ -1,254 +1,196 @@
-"""Coloured triangles as the street is made of: quads, boxes, cylinders and blobs, gathered into one soup.
+"""Textured triangle meshes, built from grids of points, and the rays that hit them.
 
-Everything stands in a frame with x to the right, y down and z ahead, so that heights above ground are negative y.
+Objects stand in a frame with x to the right, y down and z ahead, so that heights above the ground are negative y.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
+import numba
 import numpy as np
+import numpy.typing as npt
+import open3d as o3d
 
-from geovp_classic.data.synthetic.textures import TILE_M, IntArray, Texture
+from geovp_classic.data.synthetic.images import TILE_M, IntArray, Texture
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
-Colour = tuple[float, float, float]
-Point = Sequence[float]
-WHITE: Colour = (1.0, 1.0, 1.0)
-NO_PAINT = -1
-
-
-@dataclass(frozen=True)
-class Material:
-    """What a surface looks like: a texture times a tint; gloss is how much of the sky it mirrors (0 to 1)."""
-
-    texture: Texture
-    tint: Colour = WHITE
-    gloss: float = 0.0
-
-    def tinted(self, tint: Colour) -> Material:
-        """The same surface in another colour."""
-        return replace(self, tint=tint)
+Colour = npt.ArrayLike  # [3], 0 to 1
+WHITE = (1.0, 1.0, 1.0)
+MIN_COSINE = 1e-4  # between ray and surface, so that footprints stay finite
 
 
 @dataclass(frozen=True)
-class Soup:
-    """Triangles with everything that shading needs, per corner or per triangle; kept in single precision."""
+class TriangleMesh:
+    """Triangles with what shading needs, per corner or per triangle; kept in single precision."""
 
     corners: FloatArray  # [N, 3, 3], metres
     uv: FloatArray  # [N, 3, 2], in tiles of the texture
-    shade: FloatArray  # [N, 3], light that reaches the corner from around, 0 to 1
+    ambient: FloatArray  # [N, 3], the share of the sky's light that reaches the corner
     texture: IntArray  # [N]
     tint: FloatArray  # [N, 3]
-    gloss: FloatArray  # [N]
-    paint_uv: FloatArray  # [N, 3, 2], in tiles of the paint
-    paint: IntArray  # [N], the texture laid over the first one, NO_PAINT for none
 
     def __post_init__(self) -> None:
         """Single precision, for speed; 0.03 mm on a street of 500 m."""
         for part in fields(self):
-            kind = np.int32 if part.name in ("texture", "paint") else np.float32
+            kind = np.int32 if part.name == "texture" else np.float32
             object.__setattr__(self, part.name, np.ascontiguousarray(getattr(self, part.name), dtype=kind))
 
-    def __len__(self) -> int:
-        """N, the number of triangles."""
-        return len(self.corners)
-
-    def moved(self, world_from_object: FloatArray, scale: float = 1.0) -> Soup:
+    def moved(self, world_from_object: FloatArray, scale: float = 1.0) -> TriangleMesh:
         """The same triangles elsewhere."""
-        points = se3.transform(world_from_object, self.corners.reshape(-1, 3) * scale)
+        points = se3.transform(world_from_object, scale * self.corners.reshape(-1, 3))
         return replace(self, corners=points.reshape(-1, 3, 3))
 
-    def recoloured(self, old: Colour, new: Colour) -> Soup:
-        """The same triangles with one tint replaced."""
-        hit = (self.tint == np.asarray(old, dtype=np.float32)).all(axis=-1)
-        return replace(self, tint=np.where(hit[:, None], np.asarray(new), self.tint))
+
+def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
+    """All triangles in one mesh, in the order given."""
+    parts = {part.name: np.concatenate([getattr(mesh, part.name) for mesh in meshes]) for part in fields(TriangleMesh)}
+    return TriangleMesh(**parts)
 
 
-def joined(soups: Sequence[Soup]) -> Soup:
-    """All triangles in one soup, in the order given."""
-    return Soup(**{part.name: np.concatenate([getattr(soup, part.name) for soup in soups]) for part in fields(Soup)})
-
-
-def soup_of(
+def triangles(
     corners: FloatArray,  # [N, 3, 3]
-    material: Material,
-    uv: FloatArray | None = None,  # [N, 3, 2]; None: seen along the axis that the triangle faces most, true to scale
-    shade: FloatArray | float = 1.0,  # [N, 3]
-) -> Soup:
-    """Triangles of one material."""
+    texture: Texture,
+    tint: Colour = WHITE,
+    uv: FloatArray | None = None,  # [N, 3, 2]; None: metres along the two axes that the triangle faces least
+    ambient: npt.ArrayLike = 1.0,  # [N, 3]
+) -> TriangleMesh:
+    """Triangles of one texture and tint."""
     count = len(corners)
     if uv is None:
-        uv = planar_uv(corners) / TILE_M[material.texture]
-    return Soup(
-        corners=np.asarray(corners, dtype=np.float64),
-        uv=uv,
-        shade=np.broadcast_to(np.asarray(shade, dtype=np.float64), (count, 3)).copy(),
-        texture=np.full(count, int(material.texture)),
-        tint=np.broadcast_to(np.asarray(material.tint, dtype=np.float64), (count, 3)).copy(),
-        gloss=np.full(count, material.gloss),
-        paint_uv=np.zeros((count, 3, 2)),
-        paint=np.full(count, NO_PAINT),
-    )
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        columns = np.array([[2, 1], [0, 2], [0, 1]])[np.abs(cross).argmax(axis=-1)]
+        uv = np.take_along_axis(corners, np.repeat(columns[:, None], 3, axis=1), axis=-1) / TILE_M[texture]
+    light, colour = np.broadcast_to(ambient, (count, 3)), np.broadcast_to(np.asarray(tint), (count, 3))
+    return TriangleMesh(corners, uv, light, np.full(count, int(texture)), colour)
 
 
-def normals(corners: FloatArray) -> FloatArray:
-    """Unit normals [N, 3] of triangles [N, 3, 3]; zero for a triangle without area."""
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(cross, axis=-1, keepdims=True)
-    return cross / np.where(length > 0, length, 1.0)
+def sheet(
+    points: npt.ArrayLike,  # [R, K, 3]
+    texture: Texture,
+    tint: Colour = WHITE,
+    uv: Iterable[npt.ArrayLike] | None = None,  # u and v in tiles, each [R, K]; None: as in `triangles`
+    ambient: npt.ArrayLike = 1.0,  # [R, K]
+) -> TriangleMesh:
+    """The surface through R rows of K points, two triangles a cell."""
+
+    def cells(grid: FloatArray) -> FloatArray:  # [N, 3, ...]
+        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        return np.stack([a, b, c, a, c, d], axis=2).reshape(-1, 3, *grid.shape[2:])
+
+    grid = np.asarray(points, dtype=np.float64)
+    tiles = None if uv is None else cells(np.stack([np.broadcast_to(part, grid.shape[:2]) for part in uv], axis=-1))
+    return triangles(cells(grid), texture, tint, tiles, cells(np.broadcast_to(ambient, grid.shape[:2])))
 
 
-def planar_uv(corners: FloatArray) -> FloatArray:
-    """Metres [N, 3, 2] along the two axes that a triangle faces least; v grows downwards on anything upright."""
-    axis = np.abs(normals(corners)).argmax(axis=-1)
-    columns = np.array([[2, 1], [0, 2], [0, 1]])[axis]  # [N, 2]
-    return np.take_along_axis(corners, np.repeat(columns[:, None], 3, axis=1), axis=-1)
+def box(low: Sequence[float], high: Sequence[float], texture: Texture, tint: Colour = WHITE) -> TriangleMesh:
+    """The box between two corners, without its underside; `low` has the smaller y, which is the top."""
+    (x0, y0, z0), (x1, y1, z1) = low, high
+    foot = np.array([(x0, y1, z0), (x1, y1, z0), (x1, y1, z1), (x0, y1, z1), (x0, y1, z0)])
+    top = np.where([False, True, False], y0, foot)
+    lid = np.broadcast_to(top[:4].mean(axis=0), top.shape)
+    return sheet(np.stack([foot, top, lid]), texture, tint)
 
 
-@dataclass
-class Builder:
-    """Gathers flat pieces one by one; `soup` turns them into triangles at once."""
-
-    quads: list[tuple[Sequence[Point], Material, tuple[float, float, float, float], tuple[float, float]]] = field(
-        default_factory=list
-    )
-    soups: list[Soup] = field(default_factory=list)
-
-    def quad(
-        self,
-        corners: Sequence[Point],
-        material: Material,
-        image: bool = False,
-        shade: tuple[float, float] = (1.0, 1.0),
-    ) -> None:
-        """Four corners, top left first, clockwise as seen; `image` stretches the texture over the quad once.
-
-        `shade` is the light at the first two and at the last two corners.
-        """
-        if image:
-            extent = (0.0, 0.0, 1.0, 1.0)
-        else:
-            (x0, y0, z0), (x1, y1, z1), _, (x3, y3, z3) = corners
-            tile_m = TILE_M[material.texture]
-            across_m = ((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2) ** 0.5
-            down_m = ((x3 - x0) ** 2 + (y3 - y0) ** 2 + (z3 - z0) ** 2) ** 0.5
-            left = (x0 + 0.61 * z0) / tile_m
-            extent = (left, y0 / tile_m, left + across_m / tile_m, (y0 + down_m) / tile_m)
-        self.quads.append((corners, material, extent, shade))
-
-    def box(self, low: Point, high: Point, material: Material, shade: tuple[float, float] = (1.0, 1.0)) -> None:
-        """The box between two corners, without its underside; `shade` is the light at its top and at its foot."""
-        (x0, y0, z0), (x1, y1, z1) = low, high  # y0 is the top, as y points down
-        top = shade[0]
-        self.quad([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], material, shade=shade)
-        self.quad([(x1, y0, z1), (x0, y0, z1), (x0, y1, z1), (x1, y1, z1)], material, shade=shade)
-        self.quad([(x1, y0, z0), (x1, y0, z1), (x1, y1, z1), (x1, y1, z0)], material, shade=shade)
-        self.quad([(x0, y0, z1), (x0, y0, z0), (x0, y1, z0), (x0, y1, z1)], material, shade=shade)
-        self.quad([(x0, y0, z1), (x1, y0, z1), (x1, y0, z0), (x0, y0, z0)], material, shade=(top, top))
-
-    def add(self, soup: Soup) -> None:
-        """Triangles made elsewhere."""
-        self.soups.append(soup)
-
-    def soup(self) -> Soup:
-        """Everything gathered so far."""
-        soups = list(self.soups)
-        if self.quads:
-            soups.append(_quads_to_soup(self.quads))
-        return joined(soups)
-
-
-def _quads_to_soup(
-    quads: Sequence[tuple[Sequence[Point], Material, tuple[float, float, float, float], tuple[float, float]]],
-) -> Soup:
-    corners = np.array([quad[0] for quad in quads], dtype=np.float64)  # [Q, 4, 3]
-    left, top, right, bottom = np.array([quad[2] for quad in quads]).T
-    uv = np.stack([np.stack([left, right, right, left], -1), np.stack([top, top, bottom, bottom], -1)], -1)
-    light = np.array([quad[3] for quad in quads])[:, [0, 0, 1, 1]]
-    halves = np.array([[0, 1, 2], [0, 2, 3]])
-    count = 2 * len(quads)
-    return Soup(
-        corners=corners[:, halves].reshape(count, 3, 3),
-        uv=uv[:, halves].reshape(count, 3, 2),
-        shade=light[:, halves].reshape(count, 3),
-        texture=np.repeat(np.array([int(quad[1].texture) for quad in quads]), 2),
-        tint=np.repeat(np.array([quad[1].tint for quad in quads], dtype=np.float64), 2, axis=0),
-        gloss=np.repeat(np.array([quad[1].gloss for quad in quads], dtype=np.float64), 2),
-        paint_uv=np.zeros((count, 3, 2)),
-        paint=np.full(count, NO_PAINT),
-    )
-
-
-def loft(
-    rings: FloatArray,  # [R, K, 3], rings of K points each
-    material: Material,
-    shade: FloatArray | None = None,  # [R]
-    closed: bool = True,
-) -> Soup:
-    """The surface through rings of points; `closed` joins the last point of a ring to the first."""
-    num_points = rings.shape[1]
-    here = np.arange(num_points if closed else num_points - 1)
-    there = (here + 1) % num_points
-    a, b, c, d = rings[:-1, here], rings[:-1, there], rings[1:, there], rings[1:, here]
-    corners = np.stack([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)], axis=2).reshape(-1, 3, 3)
-    along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rings.mean(axis=1), axis=0), axis=-1))])
-    around_m = np.linalg.norm(rings[:, 1] - rings[:, 0], axis=-1).max()
-    u0, v0 = np.meshgrid(here * around_m, along_m[:-1])
-    u1, v1 = np.meshgrid((here + 1) * around_m, along_m[1:])
-    first = np.stack([np.stack([u0, v0], -1), np.stack([u1, v0], -1), np.stack([u1, v1], -1)], axis=2)
-    second = np.stack([np.stack([u0, v0], -1), np.stack([u1, v1], -1), np.stack([u0, v1], -1)], axis=2)
-    uv = np.stack([first, second], axis=2).reshape(-1, 3, 2) / TILE_M[material.texture]
-    light: FloatArray | float = 1.0
-    if shade is not None:
-        low, high = np.repeat(shade[:-1], len(here)), np.repeat(shade[1:], len(here))
-        light = np.stack([np.stack([low, low, high], -1), np.stack([low, high, high], -1)], axis=1).reshape(-1, 3)
-    return soup_of(corners, material, uv, light)
-
-
-def disc(centre: Point, radius_m: float, facing: str, material: Material, num_corners: int = 12) -> Soup:
-    """A disc that faces along "x" or "z", its texture stretched over it once."""
-    angle = np.arange(num_corners) * 2 * np.pi / num_corners
-    rim = np.zeros((num_corners, 3))
-    rim[:, 0 if facing == "z" else 2], rim[:, 1] = radius_m * np.cos(angle), radius_m * np.sin(angle)
-    uv_rim = 0.5 + 0.5 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    middle = np.zeros((num_corners, 1, 3))
-    corners = np.concatenate([middle, rim[:, None], np.roll(rim, -1, axis=0)[:, None]], axis=1) + np.asarray(centre)
-    uv = np.stack([np.full((num_corners, 2), 0.5), uv_rim, np.roll(uv_rim, -1, axis=0)], axis=1)
-    return soup_of(corners, material, uv)
-
-
-def cylinder(foot: Point, top: Point, radii_m: tuple[float, float], material: Material, num_sides: int = 8) -> Soup:
-    """A tube from one point to another, without lids."""
-    start, end = np.asarray(foot, dtype=np.float64), np.asarray(top, dtype=np.float64)
-    axis = (end - start) / np.linalg.norm(end - start)
-    side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+def lathe(start: npt.ArrayLike, end: npt.ArrayLike, profile: npt.ArrayLike, num_sides: int = 8) -> FloatArray:
+    """Rings of points [R, num_sides + 1, 3] around a line; the profile [R, 2] is fraction of the way and radius_m."""
+    axis = np.subtract(end, start)
+    side = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     side /= np.linalg.norm(side)
-    angle = np.arange(num_sides) * 2 * np.pi / num_sides
-    ring = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side)
-    return loft(np.stack([start + radii_m[0] * ring, end + radii_m[1] * ring]), material)
+    angle_rad = np.linspace(0, 2 * np.pi, num_sides + 1)[:, None]
+    ring = np.cos(angle_rad) * side + np.sin(angle_rad) * np.cross(axis / np.linalg.norm(axis), side)
+    along, radius_m = np.asarray(profile, dtype=np.float64).T[..., None, None]
+    return np.asarray(start) + along * axis + radius_m * ring
 
 
-@functools.lru_cache(maxsize=8)
-def icosphere(num_splits: int) -> tuple[FloatArray, FloatArray]:
-    """Points [V, 3] on the unit sphere and the corners [N, 3] of its triangles; every split quadruples them."""
-    golden = (1 + 5**0.5) / 2
-    points = np.array([[s, t * golden, 0] for s in (-1, 1) for t in (-1, 1)], dtype=np.float64)
-    points = np.concatenate([points, np.roll(points, 1, axis=1), np.roll(points, 2, axis=1)])
-    points /= np.linalg.norm(points[0])
-    near = points @ points.T > 0.4  # neighbours are 63.4 degrees apart
-    faces = np.array(
-        [(i, j, k) for i in range(12) for j in range(i) for k in range(j) if near[i, j] and near[j, k] and near[i, k]]
-    )
-    for _ in range(num_splits):
-        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        unique, which = np.unique(edges, axis=0, return_inverse=True)
-        middle = points[unique].sum(axis=1)
-        i, j, k = (which.reshape(-1, 3) + len(points)).T
-        a, b, c = faces.T
-        points = np.concatenate([points, middle / np.linalg.norm(middle, axis=-1, keepdims=True)])
-        faces = np.concatenate([np.stack(three, -1) for three in ((a, i, k), (i, b, j), (k, j, c), (i, j, k))])
-    return points, faces
+class Hits(NamedTuple):
+    """Where rays hit a mesh, and each pixel's footprint there: steps to the next pixel right and down; float32."""
+
+    points: FloatArray  # [N, 3]
+    normal: FloatArray  # [N, 3], towards the eye
+    uv: FloatArray  # [N, 2]
+    uv_steps: FloatArray  # [N, 2, 2], right and down x u and v
+    sizes_m: FloatArray  # [N, 2], how far the point moves
+    ambient: FloatArray  # [N], share of the ambient light that arrives
+    texture: IntArray  # [N]
+    tint: FloatArray  # [N, 3]
+
+
+class Surfaces:
+    """A mesh ready for rays, with u, v and ambient light as linear functions of the place on every triangle."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        """Index the triangles; those without area get constant values."""
+        vertices = o3d.core.Tensor(mesh.corners.reshape(-1, 3))  # type: ignore[call-overload]
+        faces = o3d.core.Tensor(np.arange(mesh.texture.size * 3, dtype=np.uint32).reshape(-1, 3))  # type: ignore[call-overload]
+        self.scene = o3d.t.geometry.RaycastingScene()
+        self.scene.add_triangles(vertices, faces)
+        a, b = mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0]
+        cross = np.cross(a, b)
+        area = np.linalg.norm(cross, axis=-1, keepdims=True)
+        scale = np.where(area > 1e-6, 1 / np.maximum(area, 1e-6), 0)
+        self.mesh, normal = mesh, scale * cross
+        values = np.concatenate([mesh.uv, mesh.ambient[..., None]], axis=-1)  # [N, 3, 3]
+        dual = np.stack([np.cross(b, normal), np.cross(normal, a)], axis=1) * scale[:, None]
+        gradient = np.einsum("nck,ncj->nkj", values[:, 1:] - values[:, :1], dual)  # per metre
+        rows = [mesh.corners[:, 0], normal, values[:, 0]]
+        self.table = np.concatenate([np.stack(rows, axis=1), gradient], axis=1)  # [N, 6, 3]
+
+    def cast(self, eye: FloatArray, rays: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Depths [N] (inf for nothing) and triangles [N] that rays [N, 3] of z-depth 1 hit."""
+        answer = self.scene.cast_rays(_lines(eye, rays))
+        return answer["t_hit"].numpy(), answer["primitive_ids"].numpy().astype(np.int64)
+
+    def blocks(self, points: FloatArray, to_sun: FloatArray) -> BoolArray:
+        """Whether something is between the points [N, 3] and the sun."""
+        blocked: BoolArray = self.scene.test_occlusions(_lines(points, to_sun)).numpy()
+        return blocked
+
+    def hits(
+        self, eye: FloatArray, rays: FloatArray, depths: FloatArray, triangles: IntArray, pixel_steps: FloatArray
+    ) -> Hits:
+        """What rays [N, 3] of z-depth 1 hit; `pixel_steps` [2, 3] lead to the rays of the pixels right and down.
+
+        A footprint is a parallelogram in the plane of the triangle.
+        """
+        out = np.empty((len(rays), 15), dtype=np.float32)
+        _footprints(self.table, triangles, eye, rays, depths, pixel_steps, out)
+        points, normal, uv, uv_steps, sizes_m, ambient = np.split(out, [3, 6, 8, 12, 14], axis=1)
+        texture, tint = self.mesh.texture.take(triangles), self.mesh.tint.take(triangles, axis=0)
+        return Hits(points, normal, uv, uv_steps.reshape(-1, 2, 2), sizes_m, ambient[:, 0], texture, tint)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _footprints(table, triangles, eye, rays, depths, pixel_steps, out):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    offset, step = np.zeros(3), np.zeros(3)
+    for i in range(len(rays)):
+        ray, depth, row = rays[i], depths[i], table[triangles[i]]
+        corner, normal, value, gradient = row[0], row[1], row[2], row[3:]
+        facing = _dot(normal, ray)
+        sign = -1.0 if facing > 0 else 1.0
+        facing = min(-abs(facing), -MIN_COSINE * math.sqrt(_dot(ray, ray))) * sign
+        for axis in range(3):
+            out[i, axis], out[i, 3 + axis] = eye[axis] + depth * ray[axis], sign * normal[axis]
+            offset[axis] = eye[axis] + depth * ray[axis] - corner[axis]
+        for k, column in enumerate((6, 7, 14)):
+            out[i, column] = value[k] + _dot(gradient[k], offset)
+        for to in range(2):
+            along = _dot(normal, pixel_steps[to]) / facing
+            for axis in range(3):
+                step[axis] = depth * (pixel_steps[to, axis] - along * ray[axis])
+            out[i, 8 + 2 * to], out[i, 9 + 2 * to] = _dot(gradient[0], step), _dot(gradient[1], step)
+            out[i, 12 + to] = math.sqrt(_dot(step, step))
+
+
+@numba.njit(cache=True, inline="always")
+def _dot(a, b):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _lines(origins: FloatArray, directions: FloatArray) -> o3d.core.Tensor:
+    both = np.broadcast_arrays(origins.astype(np.float32), directions.astype(np.float32))
+    return o3d.core.Tensor(np.concatenate(both, axis=-1))  # type: ignore[call-overload]

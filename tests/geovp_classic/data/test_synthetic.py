@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from geovp_classic import registry
-from geovp_classic.data.synthetic import Manoeuvre, Synthetic
+from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.data.synthetic import dataset as synthetic
+from geovp_classic.data.synthetic.drive import Manoeuvre
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Dataset
