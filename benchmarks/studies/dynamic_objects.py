@@ -1,6 +1,6 @@
 """The gain from predicting dynamic objects: depth fusion without and with it, over all and over moving pixels.
 
-One line a clip with dynamic objects, and the means. Poses are the recorded ones, past and future; horizons 1, 5, 10, 15
+One line a clip with dynamic objects, and the means. Poses are the recorded ones, refined; horizons 1, 5, 10, 15
 and 20 are scored.
 """
 
@@ -73,12 +73,15 @@ class ClipScores:
 
 def measure(clip: Clip, metrics: Mapping[str, FrameMetric]) -> ClipScores:
     """Render the clip's future both ways and score it; BadData for a clip without poses."""
+    from geovp_classic.pose_sources import GroundTruth
+    from geovp_classic.refined import Refined
     from geovp_classic.renderers import DepthFusion
 
     if clip.trajectory is None:
         raise BadData(f"{clip.name} has no poses: dynamic objects are measured with recorded ones")
-    context, target = clip.split(NUM_PAST, Grant.NONE)
-    past, future = clip.trajectory[:NUM_PAST], clip.trajectory.world_from_cam[NUM_PAST:]
+    context, target = clip.split(NUM_PAST, Grant.PAST_POSES | Grant.FUTURE_POSES)
+    motion = Refined(GroundTruth()).estimate(context)
+    past, future = motion.past, motion.futures[0]
     static, static_s = _render(DepthFusion(dynamic_objects=None), context, past, future)
     dynamic, dynamic_s = _render(DepthFusion(), context, past, future)
     objects = DepthFusion().sprites(context, past)
