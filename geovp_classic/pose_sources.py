@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -61,11 +62,11 @@ class Chained:
         return Motion(past, futures[:1] if same else futures, tracked)
 
 
-class _Continued:
+class _Continued(ABC):
     """The recorded past, continued by a forecaster without noise."""
 
-    def _forecaster(self) -> Forecaster:
-        raise NotImplementedError
+    @abstractmethod
+    def _forecaster(self) -> Forecaster: ...
 
     needs = Grant.PAST_POSES  # the recorded past poses
 

@@ -84,5 +84,5 @@ def _page(truth: Truth, rows: Sequence[Row], heading: style.Heading) -> Figure:
     return figure
 
 
-def _text(axes: Axes, text: str, pixel: tuple[float, float], offset_pt: tuple[float, float], **looks: Any) -> None:
-    axes.annotate(text, pixel, offset_pt, textcoords="offset points", **{"color": style.INK, **looks})
+def _text(axes: Axes, text: str, pixel: tuple[float, float], offset_pt: tuple[float, float], **options: Any) -> None:
+    axes.annotate(text, pixel, offset_pt, textcoords="offset points", **{"color": style.INK, **options})

@@ -87,13 +87,13 @@ def _passes(costs: CostArray, small_step: np.float32, large_steps: FloatArray) -
         start[1:] = 0.0  # a path that starts here has cost nothing so far
         before = np.full((3, width, num + 3), _FAR_OFF, np.float32)
         here = np.full((3, width, num + 3), _FAR_OFF, np.float32)
-        beside = np.full((2, num + 3), _FAR_OFF, np.float32)
+        buffers = np.full((2, num + 3), _FAR_OFF, np.float32)
         for i in range(height):
             for j in range(width):
                 row, column = (i, j) if turned == 0 else (height - 1 - i, width - 1 - j)
                 cost, steps = costs[row, column], large_steps[turned, :, i, j]
-                along = beside[j % 2]
-                _extend(start if j == 0 else beside[(j + 1) % 2], cost, small_step, steps[0], along)
+                along = buffers[j % 2]
+                _extend(start if j == 0 else buffers[(j + 1) % 2], cost, small_step, steps[0], along)
                 for d in range(3):
                     k = j + d - 1
                     previous = start if i == 0 or k < 0 or k >= width else before[d, k]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -26,19 +26,18 @@ LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
 
 
 class VideoNetwork(nn.Module):
-    """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1]."""
+    """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1].
+
+    `predict` gives futures [N, F, 3, H, W] of images [N, P, 3, H, W], or of the same [1, P, 3, H, W] for all; futures
+    of the same past differ by the noise [N, F, noise_size] alone.
+    """
+
+    predict: Callable[[Tensor, Tensor], Tensor]
 
     def __init__(self, coding: AutoencoderConfig, noise_size: int) -> None:
         """`noise_size` normal numbers decide on one predicted frame."""
         super().__init__()
         self.size_px, self.noise_size, self.is_residual = coding.size_px, noise_size, coding.residual
-
-    def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
-        """Futures [N, F, 3, H, W] of images [N, P, 3, H, W], or of the same [1, P, 3, H, W] for all.
-
-        Futures of the same past differ by `noise` [N, F, noise_size] alone.
-        """
-        raise NotImplementedError
 
     def images(self, maps: Tensor, base: Tensor) -> Tensor:
         """Images [N, 3, H, W] of decoded maps; `base` [N, 3, H, W] counts in residual networks alone."""
