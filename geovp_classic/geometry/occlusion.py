@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from geovp_classic.types import BoolArray, FloatArray, IntArray
@@ -17,19 +18,34 @@ def background_pixels(
     nearer. Rows without any known pixel name the row above or below in the same manner.
     """
     index = np.arange(known.size).reshape(known.shape)
-    index = np.take_along_axis(index, _columns(known, depth), axis=1)
-    rows = np.broadcast_to(known.any(axis=1, keepdims=True), known.shape)
-    if rows.all():
-        return index
-    return np.take_along_axis(index, _columns(rows.T, depth.ravel()[index].T).T, axis=0)
+    _copy_farther(known, depth, index)
+    rows = known.any(axis=1)
+    if not rows.all():
+        _copy_farther(np.repeat(rows[None], known.shape[1], axis=0), depth.ravel()[index].T, index.T)
+    return index
 
 
-def _columns(known: BoolArray, depth: FloatArray) -> IntArray:
-    """The column [H, W] that each pixel names; its own in a row without any known pixel."""
-    column, width = np.arange(known.shape[1]), known.shape[1]
-    left = np.maximum.accumulate(np.where(known, column, -1), axis=1)
-    right = np.minimum.accumulate(np.where(known, column, width)[:, ::-1], axis=1)[:, ::-1]
-    to_left = np.where(left >= 0, np.take_along_axis(depth, np.maximum(left, 0), axis=1), -np.inf)
-    to_right = np.where(right < width, np.take_along_axis(depth, np.minimum(right, width - 1), axis=1), -np.inf)
-    is_left = (to_left > to_right) | ((to_left == to_right) & (column - left <= right - column))
-    return np.where((left < 0) & (right == width), column, np.where(is_left, left, right))
+@numba.njit(nogil=True, cache=True)
+def _copy_farther(
+    known: BoolArray,  # [H, W]
+    depth: FloatArray,  # [H, W]
+    index: IntArray,  # [H, W], changed: unknown pixels take that of the known pixel at their left or right
+) -> None:
+    height, width = known.shape
+    for row in range(height):
+        left, right = -1, 0  # the known columns beside the current one
+        for column in range(width):
+            if known[row, column]:
+                left = column
+                continue
+            if right <= column:
+                right = column + 1
+                while right < width and not known[row, right]:
+                    right += 1
+            if left < 0 and right == width:
+                break
+            is_left = right == width
+            if left >= 0 and right < width:
+                at_left, at_right = depth[row, left], depth[row, right]
+                is_left = at_left > at_right or (at_left == at_right and column - left <= right - column)
+            index[row, column] = index[row, left if is_left else right]
