@@ -1,4 +1,4 @@
-"""Processing time of one clip by stage (odometry, forecast, depth, fusion, views), and peak memory.
+"""Processing time of one clip by stage (odometry, forecast, refinements, depth, fusion, views), and peak memory.
 
 `python -m benchmarks.performance.clip [ROUNDS] [--kitti ROOT SEQUENCE]`: 10 frames observed, 20 predicted, at 256x256,
 on a clip of the synthetic street or of KITTI. The first round, which loads compiled code, is not counted. CPU time is
@@ -21,11 +21,12 @@ from benchmarks.profiling import peak_mb
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.pose_sources import Chained
+from geovp_classic.refined import Refined
 from geovp_classic.renderers import DepthFusion
-from geovp_classic.types import Context, FloatArray, Views
+from geovp_classic.types import Context, FloatArray, Motion, Views
 
 NUM_PAST = 10
-STAGES = ("odometry", "forecast", "depth", "registration and fusion", "views")
+STAGES = ("odometry", "forecast", "refinements", "depth", "fusion", "views")
 Seconds = tuple[float, float]  # wall clock, and CPU time of all threads
 
 Result = TypeVar("Result")
@@ -53,16 +54,18 @@ def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
 
 
 def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
-    """Predict with `chained` and `depth-fusion` at their defaults; the views and the times of STAGES."""
+    """Predict with refined `chained` and `depth-fusion` at their defaults; the views and the times of STAGES."""
     source, renderer = Chained(), DepthFusion()
-    (past, _), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
+    (past, tracked), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
+    given_motion: Any = SimpleNamespace(needs=source.needs, estimate=lambda *_: Motion(past, futures, tracked))
+    motion, refinement = timed(lambda: Refined(given_motion).estimate(context))
     needs = renderer.depth.needs
-    estimate, depth = timed(lambda: renderer.depth.inverse_depths(context.only(needs), past))
+    estimate, depth = timed(lambda: renderer.depth.inverse_depths(context.only(needs), motion.past))
     given: Any = SimpleNamespace(needs=needs, inverse_depths=lambda *_: estimate)
-    scene, fusion = timed(lambda: replace(renderer, depth=given).reconstruct(context.only(renderer.needs), past))
-    views, view = timed(lambda: scene.view(futures[0], context.times_s[context.num_past :], context.intrinsics))
-    return views, [odometry, forecast, depth, fusion, view]
+    scene, fusion = timed(lambda: replace(renderer, depth=given).reconstruct(context.only(renderer.needs), motion.past))
+    views, view = timed(lambda: scene.view(motion.futures[0], context.times_s[NUM_PAST:], context.intrinsics))
+    return views, [odometry, forecast, refinement, depth, fusion, view]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -75,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if chosen.kitti:
         spec |= {"name": "kitti", "root": chosen.kitti[0], "sequences": [chosen.kitti[1]]}
     try:
-        context, _ = registry.build("datasets", spec)[0].split(NUM_PAST, Chained().needs | DepthFusion().needs)
+        context, _ = registry.build("datasets", spec)[0].split(NUM_PAST, Refined(Chained()).needs | DepthFusion().needs)
     except GeovpError as error:
         parser.error(str(error))
     print(*lines(np.array([one_clip(context)[1] for _ in range(chosen.rounds + 1)])), sep="\n")

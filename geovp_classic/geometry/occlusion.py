@@ -19,7 +19,7 @@ def background_pixels(
     """
     index = np.arange(known.size).reshape(known.shape)
     _copy_farther(known, depth, index)
-    rows = known.any(axis=1)
+    rows: BoolArray = np.asarray(known.any(axis=1))
     if not rows.all():
         _copy_farther(np.repeat(rows[None], known.shape[1], axis=0), depth.ravel()[index].T, index.T)
     return index
