@@ -16,7 +16,8 @@ from geovp_classic.types import FloatArray
 CostArray = npt.NDArray[np.uint8]
 
 RADIUS_PX = 2  # of the window; the row sums below are written out for it
-WORST = 255  # the cost of windows that don't correlate
+WORST = 247  # the cost of windows that don't correlate
+FAR_PRIOR = 8  # what the nearest hypothesis costs more than infinity
 UNSEEN = 128  # the cost where no source sees the point: neither good nor bad
 NOISE_VARIANCE = 2.0  # of grey values 0..255; windows flatter than this correlate with nothing
 IN_FRONT = 1e-6  # smallest z, relative to the ray
@@ -33,7 +34,7 @@ def sweep_costs(
     epipoles: FloatArray,  # [S, 3]; K' t: what a unit of inverse depth adds
     inverse_depths: FloatArray,  # [N], the hypotheses
 ) -> CostArray:
-    """Costs [H, W, N]: the mean over the sources that see the point, 0 (equal) to 255 (WORST); UNSEEN for none."""
+    """Costs [H, W, N]: the mean over the sources that see it, 0 (equal) to WORST, else UNSEEN; plus `far_prior`."""
     window = (2 * RADIUS_PX + 1,) * 2
     mean = np.asarray(cv2.boxFilter(reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32)
     square = np.asarray(cv2.boxFilter(reference * reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32)
@@ -42,8 +43,13 @@ def sweep_costs(
     num_rows = int(np.clip(BAND_ENTRIES // (width * num), 8, 32))
     maps = infinity_from_pixel.astype(np.float32), epipoles.astype(np.float32), inverse_depths.astype(np.float32)
     assert all(np.isfinite(one).all() for one in maps), "a NaN would read outside the image"
-    costs: CostArray = _sweep(reference, mean, inverse_deviation, sources, *maps, num_rows)
+    costs: CostArray = _sweep(reference, mean, inverse_deviation, sources, *maps, far_prior(num), num_rows)
     return costs
+
+
+def far_prior(num: int) -> CostArray:
+    """What each of the hypotheses [N] costs in itself, so that windows that tell nothing, like the sky's, are far."""
+    return (FAR_PRIOR * np.arange(num) // num).astype(np.uint8)
 
 
 @numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
@@ -55,6 +61,7 @@ def _sweep(
     infinity_from_pixel: FloatArray,
     epipoles: FloatArray,
     inverse_depths: FloatArray,
+    prior: CostArray,  # [N]
     num_rows: int,
 ) -> CostArray:
     height, width = reference.shape
@@ -84,7 +91,7 @@ def _sweep(
                     cost = np.uint8(UNSEEN)
                     if count > 0:
                         cost = np.uint8(np.float32(WORST) * total[n, row, column] / count)
-                    costs[top + row, column, n] = cost
+                    costs[top + row, column, n] = cost + prior[n]
     return costs
 
 

@@ -61,6 +61,6 @@ def sweep(
     if ground is not None:
         islands |= floating_mask(inverse_depth, ground, camera, completion.speckles(levels, FLOATING_SHARE) & ~islands)
     inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
-    seen = ~(costs == matching.UNSEEN).all(axis=-1)
+    seen = ~(costs == matching.UNSEEN + matching.far_prior(num_planes)).all(axis=-1)
     confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
     return inverse_depth.astype(np.float32), confidence

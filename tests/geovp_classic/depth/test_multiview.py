@@ -143,3 +143,14 @@ def test_exposure_changes_little(observe: Observe) -> None:
     plain, _ = Multiview().inverse_depths(context, past)
     changed, _ = Multiview().inverse_depths(darker, past)
     assert np.median(np.abs(changed[-1] - plain[-1]) / plain[-1].clip(0.01)) < 0.01
+
+
+def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> None:
+    context, past, truth = observe(_drive(yaw_rad=0.02))
+    sky = np.zeros(truth[-1].shape, dtype=bool)
+    sky[:40, 30:-30] = True
+    frames = np.where(sky[..., None], np.uint8(230), context.frames)
+    inverse_depths, _ = Multiview().inverse_depths(dataclasses.replace(context, frames=frames), past)
+    inner = np.zeros_like(sky)
+    inner[8:30, 40:-40] = True
+    assert inverse_depths[-1][inner].max() < 1 / 50  # without a prior for what is far some of it hangs at 9 m
