@@ -1,7 +1,7 @@
 """What every part is worth: each one taken out, on clips that constants may be chosen on.
 
 A line a part: what the whole has more than the whole without it (PSNR and SSIM up, LPIPS down is better), as the mean
-of paired differences over clips with its 95 % interval from a block bootstrap (Kuensch 1989), the time it takes, and
+of paired differences over clips with its 95 % interval from a block bootstrap over clips, the time it takes, and
 its lines of code. Parts of the renderer and of the refinements are measured with true poses, parts of the odometry
 without any. A part earns its lines where an interval excludes zero and the gain is .05 dB or .002 LPIPS.
 """
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.arguments import positive
+from benchmarks.intervals import block_interval
 from benchmarks.progress import Progress
-from benchmarks.statistics import block_interval
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Clip, FloatArray, Grant

@@ -1,0 +1,70 @@
+"""Intervals of means over dependent clips: simulated coverage, and numbers that one can work out by hand."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from benchmarks import intervals
+from benchmarks.studies import coverage
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)])
+def test_an_interval_holds_the_truth_about_as_often_as_it_says(name: str, least: float, most: float) -> None:
+    covered, naive, _ = coverage.coverage((36,), coverage.dependences()[name], coverage.NOISES["normal"], 400)
+    assert least < covered < most
+    if name == "AR(1), 0.5":  # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent ones
+        assert naive < 0.82
+
+
+def test_independent_values_get_about_students_interval() -> None:
+    values = np.random.default_rng(0).normal(5.0, 2.0, 400)
+    found = intervals.interval(values, np.zeros(400))
+    low, high = stats.t.interval(0.95, 399, values.mean(), values.std(ddof=1) / 20)
+    assert found.mean == pytest.approx(values.mean())
+    assert found.high - found.low == pytest.approx(high - low, rel=0.2)
+    assert 250 < found.effective <= 400
+
+
+def test_clips_that_are_alike_count_as_fewer() -> None:
+    values = np.repeat(np.random.default_rng(1).normal(size=20), 10)  # twenty values, ten times each
+    assert intervals.interval(values, np.zeros(200)).effective < 25
+
+
+def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
+    values = np.tile([1.0, 1.0, -1.0, -1.0], 10)
+    together = intervals.lag_one(values, [np.arange(40)])
+    apart = intervals.lag_one(
+        values, [np.arange(0, 40, 4), np.arange(1, 40, 4), np.arange(2, 40, 4), np.arange(3, 40, 4)]
+    )
+    assert together < 0.5 < apart  # every fourth one is equal: perfectly correlated
+
+
+def test_a_difference_that_is_always_there_is_not_zero() -> None:
+    noise = np.random.default_rng(2).normal(size=30)
+    assert intervals.interval(0.1 * noise + 1, np.zeros(30)).p_zero < 1e-6
+    assert intervals.interval(noise - noise.mean(), np.zeros(30)).p_zero == pytest.approx(1.0)
+
+
+def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
+    found = intervals.interval(np.array([1.0, np.nan, 3.0]), np.zeros(3))
+    assert found.mean == 2.0
+    assert np.isnan(found.low)
+    assert np.isnan(intervals.interval(np.array([np.nan]), np.zeros(1)).mean)
+
+
+def test_the_same_seed_gives_the_same_interval() -> None:
+    values = np.random.default_rng(3).normal(size=36)
+    first, again = (intervals.interval(values, np.zeros(36)) for _ in range(2))
+    assert first == again
+    assert first.low < first.mean < first.high
+
+
+def test_holms_correction_worked_out() -> None:
+    # sorted: .01 * 3 = .03, .02 * 2 = .04, .04 * 1 = .04
+    corrected = intervals.holm(np.array([0.04, 0.01, np.nan, 0.02]))
+    np.testing.assert_allclose(corrected, [0.04, 0.03, np.nan, 0.04])
+    np.testing.assert_allclose(intervals.holm(np.array([0.9, 0.8])), [1.0, 1.0])
+
+
+def test_a_clips_sequence_is_its_name_without_the_number() -> None:
+    assert [intervals.sequence_of(name) for name in ("03/000180", "a/b/7", "7")] == ["03", "a/b", ""]
