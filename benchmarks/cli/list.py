@@ -81,6 +81,7 @@ def _spec(module: str) -> ModuleSpec | None:
         if not dot:
             return importlib.util.find_spec(module)
         above = _spec(package)
-        return PathFinder.find_spec(module, above.submodule_search_locations) if above else None
+        folders = above.submodule_search_locations if above else None
+        return PathFinder.find_spec(module, folders) if folders else None
     except (ImportError, ValueError):
         return None
