@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Hashable
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,35 +13,23 @@ from geovp_classic.types import Trajectory
 
 
 @dataclass(frozen=True)
-class CachedCall:
-    """The value or error of a call, with its seconds and peak memory."""
-
-    value: Any
-    error: Exception | None
-    profiler: StageProfiler
-
-
-@dataclass(frozen=True)
 class Cache:
     """Results for one clip that cells share: a motion per pose source, a scene per renderer and past."""
 
-    calls: dict[Hashable, CachedCall] = field(default_factory=dict)
+    calls: dict[Hashable, tuple[Future[Any], StageProfiler]] = field(default_factory=dict)  # done, and what they cost
 
     def get_or_compute(self, key: Hashable, compute: Callable[[], Any], profiler: StageProfiler, stage: str) -> Any:
         """The value, computed once per key, or the error it raised; every cell is charged its full cost."""
         if key not in self.calls:
-            own, value, raised = StageProfiler(), None, None
+            call, own = self.calls[key] = Future(), StageProfiler()
             with own.measure(stage):
                 try:
-                    value = compute()
+                    call.set_result(compute())
                 except Exception as error:  # raised for every cell that asks
-                    raised = error
-            self.calls[key] = CachedCall(value, raised, own)
-        call = self.calls[key]
-        profiler.add(stage, call.profiler.seconds[stage], call.profiler.peaks_mb[stage])
-        if call.error is not None:
-            raise call.error
-        return call.value
+                    call.set_exception(error)
+        call, own = self.calls[key]
+        profiler.add(stage, own.seconds[stage], own.peaks_mb[stage])
+        return call.result()
 
 
 def scene_key(renderer: str, past: Trajectory) -> Hashable:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,15 +16,7 @@ from benchmarks.store import Results
 from benchmarks.tables import Column, Row, Table
 from geovp_classic.data.atomic import write_bytes
 
-TEX = {
-    "&": r"\&",
-    "%": r"\%",
-    "_": r"\_",
-    "#": r"\#",
-    "$": r"\$",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-}
+TEX = {letter: f"\\{letter}" for letter in "&%_#$"} | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 TEX |= {"±": r"$\pm$", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
 
 
@@ -52,12 +45,10 @@ def markdown(table: Table) -> str:
 def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
     """A Markdown table of a head and rows; with `numbers`, all columns but the first are aligned on the right."""
     widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
-    aligned = [
-        [text.rjust(n) if numbers else text.ljust(n) for text, n in zip(line, widths, strict=True)] for line in lines
-    ]
-    rows = [[line[0].ljust(widths[0]), *texts[1:]] for line, texts in zip(lines, aligned, strict=True)]
+    layout = " | ".join(["{:<{}}", *["{:>{}}" if numbers else "{:<{}}"] * (len(widths) - 1)])
     rule = ["-" * widths[0], *("-" * (n - 1) + (":" if numbers else "-") for n in widths[1:])]
-    return [f"| {' | '.join(texts)} |" for texts in (rows[0], rule, *rows[1:])]
+    rows = [lines[0], rule, *lines[1:]]
+    return [f"| {layout.format(*itertools.chain(*zip(row, widths, strict=True)))} |" for row in rows]
 
 
 def latex(table: Table) -> str:
@@ -88,9 +79,8 @@ def comma_separated(table: Table) -> str:
 
 def _text(table: Table, row: Row, column: Column, emphasis: str) -> str:
     mean, error = table.texts(row, column)
-    return (emphasis.format(mean) if table.is_best(row, column) else mean) + (
-        _tex(error) if "\\" in emphasis else error
-    )
+    error = _tex(error) if "\\" in emphasis else error
+    return (emphasis.format(mean) if table.is_best(row, column) else mean) + error
 
 
 def _numbers(estimate: Estimate | None) -> tuple[str, str, str]:
@@ -107,7 +97,7 @@ def columns(lines: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _tex(text: str) -> str:
-    return "".join(TEX.get(letter, letter) for letter in text)
+    return text.translate({ord(letter): tex for letter, tex in TEX.items()})
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}

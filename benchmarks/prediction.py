@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.types import ByteArray, Clip, Context, Motion, Trajectory, Views
 
 NUM_STAGES = 5
-STRIP_HORIZONS = (1, 5, 10, 15, 20)
 
 
 @dataclass(frozen=True)
@@ -155,49 +155,38 @@ def _actual(request: PredictionRequest, recording: Recording, first: int) -> Byt
     return windows.cut(recording, begin, request.num_future, (request.size_px, request.size_px)).frames
 
 
-def _numbers(predicted: Predicted) -> range:
-    """The numbers of all frames, as they are in the recording."""
-    return range(predicted.first, predicted.first + len(predicted.context.times_s))
-
-
-def _path(predicted: Predicted) -> Trajectory:
-    past, future = predicted.motion.past, predicted.motion.futures[0]
-    poses = np.concatenate([past.world_from_cam, future])
-    return Trajectory(poses, predicted.context.times_s, past.is_metric)
-
-
 def _write_files(predicted: Predicted, folder: Path) -> None:
-    _write_images(predicted, folder)
+    context, past = predicted.context, predicted.motion.past
+    files = [f"{predicted.first + step:06d}.png" for step in range(len(context.times_s))]  # as in the recording
+    names = [f"{'seen' if step < context.num_past else 'frames'}/{file}" for step, file in enumerate(files)]
+    _write_images(predicted, folder, names)
     _write_videos(predicted, folder)
-    path, camera = _path(predicted), predicted.context.intrinsics
+    poses = np.concatenate([past.world_from_cam, predicted.motion.futures[0]])
+    path = Trajectory(poses, context.times_s, past.is_metric)
     pose_files.write_kitti(folder / "poses.kitti.txt", path)
     pose_files.write_tum(folder / "poses.tum.txt", path)
-    points, colours = exports.cloud(predicted.rerendered, predicted.motion.past.world_from_cam, camera)
+    points, colours = exports.cloud(predicted.rerendered, past.world_from_cam, context.intrinsics)
     exports.write_ply(folder / "cloud.ply", points, colours)
-    names = [f"seen/{n:06d}.png" for n in _numbers(predicted)[: predicted.context.num_past]]
-    names += [f"frames/{n:06d}.png" for n in _numbers(predicted)[predicted.context.num_past :]]
-    exports.write_colmap(folder / "colmap", camera, names, path.world_from_cam, points, colours)
+    exports.write_colmap(folder / "colmap", context.intrinsics, names, poses, points, colours)
 
 
-def _write_images(predicted: Predicted, folder: Path) -> None:
-    """Observed and predicted frames, and depth maps of the predicted ones with their scale."""
-    numbers, num_past = _numbers(predicted), predicted.context.num_past
+def _write_images(predicted: Predicted, folder: Path, names: Sequence[str]) -> None:
+    """Observed and predicted frames by name, and depth maps of the predicted ones with their scale."""
     is_metric = predicted.motion.past.is_metric
     scale = exports.depth_scale(predicted.views.depths, is_metric)
     for name in ("seen", "frames", "depths"):
         (folder / name).mkdir()
-    for number, frame in zip(numbers, predicted.context.frames, strict=False):
-        _write_png(folder / "seen" / f"{number:06d}.png", frame)
-    for step, number in enumerate(numbers[num_past:]):
-        _write_png(folder / "frames" / f"{number:06d}.png", predicted.views.frames[step])
-        exports.write_depth(folder / "depths" / f"{number:06d}.png", predicted.views.depths[step], scale)
+    for name, frame in zip(names, [*predicted.context.frames, *predicted.views.frames], strict=True):
+        _write_png(folder / name, frame)
+    for name, depth in zip(names[predicted.context.num_past :], predicted.views.depths, strict=True):
+        exports.write_depth(folder / "depths" / Path(name).name, depth, scale)
     unit = "metres" if is_metric else "the unit of the poses, which is not known in metres"
     words = f"depth = value / {scale:.9g}, in {unit}; 0: unknown, 65535: infinitely far or beyond\n"
     (folder / "depths" / "scale.txt").write_text(words)
 
 
 def _write_videos(predicted: Predicted, folder: Path) -> None:
-    horizons = [k for k in STRIP_HORIZONS if k <= len(predicted.views.frames)]
+    horizons = [k for k in video.HORIZONS if k <= len(predicted.views.frames)]
     shown = [k - 1 for k in horizons]
     last = predicted.context.frames[-1]
     rows = [("predicted", [last, *predicted.views.frames[shown]])]

@@ -1,7 +1,7 @@
 """The command line `geovp VERB ...`: a module a verb, imported only when chosen, so that `--help` answers at once.
 
 A verb's module exposes `add_arguments(parser)` and `run(chosen)`, which returns the exit code: 0 when all was done, 1
-when some of it failed or was skipped, 2 for bad input, with one sentence that says what to do.
+when some of it failed or was skipped, 2 for bad input, with one sentence that says what to do. Some verbs are studies.
 """
 
 from __future__ import annotations
@@ -10,53 +10,65 @@ import argparse
 import ast
 import importlib
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError
 
 DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 VERBS = ("run", "table", "plot", "report", "score", "predict", "poses", "forecast", "study", "data", "list", "check")
+STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
 
 
 class ModuleParser(argparse.ArgumentParser):
-    """A parser that asks a module for its arguments when it is about to parse, and stores the module's `run`."""
+    """A parser that asks a module for its arguments when it is about to parse, and stores the module's `run`.
 
-    def __init__(self, *, module: str = "", dest: str = "", **options: Any) -> None:
-        """`dest` is where `run` is stored; without a module it is a plain parser."""
+    It is stored as `verb` or, of a module of `benchmarks.studies`, as `study`; without a module it is a plain parser.
+    """
+
+    def __init__(self, *, module: str = "", **options: Any) -> None:
+        """A parser of a module's arguments."""
         super().__init__(**options)
-        self._module, self._dest = module, dest
+        self._module = module
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse, with the module's arguments."""
         if self._module:
             module = importlib.import_module(self._module)
             module.add_arguments(self)
-            self.set_defaults(**{self._dest: module.run})
+            self.set_defaults(**{"study" if ".studies." in self._module else "verb": module.run})
         return super().parse_known_args(args, namespace)
 
 
-def add_modules(parser: argparse.ArgumentParser, package: Path, names: Iterable[str], metavar: str, dest: str) -> None:
-    """One of the modules of a package in `benchmarks` has to be chosen; their docstrings are the help."""
+def add_modules(parser: argparse.ArgumentParser, modules: Mapping[str, str], metavar: str) -> None:
+    """One of the modules in `benchmarks`, by their words on the command line, has to be chosen; docstrings are help."""
     chosen = parser.add_subparsers(metavar=metavar, required=True, parser_class=ModuleParser)
-    for name in names:
-        file = package / f"{name}.py"
-        text = (file if file.exists() else package / name / "__init__.py").read_text(encoding="utf-8")
+    for word, module in modules.items():
+        path = Path(__file__).parents[2].joinpath(*module.split("."))
+        text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
         description = (ast.get_docstring(ast.parse(text)) or "").replace("%", "%%")
-        module = f"benchmarks.{package.name}.{name}"
-        summary = description.partition("\n")[0]
-        chosen.add_parser(name.replace("_", "-"), help=summary, description=description, module=module, dest=dest)
+        chosen.add_parser(word, help=description.partition("\n")[0], description=description, module=module)
+
+
+def print_study(chosen: argparse.Namespace) -> int:
+    """Print the lines of a study as they are ready, with a progress bar."""
+    with progress_bar(chosen.study.__module__.rpartition(".")[2], "steps") as progress:
+        for line in chosen.study(chosen, progress):
+            print(line, flush=True)
+    return DONE
 
 
 def main(given: Sequence[str] | None = None) -> int:
     """Run the chosen verb and return the exit code."""
     parser = argparse.ArgumentParser(prog="geovp", description="Geometry-based video prediction: run, measure, look.")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
-    add_modules(parser, Path(__file__).parent, VERBS, "VERB", "verb")
+    studies = {verb: f"benchmarks.studies.{study}" for verb, study in STUDY_OF_VERB.items()}
+    add_modules(parser, {verb: studies.get(verb, f"benchmarks.cli.{verb}") for verb in VERBS}, "VERB")
     chosen = parser.parse_args(given)
     try:
-        return int(chosen.verb(chosen))
+        return int(getattr(chosen, "verb", print_study)(chosen))
     except GeovpError as error:
         print(f"geovp: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT

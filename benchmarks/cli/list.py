@@ -9,7 +9,7 @@ import importlib.util
 import sys
 from collections.abc import Iterator
 from importlib import metadata
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
 
@@ -39,10 +39,10 @@ def missing_import(module: str) -> str:
     """The first module that importing this one would ask for and not find, "" for none."""
     seen, waiting = {module}, [module]
     while waiting:
-        path = _source(waiting[0])
-        if path is None:
+        spec = _spec(waiting[0])
+        if spec is None:
             return waiting[0]
-        own, foreign = _imports(waiting.pop(0), path)
+        own, foreign = _imports(waiting.pop(0), spec.origin or "")
         missing = next((name for name in foreign if _spec(name) is None), None)
         if missing is not None:
             return missing
@@ -52,14 +52,14 @@ def missing_import(module: str) -> str:
 
 
 @functools.cache
-def _imports(module: str, path: Path) -> tuple[list[str], list[str]]:
+def _imports(module: str, file: str) -> tuple[list[str], list[str]]:
     """The imports at the top level of a file: modules of its own package, and other packages."""
-    if path.suffix != ".py":  # compiled
+    if not file.endswith(".py"):  # compiled
         return [], []
     root = module.partition(".")[0]
-    names = list(dict.fromkeys(_imported_names(ast.parse(path.read_bytes()))))
+    names = list(dict.fromkeys(_imported_names(ast.parse(Path(file).read_bytes()))))
     # `from package.module import name` may mean a module or what is in one; only the former exists by that name
-    own = [name for name in names if name.partition(".")[0] == root and _source(name) is not None]
+    own = [name for name in names if name.partition(".")[0] == root and _spec(name) is not None]
     others = dict.fromkeys(name.partition(".")[0] for name in names)
     return own, [name for name in others if name != root and name not in sys.stdlib_module_names]
 
@@ -74,25 +74,14 @@ def _imported_names(tree: ast.Module) -> Iterator[str]:
 
 
 @functools.cache
-def _source(module: str) -> Path | None:
-    """The file of a module, found without importing the packages above it."""
-    root, *below = module.split(".")
-    spec = _spec(root)
-    if spec is None:
-        return None
-    if not below:
-        return Path(spec.origin or "compiled")
-    for folder in spec.submodule_search_locations or ():
-        base = Path(folder).joinpath(*below)
-        for path in (base / "__init__.py", base.with_name(base.name + ".py"), *base.parent.glob(f"{base.name}.*.so")):
-            if path.exists():
-                return path
-    return None
-
-
-@functools.cache
-def _spec(package: str) -> ModuleSpec | None:
+def _spec(module: str) -> ModuleSpec | None:
+    """The place of a module, found without importing the packages above it."""
+    package, dot, _ = module.rpartition(".")
     try:
-        return importlib.util.find_spec(package)
+        if not dot:
+            return importlib.util.find_spec(module)
+        above = _spec(package)
+        folders = above.submodule_search_locations if above else None
+        return PathFinder.find_spec(module, folders) if folders else None
     except (ImportError, ValueError):
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 
 from benchmarks.arguments import positive
@@ -16,13 +17,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_images
     )
-    parser.add_argument("--fps", type=float, metavar="HZ", help="frames a second; needed for a folder")
-    parser.add_argument("--camera-height", type=float, metavar="M", help="above the road: poses and cloud in metres")
+    parser.add_argument("--fps", dest="rate_hz", type=float, metavar="HZ", help="frames a second; needed for a folder")
+    parser.add_argument(
+        "--camera-height",
+        dest="camera_height_m",
+        type=float,
+        metavar="M",
+        help="above the road: poses and cloud in metres",
+    )
     parser.add_argument("--first", type=int, metavar="N", help="first observed frame (default: the latest possible)")
-    parser.add_argument("--past", type=positive, default=10, metavar="N", help="observed frames (10)")
-    parser.add_argument("--future", type=positive, default=20, metavar="N", help="predicted frames (20)")
-    parser.add_argument("--size", type=positive, default=256, metavar="PX", help="side of the square middle (256)")
-    parser.add_argument("--wide", action="store_true", help="use the whole images, not only their middle")
+    parser.add_argument("--past", dest="num_past", type=positive, default=10, metavar="N", help="observed frames (10)")
+    parser.add_argument(
+        "--future", dest="num_future", type=positive, default=20, metavar="N", help="predicted frames (20)"
+    )
+    parser.add_argument(
+        "--size", dest="size_px", type=positive, default=256, metavar="PX", help="side of the square middle (256)"
+    )
+    parser.add_argument(
+        "--wide", dest="with_wide", action="store_true", help="use the whole images, not only their middle"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
 
 
@@ -32,17 +45,8 @@ def run(chosen: argparse.Namespace) -> int:
 
     if chosen.out is not None:
         prediction.check_free(chosen.out)
-    request = prediction.PredictionRequest(
-        path=chosen.path,
-        intrinsics=tuple(chosen.intrinsics),
-        rate_hz=chosen.fps,
-        camera_height_m=chosen.camera_height,
-        first=chosen.first,
-        num_past=chosen.past,
-        num_future=chosen.future,
-        size_px=chosen.size,
-        with_wide=chosen.wide,
-    )
+    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(prediction.PredictionRequest)}
+    request = prediction.PredictionRequest(**{**fields, "intrinsics": tuple(chosen.intrinsics)})
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"

@@ -7,16 +7,14 @@ shown beside wall-clock time, which depends on the load of the machine.
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from benchmarks.arguments import positive
+from benchmarks.performance import Seconds, rounds_parser, timed
 from benchmarks.profiling import peak_mb
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
@@ -27,9 +25,6 @@ from geovp_classic.types import Context, FloatArray, Motion, Views
 
 NUM_PAST = 10
 STAGES = ("odometry", "forecast", "refinements", "depth", "fusion", "views")
-Seconds = tuple[float, float]  # wall clock, and CPU time of all threads
-
-Result = TypeVar("Result")
 
 
 def lines(
@@ -44,13 +39,6 @@ def lines(
         *(f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms" for name, (clock, processor) in rows),
         f"first round {taken_s[0, :, 0].sum():.1f} s; peak memory of the process {peak_mb():.0f} MB",
     ]
-
-
-def timed(work: Callable[[], Result]) -> tuple[Result, Seconds]:
-    """The result of the work, and its processing time."""
-    clock, processor = time.perf_counter(), time.process_time()
-    result = work()
-    return result, (time.perf_counter() - clock, time.process_time() - processor)
 
 
 def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
@@ -70,8 +58,7 @@ def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
-    parser = argparse.ArgumentParser(description="Processing time of one clip, stage by stage.")
-    parser.add_argument("rounds", nargs="?", type=positive, default=10, metavar="ROUNDS")
+    parser = rounds_parser("Processing time of one clip, stage by stage.", 10)
     parser.add_argument("--kitti", nargs=2, metavar=("ROOT", "SEQUENCE"), help="instead of the synthetic street")
     chosen = parser.parse_args(arguments)
     spec: dict[str, Any] = {"name": "synthetic", "num_frames": 30}

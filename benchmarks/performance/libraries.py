@@ -7,15 +7,13 @@ rounds are of the processor's time. A solver of our own stays only where it is t
 
 from __future__ import annotations
 
-import argparse
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pycolmap
 
-from benchmarks.arguments import positive
+from benchmarks.performance import rounds_parser, timed
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
@@ -141,12 +139,7 @@ def measure(comparison: Comparison, rounds: int) -> str:
     solvers, milliseconds, errors = (comparison.ours, comparison.library), [], []
     for solve in solvers:
         errors.append(comparison.error(solve()))  # compiles, too
-        took_s = []
-        for _ in range(rounds):
-            start = time.process_time()
-            solve()
-            took_s.append(time.process_time() - start)
-        milliseconds.append(1e3 * float(np.median(took_s)))
+        milliseconds.append(1e3 * float(np.median([timed(solve)[1][1] for _ in range(rounds)])))
     (ours_ms, library_ms), (ours, library) = milliseconds, errors
     return (
         f"{comparison.name}: ours {ours_ms:.2f} ms, library {library_ms:.2f} ms, ratio {library_ms / ours_ms:.1f}; "
@@ -174,9 +167,8 @@ def _distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each solver."""
-    parser = argparse.ArgumentParser(description="Our solvers beside those of libraries.")
-    parser.add_argument("rounds", nargs="?", type=positive, default=20, metavar="ROUNDS")
-    rounds, scene = parser.parse_args(arguments).rounds, Scene.random()
+    rounds = rounds_parser("Our solvers beside those of libraries.", 20).parse_args(arguments).rounds
+    scene = Scene.random()
     for problem in (triangulation, resection, relative_pose, local_bundle_adjustment):
         print(measure(problem(scene), rounds))
 

@@ -9,14 +9,13 @@ the other two set one pixel per point.
 
 from __future__ import annotations
 
-import argparse
-import time
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.arguments import positive
+from benchmarks.performance import Seconds, rounds_parser, timed
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.render import patches
@@ -111,19 +110,16 @@ RENDERERS: dict[str, Callable[[Street, FloatArray], FloatArray]] = {
 def measure(rounds: int) -> list[str]:
     """Time all renderers alternately, after one round of warm-up."""
     scene, world_from_cam = street()
-    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in RENDERERS}
+    taken: dict[str, list[Seconds]] = {name: [] for name in RENDERERS}
     for _ in range(rounds + 1):
         for name, draw in RENDERERS.items():
-            clock, processor = time.perf_counter(), time.process_time()
-            draw(scene, world_from_cam)
-            taken[name].append((time.perf_counter() - clock, time.process_time() - processor))
+            taken[name].append(timed(functools.partial(draw, scene, world_from_cam))[1])
     return lines({name: np.array(times[1:]) for name, times in taken.items()}, len(scene.points_world))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
-    parser = argparse.ArgumentParser(description="Points per second of three ways to render a point cloud.")
-    parser.add_argument("rounds", nargs="?", type=positive, default=10, metavar="ROUNDS")
+    parser = rounds_parser("Points per second of three ways to render a point cloud.", 10)
     print(*measure(parser.parse_args(arguments).rounds), sep="\n")
 
 

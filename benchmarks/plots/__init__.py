@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import matplotlib
+import matplotlib.style
 
 from benchmarks.plots import horizon, kept_clips, style
 from benchmarks.plots.material import Material, Page
@@ -37,7 +37,7 @@ def figures(results: Results, progress: Progress = no_progress) -> Iterator[Page
         partial(kept_clips.pages, material, number, name) for number, (name, _) in enumerate(results.clips(), 1)
     ]
     for draw in tracked(drawing, len(drawing), progress):
-        with matplotlib.rc_context(style.SETTINGS):
+        with matplotlib.style.context(style.SHEET):
             pages = draw()
         yield from pages
 
@@ -64,6 +64,6 @@ def write_all(results: Results, progress: Progress = no_progress) -> Iterator[tu
 def rendered(page: Page, kind: str) -> bytes:
     """The figure as a file of that kind: png, svg or jpg."""
     buffer = io.BytesIO()
-    with matplotlib.rc_context(style.SETTINGS):
+    with matplotlib.style.context(style.SHEET):
         page.figure.savefig(buffer, format=kind, dpi="figure", **SAVE_OPTIONS.get(kind, {}))
     return buffer.getvalue()

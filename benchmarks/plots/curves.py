@@ -57,16 +57,15 @@ class AxisLabels:
 
 def draw(curves: Sequence[Curve], labels: AxisLabels, heading: style.Heading) -> list[Figure]:
     """One figure per dozen curves; those of the other pages stay as faint lines, and all pages share their axes."""
-    pages = style.pages(len(curves), MOST_LINES)
-    return [_page(curves, labels, page, heading.numbered(n, len(pages))) for n, page in enumerate(pages, 1)]
+    return [_page(curves, labels, page, own) for page, own in style.pages(len(curves), MOST_LINES, heading)]
 
 
-def _page(curves: Sequence[Curve], labels: AxisLabels, page: range, heading: style.Heading) -> Figure:
+def _page(curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: style.Heading) -> Figure:
     figure, axes = style.single_axes(SIZE_IN, heading)
     highest = _limits(curves, labels)[1]
     lines, names = [], []  # a label that begins with _ would be left out of the legend
     for number, curve in enumerate(curves):
-        if number not in page:
+        if not page.start <= number < page.stop:
             axes.plot(curve.steps, curve.estimate.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
             continue
         axes.fill_between(curve.steps, *curve.band, color=curve.line.colour, alpha=0.16, linewidth=0)

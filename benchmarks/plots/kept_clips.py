@@ -7,10 +7,9 @@ import pyarrow.compute as pc
 
 from benchmarks.plots import strips, style, trajectories
 from benchmarks.plots.material import Material, Page, numbered, title
+from benchmarks.plots.video import HORIZONS
 from benchmarks.store import Cell
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
-
-HORIZONS = (1, 5, 10, 15, 20)
 
 
 def pages(material: Material, number: int, name: str) -> list[Page]:

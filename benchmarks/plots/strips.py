@@ -44,10 +44,7 @@ class Truth:
 
 def draw(truth: Truth, rows: Sequence[Row], heading: style.Heading) -> list[Figure]:
     """One figure per ten rows, the truth on top of each."""
-    pages = style.pages(len(rows), MOST_ROWS)
-    return [
-        _page(truth, rows[page.start : page.stop], heading.numbered(n, len(pages))) for n, page in enumerate(pages, 1)
-    ]
+    return [_page(truth, rows[page], own) for page, own in style.pages(len(rows), MOST_ROWS, heading)]
 
 
 def mark_inpainted(row: Row) -> Row:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -14,41 +15,12 @@ PRINT_DPI = 300
 INK = "#222222"
 FAINT = "#8a8a8a"
 RULE = "#d9d9d9"
-COLOURS = (  # Okabe and Ito 2008 without yellow and black, then Tol's indigo, wine and olive
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#cc79a7",
-    "#56b4e9",
-    "#e69f00",
-    "#332288",
-    "#882255",
-    "#7a7a00",
-)
+# Okabe and Ito 2008 without yellow and black, then Tol's indigo, wine and olive
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#332288", "#882255", "#7a7a00")
 Dash = tuple[float, tuple[float, ...] | None]
 DASHES: tuple[Dash, ...] = ((0, None), (0, (5, 1.6)), (0, (1, 1.3)), (0, (6, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-SETTINGS: dict[Any, Any] = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 8,
-    "axes.axisbelow": True,
-    "axes.edgecolor": FAINT,
-    "axes.grid": True,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.6,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "grid.color": RULE,
-    "grid.linewidth": 0.5,
-    "legend.fontsize": 7.5,
-    "legend.frameon": False,
-    "legend.handlelength": 3.2,
-    "savefig.bbox": "tight",  # the axes have a fixed size, titles and legend stand around them
-    "svg.fonttype": "none",  # text stays text: searchable, editable, small
-    "svg.hashsalt": "geovp",  # the same figure gives the same bytes
-    "text.parse_math": False,  # a $ in a name is a $
-}
+SHEET = Path(__file__).with_name("geovp.mplstyle")
 
 
 @dataclass(frozen=True)
@@ -90,10 +62,6 @@ class Heading:
     title: str
     subtitle: str
 
-    def numbered(self, page: int, pages: int) -> Heading:
-        """The same with the page's number, where there are several."""
-        return Heading(f"{self.title} ({page} of {pages})", self.subtitle) if pages > 1 else self
-
 
 def single_axes(
     size_in: tuple[float, float], heading: Heading, dpi: float = PRINT_DPI, pad_pt: float = 6
@@ -107,11 +75,13 @@ def single_axes(
     return figure, axes
 
 
-def pages(count: int, most: int) -> list[range]:
-    """Index ranges that share `count` rows evenly over as few pages of at most `most` rows as needed."""
+def pages(count: int, most: int, heading: Heading) -> list[tuple[slice, Heading]]:
+    """As few pages of at most `most` rows as needed, which share `count` rows evenly, with the pages' headings."""
     number = max(1, -(-count // most))
     edges = [round(i * count / number) for i in range(number + 1)]
-    return [range(a, b) for a, b in itertools.pairwise(edges)]
+    titles = [f"{heading.title} ({n} of {number})" if number > 1 else heading.title for n in range(1, number + 1)]
+    rows = itertools.pairwise(edges)
+    return [(slice(*ends), Heading(title, heading.subtitle)) for ends, title in zip(rows, titles, strict=True)]
 
 
 def _ranks(words: Iterable[str]) -> dict[str, int]:

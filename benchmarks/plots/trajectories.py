@@ -41,12 +41,8 @@ def from_above(
 
 def draw(truth: Path, paths: Sequence[Path], unit: str, heading: style.Heading) -> list[Figure]:
     """One figure per ten paths, with the ground truth in black; all pages share their axes, of equal aspect."""
-    pages = style.pages(len(paths), MOST_PATHS)
-    limits = _limits([truth, *paths])
-    return [
-        _page(truth, paths[page.start : page.stop], limits, unit, heading.numbered(n, len(pages)))
-        for n, page in enumerate(pages, 1)
-    ]
+    limits, pages = _limits([truth, *paths]), style.pages(len(paths), MOST_PATHS, heading)
+    return [_page(truth, paths[page], limits, unit, own) for page, own in pages]
 
 
 def _page(truth: Path, paths: Sequence[Path], limits: FloatArray, unit: str, heading: style.Heading) -> Figure:

@@ -15,6 +15,7 @@ from geovp_classic.types import ByteArray
 PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above predicted frames
 BAR_SHARE = 1 / 64  # of a frame's height
 GAP_PX = 4
+HORIZONS = (1, 5, 10, 15, 20)  # of the frames in a film strip
 LABEL_PX = 22
 FOURCC = "mp4v"
 

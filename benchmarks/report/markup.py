@@ -1,31 +1,15 @@
-"""HTML elements that escape plain strings, and the style sheet of the report."""
+"""HTML elements that escape plain strings, and the page of the report."""
 
 from __future__ import annotations
 
 import base64
 import html
 from collections.abc import Iterable
+from pathlib import Path
 
 MEDIA = {"svg": "image/svg+xml", "jpg": "image/jpeg", "png": "image/png"}
 WITHOUT_END = ("img", "meta")
-STYLE = """
-body { margin: 0 auto; padding: 1.5rem; max-width: 84rem; color: #1d2129; font: 15px/1.5 system-ui, sans-serif; }
-h1, h3, dd, td:first-child, summary { overflow-wrap: anywhere; }
-h2 { margin-top: 2.5rem; border-bottom: 1px solid #dfe3e8; }
-nav a { margin-right: 1rem; }
-.wide, pre { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .9rem; }
-th, td { padding: .35rem .7rem; text-align: right; border-bottom: 1px solid #dfe3e8; }
-th:first-child, td:first-child, .words { text-align: left; }
-td { white-space: nowrap; }
-td:first-child, td.words { white-space: normal; min-width: 12rem; }
-.error, sup, .notes { color: #5b6472; font-size: .85rem; }
-.done { color: #00734f; } .partial, .skipped { color: #9a5b00; } .failed { color: #b42318; }
-.pairs { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 32rem), 1fr)); gap: 1rem; }
-figure { margin: 0 0 1rem; }
-img { max-width: 100%; height: auto; }
-@media print { .wide { overflow: visible; } table { font-size: 8pt; } }
-"""
+STYLE = Path(__file__).with_name("report.css")
 
 
 class Html(str):
@@ -69,7 +53,7 @@ def page(title: str, *content: str) -> Html:
         tag("meta", charset="utf-8"),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("title", title),
-        tag("style", Html(STYLE)),
+        tag("style", Html(STYLE.read_text(encoding="utf-8"))),
     )
     return Html("<!doctype html>\n" + tag("html", head, tag("body", *content), lang="en") + "\n")
 

@@ -31,7 +31,6 @@ METRICS = ("psnr", "ssim", "lpips")
 STRETCHES = ("03[0:180)", "raw0095", "00[0:569)", "00[600:725)")  # train and val
 SMALL, SMALL_PX, SIZE_PX = "00", 128, 256  # a sequence whose frames are no higher
 CHAIN = ("registration", "unmeasured-intervals", "rotation-drift", "nonholonomic", "road-height")
-REFINEMENT, RENDER, OBJECTS = "geovp_classic.pose_refinement", "geovp_classic.render", "geovp_classic.dynamic_objects"
 
 Spec = Mapping[str, Any]
 TRUE: Spec = {"name": "ground-truth"}
@@ -48,58 +47,44 @@ class Variant:
     """The whole without one part."""
 
     part: str
-    pose_source: Spec = field(default_factory=lambda: refined(TRUE))
-    renderer: Spec = field(default_factory=lambda: FUSION)
-    modules: tuple[str, ...] = ()  # whose lines are the part's
-    whole: str = "all"  # the variant that it is compared with
+    pose_source: Spec
+    renderer: Spec
+    modules: tuple[str, ...]  # whose lines are the part's
+    whole: str  # the variant that it is compared with
 
 
 def variants() -> list[Variant]:
     """The whole, and the whole without each part."""
     chained: Spec = {"name": "chained"}
+    whole_source, with_odometry, found = refined(TRUE), "all, odometry", []
 
-    def without(part: str, modules: Sequence[str], **settings: Any) -> Variant:
-        return Variant(part, renderer={**FUSION, **settings}, modules=tuple(modules))
+    def add(part: str, *modules: str, source: Spec = whole_source, whole: str = "all", **renderer: Any) -> None:
+        found.append(Variant(part, source, {**FUSION, **renderer}, tuple(f"geovp_classic.{m}" for m in modules), whole))
 
-    return [
-        Variant("all"),
-        Variant("all refinements", TRUE, modules=(REFINEMENT, "geovp_classic.refined")),
-        Variant("registration and what needs it", refined(TRUE, *CHAIN[:4]), modules=(f"{REFINEMENT}.registration",)),
-        Variant(
-            "unmeasured intervals",
-            refined(TRUE, "unmeasured-intervals"),
-            modules=(f"{REFINEMENT}.unmeasured_intervals", f"{REFINEMENT}.angle_kernels"),
-        ),
-        Variant("rotation drift", refined(TRUE, "rotation-drift"), modules=(f"{REFINEMENT}.rotation_drift",)),
-        Variant("nonholonomic", refined(TRUE, "nonholonomic"), modules=(f"{REFINEMENT}.nonholonomic",)),
-        Variant("road height", refined(TRUE, "road-height"), modules=(f"{REFINEMENT}.road_height",)),
-        without("ground prior", ["geovp_classic.geometry.ground_plane"], depth={"name": "multiview", "ground": "none"}),
-        without("crack closing", [f"{RENDER}.fusion"], crack_px=0),
-        without("detail transfer", [f"{RENDER}.detail_transfer"], detail_strength=0.0),
-        without("borrowed detail", [], fill={"name": "nearest-background"}),
-        without("dynamic objects", [OBJECTS], dynamic_objects="none"),
-        without("exposure", [f"{RENDER}.exposure"], exposure="none"),
-        Variant("all, odometry", refined(chained), whole="all, odometry"),
-        Variant("refinements, odometry", chained, modules=(REFINEMENT,), whole="all, odometry"),
-        Variant(
-            "motion prior (damped CTRA)",
-            refined({**chained, "forecaster": {"name": "acceleration-kalman"}}),
-            modules=("geovp_classic.forecasting.motion_prior", "geovp_classic.forecasting.motion_network"),
-            whole="all, odometry",
-        ),
-        Variant(
-            "bundle adjustment",
-            refined({**chained, "odometry": {"name": "monocular", "max_bundle_points": 0}}),
-            modules=("geovp_classic.odometry.bundle",),
-            whole="all, odometry",
-        ),
-        Variant(
-            "road scale (unit speed)",
-            refined({**chained, "odometry": {"name": "monocular", "scale": {"name": "unit-speed"}}}),
-            modules=("geovp_classic.odometry.scale", "geovp_classic.odometry.road"),
-            whole="all, odometry",
-        ),
-    ]
+    def add_tracked(part: str, *modules: str, **settings: Any) -> None:
+        add(part, *modules, source=refined({**chained, **settings}), whole=with_odometry)
+
+    add("all")
+    add("all refinements", "pose_refinement", "refined", source=TRUE)
+    add("registration and what needs it", "pose_refinement.registration", source=refined(TRUE, *CHAIN[:4]))
+    interval_modules = ("pose_refinement.unmeasured_intervals", "pose_refinement.angle_kernels")
+    add("unmeasured intervals", *interval_modules, source=refined(TRUE, "unmeasured-intervals"))
+    for name in CHAIN[2:]:
+        add(name.replace("-", " "), f"pose_refinement.{name.replace('-', '_')}", source=refined(TRUE, name))
+    add("ground prior", "geometry.ground_plane", depth={"name": "multiview", "ground": "none"})
+    add("crack closing", "render.fusion", crack_px=0)
+    add("detail transfer", "render.detail_transfer", detail_strength=0.0)
+    add("borrowed detail", fill={"name": "nearest-background"})
+    add("dynamic objects", "dynamic_objects", dynamic_objects="none")
+    add("exposure", "render.exposure", exposure="none")
+    add_tracked(with_odometry)
+    add("refinements, odometry", "pose_refinement", source=chained, whole=with_odometry)
+    networks = ("forecasting.motion_prior", "forecasting.motion_network")
+    add_tracked("motion prior (damped CTRA)", *networks, forecaster={"name": "acceleration-kalman"})
+    add_tracked("bundle adjustment", "odometry.bundle", odometry={"name": "monocular", "max_bundle_points": 0})
+    unit_speed = {"name": "monocular", "scale": {"name": "unit-speed"}}
+    add_tracked("road scale (unit speed)", "odometry.scale", "odometry.road", odometry=unit_speed)
+    return found
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -119,21 +104,20 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     if not wanted:
         raise BadData(f"no part is called {chosen.only[0]!r}: known are {', '.join(one.part for one in variants())}")
     wholes = [one for one in variants() if any(one.part == other.whole for other in wanted) and one not in wanted]
-    results = measure(wholes + wanted, datasets(chosen.root, chosen.frames, chosen.stride), progress)
+    data = [registry.build("datasets", spec) for spec in dataset_specs(chosen.root, chosen.frames, chosen.stride)]
+    results = measure(wholes + wanted, data, progress)
     yield f"{len(next(iter(results.values())).scores)} clips of {', '.join(chosen.frames)}"
     yield f"{'without':<32}{'PSNR (dB)':>26}{'SSIM':>27}{'LPIPS':>27}{'ms':>7}{'lines':>7}"
     for one in wanted:
         yield line(one, results[one.part], results[one.whole])
 
 
-def datasets(root: Path, frames: Sequence[str], stride: int) -> list[Any]:
+def dataset_specs(root: Path, frames: Sequence[str], stride: int = 10) -> list[dict[str, Any]]:
     """One data set a stretch, so that blocks of clips don't reach from one into another."""
-    specs = []
-    for stretch in frames:
-        side_px = SMALL_PX if stretch.startswith(SMALL) else SIZE_PX
-        spec = {"name": "kitti", "root": root, "sequences": [stretch], "size_px": [side_px, side_px]}
-        specs.append({**spec, "num_frames": NUM_PAST + NUM_FUTURE, "stride": stride})
-    return [registry.build("datasets", spec) for spec in specs]
+    shared = {"name": "kitti", "root": root, "num_frames": NUM_PAST + NUM_FUTURE, "stride": stride}
+    sides_px = [SMALL_PX if stretch.startswith(SMALL) else SIZE_PX for stretch in frames]
+    pairs = zip(frames, sides_px, strict=True)
+    return [{**shared, "sequences": [stretch], "size_px": [side_px, side_px]} for stretch, side_px in pairs]
 
 
 @dataclass
@@ -148,7 +132,8 @@ class Results:
 def measure(wanted: Sequence[Variant], data: Sequence[Any], progress: Progress) -> dict[str, Results]:
     """Every variant on every clip."""
     metrics = [registry.build("frame_metrics", name) for name in METRICS]
-    built = {one.part: _build(one) for one in wanted}
+    parts = {one.part: (("pose_sources", one.pose_source), ("renderers", one.renderer)) for one in wanted}
+    built = {part: [registry.build(role, spec) for role, spec in pair] for part, pair in parts.items()}
     results = {one.part: Results() for one in wanted}
     done, total = 0, len(wanted) * sum(map(len, data))
     for stretch, dataset in enumerate(data):
@@ -162,10 +147,6 @@ def measure(wanted: Sequence[Variant], data: Sequence[Any], progress: Progress) 
                 done += 1
                 progress(done, total)
     return results
-
-
-def _build(variant: Variant) -> tuple[Any, Any]:
-    return registry.build("pose_sources", variant.pose_source), registry.build("renderers", variant.renderer)
 
 
 def _predict(clip: Clip, source: Any, renderer: Any) -> tuple[ByteArray, ByteArray]:

@@ -10,11 +10,14 @@ import argparse
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.progress import Progress, tracked
+from benchmarks.studies import ablation
+from benchmarks.studies.ablation import METRICS, NUM_PAST, SCORED
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric
@@ -22,11 +25,6 @@ from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray,
 
 if TYPE_CHECKING:
     from geovp_classic.renderers import DepthFusion
-
-NUM_PAST = 10
-SCORED = (0, 4, 9, 14, 19)  # of the future frames
-METRICS = ("psnr", "ssim", "lpips")
-SMALL, SMALL_PX = "00", 128  # a sequence whose frames are no higher
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,15 +44,11 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
 
 def dataset_specs(name: str, words: Sequence[str]) -> list[dict[str, Any]]:
-    """One data set a synthetic seed, or one a frame size of KITTI; BadData for words that are neither."""
+    """One data set a synthetic seed, or one a stretch of KITTI; BadData for words that are neither."""
     if name == "synthetic" and all(seed.isdecimal() for seed in words):
         return [{"name": name, "seed": int(seed), "num_clips": 8} for seed in words]
     if name == "kitti" and len(words) > 1:
-        root, *sequences = words
-        small = [one for one in sequences if one.startswith(SMALL)]
-        sized = (([one for one in sequences if one not in small], 256), (small, SMALL_PX))
-        shared = {"name": name, "root": root, "num_frames": 30, "stride": 10}
-        return [{**shared, "sequences": some, "size_px": [size_px, size_px]} for some, size_px in sized if some]
+        return ablation.dataset_specs(Path(words[0]), words[1:])
     raise BadData(f"given '{name} {' '.join(words)}', expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`")
 
 

@@ -42,12 +42,12 @@ def check(role: str, component: Any, clip: Clip | None = None) -> list[Finding]:
     return [_find(name, promise, role, component, trial) for name, roles, promise in PROMISES if role in roles]
 
 
-Promise = Callable[[str, Any, Trial], str]  # role, component, trial -> a remark; raises when it is broken
+Promise = Callable[[str, Any, Trial], str | None]  # role, component, trial -> a remark; raises when it is broken
 
 
 def _find(name: str, promise: Promise, role: str, component: Any, trial: Trial) -> Finding:
     try:
-        return Finding(name, True, promise(role, component, trial))
+        return Finding(name, True, promise(role, component, trial) or "")
     except (Exception, SystemExit) as error:  # whatever a plug-in raises is the finding
         return Finding(name, False, f"{type(error).__name__}: {' '.join(str(error).split())}")
 
@@ -61,7 +61,7 @@ def _needed(component: Any, trial: Trial) -> Context:
     return trial.full_context.only(getattr(component, "needs", Grant.NONE))
 
 
-def _has_interface(role: str, component: Any, trial: Trial) -> str:
+def _has_interface(role: str, component: Any, trial: Trial) -> str | None:
     protocol = registry.PROTOCOL_OF_ROLE.get(role)
     if protocol is None:
         return f"{role} have no interface to check"
@@ -70,53 +70,46 @@ def _has_interface(role: str, component: Any, trial: Trial) -> str:
     require(isinstance(component, protocol), f"{type(component).__name__} lacks {', '.join(missing)}")
     if "needs" in wanted:
         require(isinstance(component.needs, Grant), f"needs is {component.needs!r}, expected a Grant")
-    return ""
+    return None
 
 
-def _is_frozen(role: str, component: Any, trial: Trial) -> str:
+def _is_frozen(role: str, component: Any, trial: Trial) -> None:
     frozen = getattr(getattr(type(component), "__dataclass_params__", None), "frozen", False)
     require(frozen, f"{type(component).__name__} is not a frozen dataclass: a component's fields are its settings")
-    return ""
 
 
-def _is_described(role: str, component: Any, trial: Trial) -> str:
+def _is_described(role: str, component: Any, trial: Trial) -> None:
     table = registry.describe(component)
     again = registry.describe(registry.build(role, table))
     require(again == table, f"{table} builds a component that is described as {again}")
-    return ""
 
 
-def _returns_valid_outputs(role: str, component: Any, trial: Trial) -> str:
+def _returns_valid_outputs(role: str, component: Any, trial: Trial) -> None:
     _run(role, component, trial)
-    return ""
 
 
-def _is_deterministic(role: str, component: Any, trial: Trial) -> str:
+def _is_deterministic(role: str, component: Any, trial: Trial) -> None:
     same = same_bytes(_run(role, component, trial), _run(role, component, trial))
     require(same, "the same input gave another output the second time: give randomness a seed field")
-    return ""
 
 
-def _keeps_input(role: str, component: Any, trial: Trial) -> str:
+def _keeps_input(role: str, component: Any, trial: Trial) -> None:
     shown = (trial.full_context, trial.past, trial.clip)
     before = list(_bytes_of(shown))
     _run(role, component, trial)
     require(before == list(_bytes_of(shown)), "it changed the arrays that it was given")
-    return ""
 
 
-def _uses_only_its_needs(role: str, component: Any, trial: Trial) -> str:
+def _uses_only_its_needs(role: str, component: Any, trial: Trial) -> None:
     needed, full = _run(role, component, trial), _run(role, component, trial, trial.full_context)
     require(same_bytes(needed, full), f"its output changes when it is shown more than {component.needs}")
-    return ""
 
 
-def _returns_samples(role: str, component: Any, trial: Trial) -> str:
+def _returns_samples(role: str, component: Any, trial: Trial) -> None:
     _run(role, component, dataclasses.replace(trial, num_samples=3))
-    return ""
 
 
-def _views_are_independent(role: str, component: Any, trial: Trial) -> str:
+def _views_are_independent(role: str, component: Any, trial: Trial) -> None:
     scene, times_s = component.reconstruct(_needed(component, trial), trial.past), trial.clip.times_s
     poses = np.concatenate([trial.past.world_from_cam, trial.futures])
     first = views(scene, poses, times_s, trial)
@@ -126,7 +119,6 @@ def _views_are_independent(role: str, component: Any, trial: Trial) -> str:
         again = views(scene, poses[rows], times_s[rows], trial)
         same = same_bytes(again, {name: array[rows] for name, array in first.items()})
         require(same, f"poses look different when asked {how}: a view depends on its own pose and time alone")
-    return ""
 
 
 def _shows_last_frame(role: str, component: Any, trial: Trial) -> str:
@@ -140,12 +132,12 @@ def _shows_last_frame(role: str, component: Any, trial: Trial) -> str:
 def _accepts(variant: Callable[[Clip], Trial]) -> Promise:
     """The promise to run on a variant of the clip, or to refuse it with Incompatible."""
 
-    def promise(role: str, component: Any, trial: Trial) -> str:
+    def promise(role: str, component: Any, trial: Trial) -> str | None:
         try:
             _run(role, component, variant(trial.clip))
         except Incompatible as refusal:
             return f"refuses: {refusal}"
-        return ""
+        return None
 
     return promise
 

@@ -48,11 +48,6 @@ class Trial:
         return self.clip.trajectory.world_from_cam[self.num_past :]
 
     @property
-    def num_future(self) -> int:
-        """F."""
-        return len(self.clip) - self.num_past
-
-    @property
     def frames(self) -> ByteArray:
         """The real future frames [F, H, W, 3]."""
         return self.clip.frames[self.num_past :]
@@ -70,8 +65,8 @@ def pose_source(component: Any, trial: Trial, context: Context) -> Outputs:
     _require_type("estimate", motion, Motion)
     _require_past(motion.past, motion.tracked, trial)
     samples, steps = motion.futures.shape[:2]
-    expected = f"expected {trial.num_samples} of {trial.num_future} (or one sample, when deterministic)"
-    good = samples in (1, trial.num_samples) and steps == trial.num_future
+    expected = f"expected {trial.num_samples} of {len(trial.frames)} (or one sample, when deterministic)"
+    good = samples in (1, trial.num_samples) and steps == len(trial.frames)
     require(good, f"{samples} samples of {steps} futures, {expected}")
     return {"past": motion.past.world_from_cam, "futures": motion.futures, "tracked": motion.tracked}
 
@@ -101,7 +96,7 @@ def odometry(component: Any, trial: Trial, context: Context) -> Outputs:
 def forecaster(component: Any, trial: Trial, context: Context) -> Outputs:
     """Rigid, finite futures, as many samples as asked for."""
     futures = component.forecast(trial.past, trial.clip.times_s[trial.num_past :], trial.num_samples)
-    _require_array("futures", futures, np.floating, (trial.num_samples, trial.num_future, 4, 4))
+    _require_array("futures", futures, np.floating, (trial.num_samples, len(trial.frames), 4, 4))
     Motion(trial.past, futures, np.ones(trial.num_past, dtype=bool))  # BadData unless rigid and finite
     return {"futures": futures}
 
@@ -129,7 +124,7 @@ def predictor(component: Any, trial: Trial, context: Context) -> Outputs:
     prediction = component.predict(context, trial.num_samples)
     _require_type("predict", prediction, Prediction)
     samples = len(prediction.frames) if len(prediction.frames) == 1 else trial.num_samples
-    _require_array("frames", prediction.frames, np.uint8, (samples, trial.num_future, *context.frames.shape[1:]))
+    _require_array("frames", prediction.frames, np.uint8, (samples, len(trial.frames), *context.frames.shape[1:]))
     outputs = {"frames": prediction.frames}
     if prediction.covered is not None:
         outputs["covered"] = prediction.covered

@@ -8,7 +8,6 @@ returns the good rows and a finding for every bad line; a `read_` function raise
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.findings import Finding, error, raise_first
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -225,12 +225,10 @@ def _text(numbers: FloatArray) -> str:
 
 
 def _write_lines(path: Path, lines: Iterable[str]) -> None:
-    """Write to a temporary file and rename it, so that nobody reads half a file; BadData when that fails."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    """Nobody reads half a file; BadData when it cannot be written."""
     try:
-        partial.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-        os.replace(partial, path)
+        with atomic_write(path) as scratch:
+            scratch.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     except OSError as problem:
-        partial.unlink(missing_ok=True)
-        message = f"{path} cannot be written ({problem.strerror}): give a file in a folder that exists"
+        message = f"{path} cannot be written ({problem.strerror}): give a file in a folder that can be written"
         raise BadData(message) from problem

@@ -1,5 +1,94 @@
-"""Measure forecasters on pose files alone, and fit their constants: `geovp forecast`."""
+"""Measure forecasters on pose files alone, and fit their constants."""
 
-from benchmarks.studies.forecasting.command import add_arguments, run
+from __future__ import annotations
 
-__all__ = ["add_arguments", "run"]
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+from benchmarks.progress import Progress
+
+TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verbs `evaluate`, `fit-kalman` and `fit-prior`; each sets `lines`, a function with the arguments of `run`."""
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    evaluate = verbs.add_parser("evaluate", help="all forecasters on windows of pose files, as a table")
+    _add_input(evaluate, TEST)
+    evaluate.add_argument("--num-past", type=int, default=10, metavar="N", help="poses that a forecaster sees (10)")
+    evaluate.add_argument("--num-future", type=int, default=20, metavar="N", help="poses that it forecasts (20)")
+    evaluate.add_argument("--stride", type=int, default=5, metavar="N", help="frames between two windows' starts (5)")
+    evaluate.add_argument("--only", nargs="+", metavar="ROW", help="only these rows")
+    evaluate.add_argument("--coefficients", type=Path, metavar="FILE", help="a motion prior of fit-prior (packaged)")
+    evaluate.add_argument(
+        "--noise", type=float, default=0.0, metavar="X", help="odometry errors: X times 2 cm and 0.05 degrees a step"
+    )
+    evaluate.add_argument(
+        "--scale-error", type=float, default=0.0, metavar="X", help="odometry errors: lengths off by X as a share"
+    )
+    evaluate.set_defaults(lines=_evaluate)
+    kalman = verbs.add_parser("fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood")
+    prior = verbs.add_parser("fit-prior", help="the motion prior")
+    for fit, lines in ((kalman, _fit_kalman), (prior, _fit_prior)):
+        _add_input(fit, TRAIN)
+        fit.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write")
+        fit.set_defaults(lines=lines)
+    prior.add_argument(
+        "--calibrate", nargs="*", default=VAL.split(), metavar="NN", help="only the regions' size is set on these"
+    )
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The lines of the chosen verb."""
+    yield from chosen.lines(chosen, progress)
+
+
+def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
+    verb.add_argument("poses", type=Path, metavar="POSES_DIR", help="holds NN.txt and NN_times.txt")
+    verb.add_argument("--sequences", nargs="+", default=names.split(), metavar="NN", help=f"sequences ({names})")
+
+
+def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from benchmarks.studies.forecasting import evaluation
+    from geovp_classic.errors import UnknownComponent
+
+    forecasters = evaluation.forecasters(chosen.coefficients)
+    for name in chosen.only or ():
+        if name not in forecasters:
+            raise UnknownComponent(f"no row is called {name!r}: known are {', '.join(forecasters)}")
+    rows = {name: forecasters[name] for name in chosen.only or forecasters}
+    corruption = None
+    if chosen.noise > 0 or chosen.scale_error > 0:
+        corruption = evaluation.OdometryNoise(0.02 * chosen.noise, 0.05 * chosen.noise, chosen.scale_error)
+    windows = evaluation.read_windows(chosen.poses, chosen.sequences, chosen.num_past, chosen.num_future, chosen.stride)
+    yield f"{len(windows)} windows of {', '.join(chosen.sequences)}"
+    yield from evaluation.as_lines(evaluation.evaluate(windows, rows, corruption, progress))
+
+
+def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from benchmarks.studies.forecasting.evaluation import read_windows
+    from geovp_classic.forecasting.fitting import kalman_noise
+
+    windows = read_windows(chosen.poses, chosen.sequences, stride=40)
+    fitted, starts = {}, kalman_noise.initial_models()
+    for done, (name, start) in enumerate(starts.items()):
+        progress(done, len(starts))
+        fitted[name] = kalman_noise.fit(windows, start)
+        yield f"{name}: {fitted[name]}"
+    progress(len(starts), len(starts))
+    chosen.out.write_text(kalman_noise.as_toml(fitted), encoding="utf-8")
+    yield f"written to {chosen.out}"
+
+
+def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    import numpy as np
+
+    from benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_classic.forecasting.fitting import prior
+
+    train, others = (read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate))
+    coefficients = prior.fit(train, prior.Plan(), others, progress)
+    with chosen.out.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, **prior.packed(coefficients))
+    yield f"written to {chosen.out}"

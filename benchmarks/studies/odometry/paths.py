@@ -69,7 +69,6 @@ def _images(recording: Recording, frames: FrameRange, progress: Progress) -> Ite
 def write(tracked: Tracked, folder: Path) -> list[Path]:
     """Write the path as KITTI and TUM files and a figure of it with the ground truth; the files."""
     written = [folder / f"{tracked.name}{ending}" for ending in (".kitti.txt", ".tum.txt", ".png", ".svg")]
-    folder.mkdir(parents=True, exist_ok=True)
     pose_files.write_kitti(written[0], tracked.estimate)
     pose_files.write_tum(written[1], tracked.estimate)
     for path in written[2:]:
@@ -103,10 +102,10 @@ def _number(value: float, digits: int) -> str:
 
 def _draw(tracked: Tracked, file: Path, kind: str) -> None:
     """The path from above, in the first camera's x and z."""
-    import matplotlib
+    import matplotlib.style
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(style.SETTINGS):
+    with matplotlib.style.context(style.SHEET):
         figure = Figure(figsize=(6, 6), layout="constrained")
         axes = figure.subplots()
         estimate = tracked.estimate

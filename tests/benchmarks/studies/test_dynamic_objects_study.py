@@ -65,9 +65,9 @@ def test_seeds_and_sequences_become_data_sets() -> None:
         {"name": "synthetic", "seed": 3, "num_clips": 8},
         {"name": "synthetic", "seed": 4, "num_clips": 8},
     ]
-    large, small = dynamic_objects.dataset_specs("kitti", ["data", "03[0:180)", "00[600:725)", "raw0095"])
-    assert (large["sequences"], large["size_px"]) == (["03[0:180)", "raw0095"], [256, 256])
-    assert (small["sequences"], small["size_px"]) == (["00[600:725)"], [128, 128])
+    specs = dynamic_objects.dataset_specs("kitti", ["data", "03[0:180)", "00[600:725)", "raw0095"])
+    assert [spec["sequences"] for spec in specs] == [["03[0:180)"], ["00[600:725)"], ["raw0095"]]
+    assert [spec["size_px"] for spec in specs] == [[256, 256], [128, 128], [256, 256]]
 
 
 @pytest.mark.parametrize("arguments", [["synthetic", "one"], ["kitti", "data"]])

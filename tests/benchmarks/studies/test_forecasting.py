@@ -10,8 +10,7 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.studies.forecasting import evaluation
-from benchmarks.studies.forecasting.evaluation import OdometryNoise, cut
-from benchmarks.studies.forecasting.scores import energy_score, highest_density_rank, measure
+from benchmarks.studies.forecasting.evaluation import OdometryNoise, cut, energy_score, highest_density_rank, measure
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, Hold

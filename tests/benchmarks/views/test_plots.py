@@ -127,7 +127,7 @@ class TestCurves:
         styles = style.line_styles([(f"method {i}", "") for i in range(25)])
         estimates = [Estimate(i - steps, 0 * steps + 1, 0 * steps + 2) for i in range(25)]
         rows = [curves.Curve(f"method {i}", estimates[i], line) for i, line in enumerate(styles)]
-        with matplotlib.rc_context(style.SETTINGS):
+        with matplotlib.style.context(style.SHEET):
             figures = curves.draw(rows, curves.AxisLabels("PSNR", "dB", True, None), style.Heading("PSNR", ""))
         assert len(figures) == 3
         assert len({figure.axes[0].get_ylim() for figure in figures}) == 1
@@ -253,7 +253,10 @@ class TestStyle:
 
     @given(st.integers(0, 200), st.integers(1, 20))
     def test_pages_share_all_rows_evenly(self, count: int, most: int) -> None:
-        shared = style.pages(count, most)
+        pages = style.pages(count, most, style.Heading("Paths", ""))
+        shared = [range(count)[rows] for rows, _ in pages]
         assert [i for page in shared for i in page] == list(range(count))
+        titles = [f"Paths ({n} of {len(pages)})" for n in range(1, len(pages) + 1)]
+        assert [heading.title for _, heading in pages] == (titles if len(pages) > 1 else ["Paths"])
         assert max(map(len, shared)) - min(map(len, shared)) <= 1
         assert max(map(len, shared)) <= most

@@ -178,9 +178,11 @@ def test_times_must_increase(tmp_path: Path, text: str, message: str) -> None:
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     trajectory = Trajectory(np.eye(4)[None], np.array([0.0]), is_metric=True)
+    (tmp_path / "file").write_text("kept")
     with pytest.raises(BadData, match="cannot be written"):
-        pose_files.write_tum(tmp_path / "no folder" / "tum.txt", trajectory)
+        pose_files.write_tum(tmp_path / "file" / "tum.txt", trajectory)
     (tmp_path / "taken").mkdir()
     with pytest.raises(BadData, match="cannot be written"):
         pose_files.write_tum(tmp_path / "taken", trajectory)
-    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "taken"]
+    assert (tmp_path / "file").read_text() == "kept"
