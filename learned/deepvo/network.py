@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import Intrinsics
+from learned.methods import check_counts
 
 FLOWNET = (  # channels, kernel size and stride of each convolution
     *((64, 7, 2), (128, 5, 2), (256, 5, 2), (256, 3, 1), (512, 3, 2)),
@@ -45,11 +46,9 @@ class Architecture:
     window_future: int = 20  # steps that the fixed window predicts
 
     def __post_init__(self) -> None:
-        """Raise BadData for impossible sizes."""
         if min(self.size_px) < 64:
             raise BadData(f"architecture.size_px is {list(self.size_px)}, expected 64 or more: six layers halve it")
-        if min(self.lstm_size, self.lstm_layers, self.window_pairs, self.window_future) < 1:
-            raise BadData("architecture: lstm_size, lstm_layers, window_pairs and window_future must be 1 or more")
+        check_counts(self, "lstm_size", "lstm_layers", "window_pairs", "window_future")
         if not (self.encoder_width > 0 and self.focal_widths > 0 and 0 <= self.dropout < 1):
             raise BadData("architecture: encoder_width and focal_widths must be above 0, dropout in [0, 1)")
 
@@ -66,7 +65,6 @@ class PoseNetwork(nn.Module):
     """From images to the steps between them and after them."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights."""
         super().__init__()
         self.architecture = architecture
         size, layers, drop = architecture.lstm_size, architecture.lstm_layers, architecture.dropout
@@ -106,7 +104,6 @@ class Decoder(nn.Module):
     """An LSTM that is fed zeros, so its output depends on its first state alone (eq. 3.3)."""
 
     def __init__(self, architecture: Architecture, num_outputs: int) -> None:
-        """With new weights."""
         super().__init__()
         size, layers = architecture.lstm_size, architecture.lstm_layers
         self.from_poses = (
@@ -127,7 +124,6 @@ class FixedWindow(nn.Module):
     """All future steps at once from the features of the last few pairs, without recurrence."""
 
     def __init__(self, architecture: Architecture, features: int) -> None:
-        """With new weights."""
         super().__init__()
         self.num_pairs, self.num_future = architecture.window_pairs, architecture.window_future
         self.each = nn.Linear(features, architecture.lstm_size)
@@ -154,7 +150,6 @@ class StepHead(nn.Module):
     scale: Tensor
 
     def __init__(self, size: int, head: Literal["2d", "3d"]) -> None:
-        """With new weights."""
         super().__init__()
         self.register_buffer("scale", torch.tensor(STEP_SCALES[head]), persistent=False)
         self.num_outputs = len(STEP_SCALES[head])

@@ -47,7 +47,6 @@ class DeepVoTraining:
     kept: ClassVar[tuple[str, ...]] = ("poses",)
 
     def __post_init__(self) -> None:
-        """Raise BadData for impossible windows."""
         if not 2 <= self.shortest_past <= self.num_past or self.num_future < 1:
             raise BadData(
                 f"shortest_past {self.shortest_past}, num_past {self.num_past}, num_future {self.num_future}: expected "
