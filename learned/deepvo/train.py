@@ -97,10 +97,7 @@ class DeepVoTraining:
         translation, rotation = squared_errors(predicted, real, head)
         both = translation + self.rotation_weight * rotation
         split = past.shape[1]
-        losses = {
-            "past": _mean(both[:, :split], known[:, :split]),
-            "future": _mean(both[:, split:], known[:, split:]),
-        }
+        losses = {"past": _mean(both[:, :split], known[:, :split]), "future": _mean(both[:, split:], known[:, split:])}
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
     def validate(self, networks: Networks, examples: Sequence[Window]) -> dict[str, float]:

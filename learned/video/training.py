@@ -101,29 +101,21 @@ class VideoTraining(ABC):
         generator = torch.Generator().manual_seed(0)
         rows = []
         for start in range(0, len(examples), VALIDATION_BATCH):
-            images = stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0
-            rows.append(self._scores(network, images.to(device), generator))
-        psnr, copied, spread = (torch.cat(column) for column in zip(*rows, strict=True))  # [N, F] each
+            images = (stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0).to(device)
+            observed, future = images[:, : self.num_past], images[:, self.num_past :]
+            noises = (torch.randn((*future.shape[:2], network.noise_size), generator=generator) for _ in range(2))
+            sample, other = (network.predict(observed, noise.to(device)) for noise in noises)
+            spread = (sample - other).abs().mean((-3, -2, -1)) * 255
+            rows.append((psnr_db(sample, future), psnr_db(observed[:, -1:].expand_as(future), future), spread))
+        psnr, copied, spreads = (torch.cat(column) for column in zip(*rows, strict=True))  # [N, F] each
         return {
             "score": -float(psnr.mean()),
             "psnr": float(psnr.mean()),
             "psnr_near": float(psnr[:, :NEAR_STEPS].mean()),
             "copy_last": float(copied.mean()),
             "copy_last_near": float(copied[:, :NEAR_STEPS].mean()),
-            "spread": float(spread.mean()),
+            "spread": float(spreads.mean()),
         }
-
-    def _scores(
-        self, network: VideoNetwork, images: Tensor, generator: torch.Generator
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """PSNR of a sample, PSNR of the last frame repeated, and the difference of two samples, each [B, F]."""
-        observed, future = images[:, : self.num_past], images[:, self.num_past :]
-        shape = (len(images), future.shape[1], network.noise_size)
-        sample, other = (
-            network.predict(observed, torch.randn(shape, generator=generator).to(images.device)) for _ in range(2)
-        )
-        spread = (sample - other).abs().mean((-3, -2, -1)) * 255
-        return psnr_db(sample, future), psnr_db(observed[:, -1:].expand_as(future), future), spread
 
 
 def unwrapped(network: nn.Module) -> VideoNetwork:
