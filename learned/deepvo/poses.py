@@ -14,8 +14,7 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Motion, Trajectory
 from learned import checkpoints
-from learned.deepvo.network import Architecture
-from learned.deepvo.steps import motions
+from learned.deepvo.network import Architecture, motions
 from learned.tensors import images_from_frames, reproject, shrink
 
 

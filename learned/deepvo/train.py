@@ -14,8 +14,7 @@ from torch.optim import Optimizer
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from learned.deepvo import windows
-from learned.deepvo.network import Architecture, PoseNetwork
-from learned.deepvo.steps import chained, motions, squared_errors
+from learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
 from learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
 from learned.methods import Batch, Losses, Networks
 
