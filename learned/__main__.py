@@ -53,16 +53,12 @@ def _train(options: argparse.Namespace) -> int:
 
     config = training_config.load(options.method, options.config, options.root)
     folder = options.out or Path("runs") / options.config.stem
-    outcome = train(config, folder, options.limit_seconds)
-    if not outcome.is_first:
-        return 0 if outcome.finished else 1
-    progress = outcome.progress
-    state = "finished" if outcome.finished else "stopped, goes on when started again,"
-    print(
-        f"{state} after {progress.step} steps and {progress.seconds:.0f} s; best score {progress.best_score:.5g} at "
-        f"step {progress.best_step}: {folder / WEIGHTS}"
-    )
-    return 0 if outcome.finished else 1
+    run = train(config, folder, options.limit_seconds)
+    progress, state = run.progress, "finished" if run.finished else "stopped, goes on when started again,"
+    if run.fabric.is_global_zero:
+        done = f"{state} after {progress.step} steps and {progress.seconds:.0f} s"
+        print(f"{done}; best score {progress.best_score:.5g} at step {progress.best_step}: {folder / WEIGHTS}")
+    return 0 if run.finished else 1
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ class NoisyNorm(nn.Module):
     """
 
     def __init__(self, channels: int, noise_size: int = 0) -> None:
-        """Gains start near 1 and offsets near 0."""
         super().__init__()
         self.norm = nn.BatchNorm2d(channels, affine=noise_size == 0)
         self.gain_and_offset = nn.Linear(noise_size, 2 * channels) if noise_size else None
@@ -45,7 +44,6 @@ class ResidualBlock(nn.Module):
     """
 
     def __init__(self, in_channels: int, out_channels: int, noise_size: int = 0, resample: Resample = "keep") -> None:
-        """With new weights."""
         super().__init__()
         self.resample = resample
         self.norm1, self.norm2 = NoisyNorm(in_channels, noise_size), NoisyNorm(out_channels, noise_size)

@@ -30,16 +30,6 @@ FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
 
 
 @dataclass(frozen=True)
-class Checkpoint:
-    """The content of a weights file."""
-
-    method: str
-    settings: Any  # the method's dataclass
-    history: Mapping[str, Any]  # how it was trained, as written by the training loop
-    tensors: Mapping[str, Tensor]  # "<network>.<parameter>"
-
-
-@dataclass(frozen=True)
 class Pretrained:
     """A component with a trained network.
 
@@ -54,7 +44,6 @@ class Pretrained:
     method: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the checkpoint can be loaded and has the fingerprint, and the device exists."""
         object.__setattr__(self, "fingerprint", fingerprint(self.file, self.fingerprint))
         self.load()
 
@@ -84,12 +73,12 @@ def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Mod
 
     The fingerprint only distinguishes files that had the same name at different times.
     """
-    checkpoint = read(file, method, methods.load(method))
-    name = checkpoint.settings.kept[0]
-    network: nn.Module = checkpoint.settings.build()[name]
-    restore(file, network, checkpoint, name)
+    settings, tensors = read(file, method, methods.load(method))
+    name = settings.kept[0]
+    network: nn.Module = settings.build()[name]
+    restore(file, network, tensors, f"{name}.")
     try:
-        return network.eval().to(device), checkpoint.settings
+        return network.eval().to(device), settings
     except (RuntimeError, AssertionError) as error:
         given = f"device {device!r} cannot be used ({str(error).splitlines()[0]})"
         raise BadData(f"{given}: give 'cpu', or 'cuda' where there is a GPU") from error
@@ -108,8 +97,8 @@ def write(
     write_tensors(file, tensors, metadata)
 
 
-def read(file: Path, method: str, kind: type) -> Checkpoint:
-    """The weights of a file written for `method`, its settings checked against the dataclass `kind`.
+def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
+    """Settings, checked against the dataclass `kind`, and tensors "<network>.<parameter>" of a file for `method`.
 
     BadData in one sentence when the file is missing, damaged, or of another method.
     """
@@ -118,10 +107,9 @@ def read(file: Path, method: str, kind: type) -> Checkpoint:
         held = f"{metadata.get('format', 'no format')}, {metadata.get('method', 'no method')}"
         raise BadData(f"{file} holds {held}, expected {FORMAT}, {method}: give weights trained with `train {method}`")
     try:
-        settings = registry.construct(kind, metadata["settings"], "settings")
+        return registry.construct(kind, metadata["settings"], "settings"), tensors
     except (GeovpError, KeyError, TypeError, AttributeError) as error:
         raise BadData(f"{file} has settings that do not suit {method} ({error}): train or get it anew") from error
-    return Checkpoint(method, settings, metadata.get("history", {}), tensors)
 
 
 def fingerprint(file: Path, wanted: str = "") -> str:
@@ -135,21 +123,16 @@ def fingerprint(file: Path, wanted: str = "") -> str:
     return digits
 
 
-def restore(file: Path, network: nn.Module, checkpoint: Checkpoint, name: str) -> None:
-    """Load one network's tensors into it; BadData unless names, shapes and values are right."""
-    prefix = f"{name}."
-    own = {key.removeprefix(prefix): value for key, value in checkpoint.tensors.items() if key.startswith(prefix)}
-    expected = network.state_dict()
-    for key in sorted(expected.keys() | own.keys()):
-        if key not in own or key not in expected or own[key].shape != expected[key].shape:
-            given = tuple(own[key].shape) if key in own else "missing"
-            wanted = tuple(expected[key].shape) if key in expected else "none"
-            raise BadData(
-                f"{file}: tensor {name}.{key} is {given}, expected {wanted}: the settings in it are not its own"
-            )
-        if not torch.isfinite(own[key]).all():
-            raise BadData(f"{file}: tensor {name}.{key} has a number that is not finite: train or get it anew")
-    network.load_state_dict(own)
+def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefix: str) -> None:
+    """Load the tensors of a prefix into their network; BadData unless names, shapes and values are right."""
+    own = {key.removeprefix(prefix): value for key, value in tensors.items() if key.startswith(prefix)}
+    try:
+        network.load_state_dict(own)
+    except RuntimeError as error:
+        raise BadData(f"{file}: {' '.join(str(error).split())}: the settings in it are not its own") from error
+    for key, value in own.items():
+        if not torch.isfinite(value).all():
+            raise BadData(f"{file}: tensor {prefix}{key} has a number that is not finite: train or get it anew")
 
 
 def write_state(file: Path, state: Mapping[str, Any]) -> None:
@@ -215,6 +198,4 @@ def plain(settings: Any) -> dict[str, Any]:
 
 def _halved(tensor: Tensor) -> Tensor:
     """In half precision, unless it is no floating-point tensor or would overflow."""
-    if not tensor.is_floating_point() or not torch.isfinite(tensor.half()).all():
-        return tensor
-    return tensor.half()
+    return tensor.half() if tensor.is_floating_point() and torch.isfinite(tensor.half()).all() else tensor

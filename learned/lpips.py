@@ -40,19 +40,15 @@ AUTHORS = (
     "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/082bb24f84c091ea94de2867d34c4544f68e0963/"
     "lpips/weights/v0.1/"
 )
+ALEXNET = "alexnet-owt-7be5be79.pth"  # 244 MB, most of it the classifier, which is not kept
+SQUEEZENET = "squeezenet1_1-b8a52dc0.pth"  # 5 MB
 REMOTES = {  # url and SHA-256 of the backbone, then of the linear layers
     "alex": (
-        (
-            TORCHVISION + "alexnet-owt-7be5be79.pth",  # 244 MB, most of it the classifier, which is not kept
-            "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02",
-        ),
+        (TORCHVISION + ALEXNET, "7be5be791159472b1fbf3c69796f7cb30dca7ad8466c2df70058c37116cdee02"),
         (AUTHORS + "alex.pth", "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0"),
     ),
     "squeeze": (
-        (
-            TORCHVISION + "squeezenet1_1-b8a52dc0.pth",  # 5 MB
-            "b8a52dc049b60e4b6ab68ad0df457362afab8b6304b2febdc1650a5dab4d7e7b",
-        ),
+        (TORCHVISION + SQUEEZENET, "b8a52dc049b60e4b6ab68ad0df457362afab8b6304b2febdc1650a5dab4d7e7b"),
         (AUTHORS + "squeeze.pth", "4a5350f23600cb79923ce65bb07cbf57dca461329894153e05a1346bd531cf76"),
     ),
 }

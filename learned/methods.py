@@ -10,7 +10,7 @@ import numpy as np
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from geovp_classic.errors import UnknownComponent
+from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
 from geovp_classic.types import Clip
 
@@ -71,3 +71,10 @@ def load(name: str) -> type[Method]:
     module, _, attribute = METHODS[name].partition(":")
     method: type[Method] = getattr(importlib.import_module(module), attribute)
     return method
+
+
+def check_counts(settings: Any, *names: str) -> None:
+    """Raise BadData unless these fields are 1 or more."""
+    for name in names:
+        if getattr(settings, name) < 1:
+            raise BadData(f"{name} is {getattr(settings, name)}, expected 1 or more")

@@ -1,10 +1,13 @@
-"""The learning-rate schedule and the order of examples: functions of the step alone, so that a run can be resumed."""
+"""The learning rate, the order of examples and the mean of the weights: each depends on the step, never on the time."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 
 from learned.training_config import Training
 
@@ -24,3 +27,16 @@ def batch_indices(step: int, num_examples: int, batch_size: int, num_devices: in
     orders = {epoch: np.random.default_rng([seed, epoch]).permutation(num_examples) for epoch in set(epochs.tolist())}
     chosen = [int(orders[epoch][k]) for epoch, k in zip(epochs.tolist(), positions.tolist(), strict=True)]
     return [chosen[device::num_devices] for device in range(num_devices)]
+
+
+def averaged_model(network: nn.Module, num_steps: int) -> AveragedModel:
+    """EMA (Polyak and Juditsky 1992) of weights and buffers with decay 1 - 1 / num_steps; at first their plain mean."""
+
+    def average(means: Sequence[Tensor], values: Sequence[Tensor], count: Tensor | int) -> None:
+        for mean, value in zip(means, values, strict=True):
+            if mean.is_floating_point():
+                mean.lerp_(value, 1 / min(int(count) + 1, num_steps))
+            else:
+                mean.copy_(value)
+
+    return AveragedModel(network, multi_avg_fn=average, use_buffers=True)

@@ -21,6 +21,16 @@ def images_from_frames(frames: ByteArray) -> Tensor:
     return torch.from_numpy(frames.astype(np.float32)).movedim(-1, -3) / 255.0
 
 
+def frames_from_images(images: Tensor) -> ByteArray:
+    """Images [..., 3, H, W], clamped to [0, 1], as frames [..., H, W, 3]."""
+    return np.asarray((images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy())
+
+
+def stack(frames: Sequence[ByteArray]) -> Tensor:
+    """Windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.stack(frames), -1, -3)))
+
+
 def grey(frame: ByteArray) -> ByteArray:
     """A frame [H, W, 3] without colours, in three channels."""
     luma = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)

@@ -21,17 +21,16 @@ import cv2
 import numpy as np
 import torch
 from lightning.fabric import Fabric
+from lightning.fabric.plugins import MixedPrecision
 from torch import Tensor
 from tqdm import tqdm
 
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from learned import checkpoints, precision, schedules, training_config
-from learned.ema import averaged_model
+from learned import checkpoints, schedules, training_config, training_log
 from learned.methods import Batch, Losses
 from learned.training_config import TrainingConfig
-from learned.training_log import TrainingLog
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.csv"
 LOG_EVERY = 20  # steps
@@ -49,38 +48,30 @@ class Progress:
     misses: int = 0  # validations since the best one
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a run ended."""
-
-    progress: Progress
-    finished: bool  # False: interrupted, goes on when started again
-    is_first: bool  # of several processes, the one that keeps the log
-
-
-def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = None) -> Outcome:
+def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = None) -> Trainer:
     """Train until all steps are done, patience is exhausted, or `limit_seconds` are over; the state is kept."""
     settings = config.training
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
         cv2.setNumThreads(settings.num_threads)  # used by batches; its default threads slow each other down
-    plugins = precision.plugins(settings)
-    fabric = Fabric(
-        accelerator=settings.accelerator,
-        devices=settings.devices,
-        num_nodes=settings.num_nodes,
-        strategy=settings.strategy,
-        plugins=list(plugins) or None,
-        precision=None if plugins else settings.precision,  # type: ignore[arg-type]
-    )
+    names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
+    fabric = Fabric(**{name: getattr(settings, name) for name in names})
+    keep_inputs(fabric)
     fabric.launch()
-    trainer = _Trainer(config, folder, fabric)
+    trainer = Trainer(config, folder, fabric)
     with _stop_on_signal() as signals:
-        return trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
+        trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
+    return trainer
 
 
-class _Trainer:
-    """One start of a run."""
+def keep_inputs(fabric: Fabric) -> None:
+    """Let mixed precision compute in halves, but not round the inputs: a focal length of 489.5 would become 490 px."""
+    if isinstance(precision := fabric.strategy.precision, MixedPrecision):
+        precision.convert_input = lambda data: data  # type: ignore[method-assign]
+
+
+class Trainer:
+    """One start of a run, and how it ended."""
 
     def __init__(self, config: TrainingConfig, folder: Path, fabric: Fabric) -> None:
         self.method, self.settings, self.config = config.method, config.training, config
@@ -90,7 +81,7 @@ class _Trainer:
         self.bare_optimisers = self.method.optimisers(self.bare)
         self.rates = {name: [group["lr"] for group in own.param_groups] for name, own in self.bare_optimisers.items()}
         steps = self.settings.average_steps
-        self.averages = {name: averaged_model(net, steps) for name, net in self.bare.items()} if steps else {}
+        self.averages = {name: schedules.averaged_model(net, steps) for name, net in self.bare.items()} if steps else {}
         self.networks: dict[str, Any] = {}
         self.optimisers: dict[str, Any] = {}
         for name, network in self.bare.items():
@@ -108,9 +99,10 @@ class _Trainer:
         self.progress = Progress()
         if (folder / STATE).exists():
             self.load()
-        self.log = TrainingLog(folder / LOG, self.progress.step) if fabric.is_global_zero else None
+        if fabric.is_global_zero:
+            training_log.truncate(folder / LOG, self.progress.step)
 
-    def fit(self, signals: Sequence[int], limit_s: float) -> Outcome:
+    def fit(self, signals: Sequence[int], limit_s: float) -> None:
         """Train from the current step to the end, a signal, or the time limit."""
         examples = self.method.examples(_clips(self.config.train), training=True)
         held_out = self.method.examples(_clips(self.config.validation), training=False)
@@ -119,7 +111,7 @@ class _Trainer:
         progress, settings = self.progress, self.settings
         start_s = saved_s = time.monotonic()
         before_s = progress.seconds
-        with tqdm(total=settings.num_steps, initial=progress.step, disable=self.log is None) as bar:
+        with tqdm(total=settings.num_steps, initial=progress.step, disable=not self.fabric.is_global_zero) as bar:
             while not self.finished and not signals and time.monotonic() - start_s < limit_s:
                 self.train_step(examples, bar)
                 progress.seconds = before_s + time.monotonic() - start_s
@@ -129,11 +121,10 @@ class _Trainer:
                     self.save()
                     saved_s = time.monotonic()
         self.save()
-        return Outcome(progress, self.finished, self.fabric.is_global_zero)
 
     @property
     def finished(self) -> bool:
-        """All steps are done, or patience is exhausted."""
+        """All steps are done, or patience is exhausted; False: interrupted, goes on when started again."""
         impatient = 0 < self.settings.patience <= self.progress.misses
         return impatient or self.progress.step >= self.settings.num_steps
 
@@ -238,8 +229,8 @@ class _Trainer:
 
     def write_log(self, split: str, numbers: Mapping[str, float]) -> None:
         """One row of the log per number, from the first process."""
-        if self.log is not None:
-            self.log.write(self.progress.step, self.progress.seconds, split, numbers)
+        if self.fabric.is_global_zero:
+            training_log.append(self.folder / LOG, self.progress.step, self.progress.seconds, split, numbers)
 
 
 def _seed(*numbers: int) -> None:

@@ -49,12 +49,9 @@ class Training:
     precision: str = "32-true"
 
     def __post_init__(self) -> None:
-        """Raise BadData for counts below one."""
-        for name in ("num_steps", "batch_size", "validate_every", "devices", "num_nodes"):
-            if getattr(self, name) < 1:
-                raise BadData(f"training.{name} is {getattr(self, name)}, expected 1 or more")
+        methods.check_counts(self, "num_steps", "batch_size", "validate_every", "devices", "num_nodes")
         if self.average_steps < 0:
-            raise BadData(f"training.average_steps is {self.average_steps}, expected 0 or more")
+            raise BadData(f"average_steps is {self.average_steps}, expected 0 or more")
 
     @property
     def decisive(self) -> dict[str, Any]:

@@ -9,23 +9,19 @@ from pathlib import Path
 COLUMNS = ("step", "seconds", "split", "name", "value")
 
 
-class TrainingLog:
-    """Appends to a file; rows after the step from which a run goes on are removed first."""
+def truncate(file: Path, step: int) -> None:
+    """Keep the rows up to the step from which a run goes on, or begin a new file."""
+    rows = read(file) if file.is_file() else []
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", newline="") as out:
+        csv.writer(out).writerow(COLUMNS)
+        csv.writer(out).writerows([row[name] for name in COLUMNS] for row in rows if int(row["step"]) <= step)
 
-    def __init__(self, file: Path, step: int) -> None:
-        """Keep a file's rows up to `step`, or begin a new file."""
-        self._file = file
-        rows = read(file) if file.is_file() else []
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("w", newline="") as out:
-            writer = csv.writer(out)
-            writer.writerow(COLUMNS)
-            writer.writerows([row[name] for name in COLUMNS] for row in rows if int(row["step"]) <= step)
 
-    def write(self, step: int, seconds: float, split: str, numbers: Mapping[str, float]) -> None:
-        """One row per number."""
-        with self._file.open("a", newline="") as out:
-            csv.writer(out).writerows([step, f"{seconds:.1f}", split, name, f"{v:.6g}"] for name, v in numbers.items())
+def append(file: Path, step: int, seconds: float, split: str, numbers: Mapping[str, float]) -> None:
+    """One row per number."""
+    with file.open("a", newline="") as out:
+        csv.writer(out).writerows([step, f"{seconds:.1f}", split, name, f"{v:.6g}"] for name, v in numbers.items())
 
 
 def read(file: Path) -> list[dict[str, str]]:

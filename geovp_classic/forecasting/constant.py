@@ -30,7 +30,6 @@ class _RecentMotion:
     num_steps: int = 1
 
     def __post_init__(self) -> None:
-        """Raise BadData for a number of steps below one."""
         if self.num_steps < 1:
             raise BadData(f"num_steps is {self.num_steps}, expected 1 or more: the steps whose motion is averaged")
 
@@ -40,7 +39,6 @@ class _RecentMotion:
         return recent, recent.times_s[-1] - recent.times_s[0] or np.inf
 
 
-@dataclass(frozen=True)
 class ConstantVelocity(_RecentMotion):
     """The camera goes on in a straight line at the mean velocity of the last `num_steps` steps, without turning."""
 
@@ -54,7 +52,6 @@ class ConstantVelocity(_RecentMotion):
         return futures
 
 
-@dataclass(frozen=True)
 class ConstantTurn(_RecentMotion):
     """The camera keeps its twist, translation and rotation in its own frame: circles stay circles.
 

@@ -14,10 +14,9 @@ import functools
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
-from typing import ClassVar
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
+from filterpy.kalman import MerweScaledSigmaPoints, unscented_transform
 
 from geovp_classic.errors import UnknownComponent
 from geovp_classic.forecasting import past_motion
@@ -38,65 +37,7 @@ def fitted(name: str) -> VehicleModel:
     return VehicleModel(**tables[name])
 
 
-class ExtendedFilter(ExtendedKalmanFilter):  # type: ignore[misc]
-    """filterpy's extended Kalman filter with a vehicle model; its update is in Joseph form."""
-
-    x: FloatArray
-    P: FloatArray
-
-    def __init__(self, model: VehicleModel) -> None:
-        """A filter before its first measurement."""
-        super().__init__(dim_x=model.num_states, dim_z=3)
-        self.model, self.R = model, model.measurement_noise
-
-    def predict(self, dt_s: float) -> None:
-        """Predict, linearised at the present state."""
-        self.F, self.Q = self.model.jacobian(self.x, dt_s), self.model.process_noise(self.x, dt_s)
-        self._dt_s = dt_s
-        super().predict()
-        self.P = symmetric(self.P)
-
-    def predict_x(self, u: float = 0) -> None:
-        """The state after the present step, by the model itself; there is no control input."""
-        self.x = self.model.transition(self.x, self._dt_s)
-
-    def update(self, measured: FloatArray) -> None:
-        """Update with a measured (x, z, yaw)."""
-        super().update(measured, lambda state: np.eye(3, len(state)), lambda state: state[:3])
-        self.P = symmetric(self.P)
-
-
-class UnscentedFilter(UnscentedKalmanFilter):  # type: ignore[misc]
-    """filterpy's unscented Kalman filter with a vehicle model, without its loops over sigma points.
-
-    The measurement is linear, so the unscented update is the linear one, here in Joseph form.
-    """
-
-    x: FloatArray
-    P: FloatArray
-
-    def __init__(self, model: VehicleModel) -> None:
-        """A filter before its first measurement."""
-        points = MerweScaledSigmaPoints(model.num_states, alpha=0.5, beta=2.0, kappa=0.0)
-        super().__init__(model.num_states, 3, 0.1, hx=lambda state: state[:3], fx=model.transition, points=points)
-        self.model, self.R = model, model.measurement_noise
-
-    def predict(self, dt_s: float) -> None:
-        """Predict with sigma points."""
-        self.Q = self.model.process_noise(self.x, dt_s)
-        super().predict(dt_s)
-        self.P = symmetric(self.P)
-
-    def compute_process_sigmas(self, dt: float, fx: object = None, **fx_args: object) -> None:
-        """All sigma points at once: 5 times as fast as filterpy's loop."""
-        self.sigmas_f = self.model.transition(self.points_fn.sigma_points(self.x, self.P), dt)
-
-    def update(self, measured: FloatArray) -> None:
-        """Update with a measured (x, z, yaw): 3.4 times as fast as filterpy's."""
-        self.x, self.P = joseph_update(self.x, self.P, measured, self.R)
-
-
-Filter = ExtendedFilter | UnscentedFilter
+Belief = tuple[FloatArray, FloatArray]  # state [..., n] and covariance [..., n, n]
 
 
 def planar_states(
@@ -111,28 +52,37 @@ def planar_states(
     return states
 
 
+def extended_prediction(model: VehicleModel, belief: Belief, dt_s: FloatArray | float) -> Belief:
+    """The belief after dt [...], linearised at the present state, for any number of filters at once."""
+    state, covariance = belief
+    jacobian = model.jacobian(state, dt_s)
+    covariance = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2) + model.process_noise(state, dt_s)
+    return model.transition(state, dt_s), _symmetric(covariance)
+
+
 def joseph_update(
-    state: FloatArray,  # [..., n]
-    covariance: FloatArray,  # [..., n, n]
+    belief: Belief,
     measured: FloatArray,  # [..., 3], of the first three states
     noise: FloatArray,  # [3, 3]
-) -> tuple[FloatArray, FloatArray]:
-    """State and covariance after a linear measurement, in Joseph form, for any number of filters at once.
+) -> Belief:
+    """The belief after a linear measurement, in Joseph form, for any number of filters at once.
 
-    350 of them take a thirtieth of the time of filterpy's updates.
+    It serves the unscented filter, too, since the measurement is linear: 3.4 times as fast as filterpy's update, and
+    for 350 filters thirty times.
     """
+    state, covariance = belief
     gain = np.swapaxes(np.linalg.solve(covariance[..., :3, :3] + noise, covariance[..., :3, :]), -1, -2)
     kept = np.eye(state.shape[-1]) - gain @ np.eye(3, state.shape[-1])
     covariance = kept @ covariance @ np.swapaxes(kept, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
-    return state + (gain @ (measured - state[..., :3])[..., None])[..., 0], symmetric(covariance)
+    return state + (gain @ (measured - state[..., :3])[..., None])[..., 0], _symmetric(covariance)
 
 
-def initial_state(
+def initial_belief(
     measured: FloatArray,  # [..., P, 3], yaw unwrapped
     times_s: FloatArray,  # [..., P]
     model: VehicleModel,
-) -> tuple[FloatArray, FloatArray]:
-    """State [..., n] and wide covariance [..., n, n] at the first pose, with the velocity of the first step."""
+) -> Belief:
+    """A wide belief at the first pose, with the velocity of the first step."""
     state = np.zeros((*measured.shape[:-2], model.num_states))
     state[..., :3] = measured[..., 0, :]
     if measured.shape[-2] > 1:
@@ -144,26 +94,12 @@ def initial_state(
     return state, np.broadcast_to(np.diag(variances), (*state.shape, model.num_states)).copy()
 
 
-def symmetric(covariance: FloatArray) -> FloatArray:
-    """The mean of a covariance [..., n, n] and its transpose, which differ by rounding."""
-    return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
-
-
-def run(kalman: Filter, measured: FloatArray, times_s: FloatArray) -> None:
-    """Filter measured (x, z, yaw) [P, 3], yaw unwrapped; afterwards the filter is at the last one."""
-    kalman.x, kalman.P = initial_state(measured, times_s, kalman.model)
-    for dt_s, state in zip(np.diff(times_s), measured[1:], strict=True):
-        kalman.predict(float(dt_s))
-        kalman.update(state)
-
-
 @dataclass(frozen=True)
 class TurnRateKalman:
     """Constant turn rate and speed (CTRV), extended Kalman filter."""
 
     constants: str = "turn-rate"
     seed: int = 0
-    filter_type: ClassVar[type[Filter]] = ExtendedFilter
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4]: the mean, or draws when more than one is asked for."""
@@ -171,37 +107,56 @@ class TurnRateKalman:
             mean = self.distribution(past, times_s)
             return planar.lift(mean.means, mean.world_from_reference, mean.vehicle_from_cam)
         steps_s = np.diff(past_motion.seconds_ahead(past, times_s), prepend=0.0)
-        kalman, plane, unit = self._filtered(past)
-        paths = _sample_paths(kalman, steps_s, num_samples, np.random.default_rng(self.seed))
+        belief, plane, unit = self._filtered(past)
+        paths = _sample_paths(self.model, belief, steps_s, num_samples, np.random.default_rng(self.seed))
         return planar.lift(paths * unit, past.world_from_cam[-1], plane)
 
     def distribution(self, past: Trajectory, times_s: FloatArray) -> PlanarForecast:
         """The predictive Gaussian of (x, z, yaw) at every future time."""
         steps_s = np.diff(past_motion.seconds_ahead(past, times_s), prepend=0.0)
-        kalman, plane, unit = self._filtered(past)
+        belief, plane, unit = self._filtered(past)
         means, covariances = [], []
-        for dt_s in steps_s:
-            kalman.predict(float(dt_s))
-            means.append(kalman.x[:3] * unit)
-            covariances.append(kalman.P[:3, :3] * unit[:, None] * unit)
-        return PlanarForecast(
-            np.ones(1), np.stack(means)[None], np.stack(covariances)[None], past.world_from_cam[-1], plane
-        )
+        for dt_s in steps_s.tolist():
+            belief = self.prediction(belief, dt_s)
+            means.append(belief[0][:3] * unit)
+            covariances.append(belief[1][:3, :3] * unit[:, None] * unit)
+        modes = (np.ones(1), np.stack(means)[None], np.stack(covariances)[None])
+        return PlanarForecast(*modes, past.world_from_cam[-1], plane)
 
-    def _filtered(self, past: Trajectory) -> tuple[Filter, FloatArray, FloatArray]:
-        """The filter at the last pose, vehicle_from_cam of its plane, and (x, z, yaw) of the past's unit for its 1."""
+    @property
+    def model(self) -> VehicleModel:
+        """The vehicle with the fitted constants."""
+        return fitted(self.constants)
+
+    def prediction(self, belief: Belief, dt_s: float) -> Belief:
+        """The belief after dt."""
+        return extended_prediction(self.model, belief, dt_s)
+
+    def filtered(self, measured: FloatArray, times_s: FloatArray) -> Belief:
+        """The belief at the last of measured (x, z, yaw) [P, 3], yaw unwrapped."""
+        belief, noise = initial_belief(measured, times_s, self.model), self.model.measurement_noise
+        for dt_s, state in zip(np.diff(times_s).tolist(), measured[1:], strict=True):
+            belief = joseph_update(self.prediction(belief, dt_s), state, noise)
+        return belief
+
+    def _filtered(self, past: Trajectory) -> tuple[Belief, FloatArray, FloatArray]:
+        """The belief at the last pose, vehicle_from_cam of its plane, and (x, z, yaw) of the past's unit for its 1."""
         metric, metres_per_unit = past_motion.in_metres(past)
         plane = past_motion.vehicle_from_cam(metric)
-        kalman = self.filter_type(fitted(self.constants))
-        run(kalman, planar_states(metric.world_from_cam, len(metric), plane), metric.times_s)
-        return kalman, plane, np.array([1 / metres_per_unit, 1 / metres_per_unit, 1.0])
+        belief = self.filtered(planar_states(metric.world_from_cam, len(metric), plane), metric.times_s)
+        return belief, plane, np.array([1 / metres_per_unit, 1 / metres_per_unit, 1.0])
 
 
-@dataclass(frozen=True)
 class TurnRateUnscented(TurnRateKalman):
     """Constant turn rate and speed (CTRV), unscented Kalman filter."""
 
-    filter_type: ClassVar[type[Filter]] = UnscentedFilter
+    def prediction(self, belief: Belief, dt_s: float) -> Belief:
+        """The belief after dt by filterpy's sigma points, all moved at once: 5 times as fast as its filter's loop."""
+        points = MerweScaledSigmaPoints(self.model.num_states, alpha=0.5, beta=2.0, kappa=0.0)
+        moved = self.model.transition(points.sigma_points(*belief), dt_s)
+        noise = self.model.process_noise(belief[0], dt_s)
+        mean, covariance = unscented_transform(moved, points.Wm, points.Wc, noise)
+        return mean, _symmetric(covariance)
 
 
 @dataclass(frozen=True)
@@ -211,20 +166,25 @@ class AccelerationKalman(TurnRateKalman):
     constants: str = "acceleration-damped"  # or "acceleration"
 
 
-def _sample_paths(kalman: Filter, steps_s: FloatArray, num_samples: int, rng: np.random.Generator) -> FloatArray:
-    """Paths [S, F, 3]: a start drawn from the filter's state, then the motion with process noise."""
-    model, num_states = kalman.model, len(kalman.x)
-    states = kalman.x + rng.standard_normal((num_samples, num_states)) @ _root(kalman.P).T
+def _sample_paths(
+    model: VehicleModel, belief: Belief, steps_s: FloatArray, num_samples: int, rng: np.random.Generator
+) -> FloatArray:
+    """Paths [S, F, 3]: a start drawn from the belief, then the motion with process noise."""
+    states = belief[0] + rng.standard_normal((num_samples, model.num_states)) @ _root(belief[1]).T
     path = []
     for dt_s in steps_s:
-        noise = _root(model.process_noise(states, dt_s)) @ rng.standard_normal((num_samples, num_states, 1))
+        noise = _root(model.process_noise(states, dt_s)) @ rng.standard_normal((num_samples, model.num_states, 1))
         states = model.transition(states, dt_s) + noise[..., 0]
         path.append(states[:, :3])
     return np.stack(path, axis=1)
 
 
+def _symmetric(covariance: FloatArray) -> FloatArray:
+    """The mean of a covariance [..., n, n] and its transpose, which differ by rounding."""
+    return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+
+
 def _root(covariance: FloatArray) -> FloatArray:
     """A with A A' = covariance, also where that is singular."""
     values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
-    return root
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])

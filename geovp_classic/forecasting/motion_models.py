@@ -41,12 +41,8 @@ class VehicleModel:
         """The covariance [3, 3] of a measured (x, z, yaw)."""
         return np.diag(np.square([self.position_noise_m, self.position_noise_m, self.yaw_noise_rad]))
 
-    def transition(
-        self,
-        state: FloatArray,  # [..., n]
-        dt_s: FloatArray | float,  # [...]
-    ) -> FloatArray:
-        """The state [..., n] after dt."""
+    def transition(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
+        """The state [..., n] after dt [...]."""
         dt_s = np.asarray(dt_s)
         acceleration = state[..., ACCELERATION] if state.shape[-1] > ACCELERATION else np.zeros_like(state[..., SPEED])
         turned, turn = _decayed(state[..., TURN], self.turn_damping_hz, dt_s)
@@ -65,11 +61,7 @@ class VehicleModel:
         ]
         return np.stack(later, axis=-1)[..., : state.shape[-1]]
 
-    def jacobian(
-        self,
-        state: FloatArray,  # [..., n]
-        dt_s: FloatArray | float,  # [...]
-    ) -> FloatArray:
+    def jacobian(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
         """Derivative of `transition` by the state [..., n, n], by central differences."""
         step = 1e-5
         shifts = step * np.eye(state.shape[-1])  # one state each
@@ -77,11 +69,7 @@ class VehicleModel:
         later = self.transition(state + shifts, dt_s) - self.transition(state - shifts, dt_s)
         return np.swapaxes(later, -1, -2) / (2 * step)
 
-    def process_noise(
-        self,
-        state: FloatArray,  # [..., n]
-        dt_s: FloatArray | float,  # [...]
-    ) -> FloatArray:
+    def process_noise(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
         """Covariance [..., n, n] that white noise adds in dt: two short steps add what one long step does."""
         yaw, unit = state[..., YAW], np.eye(6)
         ahead = np.sin(yaw)[..., None] * unit[X] + np.cos(yaw)[..., None] * unit[Z]

@@ -36,8 +36,7 @@ class Network:
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             before = hidden @ weight + bias
             hidden = before * expit(before)
-        output: FloatArray = hidden @ self.weights[-1] + self.biases[-1]
-        return output
+        return np.asarray(hidden @ self.weights[-1] + self.biases[-1])
 
 
 @dataclass(frozen=True)
@@ -69,13 +68,11 @@ class CentreModel:
 
     def __call__(self, twists: FloatArray) -> FloatArray:
         """States [N, F, 3] after twists [N, P, 6]: mean over the ensemble and over both sides of the mirror."""
-        both = with_mirrored(twists, MIRRORED_TWIST)
+        both = with_mirrored(twists)
         outputs = self.network(self.inputs(past_features(both))).mean(0)
         correction = outputs.reshape(len(both), *self.scale.shape) * self.scale
-        paths = correction + damped_turn(both, self.step_s, len(self.scale))
-        count = len(twists)
-        mean: FloatArray = 0.5 * (paths[:count] + paths[count:] * MIRRORED_STATE)
-        return mean
+        ours, mirrored = np.split(correction + damped_turn(both, self.step_s, len(self.scale)), 2)
+        return np.asarray(0.5 * (ours + mirrored * MIRRORED_STATE))
 
 
 @dataclass(frozen=True)
@@ -93,7 +90,7 @@ class SpreadModel:
 
         The second half is of the mirrored past and goes with the mirrored basis.
         """
-        features = spread_features(with_mirrored(twists, MIRRORED_TWIST), with_mirrored(centre, MIRRORED_STATE))
+        features = spread_features(with_mirrored(twists), with_mirrored(centre))
         outputs = np.swapaxes(self.network(self.inputs(features)), 0, 1).astype(np.float64)  # [2, M, ...]
         log_weights, means, log_deviations = mixture_parameters(outputs, self.num_modes)
         depth = means.shape[-1]
@@ -109,12 +106,9 @@ class Coefficients:
     spread: SpreadModel
 
 
-def with_mirrored(
-    values: FloatArray,  # [N, T, C]
-    mirrored: FloatArray,  # [C], signs
-) -> FloatArray:
-    """The values and, behind them, the same with left and right swapped [2N, T, C]."""
-    return np.concatenate([values, values * mirrored])
+def with_mirrored(values: FloatArray) -> FloatArray:
+    """Twists [N, P, 6] or states [N, F, 3] and, behind them, the same with left and right swapped."""
+    return np.concatenate([values, values * (MIRRORED_TWIST if values.shape[-1] == 6 else MIRRORED_STATE)])
 
 
 def past_features(twists: FloatArray) -> FloatArray:

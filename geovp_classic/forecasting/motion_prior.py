@@ -22,16 +22,8 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting import past_motion
-from geovp_classic.forecasting.motion_network import (
-    MIRRORED_STATE,
-    SPREAD_LIMIT,
-    CentreModel,
-    Coefficients,
-    Network,
-    SpreadModel,
-    Standardisation,
-)
+from geovp_classic.forecasting import motion_network, past_motion
+from geovp_classic.forecasting.motion_network import CentreModel, Coefficients, Network, SpreadModel, Standardisation
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
@@ -120,9 +112,10 @@ def path_mixture(
     # Deviations are 0 at time 0, linear between the steps of the grid, and go on as a line beyond.
     interpolation = make_interp_spline(nodes_s, np.eye(len(nodes_s)), k=1)(ahead_s)[:, 1:]  # [T, F]
     centre = _path_at(grid[0], ahead_s, fitted.centre.step_s)
+    mirrored_state = motion_network.MIRRORED_STATE[:, None]
     rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()  # (x, z, yaw) from (right, ahead, yaw)
     basis = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
-    mirrored = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis * MIRRORED_STATE[:, None])
+    mirrored = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis * mirrored_state)
     variance = interpolation**2 @ fitted.spread.residual_variance
     return PathMixture(
         centre=centre,
@@ -155,7 +148,9 @@ def unpacked(table: dict[str, FloatArray]) -> Coefficients:
 
     inputs, network = part("centre", Standardisation.limit)
     centre = CentreModel(float(table["step_s"]), inputs, table["centre_scale"], network)
-    spread = SpreadModel(*part("spread", SPREAD_LIMIT), table["basis"], table["floor"], int(table["num_modes"]))
+    spread = SpreadModel(
+        *part("spread", motion_network.SPREAD_LIMIT), table["basis"], table["floor"], int(table["num_modes"])
+    )
     return Coefficients(centre, spread)
 
 

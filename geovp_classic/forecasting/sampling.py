@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray
 
@@ -22,17 +21,6 @@ class PlanarForecast:
     world_from_reference: FloatArray  # [4, 4], the last observed camera
     vehicle_from_cam: FloatArray  # [4, 4]
 
-    def __post_init__(self) -> None:
-        """Raise BadData unless the shapes agree, weights sum to one and covariances are positive definite."""
-        modes, steps = self.means.shape[:2]
-        shapes = (self.weights.shape, self.means.shape, self.covariances.shape)
-        if shapes != ((modes,), (modes, steps, 3), (modes, steps, 3, 3)):
-            raise BadData(f"planar forecast of shapes {shapes}, expected [K], [K, F, 3], [K, F, 3, 3]")
-        if not np.isclose(self.weights.sum(), 1.0) or (self.weights < 0).any():
-            raise BadData(f"the modes' weights sum to {self.weights.sum():.4g}, expected positive ones that sum to 1")
-        if not (np.linalg.eigvalsh(self.covariances)[..., 0] > 0).all():
-            raise BadData("a covariance of a planar forecast is not positive definite")
-
     def states_of(self, world_from_cam: FloatArray) -> FloatArray:
         """(x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4] on this forecast's plane."""
         return planar.reduce(world_from_cam, self.world_from_reference, self.vehicle_from_cam)
@@ -46,8 +34,7 @@ class PlanarForecast:
         log_volume = np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(-1) + 1.5 * np.log(2 * np.pi)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)[:, None, None]
-        density: FloatArray = logsumexp(log_weights - 0.5 * (white**2).sum(-1) - log_volume, axis=0)
-        return density
+        return np.asarray(logsumexp(log_weights - 0.5 * (white**2).sum(-1) - log_volume, axis=0))
 
     def sample(self, num_samples: int, seed: int) -> FloatArray:
         """States [N, F, 3], independent from step to step (unlike the paths that a forecaster draws)."""

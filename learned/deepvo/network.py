@@ -15,6 +15,9 @@ from torch import Tensor, nn
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import Intrinsics
+from learned.methods import check_counts
+
+Head = Literal["2d", "3d"]
 
 FLOWNET = (  # channels, kernel size and stride of each convolution
     *((64, 7, 2), (128, 5, 2), (256, 5, 2), (256, 3, 1), (512, 3, 2)),
@@ -38,18 +41,16 @@ class Architecture:
     dropout: float = 0.2
     lstm_size: int = 50
     lstm_layers: int = 1
-    head: Literal["2d", "3d"] = "2d"
+    head: Head = "2d"
     future: Literal["recurrent", "fixed-window"] = "recurrent"
     decoder_start: Literal["hidden-state", "poses"] = "hidden-state"
     window_pairs: int = 4  # of the fixed window
     window_future: int = 20  # steps that the fixed window predicts
 
     def __post_init__(self) -> None:
-        """Raise BadData for impossible sizes."""
         if min(self.size_px) < 64:
             raise BadData(f"architecture.size_px is {list(self.size_px)}, expected 64 or more: six layers halve it")
-        if min(self.lstm_size, self.lstm_layers, self.window_pairs, self.window_future) < 1:
-            raise BadData("architecture: lstm_size, lstm_layers, window_pairs and window_future must be 1 or more")
+        check_counts(self, "lstm_size", "lstm_layers", "window_pairs", "window_future")
         if not (self.encoder_width > 0 and self.focal_widths > 0 and 0 <= self.dropout < 1):
             raise BadData("architecture: encoder_width and focal_widths must be above 0, dropout in [0, 1)")
 
@@ -66,7 +67,6 @@ class PoseNetwork(nn.Module):
     """From images to the steps between them and after them."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights."""
         super().__init__()
         self.architecture = architecture
         size, layers, drop = architecture.lstm_size, architecture.lstm_layers, architecture.dropout
@@ -106,7 +106,6 @@ class Decoder(nn.Module):
     """An LSTM that is fed zeros, so its output depends on its first state alone (eq. 3.3)."""
 
     def __init__(self, architecture: Architecture, num_outputs: int) -> None:
-        """With new weights."""
         super().__init__()
         size, layers = architecture.lstm_size, architecture.lstm_layers
         self.from_poses = (
@@ -127,7 +126,6 @@ class FixedWindow(nn.Module):
     """All future steps at once from the features of the last few pairs, without recurrence."""
 
     def __init__(self, architecture: Architecture, features: int) -> None:
-        """With new weights."""
         super().__init__()
         self.num_pairs, self.num_future = architecture.window_pairs, architecture.window_future
         self.each = nn.Linear(features, architecture.lstm_size)
@@ -153,8 +151,7 @@ class StepHead(nn.Module):
 
     scale: Tensor
 
-    def __init__(self, size: int, head: Literal["2d", "3d"]) -> None:
-        """With new weights."""
+    def __init__(self, size: int, head: Head) -> None:
         super().__init__()
         self.register_buffer("scale", torch.tensor(STEP_SCALES[head]), persistent=False)
         self.num_outputs = len(STEP_SCALES[head])
@@ -176,3 +173,53 @@ def encoder(width: float, dropout: float) -> nn.Sequential:
         in_channels = out_channels
     layers += [nn.Flatten(), nn.Dropout(dropout)]
     return nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+
+def motions(steps: Tensor, head: Head) -> Tensor:
+    """Rigid motions [..., 4, 4] of steps [..., D]: the next camera's pose in this one's frame.
+
+    Angles turn about y (yaw, to the right), then x (pitch), then z (roll), each about the axis already turned.
+    """
+    if head == "2d":
+        x, z, yaw = steps.unbind(-1)
+        y, pitch, roll = torch.zeros_like(x), torch.zeros_like(x), torch.zeros_like(x)
+    else:
+        x, y, z, yaw, pitch, roll = steps.unbind(-1)
+    (sy, cy), (sp, cp), (sr, cr) = ((torch.sin(angle), torch.cos(angle)) for angle in (yaw, pitch, roll))
+    zero, one = torch.zeros_like(x), torch.ones_like(x)
+    rows = [
+        *(cy * cr + sy * sp * sr, -cy * sr + sy * sp * cr, sy * cp, x),
+        *(cp * sr, cp * cr, -sp, y),
+        *(-sy * cr + cy * sp * sr, sy * sr + cy * sp * cr, cy * cp, z),
+        *(zero, zero, zero, one),
+    ]
+    return torch.stack(rows, dim=-1).unflatten(-1, (4, 4))
+
+
+def coordinates(first_from_cam: Tensor, head: Head) -> tuple[Tensor, Tensor]:
+    """Translation [..., 2 or 3] and angles [..., 1 or 3] of motions [..., 4, 4]; the inverse of `motions`.
+
+    In 2D they are those on the first camera's own x-z plane.
+    """
+    yaw = torch.atan2(first_from_cam[..., 0, 2], first_from_cam[..., 2, 2])
+    if head == "2d":
+        return first_from_cam[..., (0, 2), 3], yaw[..., None]
+    pitch = torch.asin((-first_from_cam[..., 1, 2]).clamp(-1 + 1e-6, 1 - 1e-6))
+    roll = torch.atan2(first_from_cam[..., 1, 0], first_from_cam[..., 1, 1])
+    return first_from_cam[..., :3, 3], torch.stack([yaw, pitch, roll], dim=-1)
+
+
+def chained(relative: Tensor) -> Tensor:
+    """Poses [..., N, 4, 4] in the first camera's frame, of motions from each camera to the next (eq. 3.4)."""
+    poses = [relative[..., 0, :, :]]
+    for index in range(1, relative.shape[-3]):
+        poses.append(poses[-1] @ relative[..., index, :, :])
+    return torch.stack(poses, dim=-3)
+
+
+def squared_errors(predicted: Tensor, real: Tensor, head: Head) -> tuple[Tensor, Tensor]:
+    """Squared translation (m^2) and squared rotation (rad^2) [...] between poses [..., 4, 4]: the terms of eq. 3.6."""
+    (moved, turned), (really_moved, really_turned) = coordinates(predicted, head), coordinates(real, head)
+    angle = turned - really_turned
+    wrapped = torch.atan2(torch.sin(angle), torch.cos(angle))
+    return ((moved - really_moved) ** 2).sum(-1), (wrapped**2).sum(-1)

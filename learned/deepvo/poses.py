@@ -14,8 +14,7 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Motion, Trajectory
 from learned import checkpoints
-from learned.deepvo.network import Architecture, PoseNetwork
-from learned.deepvo.steps import motions
+from learned.deepvo.network import Architecture, motions
 from learned.tensors import images_from_frames, reproject, shrink
 
 
@@ -23,27 +22,21 @@ from learned.tensors import images_from_frames, reproject, shrink
 class _PretrainedDeepVo(checkpoints.Pretrained):
     method: ClassVar[str] = "deepvo"
 
-    @property
-    def network(self) -> PoseNetwork:
-        """The trained network."""
-        network, _ = self.load()
-        assert isinstance(network, PoseNetwork)
-        return network
-
-    def relative_motions(self, context: Context, num_future: int) -> tuple[FloatArray, FloatArray]:
-        """Motions from each camera to the next, within the past [P - 1, 4, 4] and after it [F, 4, 4]."""
-        images = network_images(list(context.frames), context.intrinsics, self.network.architecture)
-        return self.motions_of_images(images, num_future)
+    def images(self, frames: Sequence[ByteArray], camera: Intrinsics) -> Tensor:
+        """Frames [H, W, 3] as the network's images [P, 3, H, W]."""
+        return network_images(frames, camera, self.load()[1].architecture)
 
     @torch.inference_mode()
-    def motions_of_images(self, images: Tensor, num_future: int) -> tuple[FloatArray, FloatArray]:
-        """The same of images [P, 3, H, W]."""
+    def poses(self, images: Tensor, times_s: FloatArray) -> tuple[Trajectory, FloatArray]:
+        """The past, in the first camera's frame, and the poses [F, 4, 4] at the later ones of the times [P + F]."""
         if len(images) < 2:
             raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
-        network = self.network
-        past, future = network(images[None].to(self.device), num_future)
-        head = network.architecture.head
-        return motions(past[0].double().cpu(), head).numpy(), motions(future[0].double().cpu(), head).numpy()
+        (network, settings), num_past = self.load(), len(images)
+        steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
+        past, future = (motions(part[0].double().cpu(), settings.architecture.head).numpy() for part in steps)
+        world_from_cam = np.concatenate([np.eye(4)[None], _chained(past)])
+        trajectory = Trajectory(world_from_cam, times_s[:num_past].copy(), is_metric=True)
+        return trajectory, world_from_cam[-1] @ _chained(future)
 
 
 @dataclass(frozen=True)
@@ -56,9 +49,7 @@ class DeepVo(_PretrainedDeepVo):
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The motion; Incompatible for fewer than two frames."""
-        past_from_next, future_from_next = self.relative_motions(context, context.num_future)
-        past = _trajectory(past_from_next, context.times_s[: context.num_past])
-        futures = past.world_from_cam[-1] @ _chained(future_from_next)
+        past, futures = self.poses(self.images(list(context.frames), context.intrinsics), context.times_s)
         return Motion(past, futures[None], np.ones(len(past), dtype=bool))
 
 
@@ -68,28 +59,21 @@ class DeepVoOdometry(_PretrainedDeepVo):
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory, every step tracked; errors as `DeepVo.estimate`."""
-        past = _trajectory(self.relative_motions(context, 1)[0], context.times_s[: context.num_past])
-        return past, np.ones(len(past), dtype=bool)
+        times_s = context.times_s[: context.num_past]
+        return self.track_sequence(context.frames, times_s, context.intrinsics, None)
 
     def track_sequence(
         self, frames: Iterable[ByteArray], times_s: FloatArray, intrinsics: Intrinsics, camera_height_m: float | None
     ) -> tuple[Trajectory, BoolArray]:
         """A whole sequence, read frame by frame; the scale was learnt, so the camera's height is not used."""
-        architecture = self.network.architecture
-        images = torch.cat([network_images([frame], intrinsics, architecture) for frame in frames])
-        past = _trajectory(self.motions_of_images(images, 1)[0], times_s)
-        return past, np.ones(len(past), dtype=bool)
+        images = torch.cat([self.images([frame], intrinsics) for frame in frames])
+        return self.poses(images, times_s)[0], np.ones(len(images), dtype=bool)
 
 
 def network_images(frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture) -> Tensor:
     """Images [P, 3, H, W] in [0, 1] of frames [H, W, 3] as the network's own camera would have taken them."""
     resized, camera = shrink(frames, camera, architecture.camera)
     return images_from_frames(np.stack([reproject(frame, camera, architecture.camera) for frame in resized]))
-
-
-def _trajectory(past_from_next: FloatArray, times_s: FloatArray) -> Trajectory:
-    world_from_cam = np.concatenate([np.eye(4)[None], _chained(past_from_next)])
-    return Trajectory(world_from_cam, times_s.copy(), is_metric=True)
 
 
 def _chained(relative: FloatArray) -> FloatArray:

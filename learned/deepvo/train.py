@@ -14,8 +14,7 @@ from torch.optim import Optimizer
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from learned.deepvo import windows
-from learned.deepvo.network import Architecture, PoseNetwork
-from learned.deepvo.steps import chained, motions, squared_errors
+from learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
 from learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
 from learned.methods import Batch, Losses, Networks
 
@@ -47,7 +46,6 @@ class DeepVoTraining:
     kept: ClassVar[tuple[str, ...]] = ("poses",)
 
     def __post_init__(self) -> None:
-        """Raise BadData for impossible windows."""
         if not 2 <= self.shortest_past <= self.num_past or self.num_future < 1:
             raise BadData(
                 f"shortest_past {self.shortest_past}, num_past {self.num_past}, num_future {self.num_future}: expected "
@@ -98,10 +96,7 @@ class DeepVoTraining:
         translation, rotation = squared_errors(predicted, real, head)
         both = translation + self.rotation_weight * rotation
         split = past.shape[1]
-        losses = {
-            "past": _mean(both[:, :split], known[:, :split]),
-            "future": _mean(both[:, split:], known[:, split:]),
-        }
+        losses = {"past": _mean(both[:, :split], known[:, :split]), "future": _mean(both[:, split:], known[:, split:])}
         return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
 
     def validate(self, networks: Networks, examples: Sequence[Window]) -> dict[str, float]:

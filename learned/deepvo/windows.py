@@ -50,7 +50,6 @@ class Augmentation:
     gamma: float = 0.3  # exponent of brightness, e^(-gamma) to e^gamma
 
     def __post_init__(self) -> None:
-        """Raise BadData for shares outside 0 to 1."""
         for name in ("mirror_share", "fast_share", "turn_share", "grey_share"):
             if not 0 <= getattr(self, name) <= 1:
                 raise BadData(f"augmentation.{name} is {getattr(self, name)}, expected 0 to 1")
@@ -84,12 +83,9 @@ def batch(
     [B, P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
     """
     rows = [sample(window, camera, num_past, num_future, augmentation, rng) for window in chosen]
-    images, relative, known = (np.stack(column) for column in zip(*rows, strict=True))
-    return {
-        "images": torch.from_numpy(np.ascontiguousarray(np.moveaxis(images, -1, -3))),
-        "motions": torch.from_numpy(relative.astype(np.float32)),
-        "known": torch.from_numpy(known.astype(np.float32)),
-    }
+    images, *others = zip(*rows, strict=True)
+    relative, known = (torch.from_numpy(np.stack(column).astype(np.float32)) for column in others)
+    return {"images": tensors.stack(images), "motions": relative, "known": known}
 
 
 def sample(

@@ -10,8 +10,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.parametrizations import spectral_norm
 
-from geovp_classic.errors import BadData
-
 Features = list[Tensor]  # of one scale: feature maps from fine to coarse, then the scores
 
 
@@ -21,10 +19,6 @@ class MultiScaleDiscriminator(nn.Module):
     def __init__(self, width: int = 64, num_levels: int = 3, num_scales: int = 2) -> None:
         """Patch networks of `num_levels` strided convolutions, the first with `width` channels."""
         super().__init__()
-        if min(width, num_levels, num_scales) < 1:
-            raise BadData(
-                f"discriminator of width {width}, {num_levels} levels, {num_scales} scales: expected 1 or more"
-            )
         self.scales = nn.ModuleList(_PatchNetwork(width, num_levels) for _ in range(num_scales))
 
     def forward(self, frames: Tensor) -> list[Features]:
@@ -57,23 +51,17 @@ class _PatchNetwork(nn.Module):
 
 def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:
     """Mean over scales of max(0, 1 - D(real)) + max(0, 1 + D(fake)) (Lim and Ye 2017)."""
-    losses = [
-        functional.relu(1 - ours[-1]).mean() + functional.relu(1 + theirs[-1]).mean()
-        for ours, theirs in zip(real, fake, strict=True)
-    ]
-    return torch.stack(losses).mean()
+    pairs = zip(real, fake, strict=True)
+    return torch.stack([functional.relu(1 - a[-1]).mean() + functional.relu(1 + b[-1]).mean() for a, b in pairs]).mean()
 
 
-def generator_hinge_loss(fake: Sequence[Features]) -> Tensor:
-    """Mean over scales of -D(fake)."""
-    return torch.stack([-scale[-1].mean() for scale in fake]).mean()
-
-
-def feature_matching_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:
-    """Mean absolute difference of the discriminator's features (Wang et al. 2018, eq. 4)."""
-    distances = [
-        (a.detach() - b).abs().mean()
-        for ours, theirs in zip(real, fake, strict=True)
-        for a, b in zip(ours[:-1], theirs[:-1], strict=True)
-    ]
-    return torch.stack(distances).mean()
+def generator_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> dict[str, Tensor]:
+    """The mean over scales of -D(fake), and the mean absolute difference of features (Wang et al. 2018, eq. 4)."""
+    with torch.no_grad():
+        wanted = critic(real)
+    given = critic(fake)
+    features = [(a, b) for one, other in zip(wanted, given, strict=True) for a, b in zip(one[:-1], other, strict=False)]
+    return {
+        "adversarial": torch.stack([-scale[-1].mean() for scale in given]).mean(),
+        "feature_matching": torch.stack([(a - b).abs().mean() for a, b in features]).mean(),
+    }

@@ -9,15 +9,11 @@ and points another way (cosine -0.1).
 
 from __future__ import annotations
 
-import functools
-from pathlib import Path
-
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from learned import lpips
-from learned.lpips_networks import Weights
 from learned.synsin import splatting
 from learned.tensors import sample_images
 
@@ -25,17 +21,13 @@ SSIM_SHARE = 0.85  # Godard et al. 2019, eq. 2
 C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]
 
 
-def colour_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Mean absolute difference of colours [B, 3, H, W] in [0, 1]."""
-    return functional.l1_loss(predicted, target)
-
-
 def content_loss(predicted: Tensor, target: Tensor, net: lpips.Net) -> Tensor:
     """Mean LPIPS distance of frames [B, 3, H, W] in [0, 1], differentiable in `predicted`.
 
     MissingExtra when there are no LPIPS weights.
     """
-    weights = _lpips_weights(net, lpips.find_weights(net, None), predicted.device)
+    stored = lpips.load_weights(net, lpips.find_weights(net, None))
+    weights = {name: tensor.to(predicted.device) for name, tensor in stored.items()}
     with torch.no_grad():
         wanted = lpips.unit_features(net, weights, 2 * target.float() - 1)
     total = predicted.new_zeros(())
@@ -45,11 +37,8 @@ def content_loss(predicted: Tensor, target: Tensor, net: lpips.Net) -> Tensor:
     return total
 
 
-def depth_loss(
-    inverse_depths: Tensor,  # [B, H, W] 1/m
-    known: Tensor,  # [B, H, W] 1/m, NaN where nothing is known
-) -> Tensor:
-    """Mean absolute difference where depth is known, times 20 m, a typical depth; 0 when nothing is known."""
+def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:
+    """Mean absolute difference of inverse depths [B, H, W] 1/m, times 20 m, a typical depth; NaN is not known."""
     is_known = torch.isfinite(known)
     difference = torch.where(is_known, inverse_depths - torch.nan_to_num(known), 0.0)
     return 20 * difference.abs().sum() / is_known.sum().clamp(min=1)
@@ -103,8 +92,3 @@ def _dssim(one: Tensor, other: Tensor) -> Tensor:
     covariance = mean(one * other) - a * b
     ssim = (2 * a * b + C1) * (2 * covariance + C2) / ((a**2 + b**2 + C1) * (variances + C2))
     return ((1 - ssim) / 2).clamp(0, 1).mean(dim=1)
-
-
-@functools.cache
-def _lpips_weights(net: lpips.Net, file: Path, device: torch.device) -> Weights:
-    return {name: tensor.to(device) for name, tensor in lpips.load_weights(net, file).items()}

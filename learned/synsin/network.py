@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geovp_classic.errors import BadData
+from learned import methods
 from learned.blocks import NoisyNorm, ResidualBlock, UNet
 from learned.synsin import splatting
 from learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
@@ -40,17 +41,12 @@ class Architecture:
     splatter: Splatter = field(default_factory=Splatter)
 
     def __post_init__(self) -> None:
-        """Raise BadData for impossible sizes."""
         if self.features <= COLOURS:
             raise BadData(f"features is {self.features}, expected more than the {COLOURS} colours")
         if not self.depth_channels or self.depth_px % 2 ** len(self.depth_channels):
-            raise BadData(
-                f"depth_px is {self.depth_px} with {len(self.depth_channels)} levels, expected a multiple of "
-                f"{2 ** len(self.depth_channels)}"
-            )
-        for name in ("width", "feature_blocks", "inner_blocks", "patch_px", "noise_size"):
-            if getattr(self, name) < 1:
-                raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
+            given = f"depth_px is {self.depth_px} with {len(self.depth_channels)} levels"
+            raise BadData(f"{given}, expected a multiple of {2 ** len(self.depth_channels)}")
+        methods.check_counts(self, "width", "feature_blocks", "inner_blocks", "patch_px", "noise_size")
 
 
 class FeatureCloud(NamedTuple):
@@ -100,7 +96,9 @@ class Generator(nn.Module):
             return None, self.depth_network(frames, splatting.rays(intrinsics, size_px))
         cloud = self.encode(frames, intrinsics)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
-        cloud = cloud._replace(inverse_depths=_scale_gradient(inverse_depths, depth_share))
+        cloud = cloud._replace(
+            inverse_depths=depth_share * inverse_depths + (1 - depth_share) * inverse_depths.detach()
+        )
         noise = torch.randn(len(frames) * views, self.architecture.noise_size, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
         images = self.render(cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise)
@@ -157,10 +155,8 @@ class FeatureNetwork(nn.Module):
     """Residual blocks from colours to the other features of a point."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights."""
         super().__init__()
-        self.patches = Patches(architecture.patch_px, 1)
-        width = architecture.width
+        self.patch_px, width = architecture.patch_px, architecture.width
         self.stem = nn.Conv2d(COLOURS * architecture.patch_px**2, width, 3, padding=1)
         self.blocks = nn.ModuleList(ResidualBlock(width, width) for _ in range(architecture.feature_blocks))
         self.norm = NoisyNorm(width)
@@ -169,10 +165,10 @@ class FeatureNetwork(nn.Module):
     def forward(self, frames: Tensor) -> Tensor:
         """Features [B, C - 3, H, W] of frames [B, 3, H, W]."""
         nothing = frames.new_zeros(len(frames), 0)
-        maps = self.stem(self.patches.gather(frames - 0.5))
+        maps = self.stem(gather(frames - 0.5, self.patch_px, 1))
         for block in self.blocks:
             maps = block(maps, nothing)
-        return self.patches.spread(self.head(functional.relu(self.norm(maps, nothing))), frames.shape[2:])
+        return spread(self.head(functional.relu(self.norm(maps, nothing))), self.patch_px, frames.shape[2:])
 
 
 class RefinementNetwork(nn.Module):
@@ -181,7 +177,7 @@ class RefinementNetwork(nn.Module):
     def __init__(self, architecture: Architecture) -> None:
         """With new weights; untrained, it leaves the colours as they are."""
         super().__init__()
-        self.patches = Patches(architecture.patch_px, 4)
+        self.patch_px = architecture.patch_px
         width, noise, seen = architecture.width, architecture.noise_size, architecture.features + 1
         self.stem = nn.Conv2d(seen * architecture.patch_px**2, width, 3, padding=1)
         down = (ResidualBlock(width, width, noise, "down"), ResidualBlock(width, 2 * width, noise, "down"))
@@ -196,36 +192,27 @@ class RefinementNetwork(nn.Module):
 
     def forward(self, maps: Tensor, noise: Tensor) -> Tensor:
         """Frames [B, 3, H, W] of splatted features and their opacity [B, C + 1, H, W]."""
-        finest = inner = self.stem(self.patches.gather(maps))
+        finest = inner = self.stem(gather(maps, self.patch_px, 4))
         for block in self.blocks:
             inner = block(inner, noise)
-        painted = self.patches.spread(functional.relu(self.norm(inner + finest, noise)), maps.shape[2:])
+        painted = spread(functional.relu(self.norm(inner + finest, noise)), self.patch_px, maps.shape[2:])
         detail = self.detail(torch.cat([maps, painted], dim=1))
         change = self.head(functional.leaky_relu(detail, 0.2))  # a ReLU without a norm before it can die
         return maps[:, :COLOURS] + change
 
 
-class Patches(nn.Module):
-    """Squares of pixels as channels (pixel unshuffle), and bilinearly back to pixels, so that no grid shows."""
+def gather(maps: Tensor, edge_px: int, levels: int) -> Tensor:
+    """Squares of pixels as channels (pixel unshuffle): [B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge].
 
-    def __init__(self, edge_px: int, levels: int) -> None:
-        """Sides are padded to multiples of `edge_px * levels`."""
-        super().__init__()
-        self.edge_px, self.multiple = edge_px, edge_px * levels
-
-    def gather(self, maps: Tensor) -> Tensor:
-        """[B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge], padded with the border at the right and below."""
-        height, width = maps.shape[2:]
-        padding = (0, -width % self.multiple, 0, -height % self.multiple)
-        return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), self.edge_px)
-
-    def spread(self, maps: Tensor, size_px: torch.Size) -> Tensor:
-        """Maps [B, C, H' / edge, W' / edge] upsampled to pixels and cut to (height, width)."""
-        if self.edge_px > 1:
-            maps = functional.interpolate(maps, scale_factor=self.edge_px, mode="bilinear")
-        return maps[:, :, : size_px[0], : size_px[1]]
+    Sides are padded with the border at the right and below to multiples of `edge_px * levels`.
+    """
+    multiple = edge_px * levels
+    padding = (0, -maps.shape[3] % multiple, 0, -maps.shape[2] % multiple)
+    return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), edge_px)
 
 
-def _scale_gradient(values: Tensor, share: float) -> Tensor:
-    """The same values with their gradient times `share`."""
-    return share * values + (1 - share) * values.detach()
+def spread(maps: Tensor, edge_px: int, size_px: torch.Size) -> Tensor:
+    """Maps [B, C, H' / edge, W' / edge] bilinearly back to pixels, so that no grid shows, cut to (height, width)."""
+    if edge_px > 1:
+        maps = functional.interpolate(maps, scale_factor=edge_px, mode="bilinear")
+    return maps[:, :, : size_px[0], : size_px[1]]

@@ -15,7 +15,7 @@ from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intri
 from learned import checkpoints
 from learned.synsin.network import FeatureCloud, Generator
 from learned.synsin.pairs import intrinsics_tensor
-from learned.tensors import images_from_frames
+from learned.tensors import frames_from_images, images_from_frames
 
 MIN_OPACITY = 0.1  # of covered pixels
 
@@ -65,7 +65,6 @@ class FeatureScene:
         noise = torch.randn(1, noise_size, generator=torch.Generator().manual_seed(self.seed)).to(device)
         camera, size_px = intrinsics_tensor(intrinsics).to(device), (intrinsics.height_px, intrinsics.width_px)
         images = self.generator.render(self.cloud, cam_from_last.to(device), camera, size_px, noise)
-        frames = (images.frames.clamp(0, 1) * 255).round().byte().permute(0, 2, 3, 1)
         covered = images.opacities[:, 0] > MIN_OPACITY
         depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
-        return frames.cpu().numpy(), covered.cpu().numpy(), depths.cpu().numpy()
+        return frames_from_images(images.frames), covered.cpu().numpy(), depths.cpu().numpy()

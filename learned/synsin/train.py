@@ -9,10 +9,11 @@ from typing import ClassVar
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 from torch.optim import Adam, Optimizer
 
-from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
+from learned import methods
 from learned.lpips import Net
 from learned.methods import Batch, Losses, Networks
 from learned.synsin import discriminator, losses, pairs
@@ -56,10 +57,7 @@ class SynSinTraining:
     kept: ClassVar[tuple[str, ...]] = ("generator",)
 
     def __post_init__(self) -> None:
-        """Raise BadData for counts below one."""
-        for name in ("max_horizon", "views", "validation_stride"):
-            if getattr(self, name) < 1:
-                raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
+        methods.check_counts(self, "max_horizon", "views", "validation_stride", "discriminator_width")
 
     def build(self) -> dict[str, nn.Module]:
         """A new generator, and a discriminator when the adversarial loss has a weight."""
@@ -94,13 +92,11 @@ class SynSinTraining:
         critic = networks.get("discriminator")
         parts = {**self._image_losses(fake, real), **self._depth_losses(inverse_depths, batch)}
         if critic is not None:
-            parts |= adversarial_losses(critic, fake, real)
+            parts |= discriminator.generator_losses(critic, fake, real)
         yield "generator", self._summed(parts)
         if critic is not None:
-            yield (
-                "discriminator",
-                {"total": discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))},
-            )
+            loss = discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))
+            yield "discriminator", {"total": loss}
 
     def validate(self, networks: Networks, examples: Sequence[Example]) -> dict[str, float]:
         """PSNR and losses at some horizons; the score is colour and content, weighted as in training."""
@@ -113,10 +109,8 @@ class SynSinTraining:
             batch = {name: part.to(device) for name, part in batch.items()}
             images, _ = networks["generator"](batch["frames"], batch["intrinsics"], batch["cam_from_last"])
             fake, real = images.frames.clamp(0, 1), batch["targets"]
-            summed = self._summed(self._image_losses(fake, real))
-            rows.append(
-                {**{name: float(part) for name, part in summed.items()}, "psnr": float(psnr_db(fake, real).mean())}
-            )
+            parts = {**self._summed(self._image_losses(fake, real)), "psnr": psnr_db(fake, real).mean()}
+            rows.append({name: float(part) for name, part in parts.items()})
         means = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
         return {"score": means.pop("total"), **means}
 
@@ -127,7 +121,7 @@ class SynSinTraining:
         return pairs.augmented(pairs.frame_pairs(example, horizons.tolist()), rng, self.grey_share)
 
     def _image_losses(self, fake: Tensor, real: Tensor) -> Losses:
-        parts = {"colour": losses.colour_loss(fake, real)}
+        parts = {"colour": functional.l1_loss(fake, real)}
         if self.weights.content:
             parts["content"] = losses.content_loss(fake, real, self.content_net)
         return parts
@@ -148,14 +142,3 @@ class SynSinTraining:
         weights = asdict(self.weights)
         weights["feature_matching"] *= self.weights.adversarial
         return {**parts, "total": torch.stack([weights[name] * part for name, part in parts.items()]).sum()}
-
-
-def adversarial_losses(critic: nn.Module, fake: Tensor, real: Tensor) -> Losses:
-    """The generator's losses that need the discriminator."""
-    with torch.no_grad():
-        real_features = critic(real)
-    fake_features = critic(fake)
-    return {
-        "adversarial": discriminator.generator_hinge_loss(fake_features),
-        "feature_matching": discriminator.feature_matching_loss(real_features, fake_features),
-    }

@@ -38,7 +38,6 @@ class AutoencoderConfig:
     residual: bool = False
 
     def __post_init__(self) -> None:
-        """Raise BadData for a size that cannot be halved down to 4."""
         if self.size_px < 2 * INNERMOST_PX or self.size_px & (self.size_px - 1):
             raise BadData(f"coding.size_px is {self.size_px}, expected a power of two of 8 or more, such as 64 or 256")
 
@@ -53,11 +52,9 @@ class Encoder(nn.Module):
     """Images to codes in (-1, 1), and the feature maps of all stages for the decoder's skip connections."""
 
     def __init__(self, coding: AutoencoderConfig, in_channels: int = 3) -> None:
-        """`coding` gives the sizes."""
         super().__init__()
-        stage = _dcgan_down if coding.style == "dcgan" else _vgg_block
         sizes = [in_channels, *coding.channels]
-        self.stages = nn.ModuleList(stage(sizes[n], sizes[n + 1], n) for n in range(len(sizes) - 1))
+        self.stages = nn.ModuleList(_stage(coding, nn.Conv2d, sizes[n], sizes[n + 1], n) for n in range(len(sizes) - 1))
         self.is_pooling = coding.style == "vgg"
         self.head = nn.Sequential(
             nn.Conv2d(sizes[-1], coding.code_size, INNERMOST_PX, bias=False),
@@ -90,13 +87,13 @@ class Decoder(nn.Module):
             nn.BatchNorm2d(sizes[-1]),
             nn.LeakyReLU(0.2),
         )
-        stage = _dcgan_up if coding.style == "dcgan" else _vgg_block
-        self.stages = nn.ModuleList(stage(2 * sizes[n + 1], sizes[n], n) for n in reversed(range(len(sizes) - 1)))
+        self.stages = nn.ModuleList(
+            _stage(coding, nn.ConvTranspose2d, 2 * sizes[n + 1], sizes[n], n) for n in reversed(range(len(sizes) - 1))
+        )
         self.last = nn.Conv2d(sizes[0], out_channels, 3, padding=1)
         if coding.residual:
-            nn.init.zeros_(self.last.weight)
-            assert self.last.bias is not None
-            nn.init.zeros_(self.last.bias)
+            for parameter in self.last.parameters():
+                nn.init.zeros_(parameter)
 
     def forward(self, codes: Tensor, skips: Skips) -> Tensor:
         """Maps [N, out_channels, H, W], unbounded, from codes [N, code_size]."""
@@ -108,31 +105,25 @@ class Decoder(nn.Module):
         return self.last(maps)
 
 
-def images_from_maps(maps: Tensor, base: Tensor | None) -> Tensor:
-    """Sigmoid of decoded maps [N, 3, H, W]; with a base [N, 3, H, W], the maps are changes of its logits."""
-    return torch.sigmoid(maps if base is None else maps + torch.logit(base, LOGIT_EPS))
-
-
-def expand_skips(skips: Skips, rows: int) -> list[Tensor]:
-    """Skips of one image as those of a batch of `rows` equal ones, without copying."""
-    return [maps.expand(rows, *maps.shape[1:]) for maps in skips]
-
-
 def select_skips(skips: Skips, batch: int, steps: Tensor) -> list[Tensor]:
     """The skips of some time steps: of maps [B * T, ...] those [B * len(steps), ...]."""
     return [maps.unflatten(0, (batch, -1))[:, steps].flatten(0, 1) for maps in skips]
 
 
-def _dcgan_down(in_channels: int, out_channels: int, stage: int) -> nn.Module:
-    return nn.Sequential(nn.Conv2d(in_channels, out_channels, 4, 2, 1, bias=False), *_norm_relu(out_channels))
+def last_skips(skips: Skips, batch: int, rows: int) -> list[Tensor]:
+    """The skips [rows, ...] of the last step, of maps [B * T, ...]; those of one clip serve all rows, uncopied."""
+    return [maps.unflatten(0, (batch, -1))[:, -1].expand(rows, *maps.shape[1:]) for maps in skips]
 
 
-def _dcgan_up(in_channels: int, out_channels: int, stage: int) -> nn.Module:
-    convolution = nn.ConvTranspose2d(in_channels, out_channels, 4, 2, 1, bias=False)
-    return nn.Sequential(convolution, *_norm_relu(out_channels))
-
-
-def _vgg_block(in_channels: int, out_channels: int, stage: int) -> nn.Module:
+def _stage(
+    coding: AutoencoderConfig,
+    resampling: type[nn.Conv2d | nn.ConvTranspose2d],  # of DCGAN
+    in_channels: int,
+    out_channels: int,
+    stage: int,
+) -> nn.Module:
+    if coding.style == "dcgan":
+        return nn.Sequential(resampling(in_channels, out_channels, 4, 2, 1, bias=False), *_norm_relu(out_channels))
     layers: list[nn.Module] = []
     for _ in range(VGG_CONVOLUTIONS[min(stage, len(VGG_CONVOLUTIONS) - 1)]):
         layers += [nn.Conv2d(in_channels, out_channels, 3, padding=1, bias=False), *_norm_relu(out_channels)]

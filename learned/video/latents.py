@@ -17,23 +17,15 @@ class Gaussian(NamedTuple):  # a tuple, so that Lightning Fabric finds the tenso
     log_variance: Tensor
 
     @classmethod
-    def standard(cls, like: Tensor) -> Gaussian:
-        """Mean 0 and variance 1, in the shape of another tensor."""
-        return cls(torch.zeros_like(like), torch.zeros_like(like))
-
-    @classmethod
     def from_output(cls, output: Tensor) -> Gaussian:
         """A network's output [..., 2 * D]: D means, then D log variances."""
         mean, log_variance = output.chunk(2, dim=-1)
         return cls(mean, log_variance.clamp(-10, 10))
 
-    def reparameterise(self, noise: Tensor) -> Tensor:
-        """The sample that standard normal noise gives (reparameterisation trick, Kingma and Welling 2014)."""
+    def sample(self, noise: Tensor | None = None) -> Tensor:
+        """A sample by standard normal noise, by default torch's own (reparameterisation, Kingma and Welling 2014)."""
+        noise = torch.randn_like(self.mean) if noise is None else noise
         return self.mean + torch.exp(0.5 * self.log_variance) * noise
-
-    def sample(self) -> Tensor:
-        """A sample with torch's own random numbers."""
-        return self.reparameterise(torch.randn_like(self.mean))
 
 
 def kl_divergence(a: Gaussian, b: Gaussian) -> Tensor:
@@ -47,7 +39,6 @@ class Lstm(nn.Module):
     """An LSTM between two linear layers."""
 
     def __init__(self, in_size: int, hidden_size: int, layers: int, out_size: int) -> None:
-        """`layers` counts those of the LSTM."""
         super().__init__()
         self.inward = nn.Linear(in_size, hidden_size)
         self.lstm = nn.LSTM(hidden_size, hidden_size, layers, batch_first=True)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.types import ByteArray, Context, Prediction
-from learned import checkpoints
-from learned.video.training import resize, stack, unwrapped
+from geovp_classic.errors import Incompatible
+from geovp_classic.types import Context, Prediction
+from learned import checkpoints, methods
+from learned.tensors import frames_from_images, stack
+from learned.video.training import resize, unwrapped
 
 PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
 
@@ -32,9 +32,8 @@ class VideoPredictor(checkpoints.Pretrained):
     samples_at_once: int | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData as `Pretrained`, and for a count below one."""
-        if self.samples_at_once is not None and self.samples_at_once < 1:
-            raise BadData(f"samples_at_once is {self.samples_at_once}, expected 1 or more")
+        if self.samples_at_once is not None:
+            methods.check_counts(self, "samples_at_once")
         super().__post_init__()
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
@@ -52,30 +51,27 @@ class VideoPredictor(checkpoints.Pretrained):
             noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
             with torch.inference_mode():
                 images = network.predict(observed, noise)
-            for sample, sample_frames in zip(samples, _frames_from_images(images), strict=True):
+            for sample, sample_frames in zip(samples, frames_from_images(images), strict=True):
                 frames[sample] = resize(sample_frames, width_px, height_px)
         return Prediction(frames)
 
 
-@dataclass(frozen=True)
 class Svg(VideoPredictor):
     """SVG-LP (Denton and Fergus 2018); see `VideoPredictor` for the settings."""
 
-    method: ClassVar[str] = "svg"
+    method = "svg"
 
 
-@dataclass(frozen=True)
 class Srvp(VideoPredictor):
     """SRVP (Franceschi et al. 2020); see `VideoPredictor` for the settings."""
 
-    method: ClassVar[str] = "srvp"
+    method = "srvp"
 
 
-@dataclass(frozen=True)
 class Slamp(VideoPredictor):
     """SLAMP (Akan et al. 2021); see `VideoPredictor` for the settings."""
 
-    method: ClassVar[str] = "slamp"
+    method = "slamp"
 
 
 def noise_of(context: Context, seed: int, samples: range, size: int) -> Tensor:
@@ -84,9 +80,3 @@ def noise_of(context: Context, seed: int, samples: range, size: int) -> Tensor:
     shape = (context.num_future, size)
     rows = [np.random.default_rng([seed, clip, sample]).standard_normal(shape, np.float32) for sample in samples]
     return torch.from_numpy(np.stack(rows))
-
-
-def _frames_from_images(images: Tensor) -> ByteArray:
-    """Images [N, F, 3, H, W] in [0, 1] as frames [N, F, H, W, 3]."""
-    frames: ByteArray = (images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy()
-    return frames

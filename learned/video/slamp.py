@@ -30,20 +30,20 @@ class Architecture(svg.Architecture):
     flow_unit_px: float = 1.0
 
 
-class Prediction(NamedTuple):
-    """Images [B, T, 3, H, W] of each branch and blended."""
+class Blend(NamedTuple):
+    """Images [..., 3, H, W] of each branch and blended."""
 
     images: Tensor
     appearance: Tensor
     motion: Tensor  # the previous frames, warped
-    masks: Tensor  # [B, T, 1, H, W]: weight of the appearance
-    flow_px: Tensor  # [B, T, 2, H, W]
+    masks: Tensor  # [..., 1, H, W]: weight of the appearance
+    flow_px: Tensor  # [..., 2, H, W]
 
 
 class Output(NamedTuple):
     """Predictions of all steps but the first, and the distributions of appearance and motion latents."""
 
-    prediction: Prediction
+    prediction: Blend  # [B, T - 1, ...]
     posteriors: tuple[Gaussian, Gaussian]  # [B, T - 1, latent_size]
     priors: tuple[Gaussian, Gaussian]
 
@@ -55,10 +55,8 @@ class SlampNetwork(VideoNetwork):
         """With new weights; a residual network starts with no flow."""
         super().__init__(architecture.coding, 2 * architecture.latent_size)
         self.flow_unit_px, width = architecture.flow_unit_px, architecture.mask_width
-        self.appearance, self.motion = (
-            RecurrentAutoencoder(architecture, in_channels=3, out_channels=3),
-            RecurrentAutoencoder(architecture, in_channels=6, out_channels=2),
-        )
+        self.appearance = RecurrentAutoencoder(architecture, in_channels=3, out_channels=3)
+        self.motion = RecurrentAutoencoder(architecture, in_channels=6, out_channels=2)
         self.mask = nn.Sequential(
             nn.Conv2d(6, width, 3, padding=1), nn.LeakyReLU(0.2),
             nn.Conv2d(width, width, 3, padding=1), nn.LeakyReLU(0.2), nn.Conv2d(width, 1, 3, padding=1),
@@ -70,7 +68,7 @@ class SlampNetwork(VideoNetwork):
         maps, appearance_posterior, appearance_prior = self.appearance.teacher_forced(images, skip_steps)
         flow, motion_posterior, motion_prior = self.motion.teacher_forced(_frame_pairs(images), skip_steps)
         flat = self._blend(maps, flow, images[:, skip_steps].flatten(0, 1), images[:, :-1].flatten(0, 1))
-        prediction = Prediction(*(part.unflatten(0, (len(images), -1)) for part in flat))
+        prediction = Blend(*(part.unflatten(0, (len(images), -1)) for part in flat))
         return Output(prediction, (appearance_posterior, motion_posterior), (appearance_prior, motion_prior))
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
@@ -89,13 +87,13 @@ class SlampNetwork(VideoNetwork):
             frames.append(self._blend(maps, flow, base, frames[-1]).images)
         return torch.stack(frames[2:], dim=1)
 
-    def _blend(self, maps: Tensor, flow: Tensor, base: Tensor, previous: Tensor) -> Prediction:
+    def _blend(self, maps: Tensor, flow: Tensor, base: Tensor, previous: Tensor) -> Blend:
         """Predictions [N, ...] of decoded maps and flow; the flow warps the `previous` frames [N, 3, H, W]."""
         appearance = self.images(maps, base)
         flow_px = flow * self.flow_unit_px
         motion = warp(previous, flow_px)
         masks = torch.sigmoid(self.mask(torch.cat([appearance, motion], dim=1)))
-        return Prediction(masks * appearance + (1 - masks) * motion, appearance, motion, masks, flow_px)
+        return Blend(masks * appearance + (1 - masks) * motion, appearance, motion, masks, flow_px)
 
 
 @dataclass(frozen=True)

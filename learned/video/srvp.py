@@ -8,9 +8,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from geovp_classic.errors import BadData
+from learned import methods
 from learned.methods import Losses
-from learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, expand_skips, select_skips
+from learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, last_skips, select_skips
 from learned.video.latents import Gaussian, Lstm, kl_divergence
 from learned.video.training import VideoNetwork, VideoTraining
 
@@ -29,10 +29,7 @@ class Architecture:
     steps_per_frame: int = 2  # of Euler's method
 
     def __post_init__(self) -> None:
-        """Raise BadData for counts below one."""
-        for name in ("hidden_layers", "first_frames", "steps_per_frame"):
-            if getattr(self, name) < 1:
-                raise BadData(f"architecture.{name} is {getattr(self, name)}, expected 1 or more")
+        methods.check_counts(self, "hidden_layers", "first_frames", "steps_per_frame")
 
 
 class Output(NamedTuple):
@@ -49,7 +46,6 @@ class SrvpNetwork(VideoNetwork):
     """States y and content w (section 3); a frame is decoded from its state, so no predicted frame is fed back."""
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights."""
         coding, state, latent = architecture.coding, architecture.state_size, architecture.latent_size
         super().__init__(coding, latent)
         self.first_frames, self.steps_per_frame = architecture.first_frames, architecture.steps_per_frame
@@ -77,8 +73,7 @@ class SrvpNetwork(VideoNetwork):
         last = torch.full((steps,), num_past - 1, device=images.device)
         base = images[:, last].flatten(0, 1)
         decoded = self._decode(stacked, self._content(codes[:, :num_past]), select_skips(skips, batch, last), base)
-        residuals_of_all = torch.stack(residuals, dim=1)
-        return Output(decoded.unflatten(0, (batch, steps)), first, posterior, prior, residuals_of_all)
+        return Output(decoded.unflatten(0, (batch, steps)), first, posterior, prior, torch.stack(residuals, dim=1))
 
     def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
         """Futures [N, F, 3, H, W], their latents drawn from the prior."""
@@ -86,12 +81,12 @@ class SrvpNetwork(VideoNetwork):
         state = first.mean
         for latent in posterior.mean.unbind(1):
             state, _ = self.next_state(state, latent)
-        rows, last = len(noise), torch.tensor([observed.shape[1] - 1], device=observed.device)
-        content = self._content(codes).expand(rows, -1)
+        rows = len(noise)
+        content, skips = self._content(codes).expand(rows, -1), last_skips(skips, len(observed), rows)
         state, base = state.expand(rows, -1), observed[:, -1].expand(rows, -1, -1, -1)
-        skips, predicted = expand_skips(select_skips(skips, len(observed), last), rows), []
+        predicted = []
         for step_noise in noise.unbind(dim=1):
-            latent = Gaussian.from_output(self.prior(state)).reparameterise(step_noise)
+            latent = Gaussian.from_output(self.prior(state)).sample(step_noise)
             state, _ = self.next_state(state, latent)
             predicted.append(self._decode(state[:, None], content, skips, base))
         return torch.stack(predicted, dim=1)
@@ -146,7 +141,8 @@ class SrvpTraining(VideoTraining):
         """Nats of a clip, divided by the number of its values."""
         output: Output = network(images, self.num_past)
         error = 0.5 * ((output.images - images) / self.observation_std).square().sum((1, 2, 3, 4)).mean()
-        first = kl_divergence(output.first, Gaussian.standard(output.first.mean)).mean()
+        standard = Gaussian(*(torch.zeros_like(part) for part in output.first))  # mean 0 and variance 1
+        first = kl_divergence(output.first, standard).mean()
         nats = kl_divergence(output.posterior, output.prior).sum(1).mean()
         residual = output.residuals.norm(dim=-1).sum((1, 2)).mean()
         total = error + self.beta_first * first + self.beta * nats + self.residual_weight * residual

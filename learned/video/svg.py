@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from learned.methods import Losses
-from learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, expand_skips, select_skips
+from learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, last_skips, select_skips
 from learned.video.latents import Gaussian, Lstm, expand_state, kl_divergence
 from learned.video.training import VideoNetwork, VideoTraining
 
@@ -42,7 +42,6 @@ class RecurrentAutoencoder(VideoNetwork):
     """
 
     def __init__(self, architecture: Architecture, in_channels: int = 3, out_channels: int = 3) -> None:
-        """With new weights."""
         coding, hidden, latent = architecture.coding, architecture.hidden_size, architecture.latent_size
         super().__init__(coding, latent)
         self.encoder, self.decoder = Encoder(coding, in_channels), Decoder(coding, out_channels)
@@ -78,14 +77,13 @@ class Rollout:
         latents = Gaussian.from_output(network.posterior(codes[:, 1:])[0]).mean
         self.prior_state = expand_state(network.prior(codes[:, :-1])[1], rows)
         self.state = expand_state(network.predictor(torch.cat([codes[:, :-1], latents], dim=-1))[1], rows)
-        last = torch.tensor([codes.shape[1] - 1], device=codes.device)
-        self.skips = expand_skips(select_skips(skips, len(codes), last), rows)
+        self.skips = last_skips(skips, len(codes), rows)
         self.code = codes[:, -1].expand(rows, -1)
 
     def step(self, noise: Tensor) -> Tensor:
         """Decoded maps [N, C, H, W] of the next step, its latent drawn from the prior."""
         output, self.prior_state = self.network.prior.step(self.code, self.prior_state)
-        latent = Gaussian.from_output(output).reparameterise(noise)
+        latent = Gaussian.from_output(output).sample(noise)
         code, self.state = self.network.predictor.step(torch.cat([self.code, latent], dim=-1), self.state)
         return self.network.decoder(torch.tanh(code), self.skips)
 

@@ -16,9 +16,10 @@ from torch.optim import Adam, Optimizer
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
+from learned import methods
 from learned.methods import Batch, Losses, Networks
-from learned.tensors import psnr_db
-from learned.video.autoencoder import AutoencoderConfig, images_from_maps
+from learned.tensors import psnr_db, stack
+from learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
 
 VALIDATION_BATCH = 8
 NEAR_STEPS = 5
@@ -40,8 +41,8 @@ class VideoNetwork(nn.Module):
         self.size_px, self.noise_size, self.is_residual = coding.size_px, noise_size, coding.residual
 
     def images(self, maps: Tensor, base: Tensor) -> Tensor:
-        """Images [N, 3, H, W] of decoded maps; `base` [N, 3, H, W] counts in residual networks alone."""
-        return images_from_maps(maps, base if self.is_residual else None)
+        """Sigmoid of decoded maps [N, 3, H, W]; in residual networks they are changes of the base's logits."""
+        return torch.sigmoid(maps + torch.logit(base, LOGIT_EPS) if self.is_residual else maps)
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,7 @@ class VideoTraining(ABC):
     network: ClassVar[Any]  # the class of the network, built from the architecture
 
     def __post_init__(self) -> None:
-        """Raise BadData for impossible windows."""
-        for name in ("num_future", "window_stride", "validation_stride"):
-            if getattr(self, name) < 1:
-                raise BadData(f"{name} is {getattr(self, name)}, expected 1 or more")
+        methods.check_counts(self, "num_future", "window_stride", "validation_stride")
         if self.num_past < 2:
             raise BadData(f"num_past is {self.num_past}, expected 2 or more: one frame shows no motion")
 
@@ -103,29 +101,21 @@ class VideoTraining(ABC):
         generator = torch.Generator().manual_seed(0)
         rows = []
         for start in range(0, len(examples), VALIDATION_BATCH):
-            images = stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0
-            rows.append(self._scores(network, images.to(device), generator))
-        psnr, copied, spread = (torch.cat(column) for column in zip(*rows, strict=True))  # [N, F] each
+            images = (stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0).to(device)
+            observed, future = images[:, : self.num_past], images[:, self.num_past :]
+            noises = (torch.randn((*future.shape[:2], network.noise_size), generator=generator) for _ in range(2))
+            sample, other = (network.predict(observed, noise.to(device)) for noise in noises)
+            spread = (sample - other).abs().mean((-3, -2, -1)) * 255
+            rows.append((psnr_db(sample, future), psnr_db(observed[:, -1:].expand_as(future), future), spread))
+        psnr, copied, spreads = (torch.cat(column) for column in zip(*rows, strict=True))  # [N, F] each
         return {
             "score": -float(psnr.mean()),
             "psnr": float(psnr.mean()),
             "psnr_near": float(psnr[:, :NEAR_STEPS].mean()),
             "copy_last": float(copied.mean()),
             "copy_last_near": float(copied[:, :NEAR_STEPS].mean()),
-            "spread": float(spread.mean()),
+            "spread": float(spreads.mean()),
         }
-
-    def _scores(
-        self, network: VideoNetwork, images: Tensor, generator: torch.Generator
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """PSNR of a sample, PSNR of the last frame repeated, and the difference of two samples, each [B, F]."""
-        observed, future = images[:, : self.num_past], images[:, self.num_past :]
-        shape = (len(images), future.shape[1], network.noise_size)
-        sample, other = (
-            network.predict(observed, torch.randn(shape, generator=generator).to(images.device)) for _ in range(2)
-        )
-        spread = (sample - other).abs().mean((-3, -2, -1)) * 255
-        return psnr_db(sample, future), psnr_db(observed[:, -1:].expand_as(future), future), spread
 
 
 def unwrapped(network: nn.Module) -> VideoNetwork:
@@ -147,11 +137,6 @@ def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -
 def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:
     """Frames [T, H, W, 3] at another size."""
     return np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in frames])
-
-
-def stack(frames: Sequence[ByteArray]) -> Tensor:
-    """Windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
-    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.stack(frames), -1, -3)))
 
 
 def _augmented(frames: ByteArray, rng: np.random.Generator, grey_share: float) -> ByteArray:

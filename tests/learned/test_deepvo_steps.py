@@ -6,8 +6,13 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
 
 from geovp_classic.geometry import planar, se3  # noqa: E402
-from learned.deepvo.network import Architecture  # noqa: E402
-from learned.deepvo.steps import chained, coordinates, motions, squared_errors  # noqa: E402
+from learned.deepvo.network import (  # noqa: E402
+    Architecture,
+    chained,
+    coordinates,
+    motions,
+    squared_errors,
+)
 from learned.deepvo.train import DeepVoTraining  # noqa: E402
 
 QUARTER = np.pi / 2

@@ -63,11 +63,12 @@ def test_kittis_licence_goes_with_weights_trained_on_it(tmp_path: Path, names: t
 
 
 def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_it(tmp_path: Path) -> None:
-    log = training_log.TrainingLog(tmp_path / "log.csv", 0)
+    log = tmp_path / "log.csv"
+    training_log.truncate(log, 0)
     for step, loss in ((20, 4.0), (40, 2.0), (60, 1.0)):
-        log.write(step, step / 10, "train", {"total": loss})
+        training_log.append(log, step, step / 10, "train", {"total": loss})
         if step != 20:
-            log.write(step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0})
+            training_log.append(log, step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0})
     lines = model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
     assert lines == [
         "| step | seconds | score | psnr | training total |",
@@ -78,9 +79,10 @@ def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_i
 
 
 def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
-    log = training_log.TrainingLog(tmp_path / "log.csv", 0)
+    log = tmp_path / "log.csv"
+    training_log.truncate(log, 0)
     for step in range(1, 61):
-        log.write(step, step, "validation", {"score": 1.0})
+        training_log.append(log, step, step, "validation", {"score": 1.0})
     rows = [
         line.split("|")[1].strip() for line in model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
     ]

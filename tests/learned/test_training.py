@@ -15,12 +15,13 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
 from lightning.fabric import Fabric  # noqa: E402
+from lightning.fabric.plugins import MixedPrecision  # noqa: E402
 from torch import nn  # noqa: E402
 from torch.optim import Optimizer  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
 from geovp_classic.types import Clip, Intrinsics  # noqa: E402
-from learned import checkpoints, precision, training  # noqa: E402
+from learned import checkpoints, training  # noqa: E402
 from learned.methods import Batch, Losses, Networks  # noqa: E402
 from learned.schedules import batch_indices, learning_rate_factor  # noqa: E402
 from learned.training_config import Training, TrainingConfig  # noqa: E402
@@ -127,10 +128,11 @@ def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
     assert [step for step, _ in scores] == list(range(20, 301, 20))
     assert outcome.progress.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
     assert outcome.progress.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
-    stored = checkpoints.read(tmp_path / training.WEIGHTS, "line", LineTraining)
-    assert stored.settings == LineTraining()
-    assert stored.history["step"] == outcome.progress.best_step
-    assert {name.partition(".")[0] for name in stored.tensors} == {"line"}  # the critic only served training
+    settings, tensors = checkpoints.read(tmp_path / training.WEIGHTS, "line", LineTraining)
+    assert settings == LineTraining()
+    metadata, _ = checkpoints.read_tensors(tmp_path / training.WEIGHTS)
+    assert metadata["history"]["step"] == outcome.progress.best_step
+    assert {name.partition(".")[0] for name in tensors} == {"line"}  # the critic only served training
 
 
 def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
@@ -140,11 +142,11 @@ def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
     mean = training.train(config(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
     assert mean.progress.best_score < plain.progress.best_score
     assert logged(tmp_path / "mean", "line.total") == logged(tmp_path / "plain", "line.total")  # learns the same
-    kept = checkpoints.read(tmp_path / "mean" / training.WEIGHTS, "line", LineTraining)
+    metadata, kept = checkpoints.read_tensors(tmp_path / "mean" / training.WEIGHTS)
     state = state_of(tmp_path / "mean")
     mean_bias, last_bias = state["averages"]["line"]["module.0.bias"], state["networks"]["line"]["0.bias"]
-    assert kept.history["step"] == 60
-    torch.testing.assert_close(kept.tensors["line.0.bias"].float(), mean_bias, atol=1e-3, rtol=1e-3)
+    assert metadata["history"]["step"] == 60
+    torch.testing.assert_close(kept["line.0.bias"].float(), mean_bias, atol=1e-3, rtol=1e-3)
     assert not torch.allclose(last_bias, mean_bias, atol=1e-2)
 
 
@@ -174,11 +176,11 @@ def test_a_resumed_run_ends_with_the_same_bytes(average_steps: int, tmp_path: Pa
 def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As "16-mixed" is on a GPU; here on the CPU, with a factor that doubles every 7 good steps."""
 
-    def halves(_: Training) -> tuple[precision.FullPrecisionInputs]:
+    def halves(**given: Any) -> Fabric:
         scaler = torch.amp.GradScaler("cpu", init_scale=4.0, growth_interval=7)
-        return (precision.FullPrecisionInputs("16-mixed", "cpu", scaler),)
+        return Fabric(accelerator="cpu", plugins=[MixedPrecision("16-mixed", "cpu", scaler)])
 
-    monkeypatch.setattr(precision, "plugins", halves)
+    monkeypatch.setattr(training, "Fabric", halves)
     mixed = config(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
     training.train(mixed, tmp_path / "whole")
     for _ in range(200):
@@ -229,9 +231,8 @@ def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path
 
 @pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
 def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(name: str) -> None:
-    settings = Training(num_steps=1, precision=name, accelerator="cpu")
-    (plugin,) = precision.plugins(settings)
-    fabric = Fabric(accelerator="cpu", plugins=[plugin])
+    fabric = Fabric(accelerator="cpu", precision=name)
+    training.keep_inputs(fabric)
     given = {}
 
     class Keeping(nn.Linear):
@@ -244,7 +245,6 @@ def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(
     network(torch.tensor([[489.5]]))
     assert given["numbers"].item() == 489.5  # 490 in bfloat16
     assert given["result"].dtype == torch.bfloat16
-    assert precision.plugins(replace(settings, precision="32-true")) == ()
 
 
 def test_it_also_learns_in_mixed_precision(tmp_path: Path) -> None:

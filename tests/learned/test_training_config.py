@@ -92,8 +92,8 @@ def test_the_command_trains_and_a_second_time_goes_on(
     [
         ("num_past", "num_pasts", "method: 'DeepVoTraining' has no field 'num_pasts': did you mean 'num_past'?"),
         ("lstm_size = 8", "lstm_size = 8.5", "method.architecture.lstm_size is 8.5, expected a whole number"),
-        ("num_steps = 4", "num_steps = 0", "training.num_steps is 0, expected 1 or more"),
-        ("num_steps = 4", "num_steps = 4\naverage_steps = -1", "training.average_steps is -1, expected 0 or more"),
+        ("num_steps = 4", "num_steps = 0", "training: num_steps is 0, expected 1 or more"),
+        ("num_steps = 4", "num_steps = 4\naverage_steps = -1", "training: average_steps is -1, expected 0 or more"),
         ("num_steps = 4", "", "'Training' needs the field 'num_steps'"),
         ("[[train]]", "[[trane]]", "unknown table 'trane': did you mean 'train'?"),
         ("[[validation]]", "[validation]", "expected at least one [[validation]] with a data set"),

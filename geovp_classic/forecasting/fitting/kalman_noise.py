@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from geovp_classic.forecasting import past_motion
-from geovp_classic.forecasting.kalman import initial_state, joseph_update, planar_states, symmetric
+from geovp_classic.forecasting.kalman import extended_prediction, initial_belief, joseph_update, planar_states
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.types import FloatArray, Trajectory
 
@@ -50,17 +50,14 @@ def log_densities(
     model: VehicleModel,
 ) -> FloatArray:
     """Log densities [N, F] of the true future under the extended Kalman filter."""
-    state, covariance = initial_state(states[:, :num_past], times_s, model)
+    belief = initial_belief(states[:, :num_past], times_s, model)
     densities = []
     for step in range(1, states.shape[1]):
-        dt_s = times_s[:, step] - times_s[:, step - 1]
-        jacobian = model.jacobian(state, dt_s)
-        covariance = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2) + model.process_noise(state, dt_s)
-        covariance, state = symmetric(covariance), model.transition(state, dt_s)
+        belief = extended_prediction(model, belief, times_s[:, step] - times_s[:, step - 1])
         if step < num_past:
-            state, covariance = joseph_update(state, covariance, states[:, step], model.measurement_noise)
+            belief = joseph_update(belief, states[:, step], model.measurement_noise)
         else:
-            densities.append(_log_gaussian(states[:, step] - state[:, :3], covariance[:, :3, :3]))
+            densities.append(_log_gaussian(states[:, step] - belief[0][:, :3], belief[1][:, :3, :3]))
     return np.stack(densities, axis=1)
 
 
@@ -95,10 +92,7 @@ def as_toml(fitted: Mapping[str, VehicleModel]) -> str:
     return "\n\n".join([NOTE.rstrip(), *tables]) + "\n"
 
 
-def _log_gaussian(
-    error: FloatArray,  # [N, 3]
-    covariance: FloatArray,  # [N, 3, 3]
-) -> FloatArray:
+def _log_gaussian(error: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Log density [N] of errors [N, 3] with covariances [N, 3, 3]."""
     white = np.linalg.solve(covariance, error[..., None])[..., 0]
-    density: FloatArray = -0.5 * ((error * white).sum(-1) + np.linalg.slogdet(2 * np.pi * covariance)[1])
-    return density
+    return np.asarray(-0.5 * ((error * white).sum(-1) + np.linalg.slogdet(2 * np.pi * covariance)[1]))

@@ -18,16 +18,7 @@ from geovp_classic.forecasting import motion_network
 from geovp_classic.forecasting.fitting import calibration, network_training, plausibility, training_windows
 from geovp_classic.forecasting.fitting.network_training import Schedule
 from geovp_classic.forecasting.fitting.training_windows import NUM_FUTURE_STEPS, STEP_S, TrainingWindows
-from geovp_classic.forecasting.motion_network import (
-    MIRRORED_STATE,
-    MIRRORED_TWIST,
-    SPREAD_LIMIT,
-    CentreModel,
-    Coefficients,
-    SpreadModel,
-    Standardisation,
-    with_mirrored,
-)
+from geovp_classic.forecasting.motion_network import Coefficients, SpreadModel, Standardisation, with_mirrored
 from geovp_classic.types import FloatArray, Trajectory
 
 LICENCE = "Fitted to ground-truth poses of KITTI odometry 00, 01, 02, 04, 08, 09 (Geiger et al. 2012), CC BY-NC-SA 3.0."
@@ -73,7 +64,7 @@ def fit(
         raise BadData(f"{len(sequences)} sequence to fit to, expected two or more: there must be more than one driver")
     pieces = [(name, piece) for name, sequence in sequences.items() for piece in _pieces(name, sequence, plan)]
     unseen = {name: TrainingWindows.concatenated(_pieces(name, other, plan)) for name, other in (others or {}).items()}
-    with_standing = [_with_standing(piece, plan) for _, piece in pieces]
+    with_standing = [training_windows.with_standing(piece, plan.standing_share) for _, piece in pieces]
     rng, total, done = np.random.default_rng(plan.seed), 2 * len(pieces) + 2, itertools.count(1)
     progress(0, total)
     centres, errors = [], []
@@ -94,7 +85,7 @@ def fit(
     return calibration.rescaled(fitted, calibration.factors(trials.values()))
 
 
-def held_out_errors(centre: CentreModel, unseen: TrainingWindows, rng: np.random.Generator) -> Errors:
+def held_out_errors(centre: motion_network.CentreModel, unseen: TrainingWindows, rng: np.random.Generator) -> Errors:
     """The centre path's errors on clean and on corrupted pasts."""
     twists = np.concatenate([unseen.twists, training_windows.corrupted(unseen.twists, rng)])
     paths = centre(twists)
@@ -115,15 +106,11 @@ def _pieces(name: str, trajectory: Trajectory, plan: Plan) -> list[TrainingWindo
     return pieces
 
 
-def _with_standing(driven: TrainingWindows, plan: Plan) -> TrainingWindows:
-    count = int(np.ceil(plan.standing_share * len(driven)))
-    return TrainingWindows.concatenated([driven, training_windows.standing(count)])
-
-
-def fit_centre(parts: Sequence[TrainingWindows], plan: Plan) -> CentreModel:
+def fit_centre(parts: Sequence[TrainingWindows], plan: Plan) -> motion_network.CentreModel:
     """The centre path: least mean distance plus weighted absolute yaw error, a median in space."""
     rng = np.random.default_rng(plan.seed)
-    data = TrainingWindows.concatenated(parts).with_mirrored()
+    data = TrainingWindows.concatenated(parts)
+    data = TrainingWindows(with_mirrored(data.twists), with_mirrored(data.states))
     clean = motion_network.past_features(data.twists)
     inputs = Standardisation.of(clean)
     scale = np.abs(data.states - motion_network.damped_turn(data.twists, STEP_S, NUM_FUTURE_STEPS)).mean(0) + 1e-3
@@ -143,7 +130,9 @@ def fit_centre(parts: Sequence[TrainingWindows], plan: Plan) -> CentreModel:
 
     sizes = (clean.shape[1], plan.centre_width, plan.centre_width, NUM_FUTURE_STEPS * 3)
     start = network_training.initialised(sizes, plan.num_members, rng)
-    return CentreModel(STEP_S, inputs, scale, network_training.train(start, batch, gradient, schedule, rng))
+    return motion_network.CentreModel(
+        STEP_S, inputs, scale, network_training.train(start, batch, gradient, schedule, rng)
+    )
 
 
 def centre_gradient(outputs: FloatArray, target: FloatArray, scale: FloatArray, yaw_weight_m: float) -> FloatArray:
@@ -159,11 +148,9 @@ def fit_spread(errors: Sequence[Errors], plan: Plan) -> SpreadModel:
     """A mixture of Gaussians over the errors' principal components [D], given the past (Bishop 1994)."""
     rng = np.random.default_rng(plan.seed)
     twists, paths, deviations = (np.concatenate(column) for column in zip(*errors, strict=True))
-    features = motion_network.spread_features(
-        with_mirrored(twists, MIRRORED_TWIST), with_mirrored(paths, MIRRORED_STATE)
-    )
-    basis, residual_variance, amounts = components(with_mirrored(deviations, MIRRORED_STATE), plan.depth)
-    inputs = Standardisation.of(features, SPREAD_LIMIT)
+    features = motion_network.spread_features(with_mirrored(twists), with_mirrored(paths))
+    basis, residual_variance, amounts = components(with_mirrored(deviations), plan.depth)
+    inputs = Standardisation.of(features, motion_network.SPREAD_LIMIT)
     standardised, targets = inputs(features), amounts.astype(np.float32)
     num_steps = max(1, int(plan.spread_epochs * len(features) / 256))
     schedule = Schedule(num_steps, learning_rate=1e-3, weight_decay=0.05, dropout=0.2)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.forecasting import past_motion
-from geovp_classic.forecasting.motion_network import MIRRORED_STATE, MIRRORED_TWIST, with_mirrored
 from geovp_classic.forecasting.motion_prior import NUM_PAST_STEPS
 from geovp_classic.geometry import planar
 from geovp_classic.types import BoolArray, FloatArray, IntArray, Trajectory
@@ -27,16 +26,10 @@ class TrainingWindows:
     states: FloatArray  # [N, F, 3]
 
     def __len__(self) -> int:
-        """N."""
         return len(self.twists)
 
     def __getitem__(self, which: IntArray | slice) -> TrainingWindows:
-        """Some of them."""
         return TrainingWindows(self.twists[which], self.states[which])
-
-    def with_mirrored(self) -> TrainingWindows:
-        """These and, behind them, the same with left and right swapped."""
-        return TrainingWindows(with_mirrored(self.twists, MIRRORED_TWIST), with_mirrored(self.states, MIRRORED_STATE))
 
     @staticmethod
     def concatenated(parts: Iterable[TrainingWindows]) -> TrainingWindows:
@@ -64,9 +57,11 @@ def windows(trajectory: Trajectory, stride: int, usable: BoolArray | None = None
     return TrainingWindows(np.concatenate(twists), np.concatenate(states))
 
 
-def standing(count: int) -> TrainingWindows:
-    """Windows of a car that stands still; recorded sequences have few, because they are cut where the car waits."""
-    return TrainingWindows(np.zeros((count, NUM_PAST_STEPS, 6)), np.zeros((count, NUM_FUTURE_STEPS, 3)))
+def with_standing(driven: TrainingWindows, share: float) -> TrainingWindows:
+    """Windows, and as a share of them some of a car that stands still: sequences are cut where the car waits."""
+    count = int(np.ceil(share * len(driven)))
+    still = TrainingWindows(np.zeros((count, NUM_PAST_STEPS, 6)), np.zeros((count, NUM_FUTURE_STEPS, 3)))
+    return TrainingWindows.concatenated([driven, still])
 
 
 def rescaled(data: TrainingWindows, rng: np.random.Generator, share: float = 0.4) -> TrainingWindows:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from filterpy.kalman import UnscentedKalmanFilter
+from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
-from geovp_classic.forecasting.kalman import ExtendedFilter, UnscentedFilter, fitted, joseph_update, run
+from geovp_classic.forecasting.kalman import (
+    TurnRateKalman,
+    TurnRateUnscented,
+    extended_prediction,
+    fitted,
+    joseph_update,
+)
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar, se3
@@ -74,16 +78,16 @@ def test_many_states_at_once_are_each_one_alone() -> None:
         np.testing.assert_allclose(function(states, steps_s), np.stack(alone), atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [ExtendedFilter, UnscentedFilter])
-def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(kind: type) -> None:
+@pytest.mark.parametrize("forecaster", [TurnRateKalman(), TurnRateUnscented()])
+def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(forecaster: TurnRateKalman) -> None:
     times_s = np.cumsum([0.1, 0.05, 0.2, 0.1, 0.1, 0.15, 0.1, 0.1])
-    measured = np.stack([MODEL.transition(np.array([0, 0, 3.0, 8.0, 0.5]), t)[:3] for t in times_s])  # over the seam
-    kalman = kind(replace(MODEL, acceleration_noise=0.0, position_noise_m=1e-3, yaw_noise_rad=1e-4))
-    run(kalman, measured, times_s)
-    assert kalman.x[3] == pytest.approx(8.0, abs=0.05)
-    assert kalman.x[4] == pytest.approx(0.5, abs=0.02)
-    np.testing.assert_array_equal(kalman.P, kalman.P.T)
-    assert np.linalg.eigvalsh(kalman.P)[0] > 0
+    start = np.array([0, 0, 3.0, 8.0, 0.5])  # its yaw passes pi
+    measured = np.stack([fitted("turn-rate").transition(start, t)[:3] for t in times_s])
+    state, covariance = forecaster.filtered(measured, times_s)
+    assert state[3] == pytest.approx(8.0, abs=0.05)
+    assert state[4] == pytest.approx(0.5, abs=0.02)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance)[0] > 0
 
 
 def test_the_plane_is_the_one_the_camera_travels_on() -> None:
@@ -141,38 +145,40 @@ def test_samples_are_of_both_modes_by_weight() -> None:
     assert states[states[:, 0, 0] > 0][:, 0, 0].std() == pytest.approx(2.0, abs=0.1)
 
 
-def test_weights_that_do_not_sum_to_one_are_refused() -> None:
-    with pytest.raises(BadData, match=r"sum to 0\.9"):
-        mixture([0.4, 0.5], [[0, 0, 0], [1, 0, 0]])
-
-
-def test_all_sigma_points_at_once_are_those_of_filterpys_loop() -> None:
-    unscented = UnscentedFilter(fitted("turn-rate"))
+def filterpys_unscented(model: VehicleModel) -> UnscentedKalmanFilter:
+    points = MerweScaledSigmaPoints(model.num_states, alpha=0.5, beta=2.0, kappa=0.0)
+    unscented = UnscentedKalmanFilter(model.num_states, 3, 0.1, lambda state: state[:3], model.transition, points)
     unscented.x, unscented.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
-    unscented.compute_process_sigmas(0.1)
-    at_once = unscented.sigmas_f.copy()
-    UnscentedKalmanFilter.compute_process_sigmas(unscented, 0.1)
-    np.testing.assert_array_equal(at_once, unscented.sigmas_f)
+    unscented.Q, unscented.R = model.process_noise(unscented.x, 0.1), model.measurement_noise
+    return unscented
 
 
-def test_the_linear_update_is_filterpys_unscented_one() -> None:
-    ours, filterpys = (UnscentedFilter(fitted("turn-rate")) for _ in range(2))
-    for unscented in (ours, filterpys):
-        unscented.x, unscented.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
-        unscented.predict(0.1)
-    ours.update(np.array([1.2, 2.7, 0.32]))
-    UnscentedKalmanFilter.update(filterpys, np.array([1.2, 2.7, 0.32]))
-    np.testing.assert_allclose(ours.x, filterpys.x, atol=1e-12)
-    np.testing.assert_allclose(ours.P, filterpys.P, atol=1e-14)
+def test_the_unscented_filter_is_filterpys() -> None:
+    model, measured = fitted("turn-rate"), np.array([1.2, 2.7, 0.32])
+    filterpys = filterpys_unscented(model)
+    predicted = TurnRateUnscented().prediction((filterpys.x, filterpys.P), 0.1)
+    filterpys.predict()
+    np.testing.assert_allclose(predicted[0], filterpys.x, atol=1e-14)
+    np.testing.assert_allclose(predicted[1], filterpys.P, atol=1e-14)
+    state, covariance = joseph_update(predicted, measured, model.measurement_noise)
+    filterpys.update(measured)
+    np.testing.assert_allclose(state, filterpys.x, atol=1e-12)
+    np.testing.assert_allclose(covariance, filterpys.P, atol=1e-14)
 
 
-def test_updates_of_many_filters_at_once_are_filterpys_extended_one() -> None:
-    extended = ExtendedFilter(fitted("acceleration"))
+def test_many_extended_filters_at_once_are_each_filterpys() -> None:
+    model, dt_s = fitted("acceleration"), 0.1
     states, measured = np.random.default_rng(0).standard_normal((2, 5, 6))
     covariance = np.diag([0.1, 0.2, 0.03, 4.0, 0.5, 1.0]) + 0.01
-    found = joseph_update(states, np.tile(covariance, (5, 1, 1)), measured[:, :3], extended.R)
-    for number in range(5):
-        extended.x, extended.P = states[number], covariance
-        extended.update(measured[number, :3])
+    predicted = extended_prediction(model, (states, np.tile(covariance, (5, 1, 1))), dt_s)
+    found = joseph_update(predicted, measured[:, :3], model.measurement_noise)
+    extended = ExtendedKalmanFilter(dim_x=6, dim_z=3)
+    extended.R = model.measurement_noise
+    for number, state in enumerate(states):
+        extended.x, extended.P = state, covariance
+        extended.F, extended.Q = model.jacobian(state, dt_s), model.process_noise(state, dt_s)
+        extended.predict()
+        extended.x = model.transition(state, dt_s)  # filterpy's own is linear: F @ x
+        extended.update(measured[number, :3], lambda x: np.eye(3, len(x)), lambda x: x[:3])
         np.testing.assert_allclose(found[0][number], extended.x, atol=1e-9)
         np.testing.assert_allclose(found[1][number], extended.P, atol=1e-9)

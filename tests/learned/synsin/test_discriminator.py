@@ -4,6 +4,7 @@ import torch
 from geovp_classic.errors import BadData
 from learned.synsin import discriminator
 from learned.synsin.discriminator import MultiScaleDiscriminator
+from learned.synsin.train import SynSinTraining
 
 
 def scale(*scores: float) -> list[torch.Tensor]:
@@ -25,12 +26,15 @@ def test_hinge_of_the_discriminator_stops_at_a_margin_of_one() -> None:
 
 
 def test_the_generator_wants_high_scores() -> None:
-    assert float(discriminator.generator_hinge_loss([scale(3.0, 1.0), scale(-4.0, -4.0)])) == pytest.approx(1.0)
+    scores = [scale(3.0, 1.0), scale(-4.0, -4.0)]  # of two scales
+    losses = discriminator.generator_losses(lambda _: [[torch.ones(1), *each] for each in scores], None, None)
+    assert float(losses["adversarial"]) == pytest.approx(1.0)
 
 
 def test_features_are_compared_without_the_scores_and_teach_the_generator_only() -> None:
     real, made = torch.full((1, 1, 2, 2), 3.0, requires_grad=True), torch.ones(1, 1, 2, 2, requires_grad=True)
-    distance = discriminator.feature_matching_loss([[real, torch.tensor(9.0)]], [[made, torch.tensor(0.0)]])
+    critic = lambda frames: [[1.0 * frames, frames.mean() ** 3]]  # noqa: E731
+    distance = discriminator.generator_losses(critic, made, real)["feature_matching"]
     assert float(distance.detach()) == pytest.approx(2.0)
     distance.backward()
     assert real.grad is None
@@ -53,6 +57,6 @@ def test_it_learns_to_tell_stripes_from_noise() -> None:
     assert losses[-1] < 0.5
 
 
-def test_sizes_that_make_no_discriminator_are_refused() -> None:
-    with pytest.raises(BadData, match="0 levels"):
-        MultiScaleDiscriminator(num_levels=0)
+def test_a_discriminator_without_channels_is_refused() -> None:
+    with pytest.raises(BadData, match="discriminator_width is 0, expected 1 or more"):
+        SynSinTraining(discriminator_width=0)

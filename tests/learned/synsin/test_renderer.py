@@ -166,7 +166,7 @@ def damaged(file: Path, how: str, method: SynSinTraining) -> Path:
         ("truncated", "is not a whole safetensors file"),
         ("text", "is not a whole safetensors file"),
         ("method", "deepvo, expected geovp-weights-1, synsin"),
-        ("size", "expected"),
+        ("size", "size mismatch"),
         ("infinite", "not finite"),
     ],
 )

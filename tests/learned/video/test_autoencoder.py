@@ -8,10 +8,10 @@ from learned.video.autoencoder import (
     AutoencoderConfig,
     Decoder,
     Encoder,
-    expand_skips,
-    images_from_maps,
+    last_skips,
     select_skips,
 )
+from learned.video.training import VideoNetwork
 
 
 @pytest.mark.parametrize("style", ["dcgan", "vgg"])
@@ -44,12 +44,12 @@ def test_an_untrained_residual_decoder_repeats_the_image() -> None:
     base = torch.rand(2, 3, 16, 16)
     base[0, :, 0, 0], base[0, :, 0, 1] = 0.0, 1.0
     _, skips = Encoder(coding)(base)
-    shown = images_from_maps(Decoder(coding)(torch.randn(2, 8), skips), base)
+    shown = VideoNetwork(coding, 1).images(Decoder(coding)(torch.randn(2, 8), skips), base)
     assert float((shown - base).abs().max().detach()) <= 1 / 512 + 1e-6  # half a grey level, at black and white
 
 
 def test_without_a_base_maps_are_logits() -> None:
-    shown = images_from_maps(torch.tensor([0.0, 2.0]), None)
+    shown = VideoNetwork(AutoencoderConfig(), 1).images(torch.tensor([0.0, 2.0]), torch.tensor([0.3, 0.3]))
     torch.testing.assert_close(shown, torch.tensor([0.5, 0.8807971]))
 
 
@@ -57,5 +57,5 @@ def test_skips_of_a_step_are_those_of_its_frames() -> None:
     maps = torch.arange(6.0)[:, None, None, None]  # two clips of three steps
     (chosen,) = select_skips([maps], 2, torch.tensor([2, 0]))
     assert chosen.flatten().tolist() == [2.0, 0.0, 5.0, 3.0]
-    (again,) = expand_skips([maps[:1]], 4)
-    assert again.flatten().tolist() == [0.0] * 4
+    assert last_skips([maps], 2, 2)[0].flatten().tolist() == [2.0, 5.0]
+    assert last_skips([maps[:3]], 1, 4)[0].flatten().tolist() == [2.0] * 4  # one clip for four rows
