@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import tables
-from benchmarks.statistics import Estimate
 from benchmarks.store import Results
-from benchmarks.tables import Column, Row, Table
+from benchmarks.table_model import Column, Row, Table
 from geovp_classic.data.atomic import write_bytes
 
+SUFFIXES = ("", "_low", "_high", "_standard_error", "_clips", "_effective_clips")
 TEX = {letter: f"\\{letter}" for letter in "&%_#$"} | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 TEX |= {"±": r"$\pm$", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
 
@@ -37,7 +37,7 @@ def markdown(table: Table) -> str:
     for row in table.rows:
         marks = f" [{row.marks}]" if row.marks else ""
         values = [_text(table, row, column, "**{}**") for column in table.columns]
-        lines.append([row.name + marks, str(row.num_clips), *values])
+        lines.append([row.name + marks, table.clips(row), *values])
     notes = [f"- {note}" for note in table.notes]
     return "\n".join([f"## {table.title}", "", *grid(lines), "", *notes, ""])
 
@@ -58,7 +58,7 @@ def latex(table: Table) -> str:
     for row in table.rows:
         marks = rf"$^{{\mathrm{{{row.marks}}}}}$" if row.marks else ""
         values = [_text(table, row, column, r"\textbf{{{}}}") for column in table.columns]
-        body.append(" & ".join([_tex(row.name) + marks, str(row.num_clips), *values]) + r" \\")
+        body.append(" & ".join([_tex(row.name) + marks, table.clips(row), *values]) + r" \\")
     lines = [r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.title)}.}}"]
     lines += [rf"\begin{{tabular}}{{lr{'r' * len(table.columns)}}}", r"\toprule", head + r" \\", r"\midrule", *body]
     lines += [r"\bottomrule", r"\end{tabular}", r"\par\footnotesize", *(_tex(note) + r"\\" for note in table.notes)]
@@ -66,13 +66,13 @@ def latex(table: Table) -> str:
 
 
 def comma_separated(table: Table) -> str:
-    """Unrounded numbers: mean, standard error and number of clips of each column."""
+    """Unrounded numbers of each column: mean, interval, standard error, number of clips, effective number."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    names = [f"{column.key}{suffix}" for column in table.columns for suffix in ("", "_standard_error", "_clips")]
+    names = [f"{column.key}{suffix}" for column in table.columns for suffix in SUFFIXES]
     writer.writerow(["method", "grants", "clips", *names])
     for row in table.rows:
-        numbers = [_numbers(row.estimates.get(column.key)) for column in table.columns]
+        numbers = [_numbers(row, column.key) for column in table.columns]
         writer.writerow([row.name, row.marks, row.num_clips, *(text for group in numbers for text in group)])
     return stream.getvalue()
 
@@ -83,11 +83,12 @@ def _text(table: Table, row: Row, column: Column, emphasis: str) -> str:
     return (emphasis.format(mean) if table.is_best(row, column) else mean) + error
 
 
-def _numbers(estimate: Estimate | None) -> tuple[str, str, str]:
-    if estimate is None or int(estimate.count) == 0:
-        return "", "", "0"
-    error = "" if np.isnan(estimate.error) else repr(float(estimate.error))
-    return repr(float(estimate.mean)), error, str(int(estimate.count))
+def _numbers(row: Row, key: str) -> list[str]:
+    if key not in row.estimates or int(row.estimates[key].count) == 0:
+        return ["", "", "", "", "0", ""]
+    one, found = row.estimates[key], row.intervals[key]
+    numbers = [float(one.mean), found.low, found.high, float(one.error), int(one.count), found.effective]
+    return ["" if np.isnan(number) else repr(number) for number in numbers]
 
 
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:

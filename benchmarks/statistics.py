@@ -96,7 +96,12 @@ def expected_best(values: Cube, higher_is_better: bool) -> FloatArray:
 
 def overall(values: FloatArray) -> Estimate:
     """The mean over steps within each clip, then over clips, from values [N, F]; scalars."""
-    return over_clips(_nanmean(values, axis=1))
+    return over_clips(over_steps(values))
+
+
+def over_steps(values: FloatArray) -> FloatArray:
+    """The mean over steps [N] of values [N, F]; NaN where no step has one."""
+    return _nanmean(values, axis=1)
 
 
 def over_clips(values: FloatArray) -> Estimate:

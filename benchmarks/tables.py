@@ -1,19 +1,23 @@
-"""Tables of means and standard errors with the grants of each row; `formats` turns them into text."""
+"""Tables of means and their intervals with the grants of each row; `formats` turns them into text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from benchmarks import statistics
+from benchmarks import intervals, statistics
 from benchmarks.matrix import COVERAGE
-from benchmarks.statistics import Cube, Estimate
+from benchmarks.statistics import Cube
 from benchmarks.store import Cell, Results
+from benchmarks.table_model import Column, Row, Spread, Table, best, different
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray
 
 MARKS = {  # Grant -> (mark beside the row's name, what it means)
     "PAST_POSES": ("p", "true past poses"),
@@ -24,62 +28,17 @@ MARKS = {  # Grant -> (mark beside the row's name, what it means)
     "RIGHT_FRAMES": ("r", "right camera's frames"),
 }
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
+BOLD = (
+    "Bold: in its column not distinguishable from the best among rows with the same grants (paired differences over "
+    "common clips, p >= .05 after Holm's correction)"
+)
 BEST_OF = (
     "A best sample is chosen by comparing with the real future, which nobody can do who predicts: such rows don't "
     "compete. 'best of N' chooses anew for every column, as the papers do; 'by' a metric, one sample for all columns."
 )
 
 
-@dataclass(frozen=True)
-class Column:
-    """One metric over one set of pixels."""
-
-    key: str  # "psnr", "psnr@covered"
-    heading: str
-    higher_is_better: bool
-    decimals: int
-    unavailable: bool = False
-
-
-@dataclass(frozen=True)
-class Row:
-    """One method."""
-
-    name: str
-    marks: str
-    num_clips: int
-    complete: bool  # scored on all clips, by none but its first guesses; only these compete for the best
-    estimates: Mapping[str, Estimate]  # by column
-
-
-@dataclass(frozen=True)
-class Table:
-    """Columns and rows with the notes that explain them."""
-
-    name: str  # of the files
-    title: str
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
-    notes: tuple[str, ...]
-
-    def is_best(self, row: Row, column: Column) -> bool:
-        """Whether no complete row is better in the printed digits."""
-        sign = 1.0 if column.higher_is_better else -1.0
-        rivals = [rounded(other, column) * sign for other in self.rows if other.complete]
-        rivals = [value for value in rivals if not np.isnan(value)]
-        return row.complete and bool(rivals) and rounded(row, column) * sign == max(rivals)
-
-    def texts(self, row: Row, column: Column) -> tuple[str, str]:
-        """The mean, and behind it the standard error and the clips, where fewer than the row has."""
-        estimate = row.estimates.get(column.key)
-        if estimate is None or int(estimate.count) == 0:
-            return "unavailable" if column.unavailable else "-", ""
-        error = f" ± {float(estimate.error):.{column.decimals}f}" if np.isfinite(estimate.error) else ""
-        count = f" (n={int(estimate.count)})" if int(estimate.count) != row.num_clips else ""
-        return f"{float(estimate.mean):.{column.decimals}f}", error + count
-
-
-def build(results: Results) -> list[Table]:
+def build(results: Results, spread: Spread = "interval") -> list[Table]:
     """The main table (whole frames and poses), then one per frame metric that was also taken over sets of pixels."""
     protocol, cells = results.protocol(), results.cells()
     rows = {cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")}
@@ -95,7 +54,47 @@ def build(results: Results) -> list[Table]:
             columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
             heading = f"{title(name)} over sets of pixels"
             tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
-    return [*tables, *(table for name in main for table in _sampled(name, protocol, cells, rows))]
+    tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
+    return [
+        replace(table, spread=spread, notes=(*table.notes[:1], _kind(spread), *table.notes[1:])) for table in tables
+    ]
+
+
+def against(results: Results, name: str) -> Table:
+    """Paired differences of all rows of the main table from one of them, over the clips that both have."""
+    main = build(results)[0]
+    chosen = next((row for row in main.rows if row.name == name), None)
+    if chosen is None:
+        known = [row.name for row in main.rows]
+        raise BadData(f"no row is called {name!r}{registry.nearest(name, known)}: known are {', '.join(known)}")
+    clips, rows = results.protocol()["clips"], []
+    for row in (row for row in main.rows if row is not chosen and row.num_clips):
+        values = {key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values}
+        both = np.isfinite(np.array([*values.values()])).any(axis=0)
+        rows.append(Row.of(row.name, row.marks, values, clips, both, row.by_truth))
+    columns = tuple(column for column in main.columns if any(column.key in row.values for row in rows))
+    starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
+    title = main.title.partition(":")[0]
+    notes = (
+        main.notes[0],
+        intervals.KIND.replace("of the mean", "of the mean paired difference") + ".",
+        "*: different from zero, p < .05 after Holm's correction for the rows of the column.",
+    )
+    return Table(
+        "against",
+        f"{title}: differences from {name}",
+        columns,
+        tuple(rows),
+        notes,
+        frozenset(),
+        starred=frozenset(starred),
+    )
+
+
+def _kind(spread: Spread) -> str:
+    words = intervals.KIND if spread == "interval" else statistics.KIND
+    worth = "(n) behind the clips: how many independent ones they are worth"
+    return f"{words}; a clip's value is the mean over its steps. {worth}."
 
 
 def title(metric: str) -> str:
@@ -129,7 +128,8 @@ def _table(
     abouts = {key: protocol["metrics"][key.partition("@")[0]] for key in columns}
     made = tuple(_column(key, words, abouts[key], rows) for key, words in columns.items())
     shown = {key.partition("@")[0]: about for key, about in abouts.items()}
-    return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), tuple(_notes(protocol, shown, cells)))
+    notes, bold = tuple(_notes(protocol, shown, cells)), best(rows, made, protocol["clips"])
+    return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), notes, bold)
 
 
 def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
@@ -148,19 +148,26 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
     higher = {key: bool(protocol["metrics"].get(key.partition("@")[0], {}).get("higher_is_better")) for key in keys}
-    num_clips = len(pc.unique(rows["clip"]))
+    clips = protocol["clips"]
+    scored = np.isin(clips, pc.unique(rows["clip"]).to_pylist())
     marks = "".join(MARKS[grant][0] for grant in cell.grants)
-    complete = num_clips == len(protocol["clips"])
     return [
-        Row(
+        Row.of(
             cell.label + suffix,
             marks,
-            num_clips,
-            complete and reduce is statistics.mean_of_samples,
-            {key: statistics.overall(reduce(cube, higher[key])) for key, cube in cubes.items()},
+            {key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()},
+            clips,
+            scored,
+            by_truth=reduce is not statistics.mean_of_samples,
         )
         for suffix, reduce in _reductions(cubes, higher, protocol).items()
     ]
+
+
+def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray:
+    """The means over steps of values [n, F] in the order of all clips [N], NaN for those that the cube lacks."""
+    means = dict(zip(cube.clips, statistics.over_steps(values).tolist(), strict=True))
+    return np.array([means.get(clip, np.nan) for clip in clips])
 
 
 def _reductions(
@@ -193,18 +200,20 @@ def _sampled(
     if most < 2:
         return []
     counts = sorted({1, most, *(count for count in SAMPLE_COUNTS if count < most)})
-    lines = []
+    clips, lines = protocol["clips"], []
     for cell, curve in zip(many, curves, strict=True):
-        estimates = {f"{name} of {k}": statistics.over_clips(curve[:, k - 1]) for k in counts if k <= curve.shape[1]}
+        cube = statistics.cube(rows[cell.name], name)
+        values = {f"{name} of {k}": _aligned(cube, curve[:, k - 1 : k], clips) for k in counts if k <= curve.shape[1]}
         marks = "".join(MARKS[grant][0] for grant in cell.grants)
-        lines.append(Row(cell.label, marks, len(curve), len(curve) == len(protocol["clips"]), estimates))
+        lines.append(Row.of(cell.label, marks, values, clips, np.isin(clips, cube.clips)))
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
     heading = f"{protocol['name']}: {title(name)} of the best of k samples, on average over all sets of k"
-    return [Table(f"samples-{name}", heading, columns, tuple(lines), tuple(_notes(protocol, {name: about}, many)))]
+    notes, bold = tuple(_notes(protocol, {name: about}, many)), best(lines, columns, clips)
+    return [Table(f"samples-{name}", heading, columns, tuple(lines), notes, bold)]
 
 
 def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
-    notes = [f"{summary(protocol)}.", statistics.KIND + "; a clip's value is the mean over its steps."]
+    notes = [f"{summary(protocol)}.", f"{BOLD}."]
     if any(cell.num_samples > 1 for cell in cells):
         notes.append(BEST_OF)
     used = {grant for cell in cells for grant in cell.grants}
@@ -230,9 +239,3 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
 def _keys(tables: Iterable[pa.Table]) -> list[str]:
     """All columns that have rows, in their order."""
     return list(dict.fromkeys(key for rows in tables for key in pc.unique(rows["metric"]).to_pylist()))
-
-
-def rounded(row: Row, column: Column) -> float:
-    """A mean as it is printed; NaN where there is none."""
-    estimate = row.estimates.get(column.key)
-    return float("nan") if estimate is None else float(np.round(float(estimate.mean), column.decimals))

@@ -12,6 +12,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which results, and how they are printed."""
     add_results_folder(parser)
     parser.add_argument("--format", choices=("md", "tex", "csv"), default="md", help="what is printed (default: md)")
+    parser.add_argument("--against", metavar="ROW", help="print paired differences of all rows from this one")
+    parser.add_argument(
+        "--spread",
+        choices=("interval", "standard-error"),
+        default="interval",
+        help="behind each mean: its 95 %% interval, or the standard error over clips as if they were independent",
+    )
     parser.add_argument("--style", choices=("suite", "thesis"), default="suite", help="thesis: as its table 4.1, in md")
 
 
@@ -26,7 +33,10 @@ def run(chosen: argparse.Namespace) -> int:
             raise BadData(f"--style thesis is written as md alone, not as {chosen.format}: leave --format out")
         print(thesis.markdown(results))
         return 0
-    for table in tables.build(results):
+    if chosen.against is not None:
+        print(formats.FORMATS[chosen.format](tables.against(results, chosen.against)))
+        return 0
+    for table in tables.build(results, chosen.spread):
         print(formats.FORMATS[chosen.format](table))
     formats.write_all(results)
     return 0

@@ -13,6 +13,7 @@ from typing import Any
 from benchmarks import plots, tables
 from benchmarks.report.markup import Html, fold, image, joined, table, tag
 from benchmarks.store import Cell
+from benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
 MEMORY = (
@@ -52,7 +53,7 @@ def opening(protocol: Mapping[str, Any], cells: Sequence[Cell], chapters: Iterab
     return tag("header", tag("h1", str(protocol["name"])), lead, tag("nav", *links))
 
 
-def scores(built: Sequence[tables.Table]) -> Html:
+def scores(built: Sequence[Table]) -> Html:
     """The main table with its notes; the tables over sets of pixels are folded."""
     main, *others = built
     return joined((_scores(main), _notes(main.notes), *(fold(other.title, _scores(other)) for other in others)))
@@ -113,12 +114,12 @@ def _notes(notes: Iterable[str]) -> Html:
     return tag("ul", *(tag("li", note) for note in notes), class_="notes")
 
 
-def _scores(scored: tables.Table) -> Html:
+def _scores(scored: Table) -> Html:
     head = ("method", "clips", *(column.heading for column in scored.columns))
     rows = (
         (
             tag("td", row.name, tag("sup", f"\u00a0{row.marks}")) if row.marks else tag("td", row.name),
-            str(row.num_clips),
+            scored.clips(row),
             *(_score(scored, row, column) for column in scored.columns),
         )
         for row in scored.rows
@@ -126,8 +127,8 @@ def _scores(scored: tables.Table) -> Html:
     return table(head, rows)
 
 
-def _score(scored: tables.Table, row: tables.Row, column: tables.Column) -> Html:
-    """Mean and standard error, bold where no complete row is better."""
+def _score(scored: Table, row: Row, column: Column) -> Html:
+    """Mean and interval."""
     mean, error = scored.texts(row, column)
     return tag("td", tag("b", mean) if scored.is_best(row, column) else mean, tag("span", error, class_="error"))
 

@@ -60,8 +60,8 @@ def test_the_best_of_all_columns_is_one_of_the_samples(results: Results, rows: d
     assert float(by_psnr["translation-error"].mean) == pytest.approx(metres[np.arange(2), chosen].mean())
     best = rows[", best of 5"].estimates
     assert float(best["translation-error"].mean) == pytest.approx(metres.min(axis=1).mean())
-    assert rows["mean + planes"].complete
-    assert not rows[", best of 5"].complete
+    assert not rows["mean + planes"].by_truth
+    assert rows[", best of 5"].by_truth
 
 
 def test_the_expected_best_rises_from_the_mean_to_the_best(results: Results, rows: dict[str, Row]) -> None:

@@ -1,0 +1,111 @@
+"""Which rows of a table are bold, and how rows are compared with one of them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import formats, tables
+from benchmarks.store import Results
+from benchmarks.table_model import Column, Row, best
+from geovp_classic.errors import BadData
+from tests.benchmarks.test_tables import METRICS, lines, row_of, write
+
+CLIPS = [f"{sequence}/{number:06d}" for sequence in ("03", "06") for number in range(15)]
+PSNR = Column("psnr", "PSNR", higher_is_better=True, decimals=2)
+SCENES = np.random.default_rng(0).normal(20.0, 3.0, 30)  # how hard each clip is for everybody
+OWN = np.random.default_rng(1).normal(0.0, 0.1, (4, 30))
+
+
+def row(name: str, values: Any, marks: str = "p", *, by_truth: bool = False) -> Row:
+    return Row.of(name, marks, {"psnr": values}, CLIPS, np.isfinite(values), by_truth)
+
+
+def bold(*rows: Row) -> set[str]:
+    return {name for name, _ in best(rows, [PSNR], CLIPS)}
+
+
+def test_what_cannot_be_told_from_the_best_is_bold_and_what_always_loses_a_little_is_not() -> None:
+    # Scenes differ by 3 dB, so that means have wide intervals; half a decibel on every clip is certain nevertheless.
+    first, equal = row("first", SCENES + OWN[0]), row("equal", SCENES + OWN[1])
+    assert first.intervals["psnr"].high - first.intervals["psnr"].low > 1.5
+    assert bold(first, equal, row("worse", SCENES - 0.5 + OWN[2])) == {"first", "equal"}
+
+
+def test_lower_is_better_where_it_is() -> None:
+    column = Column("psnr", "LPIPS", higher_is_better=False, decimals=3)
+    assert {name for name, _ in best([row("a", SCENES), row("b", SCENES - 1)], [column], CLIPS)} == {"b"}
+
+
+def test_rows_with_other_grants_or_chosen_by_the_truth_do_not_compete() -> None:
+    seer, seers_twin = row("seer", SCENES + 5, "pf"), row("twin", SCENES + 4, "pf")
+    lucky = row("best of 10", SCENES + 2, by_truth=True)
+    assert bold(seer, seers_twin, lucky, row("a", SCENES), row("b", SCENES - 1)) == {"seer", "a"}
+
+
+def test_an_unfinished_row_and_one_without_rivals_are_not_bold() -> None:
+    half = SCENES + 9
+    half[:10] = np.nan
+    assert bold(row("half", half), row("a", SCENES)) == set()
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    """`good` has 1 dB more than `base` on every clip, `same` is base with noise, `short` lacks the hardest half."""
+    results = Results(tmp_path)
+    hard = np.argsort(SCENES)[:15]
+    short = {clip: SCENES[n] + 0.5 for n, clip in enumerate(CLIPS) if n not in hard}
+    rows = {
+        "base": dict(zip(CLIPS, SCENES, strict=True)),
+        "good": dict(zip(CLIPS, SCENES + 1 + OWN[3], strict=True)),
+        "same": dict(zip(CLIPS, SCENES + OWN[0], strict=True)),
+        "short": short,
+    }
+    shared = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "metrics": METRICS, "clips": CLIPS}
+    results.write_protocol({**shared, "cells": [*rows], "num_past": 10, "num_future": 20, "size_px": [64, 48]})
+    for name, values in rows.items():
+        write(results, name, {(clip, 0, "psnr"): float(value) for clip, value in values.items()})
+    return results
+
+
+def test_differences_are_paired_and_marked_when_they_are_certain(results: Results) -> None:
+    table = tables.against(results, "base")
+    by_name = {one.name: one for one in table.rows}
+    good, same = by_name["good"].intervals["psnr"], by_name["same"].intervals["psnr"]
+    assert good.mean == pytest.approx(1 + OWN[3].mean())
+    assert 0.9 < good.low < good.high < 1.1
+    assert same.low < 0.1
+    assert same.high > -0.1
+    assert ("good", "psnr") in table.starred
+    assert ("same", "psnr") not in table.starred
+    text = formats.markdown(table).splitlines()
+    assert row_of(text, "good")[2].startswith("+1.0")
+    assert "*" in row_of(text, "good")[2]
+    assert "*" not in row_of(text, "same")[2]
+
+
+def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> None:
+    # On its own easy clips `short` has far more than the base has on all; clip by clip it has half a decibel.
+    short = next(one for one in tables.against(results, "base").rows if one.name == "short")
+    assert short.num_clips == 15
+    assert float(short.estimates["psnr"].mean) == pytest.approx(0.5)
+    assert row_of(lines(results), "short")[1].startswith("15")
+
+
+def test_a_row_that_is_not_there(results: Results) -> None:
+    with pytest.raises(BadData, match=r"no row is called 'bases'.*'base'"):
+        tables.against(results, "bases")
+
+
+def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> None:
+    base = next(one for one in tables.build(results)[0].rows if one.name == "base").intervals["psnr"]
+    text = formats.markdown(tables.build(results)[0]).splitlines()
+    assert row_of(text, "base")[2].endswith(f"[{base.low:.2f}, {base.high:.2f}]")
+    assert any("block bootstrap" in line for line in text)
+    smooth = {(clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)}  # neighbours are alike
+    write(results, "base", smooth)
+    few = row_of(formats.markdown(tables.build(results)[0]).splitlines(), "base")[1]
+    clips, worth = few.rstrip(")").split(" (")
+    assert clips == "30"
+    assert int(worth) < 10
