@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,11 +16,11 @@ from benchmarks.components import Failure, build, code_hash
 from benchmarks.matrix import CellPlan, Matrix
 from benchmarks.metric_set import MetricSet
 from benchmarks.profiling import StageProfiler
-from benchmarks.scoring import ScoringContext, score
+from benchmarks.scoring import ScoringContext, check, score
 from benchmarks.store import Part, Results
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
-from geovp_classic.predictors import GeometricPredictor, show
+from geovp_classic.predictors import CopyLast, GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Grant, Motion, Prediction
 
 
@@ -90,10 +91,14 @@ class _CellOutput:
 
     profiler: StageProfiler = field(default_factory=StageProfiler)
     rows: list[pa.Table] = field(default_factory=list)
+    failures: dict[str, Failure] = field(default_factory=dict)  # clip -> why it could not be predicted
 
 
 def compute(task: Task) -> TaskResult:
-    """Predict and score the clips of a task in all its cells and write a part for every cell that did not fail."""
+    """Predict and score the clips of a task in all its cells and write a part for every cell that did not fail.
+
+    A clip that a cell cannot predict is scored as a copy of its last frame, and the part says why.
+    """
     built, results = build_matrix(task.matrix), Results(Path(task.root))
     codes = {plan.name: built.code(plan) for plan in task.cells}  # before a file can be edited
     outputs = {plan.name: _CellOutput() for plan in task.cells}
@@ -106,7 +111,7 @@ def compute(task: Task) -> TaskResult:
         for plan in (plan for plan in task.cells if plan.name not in failures):
             try:
                 _predict_and_score(built, plan, context, cache, outputs[plan.name], task)
-            except Exception as error:  # the cell's failure is recorded and the matrix goes on
+            except Exception as error:  # scoring failed for any prediction: the matrix goes on without the cell
                 failures[plan.name] = Failure.of(error)
     specs = built.metrics.describe(task.columns)
     for name, output in outputs.items():
@@ -122,6 +127,7 @@ def compute(task: Task) -> TaskResult:
             peak_memory_mb=peak_mb,
             peak_is_own=peak_mb > 0,
             code=codes[name],
+            failures={clip: dataclasses.astuple(failure) for clip, failure in output.failures.items()},
         )
         results.write_part(name, pa.concat_tables(output.rows), part)
     return TaskResult(task, failures)
@@ -131,7 +137,12 @@ def _predict_and_score(
     built: BuiltMatrix, plan: CellPlan, scoring: ScoringContext, cache: Cache, output: _CellOutput, task: Task
 ) -> None:
     context, _ = scoring.clip.split(scoring.num_past, built.needs(plan))
-    prediction = _predict(built.components_of(plan), plan, context, cache, output.profiler)
+    try:
+        prediction = _predict(built.components_of(plan), plan, context, cache, output.profiler)
+        check(scoring, prediction)
+    except Exception as error:  # the clip's failure is recorded and the cell goes on
+        output.failures[scoring.clip.name] = Failure.of(error)
+        prediction = CopyLast().predict(context)
     if scoring.clip.name in task.kept:
         Results(Path(task.root)).write_prediction(plan.name, scoring.clip.name, prediction)
     _ = scoring.pixel_sets  # computed once for all cells, so charged to none

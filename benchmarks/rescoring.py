@@ -63,8 +63,15 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
         with profiler.measure("metrics"):
             tables.append(score(context, prediction, metrics))
     verdict = {} if cell.status in ("skipped", "failed") else {"status": "done" if scored == clips else "partial"}
-    tally = {"num_clips": len(scored), "seconds": profiler.seconds, "peak_memory_mb": 0.0, "peak_is_own": False}
+    failures = {clip: why for part in results.parts(cell.name) for clip, why in part.failures.items() if clip in scored}
+    tally = {
+        "num_clips": len(scored),
+        "num_failed": len(failures),
+        "seconds": profiler.seconds,
+        "peak_memory_mb": 0.0,
+        "peak_is_own": False,
+    }
     into.write_cell(cell.name, {**cell.record, **verdict, **tally})
     if tables:
-        part = Part(0, tuple(scored), cell.fingerprint, {}, profiler.seconds, 0.0)
+        part = Part(0, tuple(scored), cell.fingerprint, {}, profiler.seconds, 0.0, failures=failures)
         into.write_part(cell.name, pa.concat_tables(tables), part)

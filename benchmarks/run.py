@@ -95,7 +95,8 @@ def _missing(plan: Plan, name: str, code: str) -> set[int]:
             plan.results.remove_part(name, part.index)
             continue
         measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
-        if measured and plan.kept.intersection(part.clips) <= kept:
+        broken = any(status == "failed" for status, *_ in part.failures.values())  # may have been mended
+        if measured and not broken and plan.kept.intersection(part.clips) <= kept:
             missing.discard(part.index)
     return missing
 
@@ -137,7 +138,15 @@ def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> 
     if name in state.failures:
         failure = state.failures[name][1]
         verdict = {"status": failure.status, "reason": failure.reason, "traceback": failure.traceback}
-    plan.results.write_cell(name, {**record, **verdict, **_tally(plan.results.parts(name), record["code"])})
+    parts = plan.results.parts(name)
+    failures = [failure for part in parts for failure in part.failures.values()]
+    if failures and len(failures) == sum(len(part.clips) for part in parts):  # it predicted nothing
+        verdict = dict(zip(("status", "reason", "traceback"), failures[0], strict=True))
+        plan.results.remove_cell(name)
+        parts = []
+    elif failures and verdict["status"] == "done":
+        verdict["traceback"] = next((trace for *_, trace in failures if trace), "")
+    plan.results.write_cell(name, {**record, **verdict, **_tally(parts, record["code"])})
 
 
 def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
@@ -146,6 +155,7 @@ def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
     seconds = {stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages}
     return {
         "num_clips": sum(len(part.clips) for part in parts),
+        "num_failed": sum(len(part.failures) for part in parts),
         "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
         "seconds": seconds,
         "peak_memory_mb": max((part.peak_memory_mb for part in parts), default=0.0),

@@ -68,8 +68,8 @@ class ScoringContext:
         return relative_to_last_observed(context.past, target.trajectory.world_from_cam, target.trajectory.times_s)
 
 
-def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> pa.Table:
-    """All rows of one clip, ordered by sample, metric and step; BadData when the prediction is of another size."""
+def check(context: ScoringContext, prediction: Prediction) -> None:
+    """Raise BadData unless the prediction has the clip's size and a future for each sample or one for all."""
     expected = context.truth[1].frames.shape
     if prediction.frames.shape[1:] != expected:
         raise BadData(f"predicted frames have shape {prediction.frames.shape}, expected (S, {str(expected)[1:]}")
@@ -78,6 +78,11 @@ def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> 
         raise BadData(
             f"{futures} predicted futures for {len(prediction.frames)} samples, expected one each or one for all"
         )
+
+
+def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> pa.Table:
+    """All rows of one clip, ordered by sample, metric and step; BadData when the prediction is of another size."""
+    check(context, prediction)
     blocks = []
     for sample in range(len(prediction.frames)):
         if (sample + 1) % SAMPLES_PER_RELEASE == 0:  # scores lie scattered among the memory that metrics freed

@@ -62,6 +62,7 @@ class Cell:
     pose_source: str | None = None  # the matrix file's names; None for a whole predictor
     renderer: str | None = None
     reason: str = ""  # why it was skipped or failed
+    num_failed: int = 0  # clips that it could not predict: their rows are those of a copy of the last frame
     num_outdated: int = 0  # clips whose rows other code than the last run's computed; older versions did not say
 
     @classmethod
@@ -83,6 +84,7 @@ class Part:
     peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips; 0 where unknown
     peak_is_own: bool = False  # False in older parts: the peak of the whole process so far
     code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
+    failures: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict)  # clip -> status, reason, traceback
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,10 @@ class Results:
         """The rows of one cell, columns as SCORES."""
         paths = [self._part(cell, part.index) for part in self.parts(cell)]
         return pa.concat_tables([SCORES.empty_table(), *(pq.read_table(path, schema=SCORES) for path in paths)])
+
+    def failures(self, cell: str) -> dict[str, str]:
+        """Why clips could not be predicted, by the clip's name; their rows are those of a copy of the last frame."""
+        return {clip: reason for part in self.parts(cell) for clip, (_, reason, _) in part.failures.items()}
 
     def predictions(self, cell: str) -> list[tuple[str, Path]]:
         """(clip name, file) of the predictions that were kept of one cell."""

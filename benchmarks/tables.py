@@ -38,10 +38,16 @@ BEST_OF = (
 )
 
 
-def build(results: Results, spread: Spread = "interval") -> list[Table]:
-    """The main table (whole frames and poses), then one per frame metric that was also taken over sets of pixels."""
+def build(results: Results, spread: Spread = "interval", *, strict: bool = False) -> list[Table]:
+    """The main table (whole frames and poses), then one per frame metric that was also taken over sets of pixels.
+
+    Clips that a method could not predict count as copies of the last frame; `strict` leaves them out.
+    """
     protocol, cells = results.protocol(), results.cells()
     rows = {cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")}
+    failures = {name: results.failures(name) for name in rows}
+    if strict:
+        rows = {name: _without(one, [*failures[name]]) for name, one in rows.items()}
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
     main = [name for name in metrics if name != COVERAGE]
@@ -55,14 +61,29 @@ def build(results: Results, spread: Spread = "interval") -> list[Table]:
             heading = f"{title(name)} over sets of pixels"
             tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
     tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
+    excuses = [_excuse(cell, failures[cell.name], strict) for cell in cells if failures.get(cell.name)]
     return [
-        replace(table, spread=spread, notes=(*table.notes[:1], _kind(spread), *table.notes[1:])) for table in tables
+        replace(table, spread=spread, notes=(table.notes[0], _kind(spread), *table.notes[1:], *excuses))
+        for table in tables
     ]
 
 
-def against(results: Results, name: str) -> Table:
+def _without(rows: pa.Table, clips: list[str]) -> pa.Table:
+    return rows.filter(pc.invert(pc.is_in(rows["clip"], value_set=pa.array(clips, pa.string()))))
+
+
+def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
+    """Which clips a method could not predict, why, and how they count."""
+    treated = "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
+    names = ", ".join([*failures][:3]) + (" ..." if len(failures) > 3 else "")
+    reasons = "; ".join(dict.fromkeys(failures.values()))
+    count = f"{len(failures)} of {cell.num_clips} clips could not be predicted"
+    return f"{cell.label}: {count}, {treated}: {names}: {reasons}."
+
+
+def against(results: Results, name: str, *, strict: bool = False) -> Table:
     """Paired differences of all rows of the main table from one of them, over the clips that both have."""
-    main = build(results)[0]
+    main = build(results, strict=strict)[0]
     chosen = next((row for row in main.rows if row.name == name), None)
     if chosen is None:
         known = [row.name for row in main.rows]

@@ -73,7 +73,14 @@ def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
     left = sum(cell.status != "done" for cell in cells)
     if left:
         print(f"geovp: {left} of {len(cells)} cells are not done: see below the table", file=sys.stderr)
-    return int(left > 0)
+    partly = sum(cell.num_failed > 0 for cell in cells if cell.status == "done")
+    if partly:
+        print(
+            f"geovp: {partly} of {len(cells)} cells could not predict some clips, which are scored as copies of the "
+            "last frame: see below the table",
+            file=sys.stderr,
+        )
+    return int(left + partly > 0)
 
 
 def _keep(text: str) -> int | str:

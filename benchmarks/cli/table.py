@@ -13,6 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results_folder(parser)
     parser.add_argument("--format", choices=("md", "tex", "csv"), default="md", help="what is printed (default: md)")
     parser.add_argument("--against", metavar="ROW", help="print paired differences of all rows from this one")
+    parser.add_argument("--strict", action="store_true", help="leave out clips that a method could not predict")
     parser.add_argument(
         "--spread",
         choices=("interval", "standard-error"),
@@ -34,9 +35,9 @@ def run(chosen: argparse.Namespace) -> int:
         print(thesis.markdown(results))
         return 0
     if chosen.against is not None:
-        print(formats.FORMATS[chosen.format](tables.against(results, chosen.against)))
+        print(formats.FORMATS[chosen.format](tables.against(results, chosen.against, strict=chosen.strict)))
         return 0
-    for table in tables.build(results, chosen.spread):
+    for table in tables.build(results, chosen.spread, strict=chosen.strict):
         print(formats.FORMATS[chosen.format](table))
     formats.write_all(results)
     return 0

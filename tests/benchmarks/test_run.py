@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 from benchmarks import matrix as matrix_module
-from benchmarks import profiling
+from benchmarks import profiling, tables
 from benchmarks.executors import Executor, Processes, Serial
 from benchmarks.planning import Options
 from benchmarks.run import run
@@ -226,16 +226,40 @@ class TestFailures:
         assert cells["small"].reason == "predicted frames have shape (1, 2, 2, 2, 3), expected (S, 2, 8, 8, 3)"
         assert "package_that_nobody_has, which is not installed" in cells["uninstalled"].reason
 
-    def test_a_cell_that_fails_late_is_left_at_once_and_tried_again(self, tmp_path: Path) -> None:
+    def test_a_clip_that_fails_is_scored_as_a_copy_and_tried_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
-        broken = {"name": "toy-broken", "brightness": 22, "log": str(log)}
-        tables = content({"clips": 9}, predictors={"broken": broken})
-        cells = go(tmp_path, tables, keep=0)
-        # clips 0 and 1 make part 0; clip 2 fails; nothing after it is begun
-        assert (cells["broken"].status, cells["broken"].num_clips) == ("failed", 2)
-        assert len(log.read_text().split()) == 2 + 2 + 1  # a clip that works is noted twice
-        go(tmp_path, tables, keep=0)
-        assert len(log.read_text().split()) == 2 + 2 + 1 + 1
+        broken = {"name": "toy-broken", "brightness": 32, "log": str(log)}  # clips 3 and 4 end so bright
+        tables = content({"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}})
+        cell = go(tmp_path, tables, keep=0)["broken"]
+        assert (cell.status, cell.num_clips, cell.num_failed) == ("done", 5, 2)
+        assert "the road ended" in cell.record["traceback"]
+        reason = "ZeroDivisionError: the road ended"
+        assert Results(tmp_path).failures("broken") == {"road/003": reason, "road/004": reason}
+        copied = [row["value"] for row in rows(tmp_path, "broken") if row["clip"] == "road/004"]
+        assert copied == [1.0, 2.0]  # the road gets brighter by one a frame
+        tried = len(log.read_text().split())
+        go(tmp_path, tables, keep=0)  # parts with failed clips only: clips 2 and 3, and 4
+        assert len(log.read_text().split()) == tried + 3 + 1  # a clip that works is noted twice
+
+    def test_tables_say_which_clips_failed_and_leave_them_out_when_asked(self, tmp_path: Path) -> None:
+        broken = {"name": "toy-broken", "brightness": 32}
+        go(tmp_path, content({"clips": 5}, predictors={"broken": broken}))
+        said, strict = (tables.build(Results(tmp_path), strict=strict)[0] for strict in (False, True))
+        assert (said.rows[0].num_clips, strict.rows[0].num_clips) == (5, 3)
+        words = (
+            "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame (--strict leaves them out)"
+        )
+        assert said.notes[-1] == f"{words}: road/003, road/004: ZeroDivisionError: the road ended."
+        assert "left out" in strict.notes[-1]
+
+    def test_a_part_that_does_not_suit_a_clip_is_not_tried_again(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        picky = {"name": "toy-picky", "brightness": 32, "log": str(log)}
+        matrix = content({"clips": 5}, predictors={"picky": picky})
+        assert go(tmp_path, matrix)["picky"].num_failed == 2
+        tried = log.read_text()
+        assert go(tmp_path, matrix)["picky"].num_failed == 2
+        assert log.read_text() == tried
 
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
         weights = tmp_path / "weights"

@@ -168,6 +168,17 @@ class Broken(Still):
 
 
 @dataclass(frozen=True)
+class Picky(Broken):
+    """Does not suit such a clip."""
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        try:
+            return super().predict(context, num_samples)
+        except ZeroDivisionError:
+            raise Incompatible("picky needs a dark road: give one") from None
+
+
+@dataclass(frozen=True)
 class Misfit(Still):
     """Never suits the clip."""
 
