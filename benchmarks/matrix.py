@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks import protocols
 from benchmarks.store import NOT_CELLS
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
@@ -157,6 +158,7 @@ def read(path: Path) -> Matrix:
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     """The matrix of a TOML file's content."""
     _only(content, TABLES, "the matrix file", "table")
+    content = protocols.expanded(content)
     protocol = _table(content, "protocol")
     _only(protocol, PROTOCOL_KEYS, "protocol", "key")
     num_samples = _count(protocol, "num_samples", "protocol", 1)

@@ -121,7 +121,7 @@ def _kind(spread: Spread) -> str:
 def title(metric: str) -> str:
     """A metric's name for people: "psnr" is "PSNR", "psnr@covered" is "PSNR, covered pixels"."""
     name, _, pixels = metric.partition("@")
-    words = name.upper() if len(name) <= 5 else name.replace("-", " ")
+    words = name.upper() if len(name) <= 5 or name.startswith(("ms-ssim", "lpips-")) else name.replace("-", " ")
     return f"{words}, {pixels} pixels" if pixels else words
 
 

@@ -67,12 +67,15 @@ logger = logging.getLogger(__name__)
 class Lpips:
     """LPIPS v0.1 with its linear layers, on RGB in [-1, 1] at the frames' own size.
 
+    `channels = "bgr"` hands the network the channels in the wrong order, as evaluation code does that reads with OpenCV
+    and forgets to swap them (DMVFN's, for one): for comparison with such published numbers alone.
     With a mask, each layer's map of differences is averaged with the share of masked pixels in each cell as the weight.
     Receptive fields cross the mask's border, so pixels outside still have some influence.
     """
 
     net: Net = "alex"
     weights: Path | None = None
+    channels: Literal["rgb", "bgr"] = "rgb"
 
     unit: ClassVar[str] = ""
     higher_is_better: ClassVar[bool] = False
@@ -80,7 +83,7 @@ class Lpips:
     @property
     def protocol(self) -> str:
         """The definition in words."""
-        return f"LPIPS v0.1, {self.net}, RGB in [-1, 1]"
+        return f"LPIPS v0.1, {self.net}, {self.channels.upper()} in [-1, 1]"
 
     def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
         """Distance per frame [F], at least 0.
@@ -96,6 +99,8 @@ class Lpips:
             check_frames(predicted, target, mask)
         if min(target.shape[1:3]) < MIN_SIZE_PX:
             raise BadData(f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: use larger")
+        if self.channels == "bgr":
+            predicted, target = predicted[..., ::-1], target[..., ::-1]
         file = find_weights(self.net, self.weights)
         weights = load_weights(self.net, file)
         scores = np.empty((len(masks), len(target)))
@@ -117,7 +122,9 @@ def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
 @torch.inference_mode()
 def _features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
     """The same of frames [N, H, W, 3]."""
-    return unit_features(net, weights, torch.tensor(frames).permute(0, 3, 1, 2).float() / 127.5 - 1.0)
+    return unit_features(
+        net, weights, torch.tensor(np.ascontiguousarray(frames)).permute(0, 3, 1, 2).float() / 127.5 - 1.0
+    )
 
 
 @functools.lru_cache(maxsize=CACHED_BATCHES)

@@ -1,16 +1,23 @@
-"""Settings of the whole suite: property tests never fail for slowness, only for being wrong.
+"""Settings of the whole suite: property tests never fail for slowness, only for being wrong. A drive of KITTI raw.
 
 Where CI is set, they try the same examples every time, so that a checkout passes or fails whenever it is run; on a
 developer's machine they go on looking for new ones.
 """
 
+import math
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import settings
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 import geovp_classic
+from geovp_classic.types import Clip
 
 settings.register_profile("geovp", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("geovp")
@@ -26,3 +33,77 @@ def pytest_configure(config: pytest.Config) -> None:
     for index in package.rglob("*.nbi"):
         if index.stat().st_mtime < newest:
             index.unlink()
+
+
+# KITTI raw as a drive of it lies on disk, written from a clip; everything is worked out here anew.
+
+LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M, EARTH_RADIUS_M = 49.0, 8.4, 115.0, 6378137.0
+DATE, STAMP = "2011_09_26", np.datetime64("2011-09-26T13:02:25.964389445")
+FROM_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # forward, left, up from right, down, forward
+IMU_TO_VELO_T, VELO_TO_CAM_T = (-0.8, 0.3, -0.8), (0.0, -0.07, -0.27)
+OFFSET_M = {0: 0.0, 2: 0.06}  # x of camera 0 as camera K sees it
+RECT_RAD = (0.01, -0.02, 0.005)  # from camera 0 as it is mounted to the rectified one
+
+
+@pytest.fixture(scope="session")
+def write_kitti_raw() -> Callable[..., Path]:
+    """A function that writes a clip as drive NNNN of a root and returns the drive's folder; see `_write_kitti_raw`."""
+    return _write_kitti_raw
+
+
+def _write_kitti_raw(root: Path, number: int, clip: Clip, camera: int = 2, with_poses: bool = True) -> Path:
+    """The clip's frames as `image_0K`, its poses as readings of GPS and IMU, with the date's calibration beside it."""
+    drive = root / DATE / f"{DATE}_drive_{number:04d}_sync"
+    images = drive / f"image_0{camera}"
+    (images / "data").mkdir(parents=True)
+    for step, frame in enumerate(clip.frames):
+        cv2.imwrite(str(images / "data" / f"{step:010d}.png"), frame[..., ::-1])
+    whole_ns = np.round((clip.times_s - clip.times_s[0]) * 1e9).astype("timedelta64[ns]")
+    (images / "timestamps.txt").write_text("".join(f"{str(STAMP + ns).replace('T', ' ')}\n" for ns in whole_ns))
+    rect_from_cam = Rotation.from_euler("xyz", RECT_RAD).as_matrix()
+    _write_calibration(root / DATE, clip, camera, rect_from_cam)
+    if not with_poses:
+        return drive
+    (drive / "oxts" / "data").mkdir(parents=True)
+    cam_from_velo = _rigid(FROM_CAMERA.T, VELO_TO_CAM_T)
+    rect_from_imu = _rigid(rect_from_cam, (0, 0, 0)) @ cam_from_velo @ _rigid(np.eye(3), IMU_TO_VELO_T)
+    camera_from_rect = _rigid(np.eye(3), (OFFSET_M[camera], 0, 0))
+    axes = _rigid(FROM_CAMERA, (0, 0, 0))  # the clip's world has the camera's axes, the earth's x east, y north, z up
+    for step, world_from_cam in enumerate(clip.trajectory.world_from_cam):
+        earth_from_imu = axes @ world_from_cam @ camera_from_rect @ rect_from_imu
+        numbers = [*_reading(earth_from_imu), *np.zeros(24)]
+        (drive / "oxts" / "data" / f"{step:010d}.txt").write_text(" ".join(f"{n:.12g}" for n in numbers) + "\n")
+    return drive
+
+
+def _reading(earth_from_imu: np.ndarray) -> list[float]:
+    """Latitude, longitude, altitude, roll, pitch, yaw on the Mercator plane whose scale is that of LATITUDE_DEG."""
+    scale_m = EARTH_RADIUS_M * math.cos(math.radians(LATITUDE_DEG))
+    east_m, north_m, up_m = earth_from_imu[:3, 3]
+    north_m += scale_m * math.atanh(math.sin(math.radians(LATITUDE_DEG)))
+    latitude = math.degrees(math.asin(math.tanh(north_m / scale_m)))  # the Gudermann function
+    r = earth_from_imu[:3, :3]
+    angles = math.atan2(r[2, 1], r[2, 2]), -math.asin(r[2, 0]), math.atan2(r[1, 0], r[0, 0])
+    return [latitude, LONGITUDE_DEG + math.degrees(east_m / scale_m), ALTITUDE_M + up_m, *angles]
+
+
+def _write_calibration(date: Path, clip: Clip, camera: int, rect_from_cam: np.ndarray) -> None:
+    projection = np.hstack([clip.intrinsics.matrix, clip.intrinsics.matrix @ [[OFFSET_M[camera]], [0], [0]]])
+    size = f"{clip.intrinsics.width_px} {clip.intrinsics.height_px}"
+    lines = {"calib_time": "09-Jan-2012 13:57:47", "corner_dist": "9.95e-02", "R_rect_00": _text(rect_from_cam)}
+    lines |= {f"S_rect_0{camera}": size, f"P_rect_0{camera}": _text(projection)}
+    (date / "calib_cam_to_cam.txt").write_text("".join(f"{name}: {text}\n" for name, text in lines.items()))
+    velo = f"calib_time: 25-May-2012 16:47:16\nR: {_text(np.eye(3))}\nT: {_text(IMU_TO_VELO_T)}\n"
+    (date / "calib_imu_to_velo.txt").write_text(velo)
+    cam = f"calib_time: 15-Mar-2012 11:37:16\nR: {_text(FROM_CAMERA.T)}\nT: {_text(VELO_TO_CAM_T)}\ndelta_f: 0 0\n"
+    (date / "calib_velo_to_cam.txt").write_text(cam)
+
+
+def _rigid(rotation: np.ndarray, translation: Sequence[float]) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, translation
+    return matrix
+
+
+def _text(numbers: ArrayLike) -> str:
+    return " ".join(f"{number:.12g}" for number in np.ravel(numbers))

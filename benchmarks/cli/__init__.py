@@ -18,7 +18,8 @@ from benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError
 
 DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-VERBS = ("run", "table", "plot", "report", "score", "predict", "poses", "forecast", "study", "data", "list", "check")
+VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
+VERBS += ("study", "data", "list", "check")
 STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
 
 

@@ -15,13 +15,18 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which roles."""
-    parser.add_argument("role", nargs="?", metavar="ROLE", help="only this role, such as renderers")
+    parser.add_argument("role", nargs="?", metavar="ROLE", help="only this role, such as renderers; or `protocols`")
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a line for every name, with the package that provides it and the package that it lacks."""
     from geovp_classic import registry
 
+    if chosen.role == "protocols":
+        from benchmarks import protocols
+
+        print("\n".join(protocol.about for protocol in protocols.ALL.values()))
+        return 0
     for role in [chosen.role] if chosen.role else registry.ROLES:
         registry.names(role)  # UnknownComponent with the nearest role
         print(role)

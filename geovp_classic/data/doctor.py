@@ -1,4 +1,4 @@
-"""Check a KITTI folder: list everything that is there and everything that is wrong, by file and line.
+"""Check a folder of KITTI odometry or raw: list everything that is there and all that is wrong, by file and line.
 
 The loader stops at the first error of what it needs; the doctor reads every sequence, camera and pose.
 """
@@ -6,12 +6,12 @@ The loader stops at the first error of what it needs; the doctor reads every seq
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data import kitti_layout, pose_files, splits
+from geovp_classic.data import kitti_layout, kitti_raw_layout, pose_files, splits
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import image_size, scan_numbered
 from geovp_classic.data.pose_files import IndexArray, PoseTable
@@ -23,6 +23,8 @@ from geovp_classic.types import FloatArray
 MAX_SPEED_M_S = 60.0  # 216 km/h; 26 m/s at most in KITTI
 MAX_TURN_DEG = 20.0  # between two frames; 5 degrees at most in KITTI
 MAX_STEP_RATIO = 1.8  # a longer time step, in medians, is a dropped frame
+NO_POSES = "does not exist: the sequence serves for prediction without ground truth"
+ScanTimes = Callable[[Path], tuple[FloatArray, tuple[int, ...], list[Finding]]]
 PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the image's width and height
 
 
@@ -55,13 +57,17 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
     The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does). BadData only when the
     root holds no sequences at all.
     """
-    names = kitti_layout.sequence_names(root)
+    is_raw = kitti_raw_layout.is_raw(root)
+    names = kitti_raw_layout.drive_names(root) if is_raw else kitti_layout.sequence_names(root)
     if not names:
-        raise BadData(f"{root / 'sequences'} holds no sequence: expected folders such as 00 with image_2, calib.txt")
+        expected = (
+            "a date's folder with folders *_drive_*_sync" if is_raw else "folders such as 00 with image_2, calib.txt"
+        )
+        raise BadData(f"{root if is_raw else root / 'sequences'} holds no sequence: expected {expected}")
     rows, findings, num_frames = [], [], {}
     for name in watch(names):
         found: list[Finding] = []
-        row, num_frames[name] = _sequence(root, name, deep, found)
+        row, num_frames[name] = (_drive if is_raw else _sequence)(root, name, deep, found)
         rows.append(row)
         findings += found
     for path in sorted((root / "poses").glob("*.txt")):
@@ -74,16 +80,57 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
 def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
     """The table row of a sequence, and the number of frames that all its cameras have."""
     folder = root / "sequences" / name
-    cameras = [_camera(folder, camera, deep, findings) for camera in kitti_layout.cameras(folder)]
+    cameras = [_camera(folder / f"image_{camera}", camera, deep, findings) for camera in kitti_layout.cameras(folder)]
+    calibrated = _calibration(folder / "calib.txt", cameras, findings)
+    num_frames = _same_length(folder, cameras, findings)
+    times_s = _times(folder / "times.txt", num_frames, findings)
+    table = _poses(root / "poses" / f"{name}.txt", num_frames, times_s, findings)
+    return _row(name, cameras, calibrated, times_s, table, findings)
+
+
+def _drive(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
+    """The same of a drive of KITTI raw, whose cameras have times of their own."""
+    folder, prefix = kitti_raw_layout.drive_folder(root, name), kitti_raw_layout.PREFIX
+    numbers = kitti_layout.cameras(folder, prefix)
+    cameras = [_camera(folder / f"{prefix}{camera}" / "data", camera, deep, findings) for camera in numbers]
+    calibration = folder.parent / kitti_raw_layout.CAM_TO_CAM
+    calibrated = _calibration(calibration, cameras, findings)
+    for camera in cameras:
+        for size_px in camera.sizes_px[:1]:
+            findings += kitti_raw_layout.scan_sizes(calibration, camera.number, size_px)
+    num_frames, scan = _same_length(folder, cameras, findings), kitti_raw_layout.scan_timestamps
+    stamps = {camera: folder / f"{prefix}{camera.number}" / "timestamps.txt" for camera in cameras}
+    times_s = [_times(path, camera.num_frames, findings, scan) for camera, path in stamps.items()] or [np.zeros(0)]
+    if not (folder / "oxts").is_dir():
+        findings.append(Finding(folder / "oxts", None, "note", NO_POSES))
+        return _row(name, cameras, calibrated, times_s[0], None, findings)
+    table, found = kitti_raw_layout.scan_poses(folder, num_frames)
+    findings += found
+    if len(table.lines) == len(times_s[0]):
+        for jump in _jumps(folder / "oxts" / "data", table, times_s[0]):  # its line is the number of the file, from 1
+            findings.append(replace(jump, path=jump.path / f"{(jump.line or 1) - 1:010d}.txt", line=1))
+    return _row(name, cameras, calibrated, times_s[0], table, findings)
+
+
+def _same_length(folder: Path, cameras: list[Camera], findings: list[Finding]) -> int:
+    """The most frames that a camera has; an error where there is no camera or they differ."""
     if not cameras:
         findings.append(error(folder, None, kitti_layout.NO_IMAGES))
-    calibrated = _calibration(folder / "calib.txt", cameras, findings)
     counts = {camera.num_frames for camera in cameras} or {0}
     if len(counts) > 1:
         message = ", ".join(f"image_{camera.number} has {camera.num_frames}" for camera in cameras)
         findings.append(error(folder, None, f"cameras have different numbers of frames: {message}"))
-    times_s = _times(folder / "times.txt", max(counts), findings)
-    table = _poses(root / "poses" / f"{name}.txt", max(counts), times_s, findings)
+    return max(counts)
+
+
+def _row(
+    name: str,
+    cameras: list[Camera],
+    calibrated: tuple[int, ...],
+    times_s: FloatArray,
+    table: PoseTable | None,
+    findings: list[Finding],
+) -> tuple[dict[str, str], int]:
     sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
     row = {
         "sequence": name,
@@ -97,12 +144,12 @@ def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tup
         "errors": str(sum(finding.severity == "error" for finding in findings)),
         "warnings": str(sum(finding.severity == "warning" for finding in findings)),
     }
-    return row, min(counts)
+    return row, min((camera.num_frames for camera in cameras), default=0)
 
 
-def _camera(folder: Path, camera: int, deep: bool, findings: list[Finding]) -> Camera:
+def _camera(images: Path, camera: int, deep: bool, findings: list[Finding]) -> Camera:
     """The images of one camera: numbering, sizes, damage."""
-    paths, found = scan_numbered(folder / f"image_{camera}")
+    paths, found = scan_numbered(images)
     findings += found
     sizes_px: list[tuple[int, int]] = []
     for path in paths:
@@ -138,9 +185,9 @@ def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> 
     return tuple(sorted(projections))
 
 
-def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
+def _times(path: Path, num_frames: int, findings: list[Finding], scan: ScanTimes = pose_files.scan_times) -> FloatArray:
     """The good times."""
-    times_s, lines, found = pose_files.scan_times(path)
+    times_s, lines, found = scan(path)
     findings += found
     numbers, num_rows = _row_numbers(lines, found)
     if num_rows and num_rows != num_frames:
@@ -155,8 +202,7 @@ def _times(path: Path, num_frames: int, findings: list[Finding]) -> FloatArray:
 
 def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]) -> PoseTable | None:
     if not path.exists():
-        message = "does not exist: the sequence serves for prediction without ground truth"
-        findings.append(Finding(path, None, "note", message))
+        findings.append(Finding(path, None, "note", NO_POSES))
         return None
     table, found = pose_files.scan_kitti(path)
     findings += found

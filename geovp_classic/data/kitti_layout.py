@@ -25,8 +25,7 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory
 PREFERRED_CAMERAS = (2, 0, 1, 3)  # left colour, left grey, then whatever is there
 RIGHT_OF = {0: 1, 2: 3}
 NO_IMAGES = "holds no images: expected a folder image_0, image_1, image_2 or image_3"
-_CAMERA_FOLDER = re.compile(r"image_([0-3])")
-_PROJECTION = re.compile(r"P([0-3]):")
+_PROJECTION = re.compile(r"P(?:_rect_0)?([0-3]):")  # in calib.txt, or in calib_cam_to_cam.txt of KITTI raw
 
 
 @dataclass(frozen=True)
@@ -59,9 +58,9 @@ def sequence_names(root: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
 
 
-def cameras(folder: Path) -> list[int]:
+def cameras(folder: Path, prefix: str = "image_") -> list[int]:
     """The cameras of a sequence that have a folder image_K."""
-    matches = [_CAMERA_FOLDER.fullmatch(path.name) for path in folder.iterdir() if path.is_dir()]
+    matches = [re.fullmatch(rf"{prefix}([0-3])", path.name) for path in folder.iterdir() if path.is_dir()]
     return sorted(int(match[1]) for match in matches if match)
 
 
@@ -110,15 +109,7 @@ def read_recording(
     names, folder = sequence_names(root), root / "sequences" / name
     if name not in names:
         raise BadData(f"sequence {name!r} is not in {folder.parent}, which holds {', '.join(names) or 'nothing'}")
-    camera = _choose_camera(folder, camera)
-    projections, findings = scan_calibration(folder / "calib.txt")
-    raise_first(findings)
-    left, left_from_cam0 = _side(folder, camera, projections, load)
-    right, other = None, RIGHT_OF.get(camera)
-    if with_right and other in cameras(folder):
-        assert other is not None
-        side, right_from_cam0 = _side(folder, other, projections, load)
-        right = SideCamera(side.frames, side.intrinsics, right_from_cam0 @ se3.inverse(left_from_cam0))
+    left, left_from_cam0, right = read_cameras(folder, camera, folder / "calib.txt", load, with_right=with_right)
     times_path, num_frames = folder / "times.txt", len(left.frames)
     times_s = pose_files.read_times(times_path)
     if len(times_s) != num_frames:
@@ -137,28 +128,53 @@ def _read_trajectory(path: Path, times_s: FloatArray, cam_from_cam0: FloatArray)
     return Trajectory(world_from_cam0 @ se3.inverse(cam_from_cam0), times_s, is_metric=True)
 
 
-def _choose_camera(folder: Path, camera: int | None) -> int:
-    present = cameras(folder)
+def read_cameras(
+    folder: Path,
+    camera: int | None,
+    calibration: Path,
+    load: Callable[[Path], ByteArray],
+    *,
+    with_right: bool,
+    images: str = "image_{}",  # the folder of a camera's images
+) -> tuple[SideCamera, FloatArray, SideCamera | None]:
+    """The chosen camera, its cam_from_cam0, and the camera to the right of it where there is one and it is wanted."""
+    prefix = images.partition("{}")[0]
+    camera = choose_camera(folder, camera, prefix)
+    projections, findings = scan_calibration(calibration)
+    raise_first(findings)
+    sides = [camera, RIGHT_OF.get(camera)] if with_right else [camera]
+    read = {}
+    for number in (number for number in sides if number in cameras(folder, prefix)):
+        if number not in projections:
+            raise_first([missing_projection(calibration, number)])
+        read[number] = _side(folder / images.format(number), projections[number], load)
+    (left, left_from_cam0), *others = read.values()
+    right = None
+    for side, right_from_cam0 in others:
+        right = SideCamera(side.frames, side.intrinsics, right_from_cam0 @ se3.inverse(left_from_cam0))
+    return left, left_from_cam0, right
+
+
+def choose_camera(folder: Path, camera: int | None, prefix: str = "image_") -> int:
+    """The wanted camera, or the preferred one; BadData where there is none."""
+    present = cameras(folder, prefix)
     if not present:
         raise BadData(f"{folder} {NO_IMAGES}")
     if camera is None:
         return next(preferred for preferred in PREFERRED_CAMERAS if preferred in present)
     if camera not in present:
-        raise BadData(f"{folder} has no image_{camera}: it has {', '.join(f'image_{number}' for number in present)}")
+        raise BadData(
+            f"{folder} has no {prefix}{camera}: it has {', '.join(f'{prefix}{number}' for number in present)}"
+        )
     return camera
 
 
-def _side(
-    folder: Path, camera: int, projections: dict[int, Projection], load: Callable[[Path], ByteArray]
-) -> tuple[SideCamera, FloatArray]:
+def _side(images: Path, projection: Projection, load: Callable[[Path], ByteArray]) -> tuple[SideCamera, FloatArray]:
     """One camera with view_from_cam the identity, and its cam_from_cam0."""
-    if camera not in projections:
-        raise_first([missing_projection(folder / "calib.txt", camera)])
-    paths, findings = scan_numbered(folder / f"image_{camera}")
+    paths, findings = scan_numbered(images)
     raise_first(findings)
     height_px, width_px = load(paths[0]).shape[:2]
     frames = FrameFiles(paths, (width_px, height_px), load)
-    projection = projections[camera]
     return SideCamera(frames, projection.intrinsics(width_px, height_px), np.eye(4)), projection.cam_from_cam0
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import Literal
 
+import cv2
 import numpy as np
 
 from geovp_classic.data.frames import FrameReader
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
-from geovp_classic.types import Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import ByteArray, Clip, ExtraView, FloatArray, Intrinsics, Trajectory
 
+Fit = Literal["crop", "stretch"]  # how a frame becomes one of size_px
 _RANGE = re.compile(r"(?P<sequence>[^\[\]\s]+?)(\[(?P<first>\d+):(?P<last>\d+)\))?")
 
 
@@ -76,13 +79,13 @@ class Recording:
                 raise BadData(f"{self.name}: {len(given)} {what} for {len(self.frames)} frames, expected one each")
 
 
-def check_protocol(num_frames: int, stride: int, size_px: tuple[int, int]) -> None:
+def check_protocol(num_frames: int, stride: int, size_px: tuple[int, int], fit: Fit = "crop") -> None:
     """Raise BadData unless clips of these settings can be cut."""
     if num_frames < 2:
         raise BadData(f"num_frames is {num_frames}, expected 2 or more: one to look at and one to predict")
     if stride < 1:
         raise BadData(f"stride is {stride}, expected 1 or more frames between the starts of two clips")
-    if min(size_px) < 1 or size_px[0] != size_px[1]:
+    if min(size_px) < 1 or (fit == "crop" and size_px[0] != size_px[1]):
         raise BadData(f"size_px is {list(size_px)}, expected a square: frames are cropped to one and then resized")
 
 
@@ -100,22 +103,29 @@ def clip_name(sequence: str, first: int) -> str:
 
 
 def cut(
-    recording: Recording, first: int, num_frames: int, size_px: tuple[int, int], *, with_wide: bool = False
+    recording: Recording,
+    first: int,
+    num_frames: int,
+    size_px: tuple[int, int],
+    *,
+    with_wide: bool = False,
+    fit: Fit = "crop",
 ) -> Clip:
-    """The clip of `num_frames` frames from `first`, cropped to the central square and resized to (width, height).
+    """The clip of `num_frames` frames from `first` at size_px = (width, height).
 
-    The wide view is the uncropped frames as they are stored; the right view comes with the recording.
+    Frames are cropped to the central square and resized, or, with "stretch", resized whole. The wide view is the
+    uncropped frames as they are stored; the right view comes with the recording.
     """
     steps = range(first, first + num_frames)
-    window, intrinsics = pinhole.square_crop(recording.intrinsics, size_px)
     native = [recording.frames.read(step) for step in steps]
     side = recording.right
     right = None
     if side is not None:
         right = ExtraView(np.stack([side.frames.read(step) for step in steps]), side.intrinsics, side.view_from_cam)
+    frames, intrinsics = _fitted(native, recording.intrinsics, size_px, fit)
     return Clip(
         name=clip_name(recording.name, first),
-        frames=np.stack([pinhole.resize(image[window], size_px) for image in native]),
+        frames=frames,
         times_s=recording.times_s[first : first + num_frames],
         intrinsics=intrinsics,
         trajectory=None if recording.trajectory is None else recording.trajectory[first : first + num_frames],
@@ -123,3 +133,17 @@ def cut(
         right=right,
         camera_height_m=recording.camera_height_m,
     )
+
+
+def _fitted(
+    native: list[ByteArray], camera: Intrinsics, size_px: tuple[int, int], fit: Fit
+) -> tuple[ByteArray, Intrinsics]:
+    """Frames [T, H, W, 3] at a size, and their camera.
+
+    A stretched frame is sampled bilinearly without smoothing, as OpenCV does by default and the data preparation of
+    DMVFN (Hu et al. 2023) therefore does: the protocols that stretch frames are compared by numbers that depend on it.
+    """
+    if fit == "crop":
+        window, intrinsics = pinhole.square_crop(camera, size_px)
+        return np.stack([pinhole.resize(image[window], size_px) for image in native]), intrinsics
+    return np.stack([np.asarray(cv2.resize(image, size_px)) for image in native]), camera.resized(*size_px)

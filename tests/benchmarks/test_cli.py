@@ -224,7 +224,7 @@ assert not [name for name in {heavy!r} if name in sys.modules]
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode == 0, done.stderr
     for verb in cli.VERBS:
-        assert re.search(rf"^ +{verb} ", done.stdout, re.MULTILINE)
+        assert re.search(rf"^ +{verb}( |$)", done.stdout, re.MULTILINE)
 
 
 def test_studies_are_listed_without_being_imported() -> None:

@@ -266,7 +266,8 @@ def test_it_comes_and_goes_through_the_registry_without_weights() -> None:
     metric = registry.build("frame_metrics", {"name": "lpips", "net": "squeeze", "weights": "some/where.npz"})
     assert metric == Lpips("squeeze", Path("some/where.npz"))
     assert isinstance(metric, FrameMetric)
-    assert registry.describe(metric) == {"name": "lpips", "net": "squeeze", "weights": "some/where.npz"}
+    settings = {"net": "squeeze", "weights": "some/where.npz", "channels": "rgb"}
+    assert registry.describe(metric) == {"name": "lpips", **settings}
     assert registry.build("frame_metrics", "lpips") == Lpips()
     with pytest.raises(BadData, match="net is 'vgg'"):
         registry.build("frame_metrics", {"name": "lpips", "net": "vgg"})
@@ -395,3 +396,13 @@ def test_a_cache_that_cannot_be_written_is_a_reason_too(tmp_path: Path, monkeypa
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(MissingExtra, match=r"cannot be downloaded \(.*Not a directory"):
         Lpips()(noise(1), noise(2), None)
+
+
+def test_channels_in_the_wrong_order_are_a_setting_that_the_protocol_names(folder: Path) -> None:
+    predicted, target = noise(1), noise(2)
+    swapped = Lpips("alex", folder, channels="bgr")
+    expected = Lpips("alex", folder)(predicted[..., [2, 1, 0]], target[..., [2, 1, 0]], None)
+    np.testing.assert_allclose(swapped(predicted, target, None), expected)
+    assert np.abs(expected - Lpips("alex", folder)(predicted, target, None)).min() > 1e-4
+    assert swapped.protocol == "LPIPS v0.1, alex, BGR in [-1, 1]"
+    assert Lpips().protocol == "LPIPS v0.1, alex, RGB in [-1, 1]"

@@ -1,0 +1,120 @@
+"""Our results in the layout of a paper's table, and the published numbers in a separate block."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from benchmarks import matrix as matrices
+from benchmarks import protocols, statistics, tables
+from benchmarks.formats import grid
+from benchmarks.matrix import Matrix
+from benchmarks.protocols import Protocol
+from benchmarks.store import Cell, Results
+from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray
+
+DECIMALS = 2
+
+
+def read_matrix(name: str) -> Matrix:
+    """The committed matrix of a protocol; BadData names those that have one."""
+    protocols.load(name)
+    if name not in TABLES:
+        raise BadData(f"protocol {name!r} cannot be reproduced by one command yet, only {', '.join(TABLES)}")
+    with resources.as_file(resources.files("benchmarks") / "configs" / f"{name}.toml") as path:
+        return matrices.read(path)
+
+
+def markdown(name: str, results: Results) -> str:
+    """Both blocks, with notes."""
+    protocol, published = protocols.load(name), _published(name)
+    shared = results.protocol()
+    done = [cell for cell in results.cells() if cell.num_clips]
+    ours = {_label(cell): _values(protocol, results, cell, published["scale"]) for cell in done}
+    theirs = {row["name"]: _listed(protocol, row) for row in published["row"]}
+    parts = [
+        f"## {name}: measured here",
+        *_block(protocol, list(protocol.metrics), ours, shared),
+        f"- {tables.summary(shared)}; values times {published['scale']}.",
+        *_notes(protocol, results),
+        "",
+        "## Published, not measured here",
+        *_block(protocol, [key for key in protocol.metrics if key in published["row"][0]], theirs, shared),
+        f"- {published['source']}: {published['about']}.",
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def first_frames_means(
+    values: FloatArray,  # [N, F]
+    horizons: Sequence[int],
+) -> FloatArray:
+    """Means over the first k frames [N, len(horizons)] of every clip; over all frames when there are no horizons."""
+    return np.stack([values[:, :k].mean(axis=1) for k in horizons or (values.shape[1],)], axis=1)
+
+
+def _values(protocol: Protocol, results: Results, cell: Cell, scale: float) -> list[float]:
+    """Means over clips: of each metric, each horizon."""
+    rows, values = results.scores(cell.name), []
+    abouts = results.protocol()["metrics"]
+    for metric in protocol.metrics:
+        cube = statistics.cube(rows, metric)
+        reduce = statistics.best_of_samples if protocol.num_samples > 1 else statistics.mean_of_samples
+        if len(cube.clips):
+            steps = reduce(cube, bool(abouts[metric]["higher_is_better"]))
+            values += (scale * statistics.over_clips(first_frames_means(steps, protocol.horizons)).mean).tolist()
+        else:
+            values += [float("nan")] * max(1, len(protocol.horizons))
+    return values
+
+
+def _listed(protocol: Protocol, row: Mapping[str, Any]) -> list[float]:
+    return [float(value) for metric in protocol.metrics if metric in row for value in row[metric]]
+
+
+def _block(protocol: Protocol, metrics: Sequence[str], lines: Mapping[str, list[float]], shared: Any) -> list[str]:
+    """A column for every metric and horizon; no row is marked as the best, since some were shown the truth."""
+    ks, heads = [f" t+{k}" for k in protocol.horizons] or [""], []
+    for metric in metrics:
+        is_rising = shared["metrics"][metric].get("higher_is_better", not metric.startswith("lpips"))
+        heads += [f"{tables.title(metric)}{k} {'↑' if is_rising else '↓'}" for k in ks]
+    body = [[name, *(f"{x:.{DECIMALS}f}" if np.isfinite(x) else "-" for x in line)] for name, line in lines.items()]
+    return ["", *grid([["Models", *heads], *body]), ""]
+
+
+def _label(cell: Cell) -> str:
+    marks = "".join(tables.MARKS[grant][0] for grant in cell.grants)
+    return f"{cell.label} [{marks}]" if marks else cell.label
+
+
+def _notes(protocol: Protocol, results: Results) -> list[str]:
+    """What stands in the way of comparing the two blocks."""
+    shared, cells = results.protocol(), results.cells()
+    notes = [f"- Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
+    if protocol.num_clips not in (None, len(shared["clips"])):
+        notes.append(f"- {len(shared['clips'])} clips, not the protocol's {protocol.num_clips:,}: not comparable yet.")
+    used = {grant for cell in cells for grant in cell.grants}
+    legend = [f"[{mark}] {meaning}" for grant, (mark, meaning) in tables.MARKS.items() if grant in used]
+    notes += [f"- Granted beyond the observed frames, unlike below: {', '.join(legend)}."] if legend else []
+    for metric in protocol.metrics:
+        about = shared["metrics"][metric]
+        notes.append(f"- {tables.title(metric)}: {about['unavailable'] or about['definition']}.")
+    for cell in cells:
+        if cell.status != "done" or cell.num_clips < len(shared["clips"]):
+            notes.append(f"- {cell.label}: {cell.status} on {cell.num_clips} clips: {cell.reason or 'run again'}.")
+    return notes
+
+
+def _published(name: str) -> Mapping[str, Any]:
+    return tomllib.loads((resources.files("benchmarks") / "published" / f"{name}.toml").read_text("utf-8"))
+
+
+TABLES: Mapping[str, Callable[[Results], str]] = {  # what one command prints; its matrix is configs/<name>.toml
+    "fvs20": functools.partial(markdown, "fvs20"),
+}

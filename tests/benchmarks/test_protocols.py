@@ -1,0 +1,194 @@
+"""Each protocol's numbers against definitions written out here, and how a matrix follows a protocol by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter
+from scipy.signal import convolve2d
+
+from benchmarks import cli, matrix, protocols, reproduction
+from geovp_classic import registry
+from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.types import ByteArray
+
+Definition = Callable[[np.ndarray, np.ndarray], float]  # of two frames [H, W, 3] in 0..1
+
+
+def frames() -> tuple[ByteArray, ByteArray]:
+    """A prediction and a target [2, 176, 240, 3]: waves, shifted and fainter in the prediction, which is noisy."""
+    rng = np.random.default_rng(11)
+    v, u = np.mgrid[:176, :240]
+    base = 127 + 60 * np.stack([np.sin(u / 7 + v / 11), np.cos(u / 13 - v / 5), np.sin(u * v / 900)], axis=-1)
+    target = np.stack([base, np.roll(base, 5, axis=0)]) + rng.normal(0, 8, (2, *base.shape))
+    predicted = np.roll(target, 2, axis=2) * [0.9, 1.0, 0.7] + rng.normal(0, 15, target.shape)
+    return tuple(np.clip(each, 0, 255).round().astype(np.uint8) for each in (predicted, target))  # type: ignore[return-value]
+
+
+def joint_psnr(x: np.ndarray, y: np.ndarray) -> float:
+    return float(-10 * np.log10(((x - y) ** 2).mean()))
+
+
+def psnr_per_channel(x: np.ndarray, y: np.ndarray) -> float:
+    return float(np.mean([-10 * np.log10(((x[..., c] - y[..., c]) ** 2).mean()) for c in range(3)]))
+
+
+def ssim(
+    x: np.ndarray, y: np.ndarray, mean: Callable[[np.ndarray], np.ndarray], scale: float, unbiased: float
+) -> float:
+    """Wang et al. 2004, eq. 13, for each channel, with local means by `mean` and L = `scale`."""
+    c1, c2, scores = (0.01 * scale) ** 2, (0.03 * scale) ** 2, []
+    for a, b in zip(np.moveaxis(x, -1, 0), np.moveaxis(y, -1, 0), strict=True):
+        ma, mb = mean(a), mean(b)
+        va, vb, vab = (
+            unbiased * each for each in (mean(a * a) - ma * ma, mean(b * b) - mb * mb, mean(a * b) - ma * mb)
+        )
+        scores.append(((2 * ma * mb + c1) * (2 * vab + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))).mean())
+    return float(np.mean(scores))
+
+
+def gaussian_mean(mode: str) -> Callable[[np.ndarray], np.ndarray]:
+    bell = np.exp(-(np.arange(-5, 6) ** 2) / (2 * 1.5**2))
+    window = np.outer(bell, bell) / bell.sum() ** 2
+    return lambda image: convolve2d(image, window, mode=mode)
+
+
+def gaussian_ssim(x: np.ndarray, y: np.ndarray) -> float:
+    return ssim(x, y, gaussian_mean("valid"), 1.0, 1.0)
+
+
+def zero_padded_ssim(x: np.ndarray, y: np.ndarray) -> float:
+    return ssim(x, y, gaussian_mean("same"), 1.0, 1.0)
+
+
+def old_scikit_ssim(x: np.ndarray, y: np.ndarray) -> float:
+    """Windows of 7x7 equal weights, variances divided by 48 instead of 49, and L = 2 for fractions."""
+    return ssim(x, y, lambda image: uniform_filter(image, 7)[3:-3, 3:-3], 2.0, 49 / 48)
+
+
+DEFINITIONS: dict[str, dict[str, Definition]] = {
+    "thesis": {"psnr": joint_psnr, "ssim": gaussian_ssim},
+    "svg18": {"psnr": psnr_per_channel, "ssim": old_scikit_ssim},
+    "srvp20": {"psnr": psnr_per_channel, "ssim": gaussian_ssim},
+    "synsin20": {"psnr": joint_psnr, "ssim": zero_padded_ssim},
+    "openstl": {"psnr": joint_psnr, "ssim": old_scikit_ssim},
+}
+
+
+@pytest.mark.parametrize(
+    ("protocol", "column"), [(name, column) for name, each in DEFINITIONS.items() for column in each]
+)
+def test_values_agree_with_the_definition_to_the_fourth_decimal(protocol: str, column: str) -> None:
+    predicted, target = frames()
+    metric = registry.build("frame_metrics", protocols.ALL[protocol].metrics[column])
+    expected = [DEFINITIONS[protocol][column](p / 255, t / 255) for p, t in zip(predicted, target, strict=True)]
+    np.testing.assert_allclose(metric(predicted, target, None), expected, atol=2e-5)
+
+
+def test_definitions_differ_on_the_same_frames() -> None:
+    predicted, target = (each[0] / 255 for each in frames())
+    values = {name: round(each["ssim"](predicted, target), 4) for name, each in DEFINITIONS.items()}
+    assert values["svg18"] == values["openstl"]
+    assert values["srvp20"] == values["thesis"]
+    assert len(set(values.values())) == 3
+    assert psnr_per_channel(predicted, target) > joint_psnr(predicted, target) + 0.1  # Jensen
+
+
+def test_fvs20_is_ms_ssim_and_lpips_in_both_orders() -> None:
+    predicted, target = frames()
+    metrics = protocols.ALL["fvs20"].metrics
+    assert list(metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
+    # pytorch-msssim 1.0.0, ms_ssim(..., data_range=1.0), on the same frames
+    values = registry.build("frame_metrics", metrics["ms-ssim"])(predicted, target, None)
+    np.testing.assert_allclose(values, [0.87857273, 0.87912317], atol=2e-6)
+    assert metrics["lpips-bgr"] == {"name": "lpips", "channels": "bgr"}
+
+
+def test_fvs20_has_1337_clips_and_means_over_the_first_frames() -> None:
+    protocol = protocols.ALL["fvs20"]
+    lengths = (78, 383, 433, 475)
+    assert protocol.num_clips == sum(length - (protocol.num_past + protocol.num_future) + 1 for length in lengths)
+    values = np.array([[1.0, 2, 6, 4, 12], [0, 0, 3, 1, 1]])
+    expected = [[1, 3, 5], [0, 1, 1]]  # (1 + 2 + 6) / 3, (1 + 2 + 6 + 4 + 12) / 5
+    np.testing.assert_allclose(reproduction.first_frames_means(values, protocol.horizons), expected)
+    np.testing.assert_allclose(reproduction.first_frames_means(values, ()), [[5], [1]])
+
+
+def test_srvp20_takes_the_first_window_of_28_drives() -> None:
+    protocol = protocols.ALL["srvp20"]
+    assert protocol.dataset is not None
+    drives = protocol.dataset["sequences"]
+    assert len(drives) == len(set(drives)) == protocol.num_clips == 28
+    assert protocol.stride > 5177  # frames of the longest drive
+
+
+FOLLOWS = {"protocol": {"name": "fvs20", "root": "raw"}, "predictors": {"copy-last": "copy-last"}}
+
+
+def test_a_matrix_follows_a_protocol_by_name() -> None:
+    parsed = matrix.parse("m", FOLLOWS)
+    assert (parsed.num_past, parsed.num_future, parsed.size_px, parsed.stride) == (4, 5, (832, 256), 1)
+    assert parsed.dataset["root"] == "raw"
+    assert parsed.dataset["name"] == "kitti-raw"
+    assert list(parsed.frame_metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
+    assert matrix.Matrix.from_json(parsed.to_json()) == parsed
+
+
+def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
+    own = {"name": "kitti", "sequences": ["06"], "fit": "stretch"}
+    protocol = {"name": "fvs20", "root": "odometry", "stride": 14, "dataset": own}
+    parsed = matrix.parse("m", {**FOLLOWS, "protocol": protocol, "metrics": {"frame": ["psnr"]}})
+    assert parsed.dataset == {**own, "root": "odometry"}
+    assert (parsed.num_past, parsed.stride) == (4, 14)
+    assert list(parsed.frame_metrics) == ["psnr"]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "kind", "message"),
+    [
+        ({"name": "fvs"}, UnknownComponent, "no protocol 'fvs': did you mean 'fvs20'"),
+        ({"name": "openstl"}, BadData, "measured on Caltech Pedestrian .* nothing here reads: give dataset"),
+        ({"name": "fvs20", "rot": "x"}, UnknownComponent, "unknown key 'rot'"),
+        ({"name": 20}, UnknownComponent, "unknown key 'name'"),
+    ],
+)
+def test_a_protocol_that_cannot_be_followed_is_told(
+    protocol: dict[str, object], kind: type[Exception], message: str
+) -> None:
+    with pytest.raises(kind, match=message):
+        matrix.parse("m", {**FOLLOWS, "protocol": protocol})
+
+
+@pytest.mark.parametrize("name", list(protocols.ALL))
+def test_every_protocol_gives_a_matrix_whose_metrics_can_be_built(name: str) -> None:
+    tables = protocols.matrix_protocol(name, Path("somewhere"), {"name": "synthetic"})
+    parsed = matrix.parse(name, {**tables, "predictors": {"copy-last": "copy-last"}})
+    assert parsed.num_future == protocols.ALL[name].num_future
+    for spec in parsed.frame_metrics.values():
+        if spec["name"] != "lpips":  # needs torch
+            assert registry.build("frame_metrics", spec).protocol
+
+
+def test_protocols_are_listed_and_nothing_heavy_is_imported_for_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["list", "protocols"]) == 0
+    printed = capsys.readouterr().out
+    for name, protocol in protocols.ALL.items():
+        assert f"{name}: {protocol.paper}\n" in printed
+    assert "832x256, 4 seen, the next 5 predicted; 1,337 clips, stride 1" in printed
+    assert "t+3 is the mean over the first 3" in printed
+    code = (
+        "import sys; from benchmarks import cli; cli.main(['list', 'protocols'])\n"
+        "assert not {'cv2', 'scipy', 'pyarrow'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_a_protocol_is_frozen() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        protocols.ALL["fvs20"].stride = 2  # type: ignore[misc]

@@ -1,0 +1,144 @@
+"""`geovp reproduce fvs20` from nothing, on four short drives in KITTI raw's layout."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import cli, protocols, reproduction, statistics
+from benchmarks.store import Results
+from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.types import Clip
+
+DRIVES = (60, 84, 93, 96)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory, write_kitti_raw: Callable[..., Path]) -> Path:
+    """Ten frames of the synthetic street, whole frames of 530x160, as each of the protocol's drives."""
+    folder = tmp_path_factory.mktemp("raw")
+    clip = Synthetic(num_clips=1, num_frames=10, size_px=(160, 160), with_wide=True)[0]
+    assert clip.wide is not None
+    nothing = {"depths": None, "moving": None, "wide": None}
+    wide = dataclasses.replace(clip, frames=clip.wide.frames, intrinsics=clip.wide.intrinsics, **nothing)  # type: ignore[arg-type]
+    for number in DRIVES:
+        write_kitti_raw(folder, number, wide)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
+    """The exit code and the results of one clip."""
+    out = tmp_path_factory.mktemp("out")
+    code = cli.main(["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"])
+    return code, Results(out)
+
+
+def test_every_row_is_done_under_the_protocols_choices(done: tuple[int, Results]) -> None:
+    code, results = done
+    assert code == 0
+    assert [cell.label for cell in results.cells()] == [
+        "gt-3d + fusion",
+        "gt-3d + ground-far-plane",
+        "vo+prior + fusion",
+        "vo+prior + ground-far-plane",
+        "copy-last",
+    ]
+    shared = results.protocol()
+    assert (shared["num_past"], shared["num_future"], shared["size_px"]) == (4, 5, [832, 256])
+    assert shared["dataset"]["fit"] == "stretch"
+    assert shared["clips"] == ["2011_09_26_drive_0060/000000"]
+
+
+def test_both_tables_stand_in_blocks_of_their_own(done: tuple[int, Results]) -> None:
+    text = (done[1].tables / "fvs20.md").read_text()
+    ours, published = text.split("## Published, not measured here")
+    assert "| copy-last" in ours
+    assert "1 clips, not the protocol's 1,337: not comparable yet" in ours
+    assert re.search(
+        r"^\| DMVFN +\| +88[.]53 \| +78[.]01 \| +70[.]52 \| +10[.]74 \| +19[.]27 \| +26[.]05 \|$", published, re.M
+    )
+    assert re.search(r"^\| CorrWise +\| +82[.]00 \| +- \| +66[.]70 \|", published, re.M)
+    assert "NeurIPS 2024" in published
+    assert "copy-last" not in published
+
+
+def test_printed_numbers_are_means_over_the_first_frames(done: tuple[int, Results]) -> None:
+    text = (done[1].tables / "fvs20.md").read_text()
+    steps = statistics.cube(done[1].scores("copy-last"), "ms-ssim").values[0, 0]
+    expected = [100 * steps[:k].mean() for k in (1, 3, 5)]
+    line = next(line for line in text.splitlines() if line.startswith("| copy-last"))
+    np.testing.assert_allclose([float(cell) for cell in line.split("|")[2:5]], expected, atol=0.005)
+
+
+def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> None:
+    means = {cell.name: statistics.cube(done[1].scores(cell.name), "ms-ssim").values.mean() for cell in done[1].cells()}
+    assert means["gt-3d--fusion"] > means["copy-last"] + 0.2
+
+
+def test_it_goes_on_with_more_clips_and_keeps_what_is_there(
+    done: tuple[int, Results], root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {
+        cell.name: results.stat().st_mtime_ns for cell in done[1].cells() for results in parts(done[1], cell.name)
+    }
+    arguments = ["reproduce", "fvs20", "--root", str(root), "--out", str(done[1].root), "--limit", "1"]
+    assert cli.main(arguments) == 0
+    after = {cell.name: results.stat().st_mtime_ns for cell in done[1].cells() for results in parts(done[1], cell.name)}
+    assert after == before
+    printed = capsys.readouterr().out
+    assert "## fvs20: measured here" in printed
+    assert "## Published, not measured here" in printed
+
+
+def parts(results: Results, cell: str) -> list[Path]:
+    return sorted((results.root / cell / "scores").iterdir())
+
+
+def test_published_numbers_have_a_source_and_fit_the_protocol() -> None:
+    assert list(reproduction.TABLES) == ["fvs20"]
+    published = reproduction._published("fvs20")
+    assert "NeurIPS 2024" in published["source"]
+    assert len(published["row"]) == 7
+    for row in published["row"]:
+        for metric in ("ms-ssim", "lpips"):
+            values = np.array(row[metric])
+            known = values[np.isfinite(values)]
+            assert len(values) == len(protocols.ALL["fvs20"].horizons)
+            falls = np.diff(known) < 0  # later frames are harder
+            assert falls.all() == (metric == "ms-ssim")
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("fvs", "there is no protocol 'fvs': did you mean 'fvs20'?"),
+        ("svg18", "protocol 'svg18' cannot be reproduced by one command yet, only fvs20"),
+    ],
+)
+def test_other_protocols_are_refused(name: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["reproduce", name, "--root", str(tmp_path)]) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_root_without_the_drives_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], write_kitti_raw: Callable[..., Path], small: Clip
+) -> None:
+    write_kitti_raw(tmp_path / "raw", 1, small)
+    arguments = ["reproduce", "fvs20", "--root", str(tmp_path / "raw"), "--out", str(tmp_path / "out")]
+    assert cli.main(arguments) == 2
+    assert "drive '2011_09_26_drive_0060' is not in" in capsys.readouterr().err
+    assert not os.path.exists(tmp_path / "out")
+
+
+@pytest.fixture
+def small() -> Clip:
+    from geovp_classic.contracts import street
+
+    return street.clip()

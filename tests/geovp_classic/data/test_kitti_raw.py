@@ -1,0 +1,219 @@
+"""KITTI raw: poses from GPS and IMU readings, cameras, times, and what a damaged drive answers."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic import registry
+from geovp_classic.contracts import street
+from geovp_classic.data import doctor, kitti_raw_layout
+from geovp_classic.data.kitti_raw import KittiRaw
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole, se3
+
+Edit = Callable[[Path, int, str], None]
+Write = Callable[..., Path]
+NAME = "2011_09_26_drive_0007"
+
+
+@pytest.fixture
+def root(tmp_path: Path, write_kitti_raw: Write) -> Path:
+    """The contracts' street as drive 0007, seen by camera 2."""
+    write_kitti_raw(tmp_path / "raw", 7, street.clip())
+    return tmp_path / "raw"
+
+
+def raw(root: Path, **settings: object) -> KittiRaw:
+    return KittiRaw(root, **{"num_frames": 4, "stride": 2, "size_px": (32, 32), **settings})  # type: ignore[arg-type]
+
+
+def test_a_circle_in_latitude_and_longitude_is_a_circle_of_poses() -> None:
+    # 50 m round, counter-clockwise from its southernmost point, where a car drives east; worked out on the sphere
+    angle = np.radians(np.arange(0, 360, 15.0))
+    east_m, north_m = 50 * np.sin(angle), 50 * (1 - np.cos(angle))
+    latitude, radius_m = 49.0, 6378137.0
+    degrees_north = np.degrees(north_m / radius_m)
+    degrees_east = np.degrees(east_m / (radius_m * np.cos(np.radians(latitude))))
+    still = np.zeros_like(angle)
+    readings = np.stack([latitude + degrees_north, 8.4 + degrees_east, 100 + angle, still, still, angle], axis=-1)
+    poses = kitti_raw_layout.mercator_poses(readings)
+    np.testing.assert_allclose(poses[:, :3, 3], np.stack([east_m, north_m, angle], axis=-1), atol=2e-3)
+    np.testing.assert_allclose(poses[0, :3, :3], np.eye(3), atol=1e-12)  # yaw 0: forward is east, left is north
+    forward = poses[6, :3, 0]  # a quarter round: north
+    np.testing.assert_allclose(forward, [0, 1, 0], atol=1e-12)
+    # towards the centre of the circle, 50 m to the left of every pose
+    np.testing.assert_allclose((poses @ [0, 50, 0, 1])[:, :2], np.tile([0, 50], (24, 1)), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("angles", "axis", "expected"),
+    [
+        ((0.1, 0, 0), (0, 1, 0), (0, np.cos(0.1), np.sin(0.1))),  # roll: left goes up
+        ((0, 0.1, 0), (1, 0, 0), (np.cos(0.1), 0, -np.sin(0.1))),  # pitch: the front goes down
+        ((0, 0, 0.1), (1, 0, 0), (np.cos(0.1), np.sin(0.1), 0)),  # yaw: the front goes left
+        ((np.pi / 2, 0, np.pi / 2), (0, 1, 0), (0, 0, 1)),  # yaw is outermost: roll about its own forward axis
+    ],
+)
+def test_roll_pitch_and_yaw_turn_as_documented(
+    angles: tuple[float, ...], axis: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    pose = kitti_raw_layout.mercator_poses(np.array([[49.0, 8.4, 100.0, *angles]]))[0]
+    np.testing.assert_allclose(pose[:3, :3] @ axis, expected, atol=1e-12)
+
+
+def test_the_relative_poses_written_are_those_read(root: Path) -> None:
+    clip, truth = raw(root)[1], street.clip().trajectory
+    assert clip.trajectory is not None
+    assert clip.name == f"{NAME}/000002"
+    assert clip.trajectory.is_metric
+    found = se3.inverse(clip.trajectory.world_from_cam[0]) @ clip.trajectory.world_from_cam
+    expected = se3.inverse(truth.world_from_cam[2]) @ truth.world_from_cam[2:6]
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+def test_points_are_projected_to_where_calibration_files_say(root: Path) -> None:
+    """A point of the world through P_rect R_rect Tr_velo_to_cam Tr_imu_to_velo, the matrices read here by hand."""
+    date = root / "2011_09_26"
+    files = ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "calib_velo_to_cam.txt")
+    cam, velo, velo_to_cam = (
+        {
+            name: np.array(list(map(float, rest.split())))
+            for name, _, rest in (line.partition(":") for line in (date / file).read_text().splitlines()[1:])
+        }
+        for file in files
+    )
+    point_imu = np.array([12.0, 1.5, -0.5])  # ahead, a little to the left
+    point_velo = velo["R"].reshape(3, 3) @ point_imu + velo["T"]
+    point_cam = velo_to_cam["R"].reshape(3, 3) @ point_velo + velo_to_cam["T"]
+    homogeneous = cam["P_rect_02"].reshape(3, 4) @ [*(cam["R_rect_00"].reshape(3, 3) @ point_cam), 1.0]
+    data = raw(root)
+    recording = data.recordings[NAME]
+    assert recording.trajectory is not None
+    reading = np.loadtxt(root / f"2011_09_26/{NAME}_sync/oxts/data/0000000000.txt")[None, :6]
+    world_from_imu = kitti_raw_layout.mercator_poses(reading)[0]
+    point_world = world_from_imu @ [*point_imu, 1.0]
+    point = (se3.inverse(recording.trajectory.world_from_cam[0]) @ point_world)[:3]
+    pixel, _ = pinhole.project(point, recording.intrinsics)
+    np.testing.assert_allclose(pixel, homogeneous[:2] / homogeneous[2], atol=1e-6)
+
+
+def test_times_have_nanoseconds_and_start_at_zero(root: Path, edit: Edit) -> None:
+    path = root / f"2011_09_26/{NAME}_sync/image_02/timestamps.txt"
+    edit(path, 1, "2011-09-26 23:59:59.900000001")
+    for line in range(2, len(path.read_text().splitlines()) + 1):
+        edit(path, line, f"2011-09-27 00:00:00.{line - 2:09d}")  # a nanosecond apart, over midnight
+    times_s, _, findings = kitti_raw_layout.scan_timestamps(path)
+    assert findings == []
+    np.testing.assert_allclose(times_s[:3], [0, 0.099999999, 0.1], atol=1e-12)
+
+
+def test_it_is_registered_and_takes_stretches_of_drives(root: Path) -> None:
+    fields = {"root": str(root), "num_frames": 3, "size_px": [48, 16], "fit": "stretch", "stride": 1}
+    data = registry.build("datasets", {"name": "kitti-raw", "sequences": [f"{NAME}[1:5)"], **fields})
+    assert data.clip_names == (f"{NAME}/000001", f"{NAME}/000002")
+    assert data[0].frames.shape == (3, 16, 48, 3)
+    assert data.name == "kitti-raw"
+
+
+def test_a_stretched_frame_keeps_all_of_the_image(root: Path) -> None:
+    native = street.clip()
+    clip = raw(root, size_px=(64, 24), fit="stretch")[0]
+    width_px, height_px = native.intrinsics.width_px, native.intrinsics.height_px
+    camera = clip.intrinsics
+    assert camera.fx_px == pytest.approx(native.intrinsics.fx_px * 64 / width_px)
+    assert camera.fy_px == pytest.approx(native.intrinsics.fy_px * 24 / height_px)
+    assert camera.cx_px == pytest.approx((native.intrinsics.cx_px + 0.5) * 64 / width_px - 0.5)
+    np.testing.assert_array_equal(clip.frames[0], cv2.resize(native.frames[0], (64, 24)))
+    with pytest.raises(BadData, match=r"size_px is \[64, 24\], expected a square"):
+        raw(root, size_px=(64, 24))
+
+
+def test_without_readings_there_are_no_poses(tmp_path: Path, write_kitti_raw: Write) -> None:
+    write_kitti_raw(tmp_path, 7, street.clip(), with_poses=False)
+    assert raw(tmp_path)[0].trajectory is None
+    examination = doctor.examine(tmp_path)
+    assert examination.is_sound
+    path = tmp_path / f"2011_09_26/{NAME}_sync/oxts"
+    assert [str(finding) for finding in examination.findings] == [f"{path}: {doctor.NO_POSES}"]
+
+
+DAMAGE = {
+    "2011_09_26/calib_cam_to_cam.txt": [
+        (5, "P_rect_02: 1 2 3", "line 5: P_rect_02: has 3 numbers, expected 12"),
+        (4, "S_rect_02: 1242 375", "S_rect_02 is 1242x375, the images are "),
+        (3, "R_rect: 1 0 0 0 1 0 0 0 1", "has no line 'R_rect_00:'"),
+        (3, "R_rect_00: 2 0 0 0 1 0 0 0 1", "R_rect_00: a rotation matrix is off by 3"),
+    ],
+    "2011_09_26/calib_imu_to_velo.txt": [(3, "T: 1 2", "line 3: T has 2 numbers, expected 3")],
+    "2011_09_26/calib_velo_to_cam.txt": [(2, "R: 1 0 0 0 one 0 0 0 1", "line 2: 'one' is not a number")],
+    f"2011_09_26/{NAME}_sync/image_02/timestamps.txt": [
+        (3, "26.9.2011", "line 3: '26.9.2011' is not a time such as 2011-09-26 13:02:25.964389445"),
+        (3, "2011-09-31 13:02:25", "line 3: '2011-09-31 13:02:25' is not a time"),
+        (3, "2011-09-26 13:02:25.0", "line 3: time 2011-09-26 13:02:25.0 is not after that of line 2"),
+    ],
+    f"2011_09_26/{NAME}_sync/oxts/data/0000000003.txt": [
+        (1, "49 8 100", "line 1: 3 numbers, expected 30, latitude first"),
+        (1, " ".join(["95", *["0"] * 29]), "line 1: latitude 95, expected degrees"),
+        (1, "", "holds no reading"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "text", "message"), [(file, *one) for file, each in DAMAGE.items() for one in each]
+)
+def test_damage_is_told_by_file_and_line_by_loader_and_doctor(
+    root: Path, edit: Edit, file: str, line: int, text: str, message: str
+) -> None:
+    edit(root / file, line, text)
+    with pytest.raises(BadData) as caught:
+        raw(root)
+    assert str(caught.value).startswith(str(root / file))
+    assert message in str(caught.value)
+    examination = doctor.examine(root)
+    assert not examination.is_sound
+    assert str(caught.value) in [str(finding) for finding in examination.findings]
+
+
+def test_missing_files_are_named(root: Path) -> None:
+    drive = root / "2011_09_26" / f"{NAME}_sync"
+    (drive / "oxts/data/0000000002.txt").unlink()
+    with pytest.raises(BadData, match=r"0000000002\.txt: does not exist"):
+        raw(root)
+    (drive / "image_02/data/0000000001.png").unlink()
+    with pytest.raises(BadData, match="frame 000001 is missing"):
+        raw(root)
+    with pytest.raises(BadData, match="has no image_03: it has image_02"):
+        raw(root, camera=3)
+    with pytest.raises(BadData, match=rf"drive '0007' is not in .*, which holds {NAME}"):
+        raw(root, sequences=("0007",))
+    shutil.rmtree(drive)
+    with pytest.raises(BadData, match="no sequence is named"):
+        raw(root)
+    with pytest.raises(BadData, match=r"holds no folder such as 2011_09_26"):
+        raw(root / "2011_09_26")
+
+
+def test_the_doctor_reads_a_sound_drive(root: Path) -> None:
+    examination = doctor.examine(root, deep=True)
+    assert examination.findings == ()
+    path = street.clip().trajectory.world_from_cam[:, :3, 3]
+    expected = {"sequence": NAME, "frames": f"image_2: {len(path)}", "calibrated": "P2", "poses": str(len(path))}
+    row = examination.rows[0]
+    assert {key: row[key] for key in expected} == expected
+    assert row["length_m"] == f"{np.linalg.norm(np.diff(path, axis=0), axis=1).sum():.0f}"
+
+
+def test_the_doctor_finds_a_jump_by_its_file(root: Path) -> None:
+    path = root / f"2011_09_26/{NAME}_sync/oxts/data/0000000003.txt"
+    latitude, rest = path.read_text().split(maxsplit=1)
+    path.write_text(f"{float(latitude) + 0.001} {rest}")  # 111 m north
+    found = [str(finding) for finding in doctor.examine(root).findings]
+    assert f"{path} line 1: " in found[0]
+    assert "m/s from the pose before: more than a car drives" in found[0]
