@@ -73,7 +73,7 @@ def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
                 "give another folder with --out"
             )
     else:
-        results.remove_clips()
+        results.swap("clips", before.get("fingerprint", ""), plan.shared)
     results.write_protocol(_protocol(plan))
     return plan
 

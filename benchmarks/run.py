@@ -50,7 +50,7 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
 
 
 def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
-    """Write and return the record of a cell, without a fingerprint when it cannot be built; stale files are removed."""
+    """Write and return a cell's record, without a fingerprint when it cannot be built; stale rows are set aside."""
     own = plan.built.components_of(cell)
     before = plan.results.cell(cell.name)
     names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
@@ -66,7 +66,7 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     record |= {"components": components, "grants": [str(grant.name) for grant in Grant if grant in needs]}
     record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
     if before is None or before.fingerprint != record["fingerprint"]:
-        plan.results.remove_cell(cell.name)
+        plan.results.swap(cell.name, before.fingerprint if before else "", record["fingerprint"])
     record["code"] = plan.built.code(cell)
     tally = _tally(plan.results.parts(cell.name), record["code"])
     plan.results.write_cell(cell.name, {**record, "status": "partial", **tally})
@@ -78,7 +78,7 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
     before = plan.results.cell(name)
     same = before is not None and all(before.record.get(key) == value for key, value in record.items())
     if before is None or not same or before.num_clips == 0:
-        plan.results.remove_cell(name)
+        plan.results.swap(name, before.fingerprint if before else "", "")
         nothing = {"components": {}, "grants": [], "fingerprint": "", **_tally([])}
         plan.results.write_cell(name, {**record, **nothing, "status": failure.status, "reason": failure.reason})
 

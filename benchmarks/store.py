@@ -5,6 +5,7 @@
     <root>/<cell>/cell.json               components, grants, status, seconds per stage, peak memory; see Cell
     <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see SCORES
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
+    <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with these
     <root>/tables  plots  report.html     views of the above
 
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
@@ -41,7 +42,8 @@ SCORES = pa.schema(
     ]
 )
 METADATA_KEY = b"geovp"
-NOT_CELLS = ("clips", "tables", "plots")
+EARLIER = "earlier"
+NOT_CELLS = ("clips", "tables", "plots", EARLIER)
 
 
 @dataclass(frozen=True)
@@ -218,9 +220,24 @@ class Results:
                 arrays[field] = getattr(clip, field)
         _write_npz(self.root / "clips" / _file(clip.name), arrays)
 
-    def remove_clips(self) -> None:
-        """Remove the kept clips, of another protocol by now."""
-        shutil.rmtree(self.root / "clips", ignore_errors=True)
+    def swap(self, name: str, before: str, now: str) -> None:
+        """Set a cell or the kept clips of one fingerprint aside, and bring those of another back if there are any."""
+        current, aside, kept = self.root / name, self._earlier(before) / name, self._earlier(now) / name
+        if not any(path.suffix in (".parquet", ".npz") for path in current.rglob("*")):
+            shutil.rmtree(current, ignore_errors=True)
+        if current.exists():
+            shutil.rmtree(aside, ignore_errors=True)
+            aside.parent.mkdir(parents=True, exist_ok=True)
+            current.rename(aside)
+        if kept.exists():
+            kept.rename(current)
+
+    def set_aside(self) -> set[Path]:
+        """What is kept of other settings."""
+        return set((self.root / EARLIER).glob("*/*"))
+
+    def _earlier(self, fingerprint: str) -> Path:
+        return self.root / EARLIER / (fingerprint[:16] or "unknown")
 
     def remove_part(self, cell: str, index: int) -> None:
         """Remove a part that is stale."""

@@ -45,9 +45,15 @@ def run(chosen: argparse.Namespace) -> int:
         spec = {"name": "processes", "workers": chosen.workers}
     if chosen.scheduler is not None:
         spec = {"name": "dask", "address": chosen.scheduler}
-    executor = registry.build("executors", spec)
+    executor, before = registry.build("executors", spec), results.set_aside()
     with progress_bar(matrix.name, "predictions") as progress:
         cells = fill(matrix, results, options, executor, progress)
+    if results.set_aside() - before:
+        print(
+            "geovp: the protocol or settings changed: earlier rows are kept in "
+            f"{results.root / 'earlier'} and come back with the old ones",
+            file=sys.stderr,
+        )
     return conclude(results, cells, with_report=not chosen.no_report)
 
 

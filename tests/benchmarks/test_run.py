@@ -180,6 +180,21 @@ class TestAgain:
         assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
         assert len(Results(tmp_path).clip("road/000").frames) == 4
 
+    def test_old_rows_come_back_with_the_old_settings_and_nothing_is_computed(self, tmp_path: Path) -> None:
+        log = tmp_path / "log"
+        tables = content({"clips": 4}, predictors={"still": {"name": "toy-still", "log": str(log)}})
+        go(tmp_path, tables)
+        first, tried = rows(tmp_path, "still"), len(log.read_text().split())
+        for key, value in (("num_future", 1), ("stride", 2)):
+            other = {**tables, "protocol": {**tables["protocol"], key: value}}
+            go(tmp_path, other)
+        assert len(Results(tmp_path).set_aside()) == 4  # two protocols' rows, and their kept clips
+        assert len(log.read_text().split()) == 3 * tried
+        go(tmp_path, tables)
+        assert rows(tmp_path, "still") == first
+        assert len(Results(tmp_path).clip("road/000").frames) == 5
+        assert len(log.read_text().split()) == 3 * tried
+
     def test_a_lost_part_is_made_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}})
