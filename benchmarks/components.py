@@ -14,10 +14,12 @@ from typing import Any
 
 from benchmarks.matrix import Spec
 from geovp_classic import registry
-from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra
+from geovp_classic.types import Grant
 
 ALWAYS_HASHED = ("geovp_classic", "benchmarks.built_matrix", "benchmarks.scoring", "benchmarks.metric_set")
 DIGITS = 12
+PREDICTING = ("pose_sources", "renderers", "predictors")
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,21 @@ class Failure:
 
 
 def build(role: str, name: str, spec: Spec) -> Any:
-    """The component of a matrix file's entry, or a Failure when something that it needs is not installed."""
+    """The component of a matrix file's entry, or a Failure when it cannot work here or is not what it should be.
+
+    What the file itself says wrong is raised: an unknown name or field, a value that its component refuses.
+    """
     try:
-        return registry.build(role, spec, f"{role}.{name}")
+        component = registry.build(role, spec, f"{role}.{name}")
+        if role in PREDICTING and not isinstance(getattr(component, "needs", None), Grant):
+            raise TypeError(f"{name!r} does not say what it needs: give it `needs`, Grant.NONE for the frames alone")
     except (Incompatible, MissingExtra) as error:
         return Failure.of(error)
+    except GeovpError:
+        raise
+    except Exception as error:  # a plug-in's own: its rows fail, the others go on
+        return Failure.of(error)
+    return component
 
 
 def code_hash(components: Iterable[object]) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
@@ -62,6 +63,10 @@ class Processes:
             yield from _results(pool, function, tasks, self.workers)
         except BrokenProcessPool as error:
             raise GeovpError("a worker process died (out of memory?): run again, with fewer --workers") from error
+        except (KeyboardInterrupt, GeneratorExit):  # parts are renamed into place: a worker may end at any moment
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -83,6 +88,10 @@ class Dask:
         except (OSError, ValueError) as error:
             raise BadData(f"no Dask scheduler answers at {self.address!r}: give one such as tcp://host:8786") from error
         with client:
+            try:
+                client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S / 2)
+            except TimeoutError as error:
+                raise BadData(f"the Dask cluster at {self.address} has no worker: start one (dask worker)") from error
             workers = max(1, sum(client.nthreads().values()))
             yield from _results(client.get_executor(pure=False), function, tasks, workers)
 
@@ -104,6 +113,7 @@ def _begin_worker(threads: int) -> None:
     """Limit the threads of libraries that a worker imports later, and end the worker when the run ends."""
     for variable in THREAD_LIMITS:
         os.environ.setdefault(variable, str(threads))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends its workers itself
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

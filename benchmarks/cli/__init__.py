@@ -9,7 +9,9 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
+import signal
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,13 +63,31 @@ def print_study(chosen: argparse.Namespace) -> int:
     return DONE
 
 
+class PrintVersion(argparse.Action):
+    """Look the version up only when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        """A flag."""
+        super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        """Print and end."""
+        from importlib import metadata
+
+        print(f"geovp {metadata.version('geovp-classic')}")
+        parser.exit()
+
+
 def main(given: Sequence[str] | None = None) -> int:
     """Run the chosen verb and return the exit code."""
     parser = argparse.ArgumentParser(prog="geovp", description="Geometry-based video prediction: run, measure, look.")
+    parser.add_argument("--version", action=PrintVersion, help="print the version and exit")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
     studies = {verb: f"benchmarks.studies.{study}" for verb, study in STUDY_OF_VERB.items()}
     add_modules(parser, {verb: studies.get(verb, f"benchmarks.cli.{verb}") for verb in VERBS}, "VERB")
     chosen = parser.parse_args(given)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _interrupt)
     try:
         return int(getattr(chosen, "verb", print_study)(chosen))
     except GeovpError as error:
@@ -79,3 +99,11 @@ def main(given: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has seen enough
         sys.stderr.close()
         return DONE
+    except OSError as error:
+        advice = "mend the path, or the disk behind it, and give the command again: what was done is kept"
+        print(f"geovp: {error.strerror or error}: {error.filename or 'a file'}: {advice}", file=sys.stderr)
+        return BAD_INPUT
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt

@@ -25,8 +25,9 @@ def run(chosen: argparse.Namespace) -> int:
     from benchmarks.rescoring import rescore, stored_metrics
     from benchmarks.store import Results
 
+    folder = chosen.folder.resolve()
     results = Results(chosen.folder)
-    into = Results(chosen.out or chosen.folder.with_name(f"{chosen.folder.resolve().name}-rescored"))
+    into = Results(chosen.out or folder.with_name(f"{folder.name}-rescored"))
     if into.root.resolve() == results.root.resolve():
         raise BadData(f"--out {into.root} is the folder that is scored: give another one, stored rows stay as they are")
     if chosen.metrics is None:

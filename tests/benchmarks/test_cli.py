@@ -144,6 +144,34 @@ class TestScore:
         assert (other.status, other.num_clips) == ("skipped", 0)
 
 
+@pytest.mark.usefixtures("toys")
+class TestDoor:
+    def test_the_version(self, capsys: pytest.CaptureFixture[str]) -> None:
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["--version"])
+        assert ended.value.code == 0
+        assert re.fullmatch(r"geovp \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+    @pytest.mark.parametrize("out", ["file", "file/below", "x" * 300, "/proc/none", "loop"])
+    def test_a_folder_that_cannot_be_written_is_one_sentence(
+        self, out: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        (tmp_path / "file").touch()
+        (tmp_path / "loop").symlink_to(tmp_path / "loop")
+        path = tmp_path / "m.toml"
+        path.write_text(MATRIX.format(more=""))
+        assert cli.main(["run", str(path), "--out", str(tmp_path / out), "--no-report"]) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert said[-1].startswith("geovp: ")
+        assert "Traceback" not in "".join(said)
+
+    def test_the_folder_one_stands_in(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        run(tmp_path)
+        monkeypatch.chdir(tmp_path / "out")
+        assert cli.main(["score", "."]) == 0
+        assert (tmp_path / "out-rescored/protocol.json").exists()
+
+
 class TestList:
     def test_every_role_and_name_is_there(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert cli.main(["list"]) == 0

@@ -38,13 +38,15 @@ trajectory = ["toy-gap"]
 CELLS = ("steady--slide", "slow", "noise")
 
 
-def begin(folder: Path, toys: Path, sleep_s: float, *more: str) -> subprocess.Popen[bytes]:
+def begin(
+    folder: Path, toys: Path, sleep_s: float, *more: str, stderr: Any = subprocess.DEVNULL
+) -> subprocess.Popen[bytes]:
     path = folder / "m.toml"
     path.write_text(MATRIX.format(sleep_s=sleep_s))
     command = [sys.executable, "-m", "benchmarks.cli", "run", str(path), "--out", str(folder / "out"), "--no-report"]
     command += more
     path_variable = os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path_variable}, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path_variable}, stderr=stderr)
 
 
 def wait_for_parts(root: Path, count: int, process: subprocess.Popen[bytes]) -> None:
@@ -106,3 +108,18 @@ def test_a_killed_runs_workers_end_with_it(tmp_path: Path, toys: Path) -> None:
             return
         time.sleep(0.05)
     pytest.fail("workers outlive the run")
+
+
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGINT])
+def test_an_interrupted_run_with_workers_ends_soon_with_one_line(
+    tmp_path: Path, toys: Path, sent: signal.Signals
+) -> None:
+    errors = tmp_path / "errors"
+    with errors.open("wb") as stream:
+        process = begin(tmp_path, toys, 2.0, "--workers", "2", stderr=stream)
+        wait_for_parts(tmp_path / "out", 1, process)
+        process.send_signal(sent)
+        assert process.wait(timeout=5) == 130
+    last = errors.read_text().splitlines()[-1]
+    assert last == "geovp: interrupted; what was done is kept, the same command goes on from there"
+    assert "Traceback" not in errors.read_text()

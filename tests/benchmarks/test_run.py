@@ -276,6 +276,11 @@ class TestFailures:
         assert go(tmp_path, matrix)["picky"].num_failed == 2
         assert log.read_text() == tried
 
+    def test_a_plug_in_without_needs_fails_alone(self, tmp_path: Path) -> None:
+        cells = go(tmp_path, content(predictors={"odd": {"name": "toy-needless"}, "still": {"name": "toy-still"}}))
+        assert (cells["odd"].status, cells["still"].status) == ("failed", "done")
+        assert "'odd' does not say what it needs" in cells["odd"].reason
+
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
         weights = tmp_path / "weights"
         metrics = {"frame": ["toy-difference", {"name": "toy-weightless", "weights": str(weights)}], "trajectory": []}

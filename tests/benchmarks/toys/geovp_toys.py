@@ -168,6 +168,14 @@ class Broken(Still):
 
 
 @dataclass(frozen=True)
+class Needless:
+    """Says nothing of what it needs."""
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        return Prediction(np.zeros((1, context.num_future, 8, 8, 3), np.uint8))
+
+
+@dataclass(frozen=True)
 class Picky(Broken):
     """Does not suit such a clip."""
 
