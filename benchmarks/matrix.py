@@ -23,7 +23,11 @@ Spec = Mapping[str, Any]  # {"name": ..., **fields}, as `registry.build` takes i
 TABLES = ("protocol", "pose_sources", "renderers", "predictors", "metrics")
 PROTOCOL_KEYS = ("dataset", "num_past", "num_future", "size_px", "stride", "num_samples")
 FROM_PROTOCOL = ("num_frames", "stride", "size_px", "with_wide", "with_right")  # fields that the protocol sets
-DEFAULT_METRICS = {"frame": ["psnr", "ssim", "lpips"], "trajectory": ["translation-error", "rotation-error"]}
+DEFAULT_METRICS = {
+    "frame": ["psnr", "ssim", "lpips"],
+    "trajectory": ["translation-error", "rotation-error"],
+    "stabilised": [],
+}
 COVERAGE = "coverage"  # the share of pixels that a prediction did not invent; scored without being asked for
 ENTRY_NAME = re.compile(r"[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]*")
 
@@ -174,7 +178,7 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
         pose_sources=_entries(content, "pose_sources", num_samples),
         renderers=_named(content, "renderers"),
         predictors=_entries(content, "predictors", num_samples),
-        frame_metrics=_metrics(metrics["frame"], "metrics.frame"),
+        frame_metrics=_stabilised(_metrics(metrics["frame"], "metrics.frame"), metrics["stabilised"]),
         trajectory_metrics=_metrics(metrics["trajectory"], "metrics.trajectory"),
     )
     _check_cells(matrix)
@@ -235,6 +239,17 @@ def _metrics(value: Any, where: str) -> dict[str, Spec]:
         if [other for other, _ in named].count(name) > 1:
             raise BadData(f"{where} has {name!r} twice: give a table, such as {{ other = {{ name = {name!r} }} }}")
     return dict(named)
+
+
+def _stabilised(frame: dict[str, Spec], names: Any) -> dict[str, Spec]:
+    """The frame metrics, followed by the stabilised versions of those that are named."""
+    if not isinstance(names, list):
+        raise BadData(f'metrics.stabilised is {names!r}, expected a list of frame metrics such as ["psnr"]')
+    _only(dict.fromkeys(map(str, names)), tuple(frame), "metrics.stabilised", "frame metric")
+    twice = sorted({f"{name}-stabilised" for name in names} & set(frame))
+    if twice:
+        raise BadData(f"metrics.frame has {twice[0]!r}, as metrics.stabilised calls its own: give another name")
+    return frame | {f"{name}-stabilised": {"name": "stabilised", "metric": frame[name]} for name in names}
 
 
 def _spec(value: Any, where: str) -> Spec:

@@ -16,6 +16,7 @@ from benchmarks.profiling import release_free_memory
 from benchmarks.store import SCORES
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
+from geovp_classic.metrics.stabilised import Stabilised, turned
 from geovp_classic.metrics.strata import strata
 from geovp_classic.metrics.trajectory import relative_to_last_observed
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, FloatArray, Grant, Prediction, Target, Trajectory
@@ -105,12 +106,18 @@ def _values(
     masks.update({f"@{name}": mask for name, mask in context.pixel_sets.items()})
     images = hashlib.sha256(predicted.tobytes() + (b"" if covered is None else covered.tobytes())).digest()
     for name, frame_metric in metrics.frame.items():
+        if isinstance(frame_metric, Stabilised):
+            continue
         if (name, images) not in context.scored:
             context.scored[name, images] = _over(frame_metric, predicted, target, list(masks.values()))
         for suffix, values in zip(masks, context.scored[name, images], strict=True):
             yield name + suffix, values
     future = _future(context, prediction, sample)
     if future is not None and context.future is not None:
+        stabilised = {name: metric for name, metric in metrics.frame.items() if isinstance(metric, Stabilised)}
+        if stabilised:
+            frames, seen = turned(predicted, context.clip.intrinsics, future, context.future)
+            yield from ((name, metric(frames, target, seen)) for name, metric in stabilised.items())
         for name, trajectory_metric in metrics.trajectory.items():
             yield name, trajectory_metric(future, context.future)
 

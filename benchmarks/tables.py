@@ -119,9 +119,11 @@ def _kind(spread: Spread) -> str:
 
 
 def title(metric: str) -> str:
-    """A metric's name for people: "psnr" is "PSNR", "psnr@covered" is "PSNR, covered pixels"."""
+    """A metric's name for people: "PSNR", "PSNR, stabilised", or "PSNR, covered pixels" for "psnr@covered"."""
     name, _, pixels = metric.partition("@")
-    words = name.upper() if len(name) <= 5 or name.startswith(("ms-ssim", "lpips-")) else name.replace("-", " ")
+    stem = name.removesuffix("-stabilised")
+    words = stem.upper() if len(stem) <= 5 or stem.startswith(("ms-ssim", "lpips-")) else stem.replace("-", " ")
+    words += ", stabilised" * (stem != name)
     return f"{words}, {pixels} pixels" if pixels else words
 
 
