@@ -35,3 +35,11 @@ def settings(chosen: argparse.Namespace) -> dict[str, Any]:
 def add_results_folder(parser: argparse.ArgumentParser) -> None:
     """Ask for a results folder."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="a results folder that `geovp run` wrote")
+
+
+def add_division(parser: argparse.ArgumentParser) -> None:
+    """Let the clips be divided into strata."""
+    help_text = (
+        "apart for each kind of clips: turning, speed, step (length), seen (share of pixels seen before), moving"
+    )
+    parser.add_argument("--by", metavar="KIND", help=help_text)

@@ -103,10 +103,12 @@ def compute(task: Task) -> TaskResult:
     codes = {plan.name: built.code(plan) for plan in task.cells}  # before a file can be edited
     outputs = {plan.name: _CellOutput() for plan in task.cells}
     failures: dict[str, Failure] = {}
+    facts: dict[str, Mapping[str, float]] = {}
     for index, name in task.clips.items():
         context = ScoringContext(_clip(built, index, name), built.matrix.num_past)
         if name in task.kept:
             results.write_clip(context.clip)
+        facts[name] = context.facts
         cache = Cache()
         for plan in (plan for plan in task.cells if plan.name not in failures):
             try:
@@ -128,6 +130,7 @@ def compute(task: Task) -> TaskResult:
             peak_is_own=peak_mb > 0,
             code=codes[name],
             failures={clip: dataclasses.astuple(failure) for clip, failure in output.failures.items()},
+            facts=facts,
         )
         results.write_part(name, pa.concat_tables(output.rows), part)
     return TaskResult(task, failures)

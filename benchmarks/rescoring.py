@@ -52,14 +52,14 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
     num_past = int(results.protocol()["num_past"])
     predicted = {clip for clip, _ in results.predictions(cell.name)}
     scored = [clip for clip in clips if clip in predicted]
-    profiler, tables = StageProfiler(), []
+    profiler, tables, facts = StageProfiler(), [], {}
     into.remove_cell(cell.name)
     for clip in scored:
         context = ScoringContext(results.clip(clip), num_past)
         prediction = results.prediction(cell.name, clip)
         into.write_clip(context.clip)
         into.write_prediction(cell.name, clip, prediction)
-        _ = context.pixel_sets
+        facts[clip] = context.facts
         with profiler.measure("metrics"):
             tables.append(score(context, prediction, metrics))
     verdict = {} if cell.status in ("skipped", "failed") else {"status": "done" if scored == clips else "partial"}
@@ -73,5 +73,6 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
     }
     into.write_cell(cell.name, {**cell.record, **verdict, **tally})
     if tables:
-        part = Part(0, tuple(scored), cell.fingerprint, {}, profiler.seconds, 0.0, failures=failures)
+        names, seconds = tuple(scored), profiler.seconds
+        part = Part(0, names, cell.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)
         into.write_part(cell.name, pa.concat_tables(tables), part)

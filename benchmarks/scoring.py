@@ -16,6 +16,7 @@ from benchmarks.profiling import release_free_memory
 from benchmarks.store import SCORES
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
+from geovp_classic.metrics.clip_facts import clip_facts
 from geovp_classic.metrics.stabilised import Stabilised, turned
 from geovp_classic.metrics.strata import strata
 from geovp_classic.metrics.trajectory import relative_to_last_observed
@@ -59,6 +60,11 @@ class ScoringContext:
     def pixel_sets(self) -> Mapping[str, BoolArray]:
         """Masks [F, H, W] of pixels that are scored apart; none for a clip without exact depth."""
         return strata(*self.truth)
+
+    @cached_property
+    def facts(self) -> Mapping[str, float]:
+        """The clip's numbers by which results are divided: of its path, and shares of the future's pixels."""
+        return clip_facts(*self.truth) | {name: float(mask.mean()) for name, mask in self.pixel_sets.items()}
 
     @cached_property
     def future(self) -> Trajectory | None:

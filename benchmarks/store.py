@@ -87,6 +87,7 @@ class Part:
     peak_is_own: bool = False  # False in older parts: the peak of the whole process so far
     code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
     failures: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict)  # clip -> status, reason, traceback
+    facts: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)  # of each clip, see `scoring`
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,11 @@ class Results:
     def failures(self, cell: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of the last frame."""
         return {clip: reason for part in self.parts(cell) for clip, (_, reason, _) in part.failures.items()}
+
+    def clip_facts(self) -> dict[str, Mapping[str, float]]:
+        """What is known of the clips themselves: numbers by name, by clip."""
+        parts = (part for cell in self.cells() for part in self.parts(cell.name))
+        return {clip: facts for part in parts for clip, facts in part.facts.items()}
 
     def predictions(self, cell: str) -> list[tuple[str, Path]]:
         """(clip name, file) of the predictions that were kept of one cell."""

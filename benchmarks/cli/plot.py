@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.arguments import add_results_folder as add_arguments
+from benchmarks.arguments import add_division, add_results_folder
 from benchmarks.progress import progress_bar
 
-__all__ = ["add_arguments", "run"]
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which results, and which of their figures."""
+    add_results_folder(parser)
+    add_division(parser)
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -16,6 +20,6 @@ def run(chosen: argparse.Namespace) -> int:
     from benchmarks.store import Results
 
     with progress_bar("plots", "figures") as progress:
-        written = [path for _, files in plots.write_all(Results(chosen.folder), progress) for path in files]
+        written = [path for _, files in plots.write_all(Results(chosen.folder), progress, chosen.by) for path in files]
     print(*written, sep="\n")
     return 0

@@ -10,6 +10,7 @@ from typing import Any
 
 import matplotlib.style
 
+from benchmarks import strata
 from benchmarks.plots import horizon, kept_clips, style
 from benchmarks.plots.material import Material, Page
 from benchmarks.progress import Progress, no_progress, tracked
@@ -26,8 +27,21 @@ SAVE_OPTIONS: dict[str, dict[str, Any]] = {
 KINDS = ("horizon", "samples", "strip", "invented", "paths")
 
 
-def figures(results: Results, progress: Progress = no_progress) -> Iterator[Page]:
-    """All figures, drawn one after the other; BadData when the folder holds no results."""
+def figures(results: Results, progress: Progress = no_progress, by: str | None = None) -> Iterator[Page]:
+    """All figures, or the curves of strata, drawn one after the other; BadData when the folder holds no results."""
+    drawing = _drawing(results, by)
+    for draw in tracked(drawing, len(drawing), progress):
+        with matplotlib.style.context(style.SHEET):
+            pages = draw()
+        yield from pages
+
+
+def _drawing(results: Results, by: str | None) -> list[Callable[[], list[Page]]]:
+    """What draws the figures."""
+    if by is not None:
+        parts = {subset.label: Material.read(subset) for subset in strata.divide(results, by)}
+        whole = [metric for metric in horizon.metrics(Material.read(results)) if "@" not in metric]
+        return [partial(horizon.stratum_pages, parts, by, metric) for metric in whole]
     material = Material.read(results)
     metrics = horizon.metrics(material)
     drawing: list[Callable[[], list[Page]]] = [partial(horizon.pages, material, metric) for metric in metrics]
@@ -36,13 +50,12 @@ def figures(results: Results, progress: Progress = no_progress) -> Iterator[Page
     drawing += [
         partial(kept_clips.pages, material, number, name) for number, (name, _) in enumerate(results.clips(), 1)
     ]
-    for draw in tracked(drawing, len(drawing), progress):
-        with matplotlib.style.context(style.SHEET):
-            pages = draw()
-        yield from pages
+    return drawing
 
 
-def write_all(results: Results, progress: Progress = no_progress) -> Iterator[tuple[Page, dict[Path, bytes]]]:
+def write_all(
+    results: Results, progress: Progress = no_progress, by: str | None = None
+) -> Iterator[tuple[Page, dict[Path, bytes]]]:
     """Write every figure into the results folder's plots, remove outdated ones; each figure with its files.
 
     All are png and svg but two: curves over sets of pixels are svg alone, strips of inpainted pixels png alone.
@@ -50,13 +63,13 @@ def write_all(results: Results, progress: Progress = no_progress) -> Iterator[tu
     BadData when the folder holds no results.
     """
     written: set[Path] = set()
-    for page in figures(results, progress):
+    for page in figures(results, progress, by):
         files = {results.plots / f"{page.name}.{kind}": rendered(page, kind) for kind in page.formats}
         for path, content in files.items():
             write_bytes(path, content)
         written.update(files)
         yield page, files
-    for kind in KINDS:
+    for kind in KINDS if by is None else (f"strata-{by}",):
         for path in set(results.plots.glob(f"{kind}-*")) - written:
             path.unlink()
 

@@ -60,6 +60,16 @@ def draw(curves: Sequence[Curve], labels: AxisLabels, heading: style.Heading) ->
     return [_page(curves, labels, page, own) for page, own in style.pages(len(curves), MOST_LINES, heading)]
 
 
+def draw_groups(
+    groups: Sequence[Sequence[Curve]], labels: AxisLabels, headings: Sequence[style.Heading]
+) -> list[Figure]:
+    """One figure per group of curves; those of the other groups are faint lines, and all figures share their axes."""
+    every = [curve for group in groups for curve in group]
+    ends = np.cumsum([len(group) for group in groups]).tolist()
+    parts = [slice(end - len(group), end) for group, end in zip(groups, ends, strict=True)]
+    return [_page(every, labels, part, heading) for part, heading in zip(parts, headings, strict=True)]
+
+
 def _page(curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: style.Heading) -> Figure:
     figure, axes = style.single_axes(SIZE_IN, heading)
     highest = _limits(curves, labels)[1]

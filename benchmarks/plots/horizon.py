@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +35,31 @@ def metrics(material: Material) -> list[str]:
 
 def pages(material: Material, metric: str) -> list[Page]:
     """The figures of one metric; over sets of pixels, which are many, as svg alone."""
+    shown = _curves(material, metric)
+    heading = style.Heading(f"{title(metric)} over horizon", _over(material, shown))
+    formats = ("svg",) if "@" in metric else ("png", "svg")
+    return numbered("horizon", metric, metric, heading, curves.draw(shown, _labels(material, metric), heading), formats)
+
+
+def stratum_pages(parts: Mapping[str, Material], by: str, metric: str) -> list[Page]:
+    """One figure per stratum with the curves of all strata behind its own, so that all have the same axes."""
+    found = {label: (material, _curves(material, metric)) for label, material in parts.items()}
+    found = {label: (material, shown) for label, (material, shown) in found.items() if shown}
+    headings = [
+        style.Heading(f"{title(metric)} over horizon: {label}", _over(*own) + ", grey: other clips")
+        for label, own in found.items()
+    ]
+    labels = _labels(next(iter(parts.values())), metric)
+    figures = curves.draw_groups([shown for _, shown in found.values()], labels, headings)
+    return [
+        page
+        for number, (heading, figure) in enumerate(zip(headings, figures, strict=True), 1)
+        for page in numbered("strata", f"{by}-{number}-{metric}", metric, heading, [figure])
+    ]
+
+
+def _curves(material: Material, metric: str) -> list[curves.Curve]:
+    """One curve per line that has values; those of fewer clips than the others say so."""
     facts = material.protocol["metrics"][metric.partition("@")[0]]
     shown = []
     for label, cell, reduce, line in _lines(material.cells, facts["role"]):
@@ -42,16 +67,23 @@ def pages(material: Material, metric: str) -> list[Page]:
         if np.isfinite(cube.values).any():
             estimate = statistics.over_clips(reduce(cube, facts["higher_is_better"]))
             shown.append(curves.Curve(label, estimate, line))
-    most = max(curve.num_clips for curve in shown)
+    most = max((curve.num_clips for curve in shown), default=0)
     for number, curve in enumerate(shown):
         if curve.num_clips < most:
             shown[number] = replace(curve, label=f"{curve.label} (only {curve.num_clips} of {most} clips)")
+    return shown
+
+
+def _over(material: Material, shown: Sequence[curves.Curve]) -> str:
+    """What the curves are means over."""
+    most = max(curve.num_clips for curve in shown)
     over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
-    over += ", band ± one standard error over clips" if most > 1 else ""
-    heading = style.Heading(f"{title(metric)} over horizon", over)
-    labels = curves.AxisLabels(title(metric), facts["unit"], facts["higher_is_better"], material.step_s)
-    formats = ("svg",) if "@" in metric else ("png", "svg")
-    return numbered("horizon", metric, metric, heading, curves.draw(shown, labels, heading), formats)
+    return over + (", band ± one standard error over clips" if most > 1 else "")
+
+
+def _labels(material: Material, metric: str) -> curves.AxisLabels:
+    facts = material.protocol["metrics"][metric.partition("@")[0]]
+    return curves.AxisLabels(title(metric), facts["unit"], facts["higher_is_better"], material.step_s)
 
 
 def sample_pages(material: Material, metric: str) -> list[Page]:

@@ -1,0 +1,174 @@
+"""Results divided by what the clips are like: every clip in one stratum, each with a table and figures of its own."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from benchmarks import cli, plots, strata, tables
+from benchmarks.rescoring import rescore, stored_metrics
+from benchmarks.store import SCORES, Part, Results
+from geovp_classic.errors import BadData
+
+FACTS: dict[str, dict[str, float]] = {
+    "a": {"yaw_deg": 0.4, "speed_m_s": 4.9, "step_m": 0.49},
+    "b": {"yaw_deg": 5.0, "speed_m_s": 5.0, "step_m": 0.5},
+    "c": {"yaw_deg": 4.9, "speed_m_s": 30.0, "step_m": 3.0},
+    "d": {"yaw_deg": 31.0},
+    "e": {},
+}
+COVERED = {"a": 0.9, "b": 0.8, "c": 0.7, "d": 0.95, "e": 0.99}
+UNITS = {"psnr": ("dB", True), "coverage": ("", True)}
+
+
+def fill(root: Path, facts: dict[str, dict[str, float]], num_clips: int = 5) -> Results:
+    """PSNR is 10, 11, ... by clip and falls by 1 from the first step to the second; `half` has only the first clip."""
+    results, clips = Results(root), list(facts)[:num_clips]
+    metrics = {
+        name: {"role": "frame", "unit": unit, "higher_is_better": up, "unavailable": None, "asked": {"name": "psnr"}}
+        for name, (unit, up) in UNITS.items()
+    }
+    protocol: dict[str, Any] = {"name": "demo", "dataset_name": "road", "dataset": {}, "metrics": metrics}
+    results.write_protocol(
+        {**protocol, "cells": ["s--r", "half"], "clips": clips, "num_past": 3, "num_future": 2, "size_px": [8, 8]}
+    )
+    for name, count in (("s--r", len(clips)), ("half", 1)):
+        record = {"label": name.replace("--", " + "), "kind": "geometric", "grants": [], "num_samples": 1}
+        record |= {"seconds": {}, "components": {}, "fingerprint": "f", "status": "done" if count > 1 else "partial"}
+        results.write_cell(name, {**record, "num_clips": count})
+        rows = [
+            (clip, 0, step, metric, value)
+            for number, clip in enumerate(clips[:count])
+            for step in (1, 2)
+            for metric, value in (("psnr", 11.0 + number - step), ("coverage", COVERED[clip]))
+        ]
+        columns = [pa.array(column, f.type) for column, f in zip(zip(*rows, strict=True), SCORES, strict=True)]
+        own = {clip: facts[clip] for clip in clips[:count]}
+        results.write_part(name, pa.table(columns, SCORES), Part(0, tuple(clips[:count]), "f", {}, {}, 0.0, facts=own))
+    return results
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    return fill(tmp_path, FACTS)
+
+
+@pytest.mark.parametrize(
+    ("by", "expected"),
+    [
+        (
+            "turning",
+            {"straight, by less than 5 deg": "ac", "turning, by 5 deg or more": "bd", "yaw_deg not known": "e"},
+        ),
+        ("speed", {"below 5 m/s": "a", "5 to 10 m/s": "b", "10 m/s or more": "c", "speed_m_s not known": "de"}),
+        ("step", {"below 0.5 m a frame": "a", "0.5 to 1 m a frame": "b", "1 m a frame or more": "c"}),
+        # thirds of .7 .8 .9 .95 .99: the bounds are at places 4 / 3 and 8 / 3 of 0..4
+        (
+            "seen",
+            {
+                "below 83.3% seen before, as s + r covers it": "bc",
+                "83.3% to 93.3% seen before, as s + r covers it": "a",
+                "93.3% or more seen before, as s + r covers it": "de",
+            },
+        ),
+    ],
+)
+def test_every_clip_is_in_the_stratum_of_its_facts(results: Results, by: str, expected: dict[str, str]) -> None:
+    divided = {subset.label: "".join(sorted(subset.chosen)) for subset in strata.divide(results, by)}
+    assert expected.items() <= divided.items()
+    assert "".join(sorted("".join(divided.values()))) == "abcde"
+
+
+def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> None:
+    facts = {name: {"seen": share, "moving": share - 0.5} for name, share in zip("abc", (0.5, 0.6, 0.7), strict=True)}
+    results = fill(tmp_path, facts)
+    assert strata.divide(results, "seen")[0].label == "below 56.7% seen before"
+    moving = {subset.label: set(subset.chosen) for subset in strata.divide(results, "moving")}
+    assert moving == {"below 1.0% of pixels moving": {"a"}, "1.0% or more of pixels moving": {"b", "c"}}
+
+
+def test_a_table_of_a_stratum_is_of_its_clips_alone(results: Results) -> None:
+    straight, turning, unknown = (tables.build(subset)[0] for subset in strata.divide(results, "turning"))
+    assert straight.title == "demo, straight, by less than 5 deg (n = 2): whole frames and poses"
+    # clips a and c have 9.5 and 11.5 dB over their two steps, b and d 10.5 and 12.5, e 13.5
+    assert [float(table.rows[0].estimates["psnr"].mean) for table in (straight, turning, unknown)] == [10.5, 11.5, 13.5]
+    assert [table.rows[0].num_clips for table in (straight, turning, unknown)] == [2, 2, 1]
+    assert straight.rows[1].num_clips == 1
+    assert any(note == "half: partial: 1 of 2 clips; run again." for note in straight.notes)
+
+
+def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Results) -> None:
+    list(plots.write_all(results))
+    before = {path.name for path in results.plots.iterdir()}
+    pages = [page for page, _ in plots.write_all(results, by="turning")]
+    assert [page.name for page in pages if page.subject == "psnr"] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
+    limits = {page.figure.axes[0].get_ylim() for page in pages if page.subject == "psnr"}
+    assert len(limits) == 1
+    first = pages[0].figure.axes[0]
+    assert "PSNR over horizon: straight, by less than 5 deg" in pages[0].caption
+    legend = first.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
+    assert [np.asarray(line.get_ydata()).tolist() for line in first.lines[:2]] == [[11.0, 10.0], [10.0, 9.0]]
+    after = {path.name for path in results.plots.iterdir()}
+    assert before < after
+    list(plots.write_all(results))
+    assert {path.name for path in results.plots.iterdir()} == after
+
+
+def test_the_command_line_prints_a_table_a_stratum(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["table", str(results.root), "--by", "speed"]) == 0
+    headings = [line for line in capsys.readouterr().out.splitlines() if line.startswith("## ")]
+    assert [line.partition(", ")[2].partition(":")[0] for line in headings] == [
+        "below 5 m/s (n = 1)",
+        "5 to 10 m/s (n = 1)",
+        "10 m/s or more (n = 1)",
+        "speed_m_s not known (n = 2)",
+    ]
+    assert cli.main(["plot", str(results.root), "--by", "speed"]) == 0
+    assert "strata-speed-1-psnr.png" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("verb", ["table", "plot"])
+def test_a_wrong_word_is_one_sentence(results: Results, capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    assert cli.main([verb, str(results.root), "--by", "turnin"]) == 2
+    assert capsys.readouterr().err == "geovp: clips cannot be divided by 'turnin': did you mean 'turning'?\n"
+
+
+def test_what_nothing_is_known_of_cannot_be_divided(tmp_path: Path) -> None:
+    with pytest.raises(BadData, match="does not say moving of any clip, by which it could be divided"):
+        strata.divide(fill(tmp_path, FACTS), "moving")
+
+
+MATRIX = """
+[protocol]
+dataset = { name = "toy-road", clips = 3, with_depths = true }
+num_past = 3
+num_future = 2
+size_px = [8, 8]
+stride = 1
+[predictors]
+still = { name = "toy-still" }
+[metrics]
+frame = ["toy-difference"]
+trajectory = []
+"""
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_run_and_a_rescoring_store_the_facts_of_their_clips(tmp_path: Path) -> None:
+    file = tmp_path / "m.toml"
+    file.write_text(MATRIX)
+    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--no-report", "--keep", "1"]) == 0
+    stored = Results(tmp_path / "out").clip_facts()
+    assert list(stored) == ["road/000", "road/001", "road/002"]
+    facts = dict(stored["road/001"])  # 1 m in .1 s, straight on; a wall that moves along
+    assert facts.pop("seen") + facts.pop("disoccluded") <= 1
+    assert facts == pytest.approx({"yaw_deg": 0.0, "speed_m_s": 10.0, "step_m": 1.0})
+    again = Results(tmp_path / "again")
+    rescore(Results(tmp_path / "out"), again, stored_metrics(Results(tmp_path / "out")), lambda done, total: None)
+    assert again.clip_facts() == {"road/001": stored["road/001"]}
+    assert not any(math.isnan(value) for value in stored["road/001"].values())
