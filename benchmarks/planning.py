@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 import json
 import platform
@@ -14,6 +15,7 @@ from typing import Any
 
 from benchmarks.built_matrix import BuiltMatrix, build_matrix
 from benchmarks.matrix import Matrix
+from benchmarks.selection import Selection
 from benchmarks.store import Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -29,7 +31,7 @@ class Options:
     """The options of a run."""
 
     limit: int | None = None  # only the first clips
-    keep: int | None = KEPT_BY_DEFAULT  # number of clips whose predictions are kept, None for all
+    keep: int | Selection | None = KEPT_BY_DEFAULT  # clips whose predictions are kept, or their number; None for all
     fresh: bool = False  # recompute what another version of the code computed
 
 
@@ -44,6 +46,7 @@ class Plan:
     unavailable: Mapping[str, str]  # metric -> why
     shared: str  # the protocol's part of all fingerprints
     fresh: bool = False  # recompute what another version of the code computed
+    selection: Selection | None = None  # the kept clips, where they were not just spread
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -63,8 +66,13 @@ def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     clips = built.clip_names(options.limit)
     if not clips:
         raise BadData("the data set has no clip of that length: give a longer sequence or fewer frames a clip")
-    kept = spread(clips, len(clips) if options.keep is None else options.keep)
-    plan = Plan(built, results, clips, kept, built.metrics.unavailable(matrix.size_px), _shared(built), options.fresh)
+    selection = options.keep if isinstance(options.keep, Selection) else None
+    if isinstance(options.keep, Selection):
+        kept = options.keep.among(clips)
+    else:
+        kept = spread(clips, len(clips) if options.keep is None else options.keep)
+    unavailable = built.metrics.unavailable(matrix.size_px)
+    plan = Plan(built, results, clips, kept, unavailable, _shared(built), options.fresh, selection)
     before = results.protocol() if results.begun else {}
     if before.get("fingerprint") == plan.shared:
         if options.limit is not None and len(before["clips"]) > len(clips):
@@ -92,6 +100,7 @@ def _protocol(plan: Plan) -> dict[str, Any]:
         "metrics": plan.built.metrics.about(plan.unavailable),
         "cells": [cell.name for cell in matrix.cells],
         "clips": list(plan.clips),
+        "kept": None if plan.selection is None else dataclasses.asdict(plan.selection),
         "fingerprint": plan.shared,
         "versions": versions(),
     }

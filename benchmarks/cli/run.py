@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,9 +11,17 @@ from typing import TYPE_CHECKING
 
 from benchmarks.arguments import positive
 from benchmarks.progress import progress_bar
+from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
+    from benchmarks.executors import Executor
+    from benchmarks.matrix import Matrix
+    from benchmarks.selection import Ranking, Selection
     from benchmarks.store import Cell, Results
+
+KEEP = """keep the predictions of N clips (3), of all, of clips named with commas between, or of three clips chosen by a
+score: worst:METRIC, best:METRIC or median:METRIC of the first complete row, pose sources with renderers first, or
+worst:METRIC:ROW. Chosen clips are known after the run: all rows are computed on them once more"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the file's")
     parser.add_argument("--out", type=Path, metavar="DIR", help="results folder (default: results/<name of the file>)")
     parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
-    parser.add_argument("--keep", type=_keep, default=3, metavar="N", help="keep predictions of N clips, or of all (3)")
+    parser.add_argument("--keep", default="3", metavar="WHICH", help=KEEP)
     parser.add_argument("--fresh", action="store_true", help="compute anew what another version of the code computed")
     parser.add_argument("--no-report", action="store_true", help="no plots and no report")
     where = parser.add_mutually_exclusive_group()
@@ -34,18 +43,14 @@ def run(chosen: argparse.Namespace) -> int:
     from benchmarks import matrix as matrices
     from benchmarks.planning import Options
     from benchmarks.run import run as fill
+    from benchmarks.selection import Ranking
     from benchmarks.store import Results
-    from geovp_classic import registry
 
     matrix = matrices.read(chosen.matrix).with_root(chosen.root)
     results = Results(chosen.out or Path("results") / matrix.name)
-    options = Options(chosen.limit, None if chosen.keep == "all" else chosen.keep, chosen.fresh)
-    spec: dict[str, object] = {"name": "serial"}
-    if chosen.workers is not None and chosen.workers > 1:
-        spec = {"name": "processes", "workers": chosen.workers}
-    if chosen.scheduler is not None:
-        spec = {"name": "dask", "address": chosen.scheduler}
-    executor, before = registry.build("executors", spec), results.set_aside()
+    keep = _keep(chosen.keep, matrix)
+    options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh)
+    executor, before = _executor(chosen), results.set_aside()
     with progress_bar(matrix.name, "predictions") as progress:
         cells = fill(matrix, results, options, executor, progress)
     if results.set_aside() - before:
@@ -54,6 +59,14 @@ def run(chosen: argparse.Namespace) -> int:
             f"{results.root / 'earlier'} and come back with the old ones",
             file=sys.stderr,
         )
+    if isinstance(keep, Ranking):
+        try:
+            options = dataclasses.replace(options, keep=keep.choose(results))
+        except BadData:
+            conclude(results, cells, with_report=not chosen.no_report)
+            raise
+        with progress_bar("chosen clips", "predictions") as progress:
+            cells = fill(matrix, results, options, executor, progress)
     return conclude(results, cells, with_report=not chosen.no_report)
 
 
@@ -89,5 +102,27 @@ def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
     return int(left + partly > 0)
 
 
-def _keep(text: str) -> int | str:
-    return text if text == "all" else max(0, int(text))
+def _executor(chosen: argparse.Namespace) -> Executor:
+    """What runs the tasks."""
+    from geovp_classic import registry
+
+    spec: dict[str, object] = {"name": "serial"}
+    if chosen.workers is not None and chosen.workers > 1:
+        spec = {"name": "processes", "workers": chosen.workers}
+    if chosen.scheduler is not None:
+        spec = {"name": "dask", "address": chosen.scheduler}
+    executor: Executor = registry.build("executors", spec)
+    return executor
+
+
+def _keep(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
+    """What --keep asks for: a number, clips, a rule, or None for all."""
+    from benchmarks.selection import NAMED, WHICH, Ranking, Selection
+
+    if text == "all":
+        return None
+    if text.removeprefix("-").isdecimal():
+        return max(0, int(text))
+    if ":" in text or text in WHICH:
+        return Ranking.parse(text, matrix)
+    return Selection(tuple(text.split(",")), NAMED)

@@ -16,7 +16,7 @@ def write(results: Results, progress: Progress = no_progress) -> None:
     chapters = {
         "Scores": sections.scores(tables.build(results)),
         "Over the horizon": sections.horizon(figures),
-        "Clips": sections.clips(figures),
+        **sections.clips(figures, protocol),
         "Methods": sections.methods(cells, len(protocol["clips"])),
         "Protocol": sections.protocol(protocol),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -68,17 +67,25 @@ def horizon(figures: Sequence[EmbeddedFigure]) -> Html:
     return joined((*pairs[: bool(whole)], fold("Over sets of pixels", *pairs[bool(whole) :])))
 
 
-def clips(figures: Sequence[EmbeddedFigure]) -> Html:
-    """Film strip and paths of each kept clip; the strip with inpainted pixels marked is folded."""
+def clips(figures: Sequence[EmbeddedFigure], shared: Mapping[str, Any]) -> dict[str, Html]:
+    """Chapters by title: the clips that were chosen by a score or by name, in that order, and the other kept ones."""
     images = [figure for figure in figures if figure.kind not in CURVES]
-    parts = []
-    for clip, group in itertools.groupby(images, lambda figure: figure.subject):
-        by_kind: dict[str, list[Html]] = {"strip": [], "paths": [], "invented": []}
-        for figure in group:
+    kept = list(dict.fromkeys(figure.subject for figure in images))
+    selection = shared.get("kept") or {"by": "", "clips": []}
+    chosen = [clip for clip in selection["clips"] if clip in kept]
+    others = [clip for clip in kept if clip not in chosen]
+    chapters = {f"Clips: {selection['by']}": chosen, "Other clips" if chosen else "Clips": others}
+    return {heading: joined(_clip(clip, images) for clip in names) for heading, names in chapters.items()}
+
+
+def _clip(clip: str, images: Sequence[EmbeddedFigure]) -> Html:
+    """Film strip and paths; the strip with inpainted pixels marked is folded."""
+    by_kind: dict[str, list[Html]] = {"strip": [], "paths": [], "invented": []}
+    for figure in images:
+        if figure.subject == clip:
             by_kind[figure.kind].append(figure.element)
-        shown = (*by_kind["strip"], *by_kind["paths"])
-        parts.append(tag("div", tag("h3", clip), *shown, fold("Invented pixels", *by_kind["invented"])))
-    return joined(parts)
+    shown = (*by_kind["strip"], *by_kind["paths"])
+    return tag("div", tag("h3", clip), *shown, fold("Invented pixels", *by_kind["invented"]))
 
 
 def methods(cells: Sequence[Cell], num_clips: int) -> Html:

@@ -1,0 +1,187 @@
+"""The clips that a report shows: the worst, the best or the usual ones by a score, or those that are named."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+
+from benchmarks import cli, matrix
+from benchmarks.selection import Ranking, Selection
+from benchmarks.store import SCORES, Part, Results
+from geovp_classic.errors import BadData
+
+PSNR = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}
+ERROR = {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None}
+CLIPS = [f"03/{first:06d}" for first in range(0, 40, 5)]  # of five frames, and then each overlaps with none
+
+
+def fill(root: Path, rows: Mapping[str, Sequence[float | None]], kinds: dict[str, str], num_past: int = 3) -> Results:
+    """The PSNR of each cell's clips, as many metres of error, and none of the last clip where one is missing."""
+    results = Results(root)
+    shared = {"name": "demo", "cells": list(rows), "clips": CLIPS, "metrics": {"psnr": PSNR, "error": ERROR}}
+    results.write_protocol({**shared, "num_past": num_past, "num_future": 2})
+    for name, scores in rows.items():
+        status = "done" if len(scores) == len(CLIPS) else "partial"
+        record: dict[str, Any] = {
+            "label": name.replace("--", " + "),
+            "kind": kinds[name],
+            "status": status,
+            "grants": [],
+        }
+        record |= {"num_samples": 1, "num_clips": len(scores), "seconds": {}, "components": {}, "fingerprint": "f"}
+        results.write_cell(name, record)
+        lines: list[tuple[Any, ...]] = []
+        for clip, score in zip(CLIPS, scores, strict=False):
+            lines += [(clip, 0, 1, metric, score) for metric in ("psnr", "error")]
+        columns = [pa.array(column, f.type) for column, f in zip(zip(*lines, strict=True), SCORES, strict=True)]
+        results.write_part(name, pa.table(columns, SCORES), Part(0, tuple(CLIPS[: len(scores)]), "f", {}, {}, 0.0))
+    return results
+
+
+SCORES_OF: dict[str, list[float | None]] = {
+    "half--r": [1.0],
+    "copy": [9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0],
+    "a--r": [20.0, 11.0, 25.0, 12.0, 18.0, 30.0, 17.0, None],
+}
+KINDS = {"half--r": "geometric", "copy": "predictor", "a--r": "geometric"}
+
+
+def numbers(selection: Selection) -> list[int]:
+    return [CLIPS.index(clip) for clip in selection.clips]
+
+
+@pytest.mark.parametrize(
+    ("ranking", "expected"),
+    [
+        (Ranking("worst", "psnr"), [1, 3, 6]),  # 11, 12 and 17 dB of the first complete row that has a pose source
+        (Ranking("best", "psnr"), [5, 2, 0]),
+        (Ranking("median", "psnr"), [4, 6, 0]),  # of 11 12 17 18 20 25 30: 18, and those 1 and 2 dB from it
+        (Ranking("worst", "error"), [5, 2, 0]),  # an error is worst where it is largest
+        (Ranking("worst", "psnr", "copy"), [7, 6, 5]),
+        (Ranking("best", "psnr", "a--r"), [5, 2, 0]),
+    ],
+)
+def test_clips_are_chosen_by_their_scores(tmp_path: Path, ranking: Ranking, expected: list[int]) -> None:
+    assert numbers(ranking.choose(fill(tmp_path, SCORES_OF, KINDS))) == expected
+
+
+def test_the_reason_says_metric_and_row(tmp_path: Path) -> None:
+    assert Ranking("worst", "psnr").choose(fill(tmp_path, SCORES_OF, KINDS)).by == "worst PSNR of a + r"
+
+
+def test_clips_that_share_frames_are_one_example(tmp_path: Path) -> None:
+    # clips of 4 + 2 frames, five apart: neighbours share one frame. In ascending order 1, 3, 6 and 4 are the worst
+    crowded = {"a--r": [20.0, 11.0, 12.0, 13.0, 18.0, 30.0, 17.0, 40.0]}
+    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "a", crowded, KINDS, num_past=4))) == [1, 3, 6]
+    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "b", crowded, KINDS))) == [1, 2, 3]
+    # with 38 + 2 frames all share some: better three that do than one
+    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "c", crowded, KINDS, num_past=38))) == [1, 2, 3]
+
+
+def test_no_complete_row_is_one_sentence(tmp_path: Path) -> None:
+    results = fill(tmp_path, {"half--r": [1.0]}, KINDS)
+    with pytest.raises(BadData, match="--keep: no row is complete with psnr, by which clips are to be"):
+        Ranking("worst", "psnr").choose(results)
+    with pytest.raises(BadData, match="the row 'half--r' is not complete with psnr"):
+        Ranking("worst", "psnr", "half--r").choose(results)
+
+
+MATRIX = """
+[protocol]
+dataset = { name = "synthetic", num_clips = 5 }
+num_past = 3
+num_future = 2
+size_px = [48, 48]
+stride = 10
+[pose_sources]
+still = { name = "stand-still" }
+[renderers]
+far = { name = "ground-far-plane" }
+[predictors]
+copy-last = { name = "copy-last" }
+[metrics]
+frame = ["psnr"]
+trajectory = ["translation-error"]
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "m.toml"
+    path.write_text(MATRIX)
+    return path
+
+
+def run(file: Path, keep: str, *more: str) -> int:
+    return cli.main(["run", str(file), "--out", str(file.parent / "out"), "--keep", keep, *more])
+
+
+def chapters(file: Path) -> list[str]:
+    page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
+    return [heading for heading in re.findall(r"<h2>([^<]*)</h2>", page) if "lips" in heading]
+
+
+def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path) -> None:
+    assert run(file, "worst:psnr:copy-last") == 0
+    results = Results(file.parent / "out")
+    rows = results.scores("copy-last")
+    rows = rows.filter(pc.equal(rows["metric"], "psnr")).group_by("clip").aggregate([("value", "mean")])
+    worst = [row["clip"] for row in rows.sort_by("value_mean").to_pylist()][:3]
+    assert results.protocol()["kept"] == {"by": "worst PSNR of copy-last", "clips": worst}
+    for cell in ("still--far", "copy-last"):  # all rows, not only the one that chose
+        assert {clip for clip, _ in results.predictions(cell)} == set(worst)
+        assert len(pc.unique(results.scores(cell)["clip"])) == 5
+    assert chapters(file) == ["Clips: worst PSNR of copy-last"]
+    page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst
+
+
+def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path) -> None:
+    results = Results(file.parent / "out")
+    assert run(file, "1", "--no-report") == 0
+    assert results.protocol()["kept"] is None
+    clips = results.protocol()["clips"]
+    assert run(file, f"{clips[4]},{clips[0]}") == 0
+    assert {clip for clip, _ in results.predictions("copy-last")} == {clips[0], clips[2], clips[4]}
+    assert chapters(file) == ["Clips: asked for by name", "Other clips"]
+    page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
+    assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == [clips[4], clips[0], clips[2]]
+
+
+@pytest.mark.parametrize(
+    ("keep", "says"),
+    [
+        ("wurst:psnr", "has 'wurst', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you mean"),
+        ("worst:psn", "has 'psn', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you mean 'psnr'"),
+        ("worst", "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are coverage, psnr,"),
+        ("best:psnr:copy-lst", "has 'copy-lst', expected N, all, clip names"),
+        ("03/000180", "--keep: there is no clip '03/000180': they are called seed0/"),
+    ],
+)
+def test_a_wrong_word_is_one_sentence_before_anything_runs(
+    file: Path, capsys: pytest.CaptureFixture[str], keep: str, says: str
+) -> None:
+    assert run(file, keep, "--no-report") == 2
+    (line,) = capsys.readouterr().err.splitlines()[-1:]
+    assert line.startswith("geovp: --keep")
+    assert says in line
+    assert not list(file.parent.glob("out/*/scores"))
+
+
+def test_what_was_computed_is_shown_though_no_clip_can_be_chosen(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(file, "worst:coverage:copy-last", "--no-report") == 2  # which covers nothing by itself
+    printed = capsys.readouterr()
+    assert "| still + far" in printed.out
+    assert "--keep: the row 'copy-last' is not complete with coverage" in printed.err
+
+
+def test_a_rule_names_cells_by_folder_or_label(file: Path) -> None:
+    parsed = matrix.read(file)
+    for row in ("still--far", "still + far", "copy-last", ""):
+        assert Ranking.parse(f"median:coverage:{row}", parsed) == Ranking("median", "coverage", row)
