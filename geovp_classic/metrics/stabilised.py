@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import FrameMetric
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory
 
-ROUNDING_PX = 1e-6  # of the homography; so far outside the frame still is its border
+ROUNDING_PX = 1e-6  # so far outside the frame still is its border
+ROUNDING_RAD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -59,33 +60,15 @@ def turned(
 ) -> tuple[ByteArray, BoolArray]:
     """The frames as the predicted cameras would have seen them with the true orientations, and which pixels they saw.
 
-    Resampled by bicubic interpolation, unless the orientations are equal.
+    Resampled by bicubic interpolation, but for frames whose orientation is the true one.
     """
-    predicted_from_true = (se3.inverse(predicted.world_from_cam) @ target.world_from_cam)[:, :3, :3]
-    matrix = camera.matrix
-    homographies = matrix @ predicted_from_true @ np.linalg.inv(matrix)  # true pixels into predicted ones
-    views = [_turned_one(frame, homography) for frame, homography in zip(frames, homographies, strict=True)]
-    return np.stack([view for view, _ in views]), np.stack([seen for _, seen in views])
-
-
-def _turned_one(
-    frame: ByteArray,  # [H, W, 3]
-    homography: FloatArray,  # [3, 3], pixels of the result into those of the frame
-) -> tuple[ByteArray, BoolArray]:
-    height_px, width_px = frame.shape[:2]
-    v, u = np.mgrid[:height_px, :width_px].astype(np.float64)
-    source = np.einsum("ij,jhw->ihw", homography, np.stack([u, v, np.ones_like(u)]))
-    in_front = source[2] > 0
-    u, v = source[:2] / np.where(in_front, source[2], np.nan)
-    seen = in_front & _within(u, width_px - 1) & _within(v, height_px - 1)
-    if np.allclose(homography, np.eye(3), atol=ROUNDING_PX):
-        return frame, seen
-    map_u, map_v = np.nan_to_num(np.stack([u, v]), nan=-1.0).astype(np.float32)
-    view = cv2.remap(frame, map_u, map_v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(view), seen
-
-
-def _within(pixels: FloatArray, last_px: int) -> BoolArray:
-    """Which coordinates lie between the first and the last pixel's centre; NaN does not."""
-    within: BoolArray = (pixels >= -ROUNDING_PX) & (pixels <= last_px + ROUNDING_PX)
-    return within
+    views, masks = np.array(frames), np.empty(frames.shape[:3], dtype=bool)
+    predicted_from_true = se3.inverse(predicted.world_from_cam) @ target.world_from_cam
+    last_px = np.array([camera.width_px - 1, camera.height_px - 1])
+    for step, rotation in enumerate(predicted_from_true[:, :3, :3]):
+        pixels, _ = pinhole.project(pinhole.rays(camera) @ rotation.T, camera)  # NaN behind the camera
+        masks[step] = ((pixels >= -ROUNDING_PX) & (pixels <= last_px + ROUNDING_PX)).all(axis=-1)
+        if not np.allclose(rotation, np.eye(3), atol=ROUNDING_RAD):
+            u, v = np.moveaxis(np.nan_to_num(pixels, nan=-1.0).astype(np.float32), -1, 0)
+            views[step] = cv2.remap(frames[step], u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return views, masks
