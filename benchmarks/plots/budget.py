@@ -39,13 +39,13 @@ def draw(budget: Budget, metric: str) -> Figure:
     figure = Figure(figsize=size_in, dpi=style.PRINT_DPI)
     panels = figure.subplots(1, 3, sharex=True, sharey=True, gridspec_kw={"wspace": 0.06})
     figure.subplots_adjust(left=0, right=1, bottom=0, top=1)
-    reached: list[float] = []
+    levels = [budget.scores.level(variant, metric).mean for variant in budget.scores.values]
+    low, high = np.nanmin(levels), np.nanmax(levels)
+    panels[0].set_xlim(low - 0.35 * (high - low), high + 0.6 * (high - low))  # the numbers stand on the right
     for axes, direction, title in zip(panels, DIRECTIONS, TITLES, strict=True):
-        reached += _draw_panel(axes, budget, metric, direction)
+        _draw_panel(axes, budget, metric, direction)
         axes.set_title(title, fontsize=8, color=style.INK)
         axes.tick_params(left=axes is panels[0])
-    low, high = np.nanmin(reached), np.nanmax(reached)
-    panels[0].set_xlim(low - 0.05 * (high - low), high + 0.32 * (high - low))  # the numbers stand on the right
     panels[0].set_yticks(range(len(budget.stages)), budget.stages)
     panels[0].set_ylim(len(budget.stages) - 0.4, -1.3)
     panels[1].set_xlabel(heading(metric, budget.subject.metrics[metric]) + ", mean over clips")
@@ -56,23 +56,29 @@ def draw(budget: Budget, metric: str) -> Figure:
     return figure
 
 
-def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> list[float]:
-    """Draw the bars of one direction; all scores that they and their whiskers reach."""
+def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> None:
+    """The bars of one direction; an arrowhead where a whisker reaches beyond the panel."""
     measure, digits = budget.subject.metrics[metric], 2 if budget.subject.metrics[metric].unit == "dB" else 3
-    reached = []
-    for label, variant, dash in (("forecast", NONE, ":"), ("truth", budget.everything, "--")):
-        reached.append(budget.scores.level(variant, metric).mean)
-        axes.axvline(reached[-1], color=style.INK, linewidth=0.9, linestyle=dash)
-        axes.annotate(label, (reached[-1], -0.9), (2, 0), textcoords="offset points", va="center", fontsize=6.5)
+    ends = {"forecast": (NONE, ":"), "truth": (budget.everything, "--")}
+    for label, (variant, dash) in ends.items():
+        at, side = (
+            budget.scores.level(variant, metric).mean,
+            1 if (label == "truth") == measure.higher_is_better else -1,
+        )
+        axes.axvline(at, color=style.INK, linewidth=0.9, linestyle=dash)
+        place: dict[str, Any] = {"textcoords": "offset points", "ha": "left" if side > 0 else "right", "va": "center"}
+        axes.annotate(label, (at, -0.9), (3 * side, 0), **place, fontsize=6.5)
+    limits = axes.get_xlim()
     for row, stage in enumerate(budget.stages):
         start = budget.scores.level(budget.pair(direction, stage)[0], metric).mean
         change = budget.change(direction, stage, metric)
-        ends = [start + change.low, start + change.high]
+        whisker = np.clip([start + change.low, start + change.high], limits[0], limits[1])
         better = (change.mean > 0) == measure.higher_is_better
         axes.barh(row, change.mean, left=start, height=0.62, color=BETTER if better else WORSE)
-        axes.plot(ends, [row, row], color=style.INK, linewidth=0.9)
+        axes.plot(whisker, [row, row], color=style.INK, linewidth=0.9)
+        for end in (0, 1):
+            if whisker[end] == limits[end]:
+                axes.plot(limits[end], row, "<>"[end], color=style.INK, markersize=3.5, clip_on=False)
         number: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "ha": "right", "va": "center"}
-        axes.annotate(f"{change.mean:+.{digits}f}", (0.99, row), **number, fontsize=6.5)
-        reached += [start, start + change.mean, *ends]
+        axes.annotate(f"{change.mean:+.{digits}f}", (0.98, row), **number, fontsize=6.5, backgroundcolor="white")
     axes.grid(axis="y", visible=False)
-    return reached

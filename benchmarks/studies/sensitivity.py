@@ -65,8 +65,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 def measure(subject: Subject, progress: Progress) -> Sensitivity:
     """Score all offsets on all clips."""
     signed = [Offset(axis, sign * size) for axis, sizes in SIZES.items() for size in sizes for sign in (-1, 1)]
-    clips = ((clip, _predict(subject, clip)) for clip in map(subject.dataset.__getitem__, range(subject.num_clips)))
-    scores = score(subject, [EXACT, *signed], clips, progress)
+    scores = score(subject, [EXACT, *signed], predict, progress)
     return Sensitivity(subject, scores, subject.dataset[0].camera_height_m)
 
 
@@ -80,22 +79,23 @@ def cam_from_offset(offset: Offset) -> FloatArray:
     return se3.exp(twist)
 
 
-def _predict(subject: Subject, clip: Clip) -> Predict[Offset]:
+def predict(subject: Subject, clip: Clip) -> Predict[Offset]:
+    """The frames of one clip, for any offset."""
     from benchmarks.studies.budget.poses import TRUTH
 
     renderer, num_past = subject.predictor.renderer, subject.matrix.num_past
-    context, _ = clip.split(num_past, TRUTH.needs | renderer.needs)
+    context, target = clip.split(num_past, TRUTH.needs | renderer.needs)
     motion = TRUTH.estimate(context.only(TRUTH.needs))
     if not motion.past.is_metric:
         raise Incompatible(f"{clip.name} has poses without a unit: offsets are in metres, choose metric poses")
     scene, steps = renderer.reconstruct(context.only(renderer.needs), motion.past), list(subject.steps)
     times_s = context.times_s[num_past:][steps]
 
-    def predict(offset: Offset) -> ByteArray:
+    def view(offset: Offset) -> tuple[ByteArray, ByteArray]:
         poses = motion.futures[0, steps] @ cam_from_offset(offset)
-        return scene.view(poses, times_s, context.intrinsics).frames
+        return scene.view(poses, times_s, context.intrinsics).frames, target.frames[steps]
 
-    return predict
+    return view
 
 
 def table(measured: Sensitivity) -> Iterator[str]:

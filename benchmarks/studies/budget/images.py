@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import cv2
@@ -12,6 +11,7 @@ import numpy as np
 from benchmarks.studies.budget.poses import PAST, SCALE, STAGES, ClipMotions, Oracles
 from geovp_classic.depth.given import Given
 from geovp_classic.depth.stereo import Stereo
+from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import DepthSource, Renderer, Scene
 from geovp_classic.render.exposure import BRIGHTEST, DARKEST, apply_log_gain
@@ -20,6 +20,7 @@ from geovp_classic.types import BoolArray, ByteArray, Clip, Context, Target, Vie
 DEPTH, HOLES, MOVING, EXPOSURE = "depth", "holes", "dynamic objects", "exposure"
 ALL_STAGES = (*STAGES, DEPTH, HOLES, MOVING, EXPOSURE)
 COARSE = 8  # an image is compared in brightness at so much less resolution, whatever its poses are
+MIN_SEEN = 0.1  # of a frame's pixels
 MIN_CELLS = 8  # of such a coarse image
 
 
@@ -29,37 +30,40 @@ class ClipImages:
 
     motions: ClipMotions
     renderer: Renderer
-    depth: DepthSource | None  # the oracle's
+    true_depth: Renderer | None  # the same with the depth oracle
     context: Context
     target: Target
     steps: tuple[int, ...]  # of the future frames
     scenes: dict[Oracles, Scene] = field(default_factory=dict)
     views: dict[Oracles, Views] = field(default_factory=dict)
 
-    def frames(self, oracles: Oracles) -> ByteArray:
-        """Predicted frames [N, H, W, 3]; holes and dynamic objects are copied from the true ones."""
-        views, real = self._view(oracles & {*STAGES, DEPTH}), self.real
-        frames = views.frames
+    def frames(self, oracles: Oracles) -> tuple[ByteArray, ByteArray]:
+        """Predicted and real frames [N, H, W, 3]; holes and dynamic objects are copied from the real ones.
+
+        Holes are the pixels that even true poses do not show. Frames of nearly nothing else are left out: without their
+        holes they would be exact, and no mean of decibels stands that. Incompatible when none is left.
+        """
+        views, seen = self._view(oracles & {*STAGES, DEPTH}), self._view(frozenset({*STAGES, DEPTH})).covered
+        counted = np.flatnonzero(seen.mean(axis=(1, 2)) >= MIN_SEEN)
+        if not len(counted):
+            raise Incompatible(f"{self.context.name} shows next to nothing in its future that was seen before")
+        steps = np.array(self.steps)[counted]
+        frames, real = views.frames[counted], self.target.frames[steps]
         if EXPOSURE in oracles:
-            pairs = zip(frames, real, views.covered, strict=True)
+            pairs = zip(frames, real, views.covered[counted], strict=True)
             frames = np.stack([apply_log_gain(frame, log_gain(frame, *others)) for frame, *others in pairs])
         if HOLES in oracles:
-            frames = np.where(views.covered[..., None], frames, real)
+            frames = np.where(seen[counted][..., None], frames, real)
         if MOVING in oracles and self.target.moving is not None:
-            frames = np.where(self.target.moving[list(self.steps)][..., None], real, frames)
-        return frames
-
-    @cached_property
-    def real(self) -> ByteArray:
-        """The true frames [N, H, W, 3]."""
-        return self.target.frames[list(self.steps)]
+            frames = np.where(self.target.moving[steps][..., None], real, frames)
+        return frames, real
 
     def _view(self, oracles: Oracles) -> Views:
         if oracles not in self.views:
             motion = self.motions.motion(oracles)
             about_scene = oracles & {PAST, SCALE, DEPTH}
             if about_scene not in self.scenes:
-                renderer = with_depth(self.renderer, self.depth) if DEPTH in oracles else self.renderer
+                renderer = self.true_depth if DEPTH in oracles and self.true_depth else self.renderer
                 self.scenes[about_scene] = renderer.reconstruct(self.context.only(renderer.needs), motion.past)
             steps, times_s = list(self.steps), self.context.times_s[self.context.num_past :]
             scene, camera = self.scenes[about_scene], self.context.intrinsics
@@ -85,27 +89,11 @@ def log_gain(
     return float(np.median(np.log(small[1][good] / small[0][good]))) if good.sum() >= MIN_CELLS else 0.0
 
 
-def with_depth(renderer: Renderer, depth: DepthSource | None) -> Renderer:
-    """The renderer with another depth source."""
-    component: Any = renderer
-    return component if depth is None else replace(component, depth=depth)
-
-
-def oracle_depth(clip: Clip, renderer: Renderer) -> DepthSource | None:
-    """Recorded depth, else that of the right images; None where there is neither, or the renderer takes none."""
+def with_true_depth(renderer: Renderer, clip: Clip) -> Renderer | None:
+    """The renderer with recorded depth, else that of the right images; None without either, or if it takes none."""
     component: Any = renderer
     if not isinstance(getattr(component, "depth", None), DepthSource):
         return None
     if clip.depths is not None and getattr(component, "frames", "crop") == "crop":  # recorded for the crop alone
-        return Given()
-    return None if clip.right is None else Stereo()
-
-
-def not_measurable(clip: Clip, renderer: Renderer) -> dict[str, str]:
-    """The stages without an oracle for such clips, and why."""
-    reasons = {}
-    if oracle_depth(clip, renderer) is None:
-        reasons[DEPTH] = "needs recorded depth or right images (--stereo), and a renderer that takes a depth source"
-    if clip.moving is None:
-        reasons[MOVING] = "needs exact masks of what moves, which only synthetic clips have"
-    return reasons
+        return replace(component, depth=Given())
+    return None if clip.right is None else replace(component, depth=Stereo())

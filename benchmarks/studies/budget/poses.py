@@ -139,18 +139,13 @@ def mixed(
     if all(poses is chosen["yaw"] for poses in chosen.values()):
         return chosen["yaw"]
     angles_rad = np.stack([_euler(chosen[name])[:, i] for i, name in enumerate(("yaw", "pitch", "roll"))], axis=-1)
-    position = chosen["height"][:, :3, 3].copy()
-    same = chosen["path"] is chosen["speed"]
-    ground = chosen["path"][:, [0, 2], 3]
-    position[:, [0, 2]] = ground if same else along(ground, travelled(chosen["speed"][:, [0, 2], 3]))
+    path, paced, position = (
+        chosen["path"][:, [0, 2], 3],
+        chosen["speed"][:, [0, 2], 3],
+        chosen["height"][:, :3, 3].copy(),
+    )
+    position[:, [0, 2]] = along(path, np.cumsum(np.linalg.norm(_steps(paced), axis=-1)))
     return se3.compose(Rotation.from_euler("YXZ", angles_rad).as_matrix(), position)
-
-
-def travelled(
-    path: FloatArray,  # [F, 2], from the origin
-) -> FloatArray:
-    """The distance along the path to each of its points [F]."""
-    return np.cumsum(np.linalg.norm(np.diff(path, axis=0, prepend=np.zeros((1, 2))), axis=-1))
 
 
 def along(
@@ -158,7 +153,7 @@ def along(
     distances: FloatArray,  # [F]
 ) -> FloatArray:
     """The points [F, 2] at these distances along the path, which goes on straight beyond its end."""
-    steps = np.diff(path, axis=0, prepend=np.zeros((1, 2)))
+    steps = _steps(path)
     lengths = np.linalg.norm(steps, axis=-1)
     moving = np.flatnonzero(lengths)
     ahead = steps[moving[-1]] / lengths[moving[-1]] if len(moving) else np.array([0.0, 1.0])
@@ -166,6 +161,10 @@ def along(
     corners = np.vstack([np.zeros(2), path, path[-1] + beyond * ahead])
     at = np.cumsum([0.0, *lengths, beyond])
     return np.stack([np.interp(distances, at, corners[:, axis]) for axis in (0, 1)], axis=-1)
+
+
+def _steps(path: FloatArray) -> FloatArray:
+    return np.diff(path, axis=0, prepend=np.zeros((1, 2)))
 
 
 def _euler(last_from_cam: FloatArray) -> FloatArray:

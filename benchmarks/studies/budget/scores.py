@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -22,7 +22,7 @@ from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
 
 Variant = TypeVar("Variant")
-Predict = Callable[[Variant], ByteArray]  # predicted frames [N, H, W, 3] of one clip
+Predict = Callable[[Variant], tuple[ByteArray, ByteArray]]  # predicted and real frames [N, H, W, 3] of one clip
 SCORED = (0, 4, 9, 14, 19)  # of the future frames
 
 
@@ -120,19 +120,22 @@ class Scores(Generic[Variant]):
 
 
 def score(
-    subject: Subject, variants: Sequence[Variant], clips: Iterator[tuple[Clip, Predict[Variant]]], progress: Progress
+    subject: Subject,
+    variants: Sequence[Variant],
+    prepare: Callable[[Subject, Clip], Predict[Variant]],
+    progress: Progress,
 ) -> Scores[Variant]:
     """All variants on all clips, as means over the scored frames; Incompatible where none can be made of any clip."""
     values: dict[Variant, list[list[float]]] = {variant: [] for variant in variants}
     reasons: dict[Variant, str] = {}
     sequences: list[str] = []
-    for clip, predict in clips:
-        real = clip.frames[subject.matrix.num_past :][list(subject.steps)]
+    for clip in map(subject.dataset.__getitem__, range(subject.num_clips)):
+        predict = prepare(subject, clip)
         sequences.append(intervals.sequence_of(clip.name))
         for number, variant in enumerate(variants, 1):
             try:
                 frames = predict(variant)
-                values[variant].append([float(one(frames, real, None).mean()) for one in subject.metrics.values()])
+                values[variant].append([float(one(*frames, None).mean()) for one in subject.metrics.values()])
             except Incompatible as error:
                 reasons.setdefault(variant, str(error))
                 values[variant].append([np.nan] * len(subject.metrics))

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from benchmarks.intervals import KIND, Interval
 from benchmarks.progress import Progress
-from benchmarks.studies.budget.images import ALL_STAGES, ClipImages, not_measurable, oracle_depth
-from benchmarks.studies.budget.poses import SCALE, ClipMotions, OraclePoses, Oracles
+from benchmarks.studies.budget.images import ALL_STAGES, DEPTH, MIN_SEEN, MOVING, ClipImages, with_true_depth
+from benchmarks.studies.budget.poses import ClipMotions, OraclePoses, Oracles
 from benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, score, text
 from geovp_classic.types import Clip
 
 NONE: Oracles = frozenset()
+WHY_NOT = {
+    DEPTH: "needs recorded depth or right images (--stereo), and a renderer that takes a depth source",
+    MOVING: "needs exact masks of what moves, which only synthetic clips have",
+}
 DIRECTIONS = ("put in alone", "put in one by one", "taken away alone")
 
 
@@ -44,24 +48,23 @@ class Budget:
 
 def measure(subject: Subject, progress: Progress) -> Budget:
     """Score the forecast, the truth, and everything between on all clips; the first says what can be measured."""
-    predictor = subject.predictor
-    missing = not_measurable(subject.dataset[0], predictor.renderer)
+    first = subject.dataset[0]
+    known = {DEPTH: with_true_depth(subject.predictor.renderer, first), MOVING: first.moving}
+    missing = {stage: reason for stage, reason in WHY_NOT.items() if known[stage] is None}
     stages = tuple(stage for stage in ALL_STAGES if stage not in missing)
-    everything = frozenset(stages)
-    alone = [(frozenset({stage}), everything - {stage}) for stage in stages]
-    in_turn = [frozenset(stages[:number]) for number in range(len(stages) + 1)]
-    variants = list(dict.fromkeys([NONE, everything, *(one for pair in alone for one in pair), *in_turn]))
-    clips = ((clip, _predict(subject, clip)) for clip in map(subject.dataset.__getitem__, range(subject.num_clips)))
-    return Budget(subject, score(subject, variants, clips, progress), stages, missing)
+    budget = Budget(subject, Scores({}, {}, {}, ()), stages, missing)
+    pairs = [budget.pair(direction, stage) for direction in DIRECTIONS for stage in stages]
+    variants = list(dict.fromkeys(variant for pair in pairs for variant in pair))
+    return replace(budget, scores=score(subject, variants, predict, progress))
 
 
-def _predict(subject: Subject, clip: Clip) -> Predict[Oracles]:
+def predict(subject: Subject, clip: Clip) -> Predict[Oracles]:
+    """The frames of one clip, for any stages from the truth."""
     source, renderer = subject.predictor.pose_source, subject.predictor.renderer
-    depth = oracle_depth(clip, renderer)
-    needs = OraclePoses(source, NONE).needs | renderer.needs
-    needs = needs if depth is None else needs | depth.needs
+    true_depth = with_true_depth(renderer, clip)
+    needs = OraclePoses(source, NONE).needs | renderer.needs | (true_depth or renderer).needs
     context, target = clip.split(subject.matrix.num_past, needs)
-    return ClipImages(ClipMotions(source, context), renderer, depth, context, target, subject.steps).frames
+    return ClipImages(ClipMotions(source, context), renderer, true_depth, context, target, subject.steps).frames
 
 
 def tables(budget: Budget) -> Iterator[str]:
@@ -81,6 +84,5 @@ def tables(budget: Budget) -> Iterator[str]:
     yield from (f"{stage}: not measurable here, it {reason}" for stage, reason in budget.missing.items())
     for reason in dict.fromkeys(scores.reasons.values()):
         yield f"left out where it occurs: {reason}"
-    yield f"{KIND}. True poses are the recorded ones, refined from the images."
-    if SCALE in budget.stages and "depth" not in budget.stages:
-        yield "A scale that is wrong everywhere alters no image but through forecasters; path is without speed."
+    yield f"Holes are what even true poses do not show; frames of less than {MIN_SEEN:.0%} else are left out."
+    yield f"{KIND}. True poses are the recorded ones, refined from the images; a wrong scale alone alters no image."

@@ -115,7 +115,7 @@ def context(source: object) -> Context:
 
 
 def ahead(motion: Motion) -> FloatArray:
-    """z of past and future cameras relative to the last observed one."""
+    """Z of past and future cameras relative to the last observed one."""
     poses = np.concatenate([motion.past.world_from_cam, motion.futures[0]])
     return np.asarray(poses[:, 2, 3] - motion.past.world_from_cam[-1, 2, 3])
 
