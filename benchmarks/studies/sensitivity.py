@@ -9,41 +9,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
 
-import numpy as np
-
-from benchmarks.intervals import KIND
 from benchmarks.progress import Progress
-from benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, score, text
+from benchmarks.studies.budget.scores import Subject, score
 from benchmarks.studies.budget.scores import add_arguments as add_shared_arguments
-from geovp_classic.errors import Incompatible
-from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
-
-ANGLES_DEG = (0.1, 0.2, 0.5, 1.0, 2.0)
-SHIFTS_M = (0.02, 0.05, 0.1, 0.2, 0.5)
-TURNS, SHIFTS = ("yaw", "pitch", "roll"), ("x", "y", "z")
-SIZES = {**dict.fromkeys(TURNS, ANGLES_DEG), **dict.fromkeys(SHIFTS, SHIFTS_M)}
-
-
-class Offset(NamedTuple):
-    """A constant error along or about one axis."""
-
-    axis: str
-    size: float  # degrees or metres, signed
-
-
-EXACT = Offset("yaw", 0.0)
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """All offsets' scores."""
-
-    subject: Subject
-    scores: Scores[Offset]
-    camera_height_m: float | None
+from geovp_classic.types import Grant
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,66 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The table and the paths of the figures; Incompatible for poses that are not in metres."""
     from benchmarks import plots
-    from benchmarks.plots import sensitivity as figures
+    from benchmarks.plots import budget as figures
+    from benchmarks.studies.budget import offsets
 
-    measured = measure(Subject.read(chosen, Grant.NONE), progress)
-    yield from table(measured)
-    for page in figures.pages(measured):
+    scores = score(Subject.read(chosen, Grant.NONE), offsets.ALL, offsets.predict, progress)
+    yield from offsets.table(scores)
+    for page in figures.sensitivity_pages(scores):
         yield from map(str, plots.write(page, chosen.out))
-
-
-def measure(subject: Subject, progress: Progress) -> Sensitivity:
-    """Score all offsets on all clips."""
-    signed = [Offset(axis, sign * size) for axis, sizes in SIZES.items() for size in sizes for sign in (-1, 1)]
-    scores = score(subject, [EXACT, *signed], predict, progress)
-    return Sensitivity(subject, scores, subject.dataset[0].camera_height_m)
-
-
-def cam_from_offset(offset: Offset) -> FloatArray:
-    """The camera with the offset in the frame of the one without [4, 4]."""
-    from geovp_classic.geometry import se3
-
-    twist = np.zeros(6)  # shift along x, y, z; turn about x, y, z: pitch up, yaw to the right, roll clockwise
-    index = ("x", "y", "z", "pitch", "yaw", "roll").index(offset.axis)
-    twist[index] = offset.size if offset.axis in SHIFTS else np.deg2rad(offset.size)
-    return se3.exp(twist)
-
-
-def predict(subject: Subject, clip: Clip) -> Predict[Offset]:
-    """The frames of one clip, for any offset."""
-    from benchmarks.studies.budget.poses import TRUTH
-
-    renderer, num_past = subject.predictor.renderer, subject.matrix.num_past
-    context, target = clip.split(num_past, TRUTH.needs | renderer.needs)
-    motion = TRUTH.estimate(context.only(TRUTH.needs))
-    if not motion.past.is_metric:
-        raise Incompatible(f"{clip.name} has poses without a unit: offsets are in metres, choose metric poses")
-    scene, steps = renderer.reconstruct(context.only(renderer.needs), motion.past), list(subject.steps)
-    times_s = context.times_s[num_past:][steps]
-
-    def view(offset: Offset) -> tuple[ByteArray, ByteArray]:
-        poses = motion.futures[0, steps] @ cam_from_offset(offset)
-        return scene.view(poses, times_s, context.intrinsics).frames, target.frames[steps]
-
-    return view
-
-
-def table(measured: Sensitivity) -> Iterator[str]:
-    """What an offset costs, as the mean over both signs."""
-    subject, scores = measured.subject, measured.scores
-    exact = [f"{name} {scores.level(EXACT, name).mean:.4g}" for name in subject.metrics]
-    yield f"renderer of {subject.label}: {subject.about}; without an offset {', '.join(exact)}"
-    yield f"{'offset':<28}" + "".join(f"{heading(name, metric):>29}" for name, metric in subject.metrics.items())
-    for axis, sizes in SIZES.items():
-        for size in sizes:
-            signs = [Offset(axis, -size), Offset(axis, size)]
-            changes = [text(scores.change(signs, EXACT, name), metric) for name, metric in subject.metrics.items()]
-            yield f"{_label(axis, size, measured.camera_height_m):<28}" + "".join(f"{cell:>29}" for cell in changes)
-    yield f"{KIND}. Means over both signs."
-
-
-def _label(axis: str, size: float, camera_height_m: float | None) -> str:
-    if axis in TURNS:
-        return f"{axis} {size:g} deg"
-    share = "" if camera_height_m is None else f" ({size / camera_height_m:.0%} of height)"
-    return f"{axis} {size:g} m{share}"

@@ -46,6 +46,7 @@ class Subject:
     matrix: Matrix
     dataset: Dataset
     num_clips: int
+    first: Clip  # what it has, all have
     metrics: Mapping[str, FrameMetric]
 
     @classmethod
@@ -59,7 +60,7 @@ class Subject:
         metrics = {name: registry.build("frame_metrics", spec) for name, spec in read.frame_metrics.items()}
         if not num_clips or not metrics:
             raise BadData(f"{chosen.matrix} gives {num_clips} clips and {len(metrics)} frame metrics: expected some")
-        return cls(label, predictor, read, dataset, num_clips, metrics)
+        return cls(label, predictor, read, dataset, num_clips, dataset[0], metrics)
 
     @property
     def steps(self) -> tuple[int, ...]:
@@ -77,17 +78,16 @@ def find_row(read: Matrix, label: str | None) -> tuple[str, GeometricPredictor]:
     """The row's label and its built components."""
     plans = {plan.label: plan for plan in read.cells}
     geometric = [plan.label for plan in read.cells if plan.kind == "geometric"]
-    label = geometric[0] if label is None and len(geometric) == 1 else label
-    if label not in plans:
-        given = "no --row is given" if label is None else f"--row {label!r} is no row of the matrix"
-        raise BadData(given + registry.nearest(label or "", plans))
+    wanted = label or (geometric[0] if len(geometric) == 1 else "")
+    if wanted not in plans:
+        raise BadData(f"--row {label!r} is no row of the matrix, expected one of them{registry.nearest(wanted, plans)}")
     components = {
-        role: registry.build(*key[:1], read.specs[key], ".".join(key)) for role, key in plans[label].components.items()
+        role: registry.build(*key[:1], read.specs[key], ".".join(key)) for role, key in plans[wanted].components.items()
     }
     predictor: Any = components.get("predictor") or GeometricPredictor(**components)
     if not isinstance(predictor, GeometricPredictor):
-        raise BadData(f"{label!r} is no pose source with a renderer: it has no stage that the truth could replace")
-    return label, predictor
+        raise BadData(f"{wanted!r} is no pose source with a renderer: it has no stage that the truth could replace")
+    return wanted, predictor
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Scores(Generic[Variant]):
 
     values: Mapping[Variant, FloatArray]  # [N, metrics]; NaN where it could not be made
     reasons: Mapping[Variant, str]  # why not
-    metrics: Mapping[str, FrameMetric]
+    subject: Subject
     sequences: Sequence[str]  # [N]
 
     def level(self, variant: Variant, metric: str) -> Interval:
@@ -113,7 +113,7 @@ class Scores(Generic[Variant]):
         return int(np.isfinite([self.values[one] for one in variants]).all(axis=(0, 2)).sum())
 
     def _of(self, variant: Variant, metric: str) -> FloatArray:
-        return self.values[variant][:, list(self.metrics).index(metric)]
+        return self.values[variant][:, list(self.subject.metrics).index(metric)]
 
     def _interval(self, values: FloatArray) -> Interval:
         return intervals.interval(values, np.array(self.sequences))
@@ -140,7 +140,7 @@ def score(
                 reasons.setdefault(variant, str(error))
                 values[variant].append([np.nan] * len(subject.metrics))
             progress((len(sequences) - 1) * len(variants) + number, subject.num_clips * len(variants))
-    scores = Scores({one: np.array(rows) for one, rows in values.items()}, reasons, subject.metrics, sequences)
+    scores = Scores({one: np.array(rows) for one, rows in values.items()}, reasons, subject, sequences)
     if not any(scores.count(variant) for variant in variants):
         raise Incompatible(next(iter(reasons.values())))
     return scores

@@ -24,7 +24,6 @@ DIRECTIONS = ("put in alone", "put in one by one", "taken away alone")
 class Budget:
     """All variants' scores."""
 
-    subject: Subject
     scores: Scores[Oracles]
     stages: tuple[str, ...]  # in the order in which they are put in
     missing: Mapping[str, str]  # stages that cannot be measured, and why
@@ -48,11 +47,10 @@ class Budget:
 
 def measure(subject: Subject, progress: Progress) -> Budget:
     """Score the forecast, the truth, and everything between on all clips; the first says what can be measured."""
-    first = subject.dataset[0]
-    known = {DEPTH: with_true_depth(subject.predictor.renderer, first), MOVING: first.moving}
+    known = {DEPTH: with_true_depth(subject.predictor.renderer, subject.first), MOVING: subject.first.moving}
     missing = {stage: reason for stage, reason in WHY_NOT.items() if known[stage] is None}
     stages = tuple(stage for stage in ALL_STAGES if stage not in missing)
-    budget = Budget(subject, Scores({}, {}, {}, ()), stages, missing)
+    budget = Budget(Scores({}, {}, subject, ()), stages, missing)
     pairs = [budget.pair(direction, stage) for direction in DIRECTIONS for stage in stages]
     variants = list(dict.fromkeys(variant for pair in pairs for variant in pair))
     return replace(budget, scores=score(subject, variants, predict, progress))
@@ -69,7 +67,7 @@ def predict(subject: Subject, clip: Clip) -> Predict[Oracles]:
 
 def tables(budget: Budget) -> Iterator[str]:
     """A table a metric, then what could not be measured and what the numbers are."""
-    scores, subject = budget.scores, budget.subject
+    scores, subject = budget.scores, budget.scores.subject
     yield f"{subject.label}: {subject.about}"
     for name, metric in subject.metrics.items():
         digits = 2 if metric.unit == "dB" else 4
@@ -84,5 +82,5 @@ def tables(budget: Budget) -> Iterator[str]:
     yield from (f"{stage}: not measurable here, it {reason}" for stage, reason in budget.missing.items())
     for reason in dict.fromkeys(scores.reasons.values()):
         yield f"left out where it occurs: {reason}"
-    yield f"Holes are what even true poses do not show; frames of less than {MIN_SEEN:.0%} else are left out."
+    yield f"Holes are what even true poses do not show; frames of which less than {MIN_SEEN:.0%} is shown are left out."
     yield f"{KIND}. True poses are the recorded ones, refined from the images; a wrong scale alone alters no image."

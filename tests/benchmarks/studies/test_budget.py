@@ -1,27 +1,28 @@
 """The error budget and the sensitivity curves: toy images by hand, and whole runs on the synthetic street."""
 
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks import cli
+from benchmarks import cli, matrix
 from benchmarks.intervals import Interval
 from benchmarks.progress import no_progress
-from benchmarks.studies import sensitivity
-from benchmarks.studies.budget import stages
+from benchmarks.studies.budget import offsets, stages
 from benchmarks.studies.budget.images import ClipImages, log_gain, with_true_depth
+from benchmarks.studies.budget.offsets import Offset
 from benchmarks.studies.budget.poses import ClipMotions
-from benchmarks.studies.budget.scores import Scores, find_row, text
+from benchmarks.studies.budget.scores import Scores, Subject, find_row, score, text
 from benchmarks.studies.budget.stages import NONE, Budget
-from benchmarks.studies.sensitivity import Offset
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import Incompatible
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.metrics.image import Psnr
-from geovp_classic.pose_sources import Chained, RecordedPast
+from geovp_classic.pose_sources import Chained, RecordedPast, StandStill
+from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.render.homography import GroundFarPlane
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
@@ -49,6 +50,13 @@ def matrix_file(tmp_path: Path) -> Path:
     path = tmp_path / "street.toml"
     path.write_text(MATRIX)
     return path
+
+
+def subject_of(metric: Psnr) -> Subject:
+    """A row of two parts that nothing is asked of, on one clip."""
+    read = matrix.parse("m", tomllib.loads(MATRIX))
+    dataset = Synthetic(num_clips=1, num_frames=12, size_px=(96, 96))
+    return Subject("row", GeometricPredictor(StandStill(), Half()), read, dataset, 1, dataset[0], {"psnr": metric})
 
 
 @dataclass(frozen=True)
@@ -131,7 +139,7 @@ def test_true_depth_is_recorded_or_there_is_none() -> None:
 
 def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
     values = {"a": np.array([[1.0], [2.0], [30.0], [4.0]]), "b": np.array([[2.0], [4.0], [np.nan], [7.0]])}
-    scores = Scores(values, {"b": "no scale"}, {"psnr": Psnr()}, ["03"] * 4)
+    scores = Scores(values, {"b": "no scale"}, subject_of(Psnr()), ["03"] * 4)
     assert scores.change(["b"], "a", "psnr").mean == pytest.approx(2.0)  # 1, 2, 3
     assert scores.change(["a", "b"], "a", "psnr").mean == pytest.approx(1.0)
     assert (scores.count("a"), scores.count("a", "b")) == (4, 3)
@@ -162,9 +170,8 @@ def test_what_cannot_be_measured_is_named() -> None:
         variant: np.full((3, 1), 20.0)
         for variant in (NONE, frozenset({"yaw"}), frozenset({"roll"}), frozenset({"yaw", "roll"}))
     }
-    scores = Scores(values, {}, {"psnr": Psnr()}, ["03"] * 3)
-    subject = type("Subject", (), {"label": "row", "about": "3 clips", "metrics": scores.metrics})()
-    budget = Budget(subject, scores, ("yaw", "roll"), {"depth": "needs recorded depth"})
+    scores = Scores(values, {}, subject_of(Psnr()), ["03"] * 3)
+    budget = Budget(scores, ("yaw", "roll"), {"depth": "needs recorded depth"})
     lines = list(stages.tables(budget))
     assert "depth: not measurable here, it needs recorded depth" in lines
     assert budget.pair("put in one by one", "roll") == ({"yaw"}, {"yaw", "roll"})
@@ -188,9 +195,14 @@ def test_a_wrong_row_gets_one_sentence(
     assert told.count("\n") == 1
 
 
-def test_a_predictor_made_of_both_parts_is_a_row(matrix_file: Path) -> None:
-    from benchmarks import matrix
+def test_of_several_rows_one_must_be_chosen(matrix_file: Path) -> None:
+    several = matrix_file.read_text().replace("[renderers]", '[renderers]\nplanes = { name = "ground-far-plane" }')
+    matrix_file.write_text(several)
+    with pytest.raises(BadData, match="expected one of them: known are copy-last, past \\+ fusion, past \\+ planes"):
+        find_row(matrix.read(matrix_file), None)
 
+
+def test_a_predictor_made_of_both_parts_is_a_row(matrix_file: Path) -> None:
     parts = '{ name = "geometric", pose_source = { name = "stand-still" }, renderer = { name = "depth-fusion" } }'
     matrix_file.write_text(MATRIX.replace('copy-last = { name = "copy-last" }', f"whole = {parts}"))
     label, predictor = find_row(matrix.read(matrix_file), "whole")
@@ -208,7 +220,7 @@ def test_a_predictor_made_of_both_parts_is_a_row(matrix_file: Path) -> None:
     ],
 )
 def test_an_offset_is_a_turn_or_a_shift_of_the_camera(offset: Offset, axis: int, expected: tuple[float, ...]) -> None:
-    np.testing.assert_allclose(sensitivity.cam_from_offset(offset)[:3, axis], expected, atol=1e-12)
+    np.testing.assert_allclose(offsets.cam_from_offset(offset)[:3, axis], expected, atol=1e-12)
 
 
 def test_larger_errors_cost_more(matrix_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,14 +234,7 @@ def test_larger_errors_cost_more(matrix_file: Path, capsys: pytest.CaptureFixtur
     assert "offset (degrees)" in (out / "sensitivity-ssim.svg").read_text()
 
 
-def test_nothing_measured_is_an_error_with_its_reason(matrix_file: Path) -> None:
-    from benchmarks.studies.budget.scores import score
-
-    subject = type(
-        "Subject", (), {"dataset": Synthetic(num_clips=1, num_frames=12, size_px=(96, 96)), "num_clips": 1}
-    )()
-    subject.metrics = {"psnr": Psnr()}
-
+def test_nothing_measured_is_an_error_with_its_reason() -> None:
     def prepare(subject: object, clip: Clip) -> object:
         def fail(variant: str) -> object:
             raise Incompatible("no scale")
@@ -237,4 +242,4 @@ def test_nothing_measured_is_an_error_with_its_reason(matrix_file: Path) -> None
         return fail
 
     with pytest.raises(Incompatible, match="no scale"):
-        score(subject, ["a"], prepare, no_progress)  # type: ignore[arg-type]
+        score(subject_of(Psnr()), ["a"], prepare, no_progress)  # type: ignore[arg-type]
