@@ -76,22 +76,15 @@ def _draw_budget(budget: Budget, metric: str) -> Figure:
 
 def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> None:
     """The bars of one direction; an arrowhead where a whisker reaches beyond the panel."""
-    measure, digits = (
-        budget.scores.subject.metrics[metric],
-        2 if budget.scores.subject.metrics[metric].unit == "dB" else 3,
-    )
-    ends = {"forecast": (NONE, ":"), "truth": (budget.everything, "--")}
-    for label, (variant, dash) in ends.items():
-        at, side = (
-            budget.scores.level(variant, metric).mean,
-            1 if (label == "truth") == measure.higher_is_better else -1,
-        )
+    scores, measure = budget.scores, budget.scores.subject.metrics[metric]
+    for label, variant, dash in (("forecast", NONE, ":"), ("truth", budget.everything, "--")):
+        at = scores.level(variant, metric).mean
         axes.axvline(at, color=style.INK, linewidth=0.9, linestyle=dash)
-        place: dict[str, Any] = {"textcoords": "offset points", "ha": "left" if side > 0 else "right", "va": "center"}
-        axes.annotate(label, (at, -0.9), (3 * side, 0), **place, fontsize=6.5)
+        side = "left" if (label == "truth") == measure.higher_is_better else "right"  # of the words, at the line
+        axes.text(at, -0.9, f" {label} ", ha=side, va="center", fontsize=6.5)
     limits = axes.get_xlim()
     for row, stage in enumerate(budget.stages):
-        start = budget.scores.level(budget.pair(direction, stage)[0], metric).mean
+        start = scores.level(budget.pair(direction, stage)[0], metric).mean
         change = budget.change(direction, stage, metric)
         whisker = np.clip([start + change.low, start + change.high], limits[0], limits[1])
         better = (change.mean > 0) == measure.higher_is_better
@@ -101,6 +94,7 @@ def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> None
             if whisker[end] == limits[end]:
                 axes.plot(limits[end], row, "<>"[end], color=style.INK, markersize=3.5, clip_on=False)
         number: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "ha": "right", "va": "center"}
+        digits = 2 if measure.unit == "dB" else 3
         axes.annotate(f"{change.mean:+.{digits}f}", (0.98, row), **number, fontsize=6.5, backgroundcolor="white")
     axes.grid(axis="y", visible=False)
 

@@ -10,15 +10,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
+from benchmarks.arguments import add_row
 from benchmarks.progress import Progress
-from benchmarks.studies.budget.scores import Subject, score
-from benchmarks.studies.budget.scores import add_arguments as add_shared_arguments
 from geovp_classic.types import Grant
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Whose renderer, on which clips."""
-    add_shared_arguments(parser, "results/sensitivity")
+    add_row(parser, "results/sensitivity")
 
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
@@ -26,6 +25,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     from benchmarks import plots
     from benchmarks.plots import budget as figures
     from benchmarks.studies.budget import offsets
+    from benchmarks.studies.budget.scores import Subject, score
 
     scores = score(Subject.read(chosen, Grant.NONE), offsets.ALL, offsets.predict, progress)
     yield from offsets.table(scores)

@@ -66,9 +66,8 @@ def table(scores: Scores[Offset]) -> Iterator[str]:
         for size in sizes:
             signs = [Offset(axis, -size), Offset(axis, size)]
             changes = [text(scores.change(signs, EXACT, name), metric) for name, metric in subject.metrics.items()]
-            yield f"{_label(axis, size, subject.first.camera_height_m):<28}" + "".join(
-                f"{cell:>29}" for cell in changes
-            )
+            label = _label(axis, size, subject.first.camera_height_m)
+            yield f"{label:<28}" + "".join(f"{cell:>29}" for cell in changes)
     yield f"{KIND}. Means over both signs."
 
 

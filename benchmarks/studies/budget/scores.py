@@ -5,13 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from benchmarks import intervals, matrix
-from benchmarks.arguments import positive
 from benchmarks.intervals import Interval
 from benchmarks.matrix import Matrix
 from benchmarks.progress import Progress
@@ -24,17 +22,6 @@ from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
 Variant = TypeVar("Variant")
 Predict = Callable[[Variant], tuple[ByteArray, ByteArray]]  # predicted and real frames [N, H, W, 3] of one clip
 SCORED = (0, 4, 9, 14, 19)  # of the future frames
-
-
-def add_arguments(parser: argparse.ArgumentParser, out: str) -> None:
-    """Which row of which matrix, on which clips, and where figures go."""
-    parser.add_argument("matrix", type=Path, metavar="MATRIX.toml", help="a matrix file; its metrics are measured")
-    help_text = 'the row, as tables name it: "vo+prior + fusion" (needed where there are several)'
-    parser.add_argument("--row", metavar="ROW", help=help_text)
-    parser.add_argument("--root", type=Path, metavar="DIR", help="the data's root, in place of the file's")
-    parser.add_argument("--stride", type=positive, metavar="N", help="frames between two clips' starts")
-    parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
-    parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help=f"where figures go ({out})")
 
 
 @dataclass(frozen=True)

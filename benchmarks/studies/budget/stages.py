@@ -83,4 +83,6 @@ def tables(budget: Budget) -> Iterator[str]:
     for reason in dict.fromkeys(scores.reasons.values()):
         yield f"left out where it occurs: {reason}"
     yield f"Holes are what even true poses do not show; frames of which less than {MIN_SEEN:.0%} is shown are left out."
-    yield f"{KIND}. True poses are the recorded ones, refined from the images; a wrong scale alone alters no image."
+    yield "True poses are the recorded ones, refined from the images. A scale that is wrong of past and future alike"
+    yield "shows in no image but through what counts in metres: forecasters, recorded depth."
+    yield KIND
