@@ -65,7 +65,7 @@ def _draw_budget(budget: Budget, metric: str) -> Figure:
     levels = [budget.scores.level(variant, metric).mean for variant in budget.scores.values]
     low, high = np.nanmin(levels), np.nanmax(levels)
     for axes, direction, title in zip(panels, DIRECTIONS, TITLES, strict=True):
-        axes.set_xlim(low - 0.35 * (high - low), high + 0.6 * (high - low))  # the numbers stand on the right
+        axes.set_xlim(low - 0.35 * (high - low), high + 0.75 * (high - low))
         _draw_panel(axes, budget, metric, direction)
         axes.set_title(title, fontsize=8, color=style.INK)
     panels[0].set_yticks(range(len(budget.stages)), budget.stages)
@@ -82,7 +82,8 @@ def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> None
         axes.axvline(at, color=style.INK, linewidth=0.9, linestyle=dash)
         side = "left" if (label == "truth") == measure.higher_is_better else "right"  # of the words, at the line
         axes.text(at, -0.9, f" {label} ", ha=side, va="center", fontsize=6.5)
-    limits = axes.get_xlim()
+    left, right = axes.get_xlim()
+    limits = left, right - 0.2 * (right - left)  # beyond them stand the numbers
     for row, stage in enumerate(budget.stages):
         start = scores.level(budget.pair(direction, stage)[0], metric).mean
         change = budget.change(direction, stage, metric)
@@ -95,7 +96,7 @@ def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> None
                 axes.plot(limits[end], row, "<>"[end], color=style.INK, markersize=3.5, clip_on=False)
         number: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "ha": "right", "va": "center"}
         digits = 2 if measure.unit == "dB" else 3
-        axes.annotate(f"{change.mean:+.{digits}f}", (0.98, row), **number, fontsize=6.5, backgroundcolor="white")
+        axes.annotate(f"{change.mean:+.{digits}f}", (0.98, row), **number, fontsize=6.5)
     axes.grid(axis="y", visible=False)
 
 
