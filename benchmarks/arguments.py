@@ -43,3 +43,14 @@ def add_division(parser: argparse.ArgumentParser) -> None:
         "apart for each kind of clips: turning, speed, step (length), seen (share of pixels seen before), moving"
     )
     parser.add_argument("--by", metavar="KIND", help=help_text)
+
+
+def add_row(parser: argparse.ArgumentParser, out: str) -> None:
+    """Ask for a row of a matrix, and on which clips and into which folder it is studied."""
+    parser.add_argument("matrix", type=Path, metavar="MATRIX.toml", help="a matrix file; its metrics are measured")
+    help_text = 'the row, as tables name it: "vo+prior + fusion" (needed where there are several)'
+    parser.add_argument("--row", metavar="ROW", help=help_text)
+    parser.add_argument("--root", type=Path, metavar="DIR", help="the data's root, in place of the file's")
+    parser.add_argument("--stride", type=positive, metavar="N", help="frames between two clips' starts")
+    parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
+    parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR", help=f"where figures go ({out})")

@@ -17,7 +17,7 @@ from benchmarks.progress import Progress, no_progress, tracked
 from benchmarks.store import Results
 from geovp_classic.data.atomic import write_bytes
 
-__all__ = ["Page", "figures", "rendered", "write_all"]
+__all__ = ["Page", "figures", "rendered", "write", "write_all"]
 
 SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 2}},
@@ -64,14 +64,20 @@ def write_all(
     """
     written: set[Path] = set()
     for page in figures(results, progress, by):
-        files = {results.plots / f"{page.name}.{kind}": rendered(page, kind) for kind in page.formats}
-        for path, content in files.items():
-            write_bytes(path, content)
+        files = write(page, results.plots)
         written.update(files)
         yield page, files
     for kind in KINDS if by is None else (f"strata-{by}",):
         for path in set(results.plots.glob(f"{kind}-*")) - written:
             path.unlink()
+
+
+def write(page: Page, folder: Path) -> dict[Path, bytes]:
+    """Write one figure in its formats; its files."""
+    files = {folder / f"{page.name}.{kind}": rendered(page, kind) for kind in page.formats}
+    for path, content in files.items():
+        write_bytes(path, content)
+    return files
 
 
 def rendered(page: Page, kind: str) -> bytes:

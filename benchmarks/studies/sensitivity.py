@@ -1,0 +1,33 @@
+"""How errors of the camera's pose show in the images: constant offsets of the true future poses against the scores.
+
+Each offset is about (yaw to the right, pitch up, roll clockwise) or along (x right, y down, z forward) an axis of the
+future camera, the same for all future frames, with either sign. Past and future poses are the recorded ones, refined
+from the images; the row's renderer is used, its pose source is not. Nothing is random.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+from benchmarks.arguments import add_row
+from benchmarks.progress import Progress
+from geovp_classic.types import Grant
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Whose renderer, on which clips."""
+    add_row(parser, "results/sensitivity")
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The table and the paths of the figures; Incompatible for poses that are not in metres."""
+    from benchmarks import plots
+    from benchmarks.plots import budget as figures
+    from benchmarks.studies.budget import offsets
+    from benchmarks.studies.budget.scores import Subject, score
+
+    scores = score(Subject.read(chosen, Grant.NONE), offsets.ALL, offsets.predict, progress)
+    yield from offsets.table(scores)
+    for page in figures.sensitivity_pages(scores):
+        yield from map(str, plots.write(page, chosen.out))
