@@ -1,12 +1,12 @@
 """Intervals of means over clips that overlap, and of paired differences: block bootstrap with corrected width.
 
 Clips that follow each other show the same road and share frames, so a mean over N of them is worth fewer independent
-ones. Blocks of neighbours are resampled within each sequence (Kuensch 1989; circular: Politis & Romano 1992), their
-length follows the autocorrelation (Carlstein 1986). Percentiles of so few blocks are too narrow: the distribution is
-widened by what the bootstrap of a first-order autoregression of this length and correlation falls short of its true
-variance, and by Student's t with the effective number of clips less one (Zwiers & von Storch 1995). The correlation is
-corrected for its bias (Marriott & Pope 1954) and taken CAUTION standard errors higher, since intervals that are too
-narrow do more harm; `geovp study coverage`, by which CAUTION was chosen, shows how often they hold the truth.
+ones: N / tau, with tau the integrated autocorrelation time (Sokal 1997), summed while correlation is visible and then
+continued geometrically; it is corrected for the means having been taken out (Marriott & Pope 1954). Blocks of
+neighbours are resampled within each sequence (Kuensch 1989; circular: Politis & Romano 1992). With so few blocks their
+percentiles are too narrow: the distribution is widened to the variance of the mean by tau and to Student's t, with as
+many degrees of freedom as the estimate of tau has. An interval is one for these sequences; what others would give
+cannot be told from a few. `geovp study coverage` shows how often such intervals hold the truth.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from geovp_classic.types import FloatArray
 
 LEVEL = 0.95
 NUM_RESAMPLES = 2000
-CAUTION = 1.35
-LARGEST_CORRELATION = 0.95
-MOST_WIDENED = 9.0  # the variance at most, against the bootstrap's
+VISIBLE = 1.5  # standard errors of a correlation that count
+LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
+FEWEST_DEGREES, FEWEST_EFFECTIVE = 3.0, 4.0  # of freedom; independent clips
+MOST_LOST = 0.5  # share of the variance that is taken to have gone with the means
 KIND = (
     "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, since neighbouring clips "
     "overlap"
@@ -61,25 +62,23 @@ def interval(
     if not len(values):
         return NOTHING
     groups = [np.flatnonzero(sequences == one) for one in np.unique(sequences)]
-    mean, correlation = float(values.mean()), lag_one(values, groups)
-    variance = sum(len(group) ** 2 * _mean_variance(len(group), correlation) for group in groups) / len(values) ** 2
-    effective = 1 / variance
-    if len(values) < 3:
-        return Interval(mean, float("nan"), float("nan"), effective, float("nan"))
-    length = _block_length(len(values), correlation)
-    expected, sums = 0.0, np.zeros(NUM_RESAMPLES)
+    mean, count = float(values.mean()), len(values)
+    tau, visible = autocorrelation_time(values, groups)
+    if count < 3:
+        return Interval(mean, float("nan"), float("nan"), count / tau, float("nan"))
     rng = np.random.default_rng(seed)
+    sums = np.zeros(NUM_RESAMPLES)
     for group in groups:
-        block = min(length, max(1, len(group) // 2))
-        sums += _resampled_sums(values[group], block, rng)
-        expected += _bootstrap_variance(len(group), block, correlation)
-    expected = max(expected / len(values) ** 2, variance / MOST_WIDENED)
-    wider, student = np.sqrt(variance / expected), stats.t(max(effective - 1, 1))
-    off = (sums / len(values) - mean) * wider
-    low, high = np.quantile(off, [(1 - level) / 2, (1 + level) / 2]) * student.ppf((1 + level) / 2) / _normal(level)
-    spread = float(np.std(off))
+        sums += _resampled_sums(values[group], min(visible + 1, len(group)), rng)
+    off, within = sums / count - mean, _within(values, groups)
+    lost = min(tau * len(groups) / count, MOST_LOST)
+    spread = float(np.sqrt(within @ within / count / (1 - lost) * tau / count))
+    off *= spread / off.std() if off.std() > 0 else 0.0
+    student = stats.t(max(FEWEST_DEGREES, (count - 1) / (2 * visible + 1)))
+    ends = np.array([(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(off, ends) * student.ppf(ends[1]) / stats.norm.ppf(ends[1])
     p_zero = float(2 * student.sf(abs(mean) / spread)) if spread > 0 else float(mean == 0)
-    return Interval(mean, mean + float(low), mean + float(high), effective, p_zero)
+    return Interval(mean, mean + float(low), mean + float(high), count / tau, p_zero)
 
 
 def block_interval(values: FloatArray, groups: npt.NDArray[np.generic], level: float = LEVEL) -> tuple[float, float]:
@@ -98,22 +97,40 @@ def holm(p_values: FloatArray) -> FloatArray:
     return corrected
 
 
-def lag_one(values: FloatArray, groups: list[npt.NDArray[np.intp]]) -> float:
-    """Autocorrelation of neighbours within groups, without its bias, plus CAUTION standard errors."""
-    off, count = values - values.mean(), len(values)
-    square = float(off @ off)
-    if square == 0 or count < 4:
-        return 0.0
-    found = sum(float(off[group][1:] @ off[group][:-1]) for group in groups) / square
-    unbiased = (found + 1 / count) / (1 - 3 / count)
-    error = np.sqrt(max(1 - min(unbiased, 1) ** 2, 0.05) / count)
-    return float(np.clip(unbiased + CAUTION * error, 0, LARGEST_CORRELATION))
+def autocorrelation_time(values: FloatArray, groups: list[npt.NDArray[np.intp]]) -> tuple[float, int]:
+    """Tau, from 1 for independent values to N / FEWEST_EFFECTIVE, and at how many lags correlation is visible."""
+    off, count, tau, visible = _within(values, groups), len(values), 1.0, 0
+    variance = float(off @ off) / count
+    lags = range(1, max(len(group) for group in groups) // 3 + 1)
+    if variance <= 1e-12 * float(values @ values) / count or count < 4 or not lags:
+        return tau, visible
+    found = np.array([_product(off, groups, lag) / variance for lag in lags])
+    for _ in range(4):  # the means that were taken out lower all of them
+        lost = min(tau * len(groups) / count, MOST_LOST)
+        correlation = np.minimum(found + lost * (1 - found), LARGEST_CORRELATION)
+        hidden = np.flatnonzero(correlation <= VISIBLE / np.sqrt(count))
+        visible = int(hidden[0]) if len(hidden) else len(correlation)
+        if visible == 0:
+            return 1.0, 0
+        last = float(correlation[visible - 1])
+        decay = min(last ** (1 / visible), LARGEST_DECAY)
+        tau = 1 + 2 * (float(correlation[:visible].sum()) + last * decay / (1 - decay))
+        tau = float(np.clip(tau, 1, max(1, count / FEWEST_EFFECTIVE)))
+    return tau, visible
 
 
-def _block_length(count: int, correlation: float) -> int:
-    """Carlstein 1986, for a first-order autoregression."""
-    share = 2 * correlation / (1 - correlation**2)
-    return max(1, int(np.ceil(share ** (2 / 3) * count ** (1 / 3))))
+def _within(values: FloatArray, groups: list[npt.NDArray[np.intp]]) -> FloatArray:
+    """The values less the mean of their sequence [N]."""
+    off = values.copy()
+    for group in groups:
+        off[group] -= values[group].mean()
+    return off
+
+
+def _product(off: FloatArray, groups: list[npt.NDArray[np.intp]], lag: int) -> float:
+    """The mean product of values that many clips apart in one sequence."""
+    pairs = [(off[group[lag:]], off[group[:-lag]]) for group in groups if len(group) > lag]
+    return sum(float(later @ earlier) for later, earlier in pairs) / sum(len(later) for later, _ in pairs)
 
 
 def _resampled_sums(values: FloatArray, block: int, rng: np.random.Generator) -> FloatArray:
@@ -122,20 +139,3 @@ def _resampled_sums(values: FloatArray, block: int, rng: np.random.Generator) ->
     starts = rng.integers(0, count, (NUM_RESAMPLES, -(-count // block)))
     drawn = (starts[..., None] + np.arange(block)).reshape(NUM_RESAMPLES, -1)[:, :count] % count
     return np.asarray(values[drawn].sum(axis=1))
-
-
-def _mean_variance(count: int, correlation: float) -> float:
-    """Variance of the mean of `count` values of a first-order autoregression of variance 1."""
-    lags = np.arange(1, count)
-    return float(1 + 2 * ((1 - lags / count) * correlation**lags).sum()) / count
-
-
-def _bootstrap_variance(count: int, block: int, correlation: float) -> float:
-    """What the block bootstrap makes of the variance of their sum, on average."""
-    lags = np.arange(1, block)
-    within = 1 + 2 * float(((1 - lags / block) * correlation**lags).sum())
-    return count * (within - block * _mean_variance(count, correlation))
-
-
-def _normal(level: float) -> float:
-    return float(stats.norm.ppf((1 + level) / 2))

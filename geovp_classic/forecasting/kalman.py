@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 
 import numpy as np
@@ -20,6 +20,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, unscented_transform
 
 from geovp_classic.errors import UnknownComponent
 from geovp_classic.forecasting import past_motion
+from geovp_classic.forecasting.body_motion import BodyMotion
 from geovp_classic.forecasting.motion_models import SPEED, TURN, YAW, VehicleModel
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
@@ -100,12 +101,19 @@ class TurnRateKalman:
 
     constants: str = "turn-rate"
     seed: int = 0
+    body_motion: BodyMotion | None = field(default_factory=BodyMotion)  # None: height, pitch and roll stay
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4]: the mean, or draws when more than one is asked for."""
         if num_samples == 1:
             mean = self.distribution(past, times_s)
-            return planar.lift(mean.means, mean.world_from_reference, mean.vehicle_from_cam)
+            poses = planar.lift(mean.means, mean.world_from_reference, mean.vehicle_from_cam)
+        else:
+            poses = self._drawn(past, times_s, num_samples)
+        return poses if self.body_motion is None else self.body_motion.added_to(poses, past, times_s)
+
+    def _drawn(self, past: Trajectory, times_s: FloatArray, num_samples: int) -> FloatArray:
+        """Planar futures [S, F, 4, 4]."""
         steps_s = np.diff(past_motion.seconds_ahead(past, times_s), prepend=0.0)
         belief, plane, unit = self._filtered(past)
         paths = _sample_paths(self.model, belief, steps_s, num_samples, np.random.default_rng(self.seed))

@@ -13,7 +13,7 @@ the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-S
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, past_motion
+from geovp_classic.forecasting.body_motion import BodyMotion
 from geovp_classic.forecasting.motion_network import CentreModel, Coefficients, Network, SpreadModel, Standardisation
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
@@ -39,12 +40,13 @@ class MotionPrior:
     Any number of past poses and any future times: the past is brought to an even grid of 0.1037 s, a shorter one
     continued backwards by its earliest step, a longer one cut; a single pose is held. Beyond the fitted 2.2 s the path
     goes on with its last speed and turn rate. A past without metres is taken as driven at
-    `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch and roll are those of the last pose, on the plane that the past
-    motion suggests.
+    `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch and roll over the plane that the past motion suggests are foretold
+    by `body_motion`; without it they are those of the last pose.
     """
 
     seed: int = 0
     coefficients: Path | None = None  # another file of `fit-prior`; None: the packaged one
+    body_motion: BodyMotion | None = field(default_factory=BodyMotion)
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4]; with one sample the centre path, otherwise all are draws."""
@@ -53,7 +55,8 @@ class MotionPrior:
             return np.tile(past.world_from_cam[-1], (num_samples, len(ahead_s), 1, 1))
         paths, unit = self._paths(past, ahead_s)
         states = paths.centre[None] if num_samples == 1 else paths.sample(num_samples, self.seed)
-        return planar.lift(states * unit, past.world_from_cam[-1], past_motion.vehicle_from_cam(past))
+        poses = planar.lift(states * unit, past.world_from_cam[-1], past_motion.vehicle_from_cam(past))
+        return poses if self.body_motion is None else self.body_motion.added_to(poses, past, times_s)
 
     def distribution(self, past: Trajectory, times_s: FloatArray) -> PlanarForecast:
         """The predictive mixture of (x, z, yaw) at every future time; BadData for a single past pose."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from benchmarks import intervals
 from benchmarks.studies import coverage
@@ -31,12 +32,19 @@ def test_clips_that_are_alike_count_as_fewer() -> None:
 
 
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
-    values = np.tile([1.0, 1.0, -1.0, -1.0], 10)
-    together = intervals.lag_one(values, [np.arange(40)])
-    apart = intervals.lag_one(
-        values, [np.arange(0, 40, 4), np.arange(1, 40, 4), np.arange(2, 40, 4), np.arange(3, 40, 4)]
-    )
-    assert together < 0.5 < apart  # every fourth one is equal: perfectly correlated
+    values = np.random.default_rng(4).normal(size=10).repeat(2)  # neighbours are equal; of each pair one a sequence
+    together, _ = intervals.autocorrelation_time(values, [np.arange(20)])
+    apart, _ = intervals.autocorrelation_time(values, [np.arange(0, 20, 2), np.arange(1, 20, 2)])
+    assert apart < together
+
+
+def test_the_autocorrelation_time_of_known_processes() -> None:
+    # AR(1): (1 + r) / (1 - r) = 3; moving average of 6 values: 6
+    noise = np.random.default_rng(5)
+    for filters, expected in ((coverage.dependences()["AR(1), 0.5"], 3.0), (coverage.dependences()["overlap, 6"], 6.0)):
+        values = lfilter(*filters, noise.normal(size=4000))
+        tau, _ = intervals.autocorrelation_time(values, [np.arange(4000)])
+        assert tau == pytest.approx(expected, rel=0.25)
 
 
 def test_a_difference_that_is_always_there_is_not_zero() -> None:

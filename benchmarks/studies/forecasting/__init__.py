@@ -12,7 +12,7 @@ TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The verbs `evaluate`, `fit-kalman` and `fit-prior`; each sets `lines`, a function with the arguments of `run`."""
+    """The verbs `evaluate` and `fit-...`; each sets `lines`, a function with the arguments of `run`."""
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     evaluate = verbs.add_parser("evaluate", help="all forecasters on windows of pose files, as a table")
     _add_input(evaluate, TEST)
@@ -30,7 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     evaluate.set_defaults(lines=_evaluate)
     kalman = verbs.add_parser("fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood")
     prior = verbs.add_parser("fit-prior", help="the motion prior")
-    for fit, lines in ((kalman, _fit_kalman), (prior, _fit_prior)):
+    body = verbs.add_parser("fit-body-motion", help="heave, pitch and roll over the plane")
+    for fit, lines in ((kalman, _fit_kalman), (prior, _fit_prior), (body, _fit_body_motion)):
         _add_input(fit, TRAIN)
         fit.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write")
         fit.set_defaults(lines=lines)
@@ -91,4 +92,16 @@ def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     coefficients = prior.fit(train, prior.Plan(), others, progress)
     with chosen.out.open("wb") as stream:
         np.savez(stream, allow_pickle=False, **prior.packed(coefficients))
+    yield f"written to {chosen.out}"
+
+
+def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    import numpy as np
+
+    from benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_classic.forecasting.fitting import body_motion
+
+    coefficients = body_motion.fit(read_sequences(chosen.poses, chosen.sequences))
+    with chosen.out.open("wb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, **body_motion.packed(coefficients))
     yield f"written to {chosen.out}"

@@ -16,6 +16,7 @@ from scipy.spatial.distance import pdist
 from benchmarks.progress import Progress, no_progress
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting.body_motion import over_plane
 from geovp_classic.forecasting.constant import ConstantTurn, ConstantVelocity, Hold
 from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, TurnRateUnscented
 from geovp_classic.forecasting.motion_prior import MotionPrior
@@ -101,6 +102,7 @@ class Scores:
     rank: FloatArray  # [N, F]: the truth is in the region of a probability when its rank is at most that
     energy_m: FloatArray  # [N], energy score of whole paths in the plane, averaged over steps
     turned_deg: FloatArray  # [N], true change of heading until the last step
+    body: FloatArray  # [N, F, 3], errors of height (m), pitch and roll (degrees) over the plane
 
 
 def measure(
@@ -146,6 +148,9 @@ def columns(scores: Scores) -> dict[str, float]:
     row["FDE m"] = float(scores.position_m[:, -1].mean())
     row[f"yaw @{num_future} deg"] = float(scores.yaw_deg[:, -1].mean())
     row["median"] = float(np.median(scores.yaw_deg[:, -1]))
+    for number, (name, unit) in enumerate((("height", "m"), ("pitch", "deg"), ("roll", "deg"))):
+        row[f"{name} @1 {unit}"] = float(scores.body[:, 0, number].mean())
+        row[f"{name} {unit}"] = float(scores.body[..., number].mean())
     row["NLL nats"] = float(scores.negative_log_density.mean())
     row["energy m"] = float(scores.energy_m.mean())
     for region in REGIONS:
@@ -205,17 +210,28 @@ def _row(
     (past, future), reference = window, window[0].world_from_cam[-1]
     past = past if corruption is None else corruption(past)
     truth = _planar(future.world_from_cam, reference)
-    error = _planar(forecaster.forecast(past, future.times_s)[0], reference) - truth
+    centre = forecaster.forecast(past, future.times_s)[0]
+    error = _planar(centre, reference) - truth
     yaw_deg = np.degrees(np.abs((error[:, 2] + np.pi) % (2 * np.pi) - np.pi))
+    body = np.abs(over_plane(centre, window[0]) - over_plane(future.world_from_cam, window[0]))
+    body[:, 1:] = np.degrees(body[:, 1:])
     position_m, turned_deg = np.linalg.norm(error[:, :2], axis=-1), np.degrees(np.unwrap(truth[:, 2])[-1:])[0]
     if not isinstance(forecaster, TurnRateKalman | MotionPrior):
         unknown = np.full(len(future), np.nan)
-        return position_m, yaw_deg, unknown, unknown, np.array(position_m.mean()), turned_deg
+        return position_m, yaw_deg, unknown, unknown, np.array(position_m.mean()), turned_deg, body
     forecast = forecaster.distribution(past, future.times_s)
     states = forecast.states_of(future.world_from_cam)
     samples = _planar(forecaster.forecast(past, future.times_s, num_samples), reference)[..., :2]
     negative_log_density, rank = -forecast.log_density(states[None])[0], highest_density_rank(forecast, states)
-    return position_m, yaw_deg, negative_log_density, rank, np.array(energy_score(samples, truth[:, :2])), turned_deg
+    return (
+        position_m,
+        yaw_deg,
+        negative_log_density,
+        rank,
+        np.array(energy_score(samples, truth[:, :2])),
+        turned_deg,
+        body,
+    )
 
 
 def _planar(world_from_cam: FloatArray, world_from_reference: FloatArray) -> FloatArray:

@@ -1,0 +1,69 @@
+"""Fit of the body's motion: a robust ridge regression on recorded poses and their mirror images."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from geovp_classic.forecasting import past_motion
+from geovp_classic.forecasting.body_motion import NUM_PAST_STEPS, Coefficients, features, over_plane
+from geovp_classic.forecasting.fitting.training_windows import POSITION_NOISE_M, ROTATION_NOISE_RAD, STEP_S
+from geovp_classic.forecasting.motion_network import MIRRORED_TWIST
+from geovp_classic.types import FloatArray, Trajectory
+
+NUM_FUTURE_STEPS = 20
+STRIDE = 2
+NOISE_LEVEL = 0.5  # of an odometry, added to the past twists
+RIDGE = 3e-3  # per window
+NUM_ROUNDS = 8
+UNBOUNDED = 1e3  # no twist reaches it
+NEAREST_SHARE = 0.3  # of the median residual; smaller ones don't weigh more
+MIRRORED_BODY = np.array([1.0, 1.0, -1.0])  # heave, pitch, roll
+
+
+def fit(sequences: Mapping[str, Trajectory], seed: int = 0) -> Coefficients:
+    """The coefficients by iteratively reweighted least squares towards the least absolute error, output by output."""
+    twists, states = (np.concatenate(parts) for parts in zip(*map(_windows, sequences.values()), strict=True))
+    deviation = NOISE_LEVEL / STEP_S * np.repeat([POSITION_NOISE_M, ROTATION_NOISE_RAD], 3)
+    twists = twists + deviation * np.random.default_rng(seed).standard_normal(twists.shape)
+    twists = np.concatenate([twists, twists * MIRRORED_TWIST])
+    states = np.concatenate([states, states * MIRRORED_BODY]).reshape(len(twists), -1)
+    scale = np.full(twists[0].size, 1.0)
+    scale = np.sqrt((features(twists / UNBOUNDED, scale) ** 2).mean(axis=0)) * UNBOUNDED + 1e-6
+    inputs = features(twists, scale)
+    weights = np.stack([_least_absolute(inputs, target) for target in states.T], axis=1)
+    return Coefficients(STEP_S, scale, weights)
+
+
+def packed(coefficients: Coefficients) -> dict[str, FloatArray]:
+    """The arrays of a file, as `body_motion.load` reads them."""
+    single = {name: getattr(coefficients, name).astype(np.float32) for name in ("scale", "weights")}
+    return {"step_s": np.array(coefficients.step_s), **single}
+
+
+def _windows(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Past twists [N, P, 6] and what the body did [N, F, 3]."""
+    ahead_s = STEP_S * np.arange(1, NUM_FUTURE_STEPS + 1)
+    last_start_s = trajectory.times_s[-1] - ahead_s[-1]
+    twists: list[FloatArray] = [np.empty((0, NUM_PAST_STEPS, 6))]
+    states: list[FloatArray] = [np.empty((0, NUM_FUTURE_STEPS, 3))]
+    for last in range(NUM_PAST_STEPS, int(np.searchsorted(trajectory.times_s, last_start_s)), STRIDE):
+        past = trajectory[last - NUM_PAST_STEPS : last + 1]
+        twists.append(past_motion.twists_per_s(past, STEP_S, NUM_PAST_STEPS)[None])
+        future = past_motion.poses_at(trajectory, past.times_s[-1] + ahead_s)
+        states.append(over_plane(future, past)[None])
+    return np.concatenate(twists), np.concatenate(states)
+
+
+def _least_absolute(inputs: FloatArray, target: FloatArray) -> FloatArray:
+    """Weights [in]."""
+    drawn = RIDGE * np.eye(inputs.shape[1])
+    weight = np.ones(len(target))
+    for _ in range(NUM_ROUNDS):
+        weighted = inputs * weight[:, None]
+        found = np.linalg.solve(weighted.T @ inputs + weight.sum() * drawn, weighted.T @ target)
+        residual = np.abs(target - inputs @ found)
+        weight = 1 / np.maximum(residual, NEAREST_SHARE * np.median(residual) + 1e-12)
+        weight /= weight.mean()
+    return np.asarray(found)

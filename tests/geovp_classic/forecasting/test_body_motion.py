@@ -1,0 +1,106 @@
+"""Heave, pitch and roll over the plane: what is foretold, its mirror image, and what is left alone."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting import body_motion
+from geovp_classic.forecasting.body_motion import BodyMotion, Coefficients
+from geovp_classic.forecasting.fitting import body_motion as fitting
+from geovp_classic.forecasting.kalman import TurnRateKalman
+from geovp_classic.forecasting.motion_prior import MotionPrior
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Trajectory
+
+STEP_S = 0.1037
+SPRING_HZ, PITCH_RAD = 1.3, 0.01  # of a body that bounces for ever
+
+
+def bouncing(num_poses: int, phase_rad: float, speed_m_s: float = 10.0, roll_rad: float = 0.0) -> Trajectory:
+    """Straight ahead while the body pitches, and rolls a quarter of a period later."""
+    times_s = STEP_S * np.arange(num_poses)
+    angle = 2 * np.pi * SPRING_HZ * times_s + phase_rad
+    twists = np.zeros((num_poses, 6))
+    twists[:, 3], twists[:, 5] = PITCH_RAD * np.sin(angle), roll_rad * np.cos(angle)
+    poses = se3.exp(twists)
+    poses[:, 2, 3] = speed_m_s * times_s
+    return Trajectory(poses, times_s, is_metric=True)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Coefficients:
+    drives = {f"{n}": bouncing(150, phase, 8.0 + n % 4, 0.005) for n, phase in enumerate(np.linspace(0, 6, 12))}
+    return fitting.fit(drives)
+
+
+@pytest.fixture(scope="module")
+def file(fitted: Coefficients, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("body") / "body.npz"
+    np.savez(path, **fitting.packed(fitted))  # type: ignore[arg-type]
+    return path
+
+
+def pitch_error_rad(forecast: FloatArray, truth: Trajectory, past: Trajectory) -> FloatArray:
+    found, actual = (body_motion.over_plane(poses, past)[:, 1] for poses in (forecast, truth.world_from_cam))
+    return np.abs(found - actual)
+
+
+def test_a_bounce_that_repeats_is_foretold(file: Path) -> None:
+    drive = bouncing(30, phase_rad=0.4, speed_m_s=9.0, roll_rad=0.005)
+    past, future = drive[:10], drive[10:]
+    with_it, without = (
+        MotionPrior(body_motion=body).forecast(past, future.times_s)[0] for body in (BodyMotion(file), None)
+    )
+    held, foretold = (pitch_error_rad(poses, future, past).mean() for poses in (without, with_it))
+    assert held > 0.4 * PITCH_RAD  # the mean distance of a sine from where it happened to be last
+    assert foretold < 0.35 * held
+
+
+def test_positions_on_the_plane_and_the_heading_stay(file: Path) -> None:
+    past = bouncing(10, 0.4)
+    times_s = past.times_s[-1] + STEP_S * np.arange(1, 21)
+    with_it, without = (
+        TurnRateKalman(body_motion=body).forecast(past, times_s)[0] for body in (BodyMotion(file), None)
+    )
+    off = se3.log(se3.inverse(without) @ with_it)
+    np.testing.assert_allclose(off[:, [0, 2, 4]], 0, atol=1e-3)
+    assert np.abs(off[:, 3]).max() > 1e-3
+
+
+def test_a_mirrored_past_has_the_mirrored_future(fitted: Coefficients) -> None:
+    twists = np.random.default_rng(0).normal([0, 0, 9.0, 0, 0, 0], 0.1, (1, 9, 6))
+    fair = fitting.fit({"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)})
+    ours, mirrored = fair(twists), fair(twists * fitting.MIRRORED_TWIST)
+    np.testing.assert_allclose(mirrored, ours * fitting.MIRRORED_BODY, atol=2e-3)
+
+
+def test_one_pose_and_a_past_without_metres(file: Path) -> None:
+    past = bouncing(10, 0.4)
+    times_s = past.times_s[-1] + STEP_S * np.arange(1, 4)
+    assert np.array_equal(BodyMotion(file).added_to(np.eye(4)[None], past[:1], times_s[:1]), np.eye(4)[None])
+    flat = np.tile(np.eye(4), (1, 3, 1, 1))
+    feet = past.world_from_cam.copy()
+    feet[:, :3, 3] /= 0.3048
+    known, unknown = (
+        BodyMotion(file).added_to(flat, Trajectory(poses, past.times_s, is_metric=False), times_s)[0]
+        for poses in (past.world_from_cam, feet)
+    )
+    np.testing.assert_allclose(unknown[:, :3, 3], known[:, :3, 3] / 0.3048, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(unknown[:, :3, :3], known[:, :3, :3], atol=1e-9)
+
+
+def test_an_even_drive_straight_ahead_stays_even() -> None:
+    times_s = STEP_S * np.arange(30)
+    straight = Trajectory(se3.compose(np.eye(3), np.outer(times_s, [0, 0, 10.0])), times_s, is_metric=True)
+    ahead = MotionPrior().forecast(straight[:10], times_s[10:])[0]
+    np.testing.assert_allclose(body_motion.over_plane(ahead, straight[:10]), 0, atol=1e-9)
+
+
+def test_a_file_without_coefficients(tmp_path: Path) -> None:
+    path = tmp_path / "none.npz"
+    path.write_bytes(b"no archive")
+    past = bouncing(10, 0.0)
+    with pytest.raises(BadData, match="holds no body motion"):
+        BodyMotion(path).added_to(np.eye(4)[None], past, past.times_s[-1:] + 0.1)
