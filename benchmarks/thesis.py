@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 from benchmarks import provenance, statistics, tables
 from benchmarks.formats import grid, tex_escaped
 from benchmarks.store import Cell, Results
+from geovp_classic.data import splits
 
 METRICS = ("psnr", "ssim", "lpips")
 HEAD = ("Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)")
@@ -21,6 +23,14 @@ STOCHASTIC = ("svg", "srvp", "slamp")
 GEOMETRIC = {"Ours": ("deepvo",), "GT 2D Pose": ("planar", "ground-truth"), "GT 3D Pose": ("ground-truth",)}
 TRUTH = ("PAST_POSES", "FUTURE_POSES", "PAST_DEPTHS")  # rows with these never compete
 DECIMALS = 3
+FIGURES = {  # of the thesis: what it shows, and the names of our files
+    "4.3": ("predicted paths", "paths-*.png"),
+    "4.4": ("predicted sequences", "strip-*.png"),
+    "4.5": ("PSNR over time", "horizon-psnr*.png"),
+    "4.6": ("SSIM over time", "horizon-ssim*.png"),
+    "4.7": ("LPIPS over time", "horizon-lpips*.png"),
+    "4.8 to 4.10": ("curves, dynamic objects and unseen areas, where they are among the kept clips", "strip-*.png"),
+}
 BOLD = (
     "Bold: the best of its column among rows without true poses or depths, as in the thesis; there, the best of many "
     "samples, which is chosen by the truth, competes too"
@@ -97,13 +107,22 @@ def latex(results: Results) -> str:
 FORMATS: Mapping[str, Callable[[Results], str]] = {"md": markdown, "tex": latex}
 
 
+def figures(drawn: Sequence[str]) -> list[str]:
+    """A line for every figure of the thesis with the files, among those drawn, that show the same of our rows."""
+    lines = []
+    for number, (words, pattern) in FIGURES.items():
+        files = ", ".join(sorted(fnmatch.filter(drawn, pattern)))
+        lines.append(f"figure {number} ({words}): {files or 'nothing to draw it from'}")
+    return lines
+
+
 def blocks(results: Results) -> tuple[Block, Block]:
     """What was measured here, and what was published."""
     protocol, cells = results.protocol(), results.cells()
     done = [cell for cell in cells if cell.status in ("done", "partial")]
     lines = sorted((_line(cell, results) for cell in done), key=lambda line: line.rank)
     notes = [
-        f"{tables.summary(protocol)}.",
+        f"{tables.summary(protocol)}.{_split(protocol)}",
         f"{statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
         f"{BOLD}.",
         *_absences(cells, lines),
@@ -122,6 +141,12 @@ def blocks(results: Results) -> tuple[Block, Block]:
     ]
     heading = f"{protocol['name']}: measured here, in the layout of the thesis's table 4.1"
     return Block(heading, lines, notes), Block("Published, not measured here", theirs, about)
+
+
+def _split(protocol: Mapping[str, Any]) -> str:
+    """The frames of a split that has a name."""
+    name = protocol["dataset"].get("split")
+    return f" Split {name}: {', '.join(map(str, splits.load(name)))}." if name in splits.names() else ""
 
 
 def _line(cell: Cell, results: Results) -> Line:
