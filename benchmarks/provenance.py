@@ -30,14 +30,19 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
     return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]
 
 
+def _shared_id(protocol: Mapping[str, Any]) -> str:
+    """The stored id, which subsets of the clips keep; older versions stored none."""
+    return str(protocol.get("id") or protocol_id(protocol))
+
+
 def row_id(cell: Cell, protocol: Mapping[str, Any]) -> str:
     """The id that a row was computed under; of results of older versions, that of the folder."""
-    return str(cell.record.get("protocol_id") or protocol_id(protocol))
+    return str(cell.record.get("protocol_id") or _shared_id(protocol))
 
 
 def id_notes(cells: Iterable[Cell], protocol: Mapping[str, Any]) -> list[str]:
     """The protocol's id, and the rows that were computed under another one."""
-    shared = protocol_id(protocol)
+    shared = _shared_id(protocol)
     other = [f"{cell.label} {row}" for cell in cells if (row := row_id(cell, protocol)) != shared]
     return [f"Protocol id {shared}" + (f", but of {', '.join(other)}" if other else "") + "."]
 

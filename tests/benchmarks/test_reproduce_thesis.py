@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pyarrow.compute as pc
 import pytest
 
 from benchmarks import cli, reproduction, thesis
@@ -93,6 +94,17 @@ def test_it_goes_on_where_it_was(done: tuple[int, Results], root: Path, capsys: 
     assert "## Published, not measured here" in printed
     assert "figure 4.5 (PSNR over time): horizon-psnr.png\n" in printed
     assert "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in printed
+
+
+def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path) -> None:
+    assert reproduce(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr") == 0
+    results = Results(tmp_path)
+    means = dict.fromkeys(results.protocol()["clips"], 0.0)
+    for row in results.scores("copy-last").filter(pc.field("metric") == "psnr").to_pylist():
+        means[row["clip"]] += row["value"] / 20
+    worst = min(means, key=lambda clip: means[clip])
+    assert results.protocol()["kept"]["clips"][0] == worst
+    assert len(list(results.plots.glob("strip-*.png"))) == 2  # of the worst three there are but two
 
 
 def test_the_thesiss_own_row_names_both_of_its_networks(root: Path, tmp_path: Path) -> None:
