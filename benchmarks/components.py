@@ -63,20 +63,27 @@ def code_hash(components: Iterable[object]) -> str:
 
     Libraries don't count; protocol.json has their versions.
     """
-    packages = {type(each).__module__.partition(".")[0] for component in components for each in _nested(component)}
+    packages = {type(each).__module__.partition(".")[0] for component in components for each in nested(component)}
     total = hashlib.sha256()
     for name in sorted({*ALWAYS_HASHED, *packages & sys.modules.keys()} - {"builtins", "benchmarks"}):
         total.update(name.encode() + _source_hash(name))
     return total.hexdigest()[:DIGITS]
 
 
-def _nested(component: object) -> Iterator[object]:
+def weights_of(components: Iterable[object]) -> list[str]:
+    """What trained components, nested ones too, say of their weights in an optional property `weights_note`."""
+    notes = [getattr(part, "weights_note", "") for component in components for part in nested(component)]
+    return [str(note) for note in dict.fromkeys(notes) if note]
+
+
+def nested(component: object) -> Iterator[object]:
     """The component and the components nested in it."""
     yield component
     if dataclasses.is_dataclass(component):
         values = [getattr(component, field.name) for field in dataclasses.fields(component)]
-        for value in filter(dataclasses.is_dataclass, values):
-            yield from _nested(value)
+        parts = [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
+        for part in filter(dataclasses.is_dataclass, parts):
+            yield from nested(part)
 
 
 @functools.cache

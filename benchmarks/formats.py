@@ -53,15 +53,20 @@ def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
 
 def latex(table: Table) -> str:
     """A `table` for the booktabs package."""
-    head = " & ".join(map(_tex, ["method", "clips", *(column.heading for column in table.columns)]))
+    head = " & ".join(map(tex_escaped, ["method", "clips", *(column.heading for column in table.columns)]))
     body = []
     for row in table.rows:
         marks = rf"$^{{\mathrm{{{row.marks}}}}}$" if row.marks else ""
         values = [_text(table, row, column, r"\textbf{{{}}}") for column in table.columns]
-        body.append(" & ".join([_tex(row.name) + marks, table.clips(row), *values]) + r" \\")
-    lines = [r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.title)}.}}"]
+        body.append(" & ".join([tex_escaped(row.name) + marks, table.clips(row), *values]) + r" \\")
+    lines = [r"\begin{table}", r"\centering", rf"\caption{{{tex_escaped(table.title)}.}}"]
     lines += [rf"\begin{{tabular}}{{lr{'r' * len(table.columns)}}}", r"\toprule", head + r" \\", r"\midrule", *body]
-    lines += [r"\bottomrule", r"\end{tabular}", r"\par\footnotesize", *(_tex(note) + r"\\" for note in table.notes)]
+    lines += [
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\par\footnotesize",
+        *(tex_escaped(note) + r"\\" for note in table.notes),
+    ]
     return "\n".join([*lines, r"\end{table}", ""])
 
 
@@ -70,16 +75,17 @@ def comma_separated(table: Table) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     names = [f"{column.key}{suffix}" for column in table.columns for suffix in SUFFIXES]
-    writer.writerow(["method", "grants", "clips", *names])
+    writer.writerow(["method", "grants", "clips", "protocol", *names])
     for row in table.rows:
         numbers = [_numbers(row, column.key) for column in table.columns]
-        writer.writerow([row.name, row.marks, row.num_clips, *(text for group in numbers for text in group)])
+        texts = (text for group in numbers for text in group)
+        writer.writerow([row.name, row.marks, row.num_clips, row.protocol, *texts])
     return stream.getvalue()
 
 
 def _text(table: Table, row: Row, column: Column, emphasis: str) -> str:
     mean, error = table.texts(row, column)
-    error = _tex(error) if "\\" in emphasis else error
+    error = tex_escaped(error) if "\\" in emphasis else error
     return (emphasis.format(mean) if table.is_best(row, column) else mean) + error
 
 
@@ -97,7 +103,8 @@ def columns(lines: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
-def _tex(text: str) -> str:
+def tex_escaped(text: str) -> str:
+    """Text with the letters that LaTeX would take for commands spelled out."""
     return text.translate({ord(letter): tex for letter, tex in TEX.items()})
 
 

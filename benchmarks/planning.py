@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import hashlib
-import json
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from typing import Any
 
 from benchmarks.built_matrix import BuiltMatrix, build_matrix
 from benchmarks.matrix import Matrix
+from benchmarks.provenance import content_hash, protocol_id
 from benchmarks.selection import Selection
 from benchmarks.store import Results
 from geovp_classic import registry
@@ -88,7 +87,7 @@ def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
 
 def _protocol(plan: Plan) -> dict[str, Any]:
     matrix = plan.built.matrix
-    return {
+    protocol = {
         "name": matrix.name,
         "dataset": registry.describe(plan.built.dataset),
         "dataset_name": plan.built.dataset.name,
@@ -104,6 +103,7 @@ def _protocol(plan: Plan) -> dict[str, Any]:
         "fingerprint": plan.shared,
         "versions": versions(),
     }
+    return {**protocol, "id": protocol_id(protocol)}
 
 
 def spread(clips: tuple[str, ...], count: int) -> frozenset[str]:
@@ -125,11 +125,6 @@ def _shared(built: BuiltMatrix) -> str:
 def _split_hash(built: BuiltMatrix) -> str:
     """The data set's hash of the frames it consists of, "" where its settings determine them."""
     return str(getattr(built.dataset, "split_hash", ""))
-
-
-def content_hash(value: Any) -> str:
-    """SHA-256 of a JSON value, independent of the order of keys."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def versions() -> dict[str, str]:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import functools
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from benchmarks import matrix as matrices
-from benchmarks import protocols, statistics, tables
+from benchmarks import protocols, provenance, statistics, tables, thesis
 from benchmarks.formats import grid
 from benchmarks.matrix import Matrix
 from benchmarks.protocols import Protocol
 from benchmarks.store import Cell, Results
+from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 
@@ -29,6 +31,23 @@ def read_matrix(name: str) -> Matrix:
         raise BadData(f"protocol {name!r} cannot be reproduced by one command yet, only {', '.join(TABLES)}")
     with resources.as_file(resources.files("benchmarks") / "configs" / f"{name}.toml") as path:
         return matrices.read(path)
+
+
+def chosen_rows(matrix: Matrix, split: str | None, samples: int | None, rows: Sequence[str] | None) -> Matrix:
+    """The matrix on another split, with at most so many samples, and with some of its whole predictors alone."""
+    if samples is not None and samples < 2:
+        raise BadData(f"--samples {samples}: rows of one sample are there already, give 2 or more")
+    for name in rows or ():
+        if name not in matrix.predictors:
+            raise BadData(f"--rows {name}: no row of {matrix.name}{registry.nearest(name, matrix.predictors)}")
+    predictors = {name: entry for name, entry in matrix.predictors.items() if not rows or name in rows}
+    if samples is not None:
+        predictors = {
+            name: replace(entry, num_samples=min(samples, entry.num_samples)) for name, entry in predictors.items()
+        }
+    matrix = replace(matrix, predictors=predictors)
+    matrix = replace(matrix, pose_sources={}, renderers={}) if rows else matrix
+    return replace(matrix, dataset={**matrix.dataset, "split": split}) if split else matrix
 
 
 def markdown(name: str, results: Results) -> str:
@@ -108,13 +127,15 @@ def _notes(protocol: Protocol, results: Results) -> list[str]:
     for cell in cells:
         if cell.status != "done" or cell.num_clips < len(shared["clips"]):
             notes.append(f"- {cell.label}: {cell.status} on {cell.num_clips} clips: {cell.reason or 'run again'}.")
-    return notes
+    return notes + [f"- {note}" for note in (*provenance.weights_notes(cells), *provenance.id_notes(cells, shared))]
 
 
 def _published(name: str) -> Mapping[str, Any]:
     return tomllib.loads((resources.files("benchmarks") / "published" / f"{name}.toml").read_text("utf-8"))
 
 
-TABLES: Mapping[str, Callable[[Results], str]] = {  # what one command prints; its matrix is configs/<name>.toml
-    "fvs20": functools.partial(markdown, "fvs20"),
+# What one command writes, by the file's ending; the first is printed. The matrix is configs/<name>.toml.
+TABLES: Mapping[str, Mapping[str, Callable[[Results], str]]] = {
+    "thesis": thesis.FORMATS,
+    "fvs20": {"md": functools.partial(markdown, "fvs20")},
 }

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pyarrow as pa
 
 from benchmarks.metric_set import MetricSet
-from benchmarks.planning import content_hash, versions
+from benchmarks.planning import versions
 from benchmarks.profiling import StageProfiler
 from benchmarks.progress import Progress, tracked
+from benchmarks.provenance import content_hash, protocol_id
 from benchmarks.scoring import Metrics, ScoringContext, score
 from benchmarks.store import Cell, Part, Results
 from geovp_classic.errors import BadData
@@ -32,16 +33,9 @@ def rescore(results: Results, into: Results, metrics: MetricSet, progress: Progr
     unavailable = metrics.unavailable(tuple(protocol["size_px"]))
     chosen = metrics.chosen(name for name in metrics.built if name not in unavailable)
     fingerprint = content_hash([protocol["fingerprint"], "rescored"])
-    into.write_protocol(
-        {
-            **protocol,
-            "clips": clips,
-            "metrics": metrics.about(unavailable),
-            "versions": versions(),
-            "fingerprint": fingerprint,
-            "rescored_from": str(results.root),
-        }
-    )
+    rescored = {**protocol, "clips": clips, "metrics": metrics.about(unavailable), "versions": versions()}
+    rescored |= {"fingerprint": fingerprint, "rescored_from": str(results.root), "id": protocol_id(rescored)}
+    into.write_protocol(rescored)
     cells = results.cells()
     for cell in tracked(cells, len(cells), progress):
         _rescore_cell(results, into, cell, clips, chosen)
@@ -71,7 +65,7 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
         "peak_memory_mb": 0.0,
         "peak_is_own": False,
     }
-    into.write_cell(cell.name, {**cell.record, **verdict, **tally})
+    into.write_cell(cell.name, {**cell.record, **verdict, **tally, "protocol_id": into.protocol()["id"]})
     if tables:
         names, seconds = tuple(scored), profiler.seconds
         part = Part(0, names, cell.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.built_matrix import Task, TaskResult, compute
-from benchmarks.components import Failure
+from benchmarks.components import Failure, weights_of
 from benchmarks.executors import Executor
 from benchmarks.matrix import CellPlan, Matrix
-from benchmarks.planning import Options, Plan, content_hash, prepare
+from benchmarks.planning import Options, Plan, prepare
 from benchmarks.progress import Progress
+from benchmarks.provenance import content_hash
 from benchmarks.store import Cell, Part, Results
 from geovp_classic import registry
 from geovp_classic.types import Grant
@@ -67,6 +68,7 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
     if before is None or before.fingerprint != record["fingerprint"]:
         plan.results.swap(cell.name, before.fingerprint if before else "", record["fingerprint"])
+    record |= {"about": weights_of(own.values()), "protocol_id": plan.results.protocol()["id"]}
     record["code"] = plan.built.code(cell)
     tally = _tally(plan.results.parts(cell.name), record["code"])
     plan.results.write_cell(cell.name, {**record, "status": "partial", **tally})

@@ -41,6 +41,7 @@ class Row:
     values: Mapping[str, FloatArray]  # by column: a clip's mean over its steps [N], NaN where there is none
     estimates: Mapping[str, Estimate]  # by column
     intervals: Mapping[str, Interval]  # by column
+    protocol: str = ""  # the id of what it was computed under
 
     @classmethod
     def of(
@@ -51,6 +52,7 @@ class Row:
         clips: Sequence[str],
         scored: BoolArray,  # [N], which clips the row has
         by_truth: bool = False,
+        protocol: str = "",
     ) -> Row:
         """The row with its estimates."""
         sequences = _sequences(clips)
@@ -63,6 +65,7 @@ class Row:
             values,
             {key: statistics.over_clips(one) for key, one in values.items()},
             {key: intervals.interval(one, sequences) for key, one in values.items()},
+            protocol,
         )
 
 

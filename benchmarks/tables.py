@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from benchmarks import intervals, statistics
+from benchmarks import intervals, provenance, statistics
 from benchmarks.matrix import COVERAGE
 from benchmarks.statistics import Cube
 from benchmarks.store import Cell, Results
@@ -92,7 +92,7 @@ def against(results: Results, name: str, *, strict: bool = False) -> Table:
     for row in (row for row in main.rows if row is not chosen and row.num_clips):
         values = {key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values}
         both = np.isfinite(np.array([*values.values()])).any(axis=0)
-        rows.append(Row.of(row.name, row.marks, values, clips, both, row.by_truth))
+        rows.append(Row.of(row.name, row.marks, values, clips, both, row.by_truth, row.protocol))
     columns = tuple(column for column in main.columns if any(column.key in row.values for row in rows))
     starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
     title = main.title.partition(":")[0]
@@ -182,6 +182,7 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
             clips,
             scored,
             by_truth=reduce is not statistics.mean_of_samples,
+            protocol=provenance.row_id(cell, protocol),
         )
         for suffix, reduce in _reductions(cubes, higher, protocol).items()
     ]
@@ -228,7 +229,8 @@ def _sampled(
         cube = statistics.cube(rows[cell.name], name)
         values = {f"{name} of {k}": _aligned(cube, curve[:, k - 1 : k], clips) for k in counts if k <= curve.shape[1]}
         marks = "".join(MARKS[grant][0] for grant in cell.grants)
-        lines.append(Row.of(cell.label, marks, values, clips, np.isin(clips, cube.clips)))
+        own = provenance.row_id(cell, protocol)
+        lines.append(Row.of(cell.label, marks, values, clips, np.isin(clips, cube.clips), protocol=own))
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
     heading = f"{protocol['name']}: {title(name)} of the best of k samples, on average over all sets of k"
     notes, bold = tuple(_notes(protocol, {name: about}, many)), best(lines, columns, clips)
@@ -239,10 +241,7 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
     notes = [f"{summary(protocol)}.", f"{BOLD}."]
     if any(cell.num_samples > 1 for cell in cells):
         notes.append(BEST_OF)
-    used = {grant for cell in cells for grant in cell.grants}
-    legend = [f"[{mark}] {meaning}" for grant, (mark, meaning) in MARKS.items() if grant in used]
-    if legend:
-        notes.append(f"Granted beyond the observed frames: {', '.join(legend)}.")
+    notes += legend(cells)
     for name, about in shown.items():
         if about["unavailable"]:
             notes.append(f"{title(name)}: unavailable: {about['unavailable']}.")
@@ -256,7 +255,14 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
     outdated = [cell.label for cell in cells if cell.num_outdated]
     if outdated:
         notes.append(f"Computed by another version of the code, in whole or in part: {', '.join(outdated)}.")
-    return notes
+    return [*notes, *provenance.weights_notes(cells), *provenance.id_notes(cells, protocol)]
+
+
+def legend(cells: Sequence[Cell]) -> list[str]:
+    """What the marks beside rows mean."""
+    used = {grant for cell in cells for grant in cell.grants}
+    words = [f"[{mark}] {meaning}" for grant, (mark, meaning) in MARKS.items() if grant in used]
+    return [f"Granted beyond the observed frames: {', '.join(words)}."] if words else []
 
 
 def _keys(tables: Iterable[pa.Table]) -> list[str]:

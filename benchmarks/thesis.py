@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+import fnmatch
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
 import numpy as np
 
-from benchmarks import statistics, tables
-from benchmarks.formats import grid
+from benchmarks import provenance, statistics, tables
+from benchmarks.formats import grid, tex_escaped
 from benchmarks.store import Cell, Results
+from geovp_classic.data import splits
 
 METRICS = ("psnr", "ssim", "lpips")
+HEAD = ("Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)")
 PUBLISHED = "thesis-table-4-1.toml"
 STOCHASTIC = ("svg", "srvp", "slamp")
 GEOMETRIC = {"Ours": ("deepvo",), "GT 2D Pose": ("planar", "ground-truth"), "GT 3D Pose": ("ground-truth",)}
+TRUTH = ("PAST_POSES", "FUTURE_POSES", "PAST_DEPTHS")  # rows with these never compete
 DECIMALS = 3
+FIGURES = {  # of the thesis: what it shows, and the names of our files
+    "4.3": ("predicted paths", "paths-*.png"),
+    "4.4": ("predicted sequences", "strip-*.png"),
+    "4.5": ("PSNR over time", "horizon-psnr*.png"),
+    "4.6": ("SSIM over time", "horizon-ssim*.png"),
+    "4.7": ("LPIPS over time", "horizon-lpips*.png"),
+    "4.8 to 4.10": ("failures on curves, dynamic objects, unseen areas: with --keep worst:psnr", "strip-*.png"),
+}
+BOLD = (
+    "Bold: the best of its column among rows without true poses or depths, as in the thesis; there, the best of many "
+    "samples, which is chosen by the truth, competes too"
+)
 
 
 @dataclass(frozen=True)
@@ -28,28 +44,109 @@ class Line:
     name: str
     rank: int  # place in the thesis's order; rows that it does not have come last
     values: tuple[tuple[float, float] | None, ...]
+    grants: Collection[str] = ()
+
+    @property
+    def competes(self) -> bool:
+        """Whether its values may be the best of their columns."""
+        return not set(TRUTH).intersection(self.grants)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines under a heading, and the notes below them."""
+
+    heading: str
+    lines: Sequence[Line]
+    notes: Sequence[str]
+
+    def rows(self, emphasis: str, escaped: Callable[[str], str] = str) -> list[list[str]]:
+        """Name and values as texts, the best of each column in `emphasis`, such as "**{}**"."""
+        best = [self._best(i) for i in range(len(METRICS))]
+        rows = []
+        for line in self.lines:
+            texts = [escaped(_text(value)) for value in line.values]
+            wins = [
+                line.competes and value is not None and _printed(value) == b
+                for value, b in zip(line.values, best, strict=True)
+            ]
+            rows.append(
+                [escaped(line.name), *(emphasis.format(t) if w else t for t, w in zip(texts, wins, strict=True))]
+            )
+        return rows
+
+    def _best(self, i: int) -> float:
+        """The best mean as printed, so that rows that print the same are all in bold."""
+        values = [line.values[i] for line in self.lines if line.competes]
+        means = [_printed(value) for value in values if value is not None]
+        return (min if METRICS[i] == "lpips" else max)(means, default=float("nan"))
 
 
 def markdown(results: Results) -> str:
     """Both blocks, with notes."""
-    protocol = results.protocol()
-    lines = [_line(cell, results) for cell in results.cells() if cell.status in ("done", "partial")]
-    in_thesis = sorted((line for line in lines if line.rank < len(_order())), key=lambda line: line.rank)
-    others = [line for line in lines if line.rank == len(_order())]
-    published = _published()
-    parts = [
-        f"## {protocol['name']}: measured here, in the layout of the thesis's table 4.1",
-        _block([*in_thesis, *others]),
-        f"- {tables.summary(protocol)}.",
-        f"- {statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
-        *_absences(results, in_thesis),
-        "",
-        "## Published, not measured here",
-        _block([Line(row["name"], 0, tuple(tuple(row[metric]) for metric in METRICS)) for row in published["row"]]),
-        f"- {published['source']}: {published['about']}.",
-        "- Other test clips, other training data and metrics that are not defined there: compare orders, not digits.",
+    parts: list[str] = []
+    for block in blocks(results):
+        table = grid([HEAD, *block.rows("**{}**")], numbers=False)
+        parts += [f"## {block.heading}", "", *table, "", *(f"- {note}" for note in block.notes), ""]
+    return "\n".join(parts)
+
+
+def latex(results: Results) -> str:
+    """Both blocks, each a `table` for the booktabs package with its notes."""
+    lines: list[str] = []
+    for block in blocks(results):
+        head = " & ".join(map(tex_escaped, HEAD))
+        body = [" & ".join(row) + r" \\" for row in block.rows(r"\textbf{{{}}}", tex_escaped)]
+        lines += [r"\begin{table}", r"\centering", rf"\caption{{{tex_escaped(block.heading)}.}}"]
+        lines += [rf"\begin{{tabular}}{{l{'c' * len(METRICS)}}}", r"\toprule", head + r" \\", r"\midrule", *body]
+        lines += [r"\bottomrule", r"\end{tabular}", r"\par\footnotesize"]
+        lines += [*(tex_escaped(note) + r"\\" for note in block.notes), r"\end{table}", ""]
+    return "\n".join(lines)
+
+
+FORMATS: Mapping[str, Callable[[Results], str]] = {"md": markdown, "tex": latex}
+
+
+def figures(drawn: Sequence[str]) -> list[str]:
+    """A line for every figure of the thesis with the files, among those drawn, that show the same of our rows."""
+    lines = []
+    for number, (words, pattern) in FIGURES.items():
+        files = ", ".join(sorted(fnmatch.filter(drawn, pattern)))
+        lines.append(f"figure {number} ({words}): {files or 'nothing to draw it from'}")
+    return lines
+
+
+def blocks(results: Results) -> tuple[Block, Block]:
+    """What was measured here, and what was published."""
+    protocol, cells = results.protocol(), results.cells()
+    done = [cell for cell in cells if cell.status in ("done", "partial")]
+    lines = sorted((_line(cell, results) for cell in done), key=lambda line: line.rank)
+    notes = [
+        f"{tables.summary(protocol)}.{_split(protocol)}",
+        f"{statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
+        f"{BOLD}.",
+        *_absences(cells, lines),
+        *tables.legend(cells),
+        *provenance.weights_notes(cells),
+        *provenance.id_notes(done, protocol),
     ]
-    return "\n".join(parts) + "\n"
+    published = _published()
+    theirs = [
+        Line(row["name"], 0, tuple(tuple(row[metric]) for metric in METRICS), row.get("grants", ()))
+        for row in published["row"]
+    ]
+    about = [
+        f"{published['source']}: {published['about']}.",
+        "Other test clips, other training data and metrics that are not defined there: compare orders, not digits.",
+    ]
+    heading = f"{protocol['name']}: measured here, in the layout of the thesis's table 4.1"
+    return Block(heading, lines, notes), Block("Published, not measured here", theirs, about)
+
+
+def _split(protocol: Mapping[str, Any]) -> str:
+    """The frames of a split that has a name."""
+    name = protocol["dataset"].get("split")
+    return f" Split {name}: {', '.join(map(str, splits.load(name)))}." if name in splits.names() else ""
 
 
 def _line(cell: Cell, results: Results) -> Line:
@@ -63,9 +160,10 @@ def _line(cell: Cell, results: Results) -> Line:
         values.append((float(estimate.mean), float(estimate.error)) if int(estimate.count) else None)
     marks = "".join(tables.MARKS[grant][0] for grant in cell.grants)
     order = _order()
-    is_known = _family(name) in order
-    shown = name if is_known or not marks else f"{name} [{marks}]"
-    return Line(shown, order.index(_family(name)) if is_known else len(order), tuple(values))
+    if _family(name) in order:
+        return Line(name, order.index(_family(name)), tuple(values), cell.grants)
+    samples = f", best of {cell.num_samples}" if cell.num_samples > 1 else ""
+    return Line(f"{name}{samples}" + (f" [{marks}]" if marks else ""), len(order), tuple(values), cell.grants)
 
 
 def _name(cell: Cell) -> str:
@@ -97,29 +195,28 @@ def _published() -> Mapping[str, Any]:
     return tomllib.loads((resources.files("benchmarks") / "published" / PUBLISHED).read_text("utf-8"))
 
 
-def _block(lines: Sequence[Line]) -> str:
-    """The lines with the best of each column in bold, as the thesis prints them."""
-    head = ["Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)"]
-    best = []
-    for i, metric in enumerate(METRICS):
-        means = [round(value[0], DECIMALS) for line in lines if (value := line.values[i]) is not None]
-        best.append((min if metric == "lpips" else max)(means, default=float("nan")))
-    body = [[line.name, *(_text(v, b) for v, b in zip(line.values, best, strict=True))] for line in lines]
-    return "\n".join(["", *grid([head, *body], numbers=False), ""])
+def _printed(value: tuple[float, float]) -> float:
+    return round(value[0], DECIMALS)
 
 
-def _text(value: tuple[float, float] | None, best: float) -> str:
+def _text(value: tuple[float, float] | None) -> str:
+    """Mean and standard error."""
     if value is None:
         return "-"
-    mean = f"{value[0]:.{DECIMALS}f}"
-    bold = f"**{mean}**" if round(value[0], DECIMALS) == best else mean
-    return bold if np.isnan(value[1]) else f"{bold} ± {value[1]:.{DECIMALS}f}"
+    error = "" if np.isnan(value[1]) else f" ± {value[1]:.{DECIMALS}f}"
+    return f"{value[0]:.{DECIMALS}f}{error}"
 
 
-def _absences(results: Results, present: Sequence[Line]) -> list[str]:
-    """The thesis's rows that are missing here, and cells that are not done."""
+def _absences(cells: Sequence[Cell], present: Sequence[Line]) -> list[str]:
+    """The thesis's rows that are missing here, cells that are not done, and clips that a row could not predict."""
     here = {line.rank for line in present}
     names = [str(row["name"]) for rank, row in enumerate(_published()["row"]) if rank not in here]
-    notes = [f"- Not in these results: {', '.join(names)}."] if names else []
-    other = [cell for cell in results.cells() if cell.status != "done"]
-    return notes + [f"- {cell.label}: {cell.status}: {cell.reason or 'run again'}." for cell in other]
+    notes = [f"Not in these results: {', '.join(names)}."] if names else []
+    other = [cell for cell in cells if cell.status != "done"]
+    notes += [f"{cell.label}: {cell.status}: {cell.reason or 'run again'}." for cell in other]
+    failed = [cell for cell in cells if cell.num_failed]
+    return notes + [
+        f"{cell.label}: {cell.num_failed} of {cell.num_clips} clips could not be predicted and count as copies of the "
+        "last frame."
+        for cell in failed
+    ]

@@ -61,6 +61,26 @@ class Pretrained:
         """The network, ready to predict, and the settings that it was trained with."""
         return load(self.method, self.file, self.fingerprint, self.device)
 
+    @property
+    def input_note(self) -> str:
+        """What the network is shown, and at which size; "" where a method does not say."""
+        return ""
+
+    @property
+    def weights_note(self) -> str:
+        """What the weights are, for a note below tables: from their file's metadata alone."""
+        history = read_metadata(self.file).get("history", {})
+        count = sum(parameter.numel() for parameter in self.load()[0].parameters())
+        name = f"{self.method} weights {self.file.name} {self.fingerprint}"
+        facts = [*filter(None, (name, self.input_note)), f"{count:,} parameters"]
+        if "step" in history:
+            planned, minutes = history["training"]["num_steps"], history["seconds"] / 60
+            facts.append(f"{history['step']} of {planned} training steps, {minutes:.1f} minutes")
+        datasets = " and ".join(map(_dataset_note, history.get("train", [])))
+        return "; ".join(
+            [*facts, f"trained on {datasets}" if datasets else "the file does not say on what it was trained"]
+        )
+
 
 def shipped(method: str) -> Path:
     """The weights file that comes with the package."""
@@ -179,6 +199,12 @@ def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
         raise BadData(f"{file} cannot be written ({error}): make room there or choose another folder") from error
 
 
+def read_metadata(file: Path) -> dict[str, Any]:
+    """Only the metadata of a file that could be loaded before."""
+    with safe_open(file, framework="pt") as stored:
+        return {key: json.loads(value) for key, value in (stored.metadata() or {}).items()}
+
+
 def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Metadata and tensors; BadData when the file is missing or damaged."""
     if not file.is_file():
@@ -194,6 +220,13 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
 def plain(settings: Any) -> dict[str, Any]:
     """A dataclass of settings as JSON has it."""
     return dict(json.loads(json.dumps(dataclasses.asdict(settings))))
+
+
+def _dataset_note(table: Mapping[str, Any]) -> str:
+    """A data set that was trained on: its name, split or sequences, and size."""
+    part = f"split {table['split']}" if "split" in table else " ".join(table.get("sequences") or ())
+    size = "x".join(map(str, table.get("size_px", ())))
+    return " ".join(filter(None, (str(table.get("name")), part, f"({size})" if size else "")))
 
 
 def _halved(tensor: Tensor) -> Tensor:

@@ -48,7 +48,7 @@ def run(chosen: argparse.Namespace) -> int:
 
     matrix = matrices.read(chosen.matrix).with_root(chosen.root)
     results = Results(chosen.out or Path("results") / matrix.name)
-    keep = _keep(chosen.keep, matrix)
+    keep = keep_rule(chosen.keep, matrix)
     options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh)
     executor, before = _executor(chosen), results.set_aside()
     with progress_bar(matrix.name, "predictions") as progress:
@@ -115,7 +115,7 @@ def _executor(chosen: argparse.Namespace) -> Executor:
     return executor
 
 
-def _keep(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
+def keep_rule(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
     """What --keep asks for: a number, clips, a rule, or None for all."""
     from benchmarks.selection import NAMED, WHICH, Ranking, Selection
 

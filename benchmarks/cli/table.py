@@ -21,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="interval",
         help="behind each mean: its 95 %% interval, or the standard error over clips as if they were independent",
     )
-    parser.add_argument("--style", choices=("suite", "thesis"), default="suite", help="thesis: as its table 4.1, in md")
+    parser.add_argument(
+        "--style", choices=("suite", "thesis"), default="suite", help="thesis: as its table 4.1, in md or tex"
+    )
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -32,9 +34,9 @@ def run(chosen: argparse.Namespace) -> int:
     results = Results(chosen.folder)
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.style == "thesis":
-        if chosen.format != "md":
-            raise BadData(f"--style thesis is written as md alone, not as {chosen.format}: leave --format out")
-        print(*map(thesis.markdown, parts), sep="\n")
+        if chosen.format not in thesis.FORMATS:
+            raise BadData(f"--style thesis is written as {' or '.join(thesis.FORMATS)}, not as {chosen.format}")
+        print(*map(thesis.FORMATS[chosen.format], parts), sep="\n")
         return 0
     render = formats.FORMATS[chosen.format]
     if chosen.against is not None:

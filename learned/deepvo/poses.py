@@ -22,6 +22,12 @@ from learned.tensors import images_from_frames, reproject, shrink
 class _PretrainedDeepVo(checkpoints.Pretrained):
     method: ClassVar[str] = "deepvo"
 
+    @property
+    def input_note(self) -> str:
+        """The size of the network's own camera, and the frames it looks at."""
+        camera = self.load()[1].architecture.camera
+        return f"works at {camera.width_px}x{camera.height_px} on all observed frames"
+
     def images(self, frames: Sequence[ByteArray], camera: Intrinsics) -> Tensor:
         """Frames [H, W, 3] as the network's images [P, 3, H, W]."""
         return network_images(frames, camera, self.load()[1].architecture)

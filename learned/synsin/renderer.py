@@ -31,6 +31,13 @@ class SynSin(checkpoints.Pretrained):
 
     method: ClassVar[str] = "synsin"
 
+    @property
+    def input_note(self) -> str:
+        """One frame of any size; its depth network's own size."""
+        return (
+            f"works at the frames' own size on the last frame, its depth at {self.load()[1].architecture.depth_px} rows"
+        )
+
     def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
         """The cloud of the last frame; Incompatible when the poses are not metric, as those in training were."""
         if not past.is_metric:

@@ -36,6 +36,13 @@ class VideoPredictor(checkpoints.Pretrained):
             methods.check_counts(self, "samples_at_once")
         super().__post_init__()
 
+    @property
+    def input_note(self) -> str:
+        """The network's square, and the frames it looks at."""
+        loaded, settings = self.load()
+        size_px = unwrapped(loaded).size_px
+        return f"works at {size_px}x{size_px} on the last {settings.num_past} frames, resized to the clip's size"
+
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Frames [S, F, H, W, 3]; Incompatible for fewer than two observed frames."""
         if context.num_past < 2:

@@ -11,6 +11,7 @@ from benchmarks import built_matrix
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic
+from geovp_classic.types import Clip
 
 TOYS = Path(__file__).parent / "toys"
 
@@ -30,15 +31,19 @@ def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sequence 07: twelve frames of the synthetic street in KITTI's layout."""
     root = tmp_path_factory.mktemp("kitti")
-    clip = Synthetic(num_clips=1, num_frames=12, size_px=(160, 160))[0]
-    folder = root / "sequences" / "07"
+    write_kitti(root, "07", Synthetic(num_clips=1, num_frames=12, size_px=(160, 160))[0])
+    return root
+
+
+def write_kitti(root: Path, sequence: str, clip: Clip) -> None:
+    """Add a clip as a sequence in KITTI odometry's layout: grey images, calibration, times and true poses."""
+    folder = root / "sequences" / sequence
     (folder / "image_0").mkdir(parents=True)
     for index, frame in enumerate(clip.frames):
         cv2.imwrite(str(folder / "image_0" / f"{index:06d}.png"), frame[..., ::-1])
     matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
     (folder / "calib.txt").write_text("P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n")
     (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))
-    (root / "poses").mkdir()
+    (root / "poses").mkdir(exist_ok=True)
     assert clip.trajectory is not None
-    pose_files.write_kitti(root / "poses" / "07.txt", clip.trajectory)
-    return root
+    pose_files.write_kitti(root / "poses" / f"{sequence}.txt", clip.trajectory)

@@ -102,7 +102,7 @@ def parts(results: Results, cell: str) -> list[Path]:
 
 
 def test_published_numbers_have_a_source_and_fit_the_protocol() -> None:
-    assert list(reproduction.TABLES) == ["fvs20"]
+    assert list(reproduction.TABLES) == ["thesis", "fvs20"]
     published = reproduction._published("fvs20")
     assert "NeurIPS 2024" in published["source"]
     assert len(published["row"]) == 7
@@ -119,7 +119,7 @@ def test_published_numbers_have_a_source_and_fit_the_protocol() -> None:
     ("name", "says"),
     [
         ("fvs", "there is no protocol 'fvs': did you mean 'fvs20'?"),
-        ("svg18", "protocol 'svg18' cannot be reproduced by one command yet, only fvs20"),
+        ("svg18", "protocol 'svg18' cannot be reproduced by one command yet, only thesis, fvs20"),
     ],
 )
 def test_other_protocols_are_refused(name: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,18 +71,83 @@ def test_samples_are_scored_by_the_best_of_each_column(results: Results) -> None
     # above, the best LPIPS is the first sample's.
     assert rows["SVG - 1 Sample"] == ["12.250 ± 0.250", "-", "0.122 ± 0.003"]
     assert rows["SVG - 4 Samples"] == ["15.250 ± 0.250", "-", "0.122 ± 0.003"]
-    assert rows["vo [h]"][0] == "**17.250** ± 0.250"
-    assert rows["Ours"][2] == "**0.113** ± 0.003"
+    assert rows["vo [h]"][0] == "**17.250 ± 0.250**"
+    assert rows["Ours"][2] == "**0.113 ± 0.003**"
 
 
 def test_published_numbers_stand_apart_with_their_source(results: Results) -> None:
     ours, published = blocks(results)
     rows = rows_of(published)
     assert len(rows) == 2 + 9
-    assert rows[5] == ["SRVP - 100 Samples", "**13.504** ± 0.070", "**0.433** ± 0.003", "0.698 ± 0.003"]
-    assert rows[-1] == ["GT 3D Pose + SynSin", "12.897 ± 0.107", "0.393 ± 0.004", "**0.380** ± 0.006"]
+    assert rows[5] == ["SRVP - 100 Samples", "**13.504 ± 0.070**", "**0.433 ± 0.003**", "0.698 ± 0.003"]
+    assert rows[-1] == ["GT 3D Pose + SynSin", "12.897 ± 0.107", "0.393 ± 0.004", "0.380 ± 0.006"]
     assert "Table 4.1 of the thesis" in published
     assert "13.504" not in ours
+
+
+MARKDOWN = """
+| Models              | PSNR (↑)           | SSIM (↑)          | LPIPS (↓)         |
+| ------------------- | ------------------ | ----------------- | ----------------- |
+| SVG - 1 Sample      | 12.244 ± 0.076     | 0.396 ± 0.003     | 0.663 ± 0.004     |
+| SVG - 100 Samples   | 12.268 ± 0.076     | 0.397 ± 0.003     | 0.661 ± 0.004     |
+| SRVP - 1 Sample     | 12.482 ± 0.068     | 0.407 ± 0.003     | 0.727 ± 0.003     |
+| SRVP - 100 Samples  | **13.504 ± 0.070** | **0.433 ± 0.003** | 0.698 ± 0.003     |
+| SLAMP - 1 Sample    | 12.539 ± 0.080     | 0.402 ± 0.003     | 0.595 ± 0.004     |
+| SLAMP - 100 Samples | 12.714 ± 0.082     | 0.408 ± 0.003     | 0.588 ± 0.004     |
+| Ours                | 11.301 ± 0.091     | 0.337 ± 0.004     | **0.452 ± 0.006** |
+| GT 2D Pose + SynSin | 12.727 ± 0.108     | 0.386 ± 0.004     | 0.380 ± 0.006     |
+| GT 3D Pose + SynSin | 12.897 ± 0.107     | 0.393 ± 0.004     | 0.380 ± 0.006     |
+"""  # the thesis's page, its bold cells included
+LATEX = r"""
+\begin{tabular}{lccc}
+\toprule
+Models & PSNR ($\uparrow$) & SSIM ($\uparrow$) & LPIPS ($\downarrow$) \\
+\midrule
+SVG - 1 Sample & 12.244 $\pm$ 0.076 & 0.396 $\pm$ 0.003 & 0.663 $\pm$ 0.004 \\
+SVG - 100 Samples & 12.268 $\pm$ 0.076 & 0.397 $\pm$ 0.003 & 0.661 $\pm$ 0.004 \\
+SRVP - 1 Sample & 12.482 $\pm$ 0.068 & 0.407 $\pm$ 0.003 & 0.727 $\pm$ 0.003 \\
+SRVP - 100 Samples & \textbf{13.504 $\pm$ 0.070} & \textbf{0.433 $\pm$ 0.003} & 0.698 $\pm$ 0.003 \\
+SLAMP - 1 Sample & 12.539 $\pm$ 0.080 & 0.402 $\pm$ 0.003 & 0.595 $\pm$ 0.004 \\
+SLAMP - 100 Samples & 12.714 $\pm$ 0.082 & 0.408 $\pm$ 0.003 & 0.588 $\pm$ 0.004 \\
+Ours & 11.301 $\pm$ 0.091 & 0.337 $\pm$ 0.004 & \textbf{0.452 $\pm$ 0.006} \\
+GT 2D Pose + SynSin & 12.727 $\pm$ 0.108 & 0.386 $\pm$ 0.004 & 0.380 $\pm$ 0.006 \\
+GT 3D Pose + SynSin & 12.897 $\pm$ 0.107 & 0.393 $\pm$ 0.004 & 0.380 $\pm$ 0.006 \\
+\bottomrule
+\end{tabular}
+"""
+
+
+def test_the_published_block_has_the_thesiss_bold_cells_and_no_others(results: Results) -> None:
+    assert MARKDOWN in blocks(results)[1]
+    ours, published = thesis.latex(results).split(r"\caption{Published, not measured here.}")
+    assert LATEX in published
+    assert "Table 4.1 of the thesis" in published
+    assert r"SVG - 4 Samples & 15.250 $\pm$ 0.250 & - & 0.122 $\pm$ 0.003 \\" in ours
+    assert published.count(r"\begin") == published.count(r"\end") - 1 == 1  # its table begins above the caption
+
+
+def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) -> None:
+    for name in ("crossed", "flat"):
+        cell = results.cell(name)
+        assert cell is not None
+        results.write_cell(name, {**cell.record, "grants": ["PAST_POSES", "FUTURE_POSES"]})
+    (low, high) = (
+        pa.table([[f] * 2, [0] * 2, [1] * 2, ["psnr", "lpips"], v], SCORES)
+        for f, v in (("x", [40.0, 0.01]), ("y", [41.0, 0.02]))
+    )
+    results.write_part("crossed", pa.concat_tables([low, high]), Part(0, ("x", "y"), "f", {}, {}, 0.0))
+    rows = {row[0]: row[1:] for row in rows_of(blocks(results)[0])}
+    assert rows["GT 3D Pose + SynSin"] == ["40.500 ± 0.500", "-", "0.015 ± 0.005"]  # the best by far, not in bold
+    assert rows["vo [h]"][0] == "**17.250 ± 0.250**"
+    assert rows["Ours"][2] == "**0.113 ± 0.003**"
+
+
+def test_weights_are_told_once_with_the_rows_that_use_them(results: Results) -> None:
+    for name in ("svg-1", "svg-4"):
+        cell = results.cell(name)
+        assert cell is not None
+        results.write_cell(name, {**cell.record, "about": ["svg weights a.safetensors; works at 64x64"]})
+    assert "- svg weights a.safetensors; works at 64x64 (svg-4, svg-1)." in blocks(results)[0]
 
 
 def test_what_is_missing_is_told(results: Results) -> None:
@@ -95,8 +160,10 @@ def test_what_is_missing_is_told(results: Results) -> None:
 def test_the_command_line_prints_it(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["table", "--style", "thesis", str(results.root)]) == 0
     assert "SVG - 4 Samples" in capsys.readouterr().out
-    assert cli.main(["table", "--style", "thesis", "--format", "tex", str(results.root)]) == 2
-    assert "written as md alone, not as tex" in capsys.readouterr().err
+    assert cli.main(["table", "--style", "thesis", "--format", "tex", str(results.root)]) == 0
+    assert LATEX in capsys.readouterr().out
+    assert cli.main(["table", "--style", "thesis", "--format", "csv", str(results.root)]) == 2
+    assert "written as md or tex, not as csv" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])

@@ -1,0 +1,104 @@
+"""Ids of protocols, and what rows say of their networks' weights."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import formats, tables
+from benchmarks.components import nested, weights_of
+from benchmarks.provenance import id_notes, protocol_id, row_id
+from benchmarks.rescoring import rescore, stored_metrics
+from benchmarks.store import Cell, Results
+from tests.benchmarks.test_run import content, go
+
+PSNR = {"role": "frame", "asked": {"name": "psnr"}, "unit": "dB", "definition": "RGB jointly", "unavailable": None}
+PROTOCOL: dict[str, Any] = {
+    "dataset": {"name": "kitti", "split": "test", "root": "/here", "with_wide": False},
+    "split_hash": "ab",
+    "num_past": 10,
+    "num_future": 20,
+    "size_px": [256, 256],
+    "stride": 10,
+    "clips": ["03/000180", "03/000190"],
+    "metrics": {"psnr": PSNR},
+    "versions": {"numpy": "1.26.4"},
+}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"dataset": {**PROTOCOL["dataset"], "split": "val"}},
+        {"split_hash": "cd"},
+        {"num_past": 9},
+        {"size_px": [128, 256]},
+        {"clips": ["03/000180"]},
+        {"metrics": {"psnr": {**PSNR, "definition": "mean over channels"}}},
+        {"metrics": {"psnr": {**PSNR, "asked": {"name": "psnr", "channels": "each"}}}},
+        {"metrics": {"psnr": PSNR, "ssim": PSNR}},
+    ],
+)
+def test_another_protocol_has_another_id(change: dict[str, Any]) -> None:
+    assert protocol_id({**PROTOCOL, **change}) != protocol_id(PROTOCOL)
+
+
+def test_the_same_protocol_elsewhere_has_the_same_id() -> None:
+    elsewhere = {**PROTOCOL["dataset"], "root": "/there", "with_wide": True}
+    other = {**PROTOCOL, "dataset": elsewhere, "versions": {}, "cells": ["a"], "name": "other"}
+    assert protocol_id(other) == protocol_id(PROTOCOL)
+    assert len(protocol_id(PROTOCOL)) == 8
+
+
+def cell(label: str, **record: Any) -> Cell:
+    facts = {"label": label, "kind": "predictor", "status": "done", "grants": [], "num_samples": 1, "num_clips": 2}
+    return Cell.of(label, {**facts, "seconds": {}, "fingerprint": "f", "components": {}, **record})
+
+
+def test_a_row_of_another_protocol_is_named() -> None:
+    own = protocol_id(PROTOCOL)
+    rows = [cell("old"), cell("same", protocol_id=own), cell("other", protocol_id="0000ffff")]
+    assert row_id(rows[0], PROTOCOL) == own  # older results did not say
+    assert id_notes(rows[:2], PROTOCOL) == [f"Protocol id {own}."]
+    assert id_notes(rows, PROTOCOL) == [f"Protocol id {own}, but of other 0000ffff."]
+
+
+@pytest.mark.usefixtures("toys")
+def test_cells_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
+    two = go(tmp_path / "two", content({"clips": 2}, predictors={"still": {"name": "toy-still"}}))["still"]
+    three = go(tmp_path / "three", content({"clips": 3}, predictors={"still": {"name": "toy-still"}}))["still"]
+    ids = [two.record["protocol_id"], three.record["protocol_id"]]
+    assert ids[0] != ids[1]
+    for folder, own in zip(("two", "three"), ids, strict=True):
+        results = Results(tmp_path / folder)
+        assert results.protocol()["id"] == own
+        table = tables.build(results)[0]
+        assert f"Protocol id {own}." in table.notes
+        assert [line.split(",")[3] for line in formats.comma_separated(table).splitlines()] == ["protocol", own]
+
+
+@pytest.mark.usefixtures("toys")
+def test_fewer_clips_scored_again_are_another_protocol(tmp_path: Path) -> None:
+    go(tmp_path / "all", content(predictors={"still": {"name": "toy-still"}}), keep=3)  # of five clips
+    before, after = Results(tmp_path / "all"), Results(tmp_path / "kept")
+    (rescored,) = rescore(before, after, stored_metrics(before), lambda done, total: None)
+    assert rescored.record["protocol_id"] == after.protocol()["id"] == protocol_id(after.protocol())
+    assert after.protocol()["id"] != before.protocol()["id"]
+
+
+@dataclass(frozen=True)
+class Trained:
+    weights_note: str
+
+
+@dataclass(frozen=True)
+class Made:
+    parts: tuple[Trained, ...]
+    other: Trained
+
+
+def test_weights_of_nested_parts_are_found_once_each() -> None:
+    made = Made((Trained("a"), Trained("b")), Trained("a"))
+    assert weights_of([made, Trained("c"), object()]) == ["a", "b", "c"]
+    assert [type(part) for part in nested(made)] == [Made, Trained, Trained, Trained]

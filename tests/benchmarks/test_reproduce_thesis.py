@@ -1,0 +1,141 @@
+"""`geovp reproduce thesis` from nothing, on two short sequences in KITTI odometry's layout."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pyarrow.compute as pc
+import pytest
+
+from benchmarks import cli, reproduction
+from benchmarks.store import Results
+from geovp_classic.data.synthetic import Synthetic
+from tests.benchmarks.conftest import write_kitti
+
+pytest.importorskip("torch", reason="torch is not installed: the thesis's rows need the extra 'learned'")
+ROWS = ("svg-1", "svg-100", "gt-3d+ground-far-plane", "copy-last")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The two test sequences of `thesis-like-test`, one clip of 30 frames each, of two different streets."""
+    folder = tmp_path_factory.mktemp("kitti")
+    for seed, sequence in enumerate(("07", "10")):
+        write_kitti(folder, sequence, Synthetic(seed=seed, num_clips=1, num_frames=30, size_px=(160, 160))[0])
+    return folder
+
+
+def reproduce(root: Path, out: Path, *more: str) -> int:
+    form = ["--root", str(root), "--split", "thesis-like-test", "--samples", "2", "--out", str(out)]
+    return cli.main(["reproduce", "thesis", *form, *more])
+
+
+@pytest.fixture(scope="module")
+def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
+    out = tmp_path_factory.mktemp("out")
+    return reproduce(root, out, "--limit", "2", "--rows", *ROWS), Results(out)
+
+
+def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
+    shared = done[1].protocol()
+    assert (shared["num_past"], shared["num_future"], shared["size_px"]) == (10, 20, [256, 256])
+    assert shared["clips"] == ["07/000000", "10/000000"]
+    assert {cell.name: (cell.status, cell.num_samples) for cell in done[1].cells()} == {
+        "svg-1": ("done", 1),
+        "svg-100": ("done", 2),
+        "gt-3d+ground-far-plane": ("done", 1),
+        "copy-last": ("done", 1),
+    }
+
+
+def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(done: tuple[int, Results]) -> None:
+    code, results = done
+    assert code == 0
+    text = (results.tables / "thesis.md").read_text()
+    ours, published = text.split("## Published, not measured here")
+    names = ["SVG - 1 Sample", "SVG - 2 Samples", "gt-3d+ground-far-plane [pfh]", "copy-last"]
+    assert re.findall(r"^[|] (\w.*?) +[|] [*\d]", ours, re.M) == names
+    assert "- 2 clips of kitti, split thesis-like-test; 10 frames seen, the next 20 predicted at 256x256." in ours
+    assert "Split thesis-like-test: 07, 10." in ours
+    assert "**13.504 ± 0.070**" in published
+    rivals = [line.split("|")[2:5] for line in ours.splitlines() if re.match(r"[|] (SVG|copy)", line)]
+    for column, choose in zip(zip(*rivals, strict=True), (max, max, min), strict=True):
+        means = [float(cell.strip(" *").split()[0]) for cell in column if cell.strip() != "-"]
+        bold = [float(cell.strip(" *").split()[0]) for cell in column if "**" in cell]
+        assert bold == [mean for mean in means if mean == choose(means)]
+    assert not re.search(r"^[|] gt-3d.*[*]{2}", ours, re.M)  # it knows the true poses
+    tex = (results.tables / "thesis.tex").read_text()
+    assert tex.count(r"\begin{tabular}") == tex.count(r"\end{tabular}") == 2
+    assert r"SRVP - 100 Samples & \textbf{13.504 $\pm$ 0.070}" in tex
+
+
+def test_every_learned_row_says_what_its_weights_are(done: tuple[int, Results]) -> None:
+    text = (done[1].tables / "thesis.md").read_text()
+    assert re.search(
+        r"^- svg weights svg.safetensors [0-9a-f]{12}; works at 64x64 on the last 5 frames, .* 500 of 800 training "
+        r"steps, 6.5 minutes; trained on kitti split train [(]64x64[)].* [(]svg-1, svg-100[)][.]$",
+        text,
+        re.M,
+    )
+    assert f"- Protocol id {done[1].protocol()['id']}.\n" in text
+
+
+def test_the_thesiss_figures_are_drawn(done: tuple[int, Results]) -> None:
+    drawn = {path.name for path in done[1].plots.iterdir()}
+    assert {"horizon-psnr.png", "horizon-ssim.png"} <= drawn
+    assert {"strip-01-07-000000.png", "strip-02-10-000000.png", "paths-01-07-000000.png"} <= drawn
+
+
+def test_it_goes_on_where_it_was(done: tuple[int, Results], root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = sorted(done[1].root.glob("*/scores/*.parquet"))
+    before = [path.stat().st_mtime_ns for path in files]
+    assert len(files) == 4
+    assert reproduce(root, done[1].root, "--limit", "2", "--rows", *ROWS) == 0
+    assert [path.stat().st_mtime_ns for path in files] == before
+    printed = capsys.readouterr().out
+    assert "## Published, not measured here" in printed
+    assert "figure 4.5 (PSNR over time): horizon-psnr.png\n" in printed
+    assert "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in printed
+
+
+def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path) -> None:
+    assert reproduce(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr") == 0
+    results = Results(tmp_path)
+    means = dict.fromkeys(results.protocol()["clips"], 0.0)
+    for row in results.scores("copy-last").filter(pc.field("metric") == "psnr").to_pylist():
+        means[row["clip"]] += row["value"] / 20
+    worst = min(means, key=lambda clip: means[clip])
+    assert results.protocol()["kept"]["clips"][0] == worst
+    assert len(list(results.plots.glob("strip-*.png"))) == 2  # of the worst three there are but two
+
+
+def test_the_thesiss_own_row_names_both_of_its_networks(root: Path, tmp_path: Path) -> None:
+    assert reproduce(root, tmp_path, "--limit", "1", "--rows", "ours") == 0
+    text = (tmp_path / "tables/thesis.md").read_text()
+    assert re.search(r"^[|] Ours +[|] [*]{2}\d+[.]\d{3}[*]{2} ", text, re.M)  # one clip has no standard error
+    notes = re.findall(r"^- (\w+) weights .* [(]ours[)][.]$", text, re.M)
+    assert notes == ["deepvo", "synsin"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--rows", "svg-10"), "--rows svg-10: no row of thesis: did you mean 'svg-100'?"),
+        (("--samples", "1"), "--samples 1: rows of one sample are there already, give 2 or more"),
+        (("--split", "thesis-test"), "no split is called 'thesis-test': did you mean"),
+        (("--split", "test"), "sequence '03'"),
+    ],
+)
+def test_a_mistake_is_one_sentence(
+    arguments: tuple[str, ...], says: str, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert reproduce(root, tmp_path / "out", *arguments) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_samples_are_capped_not_added() -> None:
+    matrix = reproduction.chosen_rows(reproduction.read_matrix("thesis"), None, 4, None)
+    counts = {name: entry.num_samples for name, entry in matrix.predictors.items()}
+    assert (counts["svg-1"], counts["svg-100"], counts["vo+prior+fusion-10"], counts["ours"]) == (1, 4, 4, 1)
+    assert len(matrix.cells) == 24
