@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 TESTS ?=
 
-.PHONY: demo test lint setup clean
+.PHONY: demo test lint docs setup clean
 
 demo: $(READY)  ## the demo matrix on the synthetic street: table, plots, pictures and report
 	$(BIN)/geovp run --fresh benchmarks/configs/demo.toml
@@ -19,10 +19,13 @@ lint: $(READY)  ## format, lint rules and types
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+docs: $(READY)  ## the documentation as a site in site/; a broken link or reference is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 setup: $(READY)  ## only the virtual environment
 
 clean:  ## remove the virtual environment and everything derived
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) build dist site *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
 # torch first, by its exact pin: unpinned it would draw in gigabytes that nothing here needs.
 $(READY): pyproject.toml constraints.txt
@@ -32,7 +35,7 @@ $(READY): pyproject.toml constraints.txt
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV) (once; some minutes, about 4 GB) ..."
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[learned,cluster,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=compat --editable '.[learned,cluster,dev]'
 	@$(BIN)/python -c 'import open3d' 2>/dev/null || \
 	  { echo "Open3D cannot be imported: install the Debian package libusb-1.0-0 (as root: apt-get install libusb-1.0-0)"; exit 1; }
 	@touch $@

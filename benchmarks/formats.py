@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import io
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from benchmarks.store import Results
 from benchmarks.table_model import Column, Row, Table
 from geovp_classic.data.atomic import write_bytes
 
+NOTES = "## Notes\n"  # from this line on, a page is written by hand
+CONFIGS = Path(__file__).parent / "configs"
 SUFFIXES = ("", "_low", "_high", "_standard_error", "_clips", "_effective_clips")
 TEX = {letter: f"\\{letter}" for letter in "&%_#$"} | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
 TEX |= {"±": r"$\pm$", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
@@ -49,6 +53,22 @@ def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
     rule = ["-" * widths[0], *("-" * (n - 1) + (":" if numbers else "-") for n in widths[1:])]
     rows = [lines[0], rule, *lines[1:]]
     return [f"| {layout.format(*itertools.chain(*zip(row, widths, strict=True)))} |" for row in rows]
+
+
+def page(text: str, protocol: Mapping[str, Any], commands: Sequence[str], before: str = "") -> str:
+    """A page of the documentation: title, commands, date, versions, tables; the old page's notes stay."""
+    versions = ", ".join(f"{package} {version}" for package, version in protocol["versions"].items())
+    heading = [f"# {protocol['name']}", "", "```sh", *commands, "```", ""]
+    origin = f"Written on {datetime.date.today().isoformat()} by `geovp table --page`; computed with {versions}."
+    _, found, kept = before.partition(NOTES)
+    return "\n".join([*heading, origin, "", text.rstrip(), "", *([NOTES + kept] if found else [])])
+
+
+def default_command(protocol: Mapping[str, Any]) -> str:
+    """The command that computes the rows of a matrix, which lies among ours or in the current folder."""
+    file = f"{protocol['name']}.toml"
+    root = " --root path/to/data" if "root" in protocol["dataset"] else ""
+    return f"geovp run {f'benchmarks/configs/{file}' if (CONFIGS / file).exists() else file}{root}"
 
 
 def latex(table: Table) -> str:

@@ -16,7 +16,7 @@ Conventions, stated once and kept everywhere:
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -89,8 +89,22 @@ class Intrinsics:
         return Intrinsics(self.fx_px * sx, self.fy_px * sy, cx_px, cy_px, width_px, height_px)
 
 
-@dataclass(frozen=True)
-class Trajectory:
+class _ShortRepr:
+    """Prints the fields that are set, arrays by their shapes."""
+
+    def __repr__(self) -> str:
+        """As Trajectory(world_from_cam=[10, 4, 4], times_s=[10], is_metric=True)."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+        texts = {
+            name: str(list(value.shape)) if isinstance(value, np.ndarray) else repr(value)
+            for name, value in values.items()
+            if value is not None
+        }
+        return f"{type(self).__name__}({', '.join(f'{name}={text}' for name, text in texts.items())})"
+
+
+@dataclass(frozen=True, repr=False)
+class Trajectory(_ShortRepr):
     """Where one camera was, step by step."""
 
     world_from_cam: FloatArray  # [T, 4, 4]
@@ -118,8 +132,8 @@ class Trajectory:
         return Trajectory(poses, np.concatenate([self.times_s, later.times_s]), self.is_metric)
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, repr=False)
+class Motion(_ShortRepr):
     """Where the camera was and will be, from a pose source; all poses share the world frame of `past`."""
 
     past: Trajectory  # [P]
@@ -140,8 +154,8 @@ class Motion:
         return Motion(past, futures, self.tracked, self.unrefined or self)
 
 
-@dataclass(frozen=True)
-class ExtraView:
+@dataclass(frozen=True, repr=False)
+class ExtraView(_ShortRepr):
     """Another image of the same instants: the uncropped one ("wide"), or the right camera's; native resolution."""
 
     frames: ByteArray  # [T, H', W', 3]
@@ -158,8 +172,8 @@ class ExtraView:
         return replace(self, frames=self.frames[steps].copy())
 
 
-@dataclass(frozen=True)
-class Clip:
+@dataclass(frozen=True, repr=False)
+class Clip(_ShortRepr):
     """A short piece of video with all that is known about it, ground truth included."""
 
     name: str
@@ -213,8 +227,8 @@ class Clip:
         return everything.only(grant), target
 
 
-@dataclass(frozen=True)
-class Context:
+@dataclass(frozen=True, repr=False)
+class Context(_ShortRepr):
     """What a predictor is given: the observed frames, when to predict, and whatever was granted (None otherwise)."""
 
     frames: ByteArray  # [P, H, W, 3]
@@ -258,8 +272,8 @@ class Context:
         return replace(self, **hidden)
 
 
-@dataclass(frozen=True)
-class Target:
+@dataclass(frozen=True, repr=False)
+class Target(_ShortRepr):
     """The real future; a predictor never holds one."""
 
     frames: ByteArray  # [F, H, W, 3]
@@ -268,8 +282,8 @@ class Target:
     moving: BoolArray | None = None  # [F, H, W]
 
 
-@dataclass(frozen=True)
-class Views:
+@dataclass(frozen=True, repr=False)
+class Views(_ShortRepr):
     """A scene seen from several poses."""
 
     frames: ByteArray  # [F, H, W, 3]
@@ -283,8 +297,8 @@ class Views:
         _store(self, "depths", _array("views: depths", self.depths, np.float32, self.covered.shape))
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, repr=False)
+class Prediction(_ShortRepr):
     """Predicted frames, one set per sample, with the motion behind them where there is one."""
 
     frames: ByteArray  # [S, F, H, W, 3]

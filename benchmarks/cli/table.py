@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.arguments import add_division, add_results_folder
 from geovp_classic.errors import BadData
+
+if TYPE_CHECKING:
+    from benchmarks.store import Results
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,28 +30,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--style", choices=("suite", "thesis"), default="suite", help="thesis: as its table 4.1, in md or tex"
     )
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="write what is printed as a page of the docs, too")
+    parser.add_argument("--command", metavar="TEXT", help="what the page says computed the rows (default: geovp run)")
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Print in one format, write in all; the main table of each kind of clips is printed only."""
-    from benchmarks import formats, strata, tables, thesis
+    from benchmarks import formats
     from benchmarks.store import Results
+    from geovp_classic.data.atomic import write_bytes
 
+    if chosen.page is not None and chosen.format != "md":
+        raise BadData(f"--page is written as md alone, not as {chosen.format}: leave --format out")
     results = Results(chosen.folder)
+    text = _text(chosen, results)
+    print(text)
+    if chosen.page is not None:
+        before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""
+        commands = [chosen.command or formats.default_command(results.protocol()), _own_command(chosen)]
+        write_bytes(chosen.page, formats.page(text, results.protocol(), commands, before).encode())
+    return 0
+
+
+def _text(chosen: argparse.Namespace, results: Results) -> str:
+    from benchmarks import formats, strata, tables, thesis
+
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.style == "thesis":
         if chosen.format not in thesis.FORMATS:
             raise BadData(f"--style thesis is written as {' or '.join(thesis.FORMATS)}, not as {chosen.format}")
-        print(*map(thesis.FORMATS[chosen.format], parts), sep="\n")
-        return 0
+        return "\n".join(map(thesis.FORMATS[chosen.format], parts))
     render = formats.FORMATS[chosen.format]
     if chosen.against is not None:
-        print(*(render(tables.against(part, chosen.against, strict=chosen.strict)) for part in parts), sep="\n")
-        return 0
+        return "\n".join(render(tables.against(part, chosen.against, strict=chosen.strict)) for part in parts)
     built = [tables.build(part, chosen.spread, strict=chosen.strict) for part in parts]
     if chosen.by is not None:
-        print(*(render(main) for main, *_ in built), sep="\n")
-        return 0
-    print(*map(render, built[0]), sep="\n")
+        return "\n".join(render(main) for main, *_ in built)
     formats.write_all(results)
-    return 0
+    return "\n".join(map(render, built[0]))
+
+
+def _own_command(chosen: argparse.Namespace) -> str:
+    """The command line that prints the same tables again."""
+    defaults = {"by": None, "against": None, "spread": "interval", "style": "suite"}
+    given = {option: getattr(chosen, option) for option, default in defaults.items()}
+    words = [f"--{option} {shlex.quote(value)}" for option, value in given.items() if value != defaults[option]]
+    return " ".join(["geovp table", f"results/{chosen.folder.resolve().name}", *words, *["--strict"] * chosen.strict])

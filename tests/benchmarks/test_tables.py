@@ -1,13 +1,14 @@
 """What a reader of a table must be able to see."""
 
 import csv
+import datetime
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pytest
 
-from benchmarks import formats, tables
+from benchmarks import cli, formats, tables
 from benchmarks.store import SCORES, Part, Results
 
 DONE = {"kind": "predictor", "grants": [], "num_samples": 1, "seconds": {}, "components": {}, "fingerprint": "f"}
@@ -150,6 +151,46 @@ def test_all_formats_are_written(results: Results) -> None:
     endings = ("csv", "md", "tex")
     assert names == [f"{table}.{ending}" for table in ("pixels-psnr", "scores") for ending in endings]
     assert all((results.root / "tables" / name).read_text() for name in names)
+
+
+class TestPage:
+    """`geovp table --page`: what was printed, with what is needed to print it again."""
+
+    @pytest.fixture
+    def page(self, results: Results, tmp_path: Path) -> Path:
+        protocol = results.protocol()
+        results.write_protocol({**protocol, "versions": {"geovp-classic": "0.1.0", "numpy": "2.4.6"}})
+        return tmp_path / "docs" / "demo.md"
+
+    def test_it_says_commands_date_versions_and_tables(
+        self, results: Results, page: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert cli.main(["table", str(results.root), "--page", str(page), "--strict"]) == 0
+        text = page.read_text()
+        assert text.startswith("# demo\n\n```sh\ngeovp run benchmarks/configs/demo.toml\n")
+        assert f"geovp table results/{results.root.name} --strict\n```" in text
+        assert f"Written on {datetime.date.today().isoformat()} by" in text
+        assert "computed with geovp-classic 0.1.0, numpy 2.4.6." in text
+        assert capsys.readouterr().out.strip() in text
+
+    def test_another_command_and_another_table(self, results: Results, page: Path) -> None:
+        given = ["--command", "geovp run mine.toml", "--against", "still", "--page", str(page)]
+        assert cli.main(["table", str(results.root), *given]) == 0
+        text = page.read_text()
+        assert f"```sh\ngeovp run mine.toml\ngeovp table results/{results.root.name} --against still\n```" in text
+        assert "## demo: differences from still" in text
+
+    def test_notes_below_stay_and_old_tables_go(self, results: Results, page: Path) -> None:
+        page.parent.mkdir()
+        page.write_text("# demo\n\nold numbers\n\n## Notes\n\nStill blurs.\n")
+        assert cli.main(["table", str(results.root), "--page", str(page)]) == 0
+        assert page.read_text().endswith("\n\n## Notes\n\nStill blurs.\n")
+        assert "old numbers" not in page.read_text()
+
+    def test_a_page_is_markdown(self, results: Results, page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        assert cli.main(["table", str(results.root), "--page", str(page), "--format", "tex"]) == 2
+        assert "--page is written as md alone, not as tex: leave --format out" in capsys.readouterr().err
+        assert not page.exists()
 
 
 @pytest.fixture
