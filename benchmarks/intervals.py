@@ -24,6 +24,7 @@ NUM_RESAMPLES = 2000
 VISIBLE = 1.5  # standard errors of a correlation that count
 LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
 FEWEST_DEGREES, FEWEST_EFFECTIVE = 3.0, 4.0  # of freedom; independent clips
+SHORT = 3  # clips
 MOST_LOST = 0.5  # share of the variance that is taken to have gone with the means
 KIND = (
     "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, since neighbouring clips "
@@ -61,7 +62,7 @@ def interval(
     values, sequences = values[known], sequences[known]
     if not len(values):
         return NOTHING
-    groups = [np.flatnonzero(sequences == one) for one in np.unique(sequences)]
+    groups = _groups(sequences)
     mean, count = float(values.mean()), len(values)
     tau, visible = autocorrelation_time(values, groups)
     if count < 3:
@@ -131,6 +132,13 @@ def _product(off: FloatArray, groups: list[npt.NDArray[np.intp]], lag: int) -> f
     """The mean product of values that many clips apart in one sequence."""
     pairs = [(off[group[lag:]], off[group[:-lag]]) for group in groups if len(group) > lag]
     return sum(float(later @ earlier) for later, earlier in pairs) / sum(len(later) for later, _ in pairs)
+
+
+def _groups(sequences: npt.NDArray[np.generic]) -> list[npt.NDArray[np.intp]]:
+    """The clips of each sequence; those of sequences with fewer than SHORT clips stand together, as independent ones."""
+    found = [np.flatnonzero(sequences == one) for one in np.unique(sequences)]
+    long, short = ([group for group in found if (len(group) >= SHORT) == kind] for kind in (True, False))
+    return [*long, np.sort(np.concatenate(short))] if short else long
 
 
 def _resampled_sums(values: FloatArray, block: int, rng: np.random.Generator) -> FloatArray:

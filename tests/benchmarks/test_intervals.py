@@ -53,6 +53,13 @@ def test_a_difference_that_is_always_there_is_not_zero() -> None:
     assert intervals.interval(noise - noise.mean(), np.zeros(30)).p_zero == pytest.approx(1.0)
 
 
+def test_a_clip_a_sequence_is_a_sample_of_sequences() -> None:
+    values = np.random.default_rng(6).normal(size=12)
+    found = intervals.interval(values, np.arange(12))
+    low, high = stats.t.interval(0.95, 11, values.mean(), values.std(ddof=1) / np.sqrt(12))
+    assert found.high - found.low == pytest.approx(high - low, rel=0.25)
+
+
 def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
     found = intervals.interval(np.array([1.0, np.nan, 3.0]), np.zeros(3))
     assert found.mean == 2.0
