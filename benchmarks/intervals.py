@@ -135,7 +135,7 @@ def _product(off: FloatArray, groups: list[npt.NDArray[np.intp]], lag: int) -> f
 
 
 def _groups(sequences: npt.NDArray[np.generic]) -> list[npt.NDArray[np.intp]]:
-    """The clips of each sequence; those of sequences with fewer than SHORT clips stand together, as independent ones."""
+    """The clips of each sequence; those of sequences with fewer than SHORT clips stand together, as independent."""
     found = [np.flatnonzero(sequences == one) for one in np.unique(sequences)]
     long, short = ([group for group in found if (len(group) >= SHORT) == kind] for kind in (True, False))
     return [*long, np.sort(np.concatenate(short))] if short else long
