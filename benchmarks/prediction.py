@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from benchmarks import plausibility
+from benchmarks.camera import Camera, find_camera, fov_of_focal
 from benchmarks.plots import video
 from benchmarks.progress import Progress
 from geovp_classic import exports, registry
@@ -21,6 +25,14 @@ from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.types import ByteArray, Clip, Context, Motion, Trajectory, Views
 
 NUM_STAGES = 5
+CAMERA_SOURCES = {
+    "given": "as given",
+    "fov": "by the given angle of view",
+    "calibration": "by the calibration file",
+    "exif": "by the photos' EXIF data",
+    "motion": "estimated from the motion",
+    "assumed": "assumed",
+}
 
 
 @dataclass(frozen=True)
@@ -28,7 +40,9 @@ class PredictionRequest:
     """The input of `predict`."""
 
     path: Path  # a folder of images or a video
-    intrinsics: tuple[float, float, float, float]  # fx, fy, cx, cy of the images as they are stored
+    intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy of the images as they are stored
+    fov_deg: float | None = None  # horizontal, in place of intrinsics
+    calibration: Path | None = None  # a file with the intrinsics
     rate_hz: float | None = None
     camera_height_m: float | None = None
     first: int | None = None  # the first observed frame; None: as late as possible
@@ -63,13 +77,27 @@ class Predicted:
     views: Views  # [F]
     rerendered: Views  # [P], the scene at the last observed time, rendered at the poses of the observed frames
     first: int  # number of the first observed frame
+    camera: Camera
     actual: ByteArray | None  # [F, H, W, 3], the recorded future, where the recording goes on so far
+
+    @cached_property
+    def unexplained(self) -> float | None:
+        """The share of the observed change that the geometry leaves; None for a camera that stands."""
+        return plausibility.unexplained(self.context, self.rerendered)
+
+    @property
+    def warnings(self) -> list[str]:
+        """A sentence for everything that speaks against the prediction."""
+        return [*self.camera.warnings, *plausibility.warnings(self.context, self.motion, self.unexplained)]
 
 
 def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     """Read, track, forecast, reconstruct and render; BadData names the missing input."""
     recording = _recording(request)
     first = _first(request, len(recording.frames))
+    num_seen = first + request.num_past
+    camera = find_camera(recording, num_seen, request.path, request.intrinsics, request.fov_deg, request.calibration)
+    recording = dataclasses.replace(recording, intrinsics=camera.intrinsics)
     context = _context(request, recording, first)
     progress(1, NUM_STAGES)
     predictor = request.predictor()
@@ -82,7 +110,21 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     at_once_s = np.full(len(past_s), past_s[-1])  # a cloud shows one instant: what moves leaves no trail in it
     rerendered = scene.view(motion.past.world_from_cam, at_once_s, context.intrinsics)
     progress(4, NUM_STAGES)
-    return Predicted(context, motion, views, rerendered, first, _actual(request, recording, first))
+    return Predicted(context, motion, views, rerendered, first, camera, _actual(request, recording, first))
+
+
+def summary(predicted: Predicted) -> list[str]:
+    """What the prediction rests on, a line each, and a line for every warning."""
+    camera, tracked = predicted.camera, predicted.motion.tracked
+    focal_px, width_px = camera.intrinsics.fx_px, camera.intrinsics.width_px
+    sure = "" if camera.interval_px is None else " (90 %: {:.0f} to {:.0f})".format(*camera.interval_px)
+    unit = "metres" if predicted.motion.past.is_metric else "an unknown unit (give --camera-height)"
+    return [
+        f"camera: {CAMERA_SOURCES[camera.source]}, focal length {focal_px:.1f} px{sure}, "
+        f"{fov_of_focal(focal_px, width_px):.0f} degrees wide",
+        f"motion: {int(tracked.sum())} of {len(tracked)} observed frames tracked, lengths in {unit}",
+        *(f"warning: {warning}" for warning in predicted.warnings),
+    ]
 
 
 def write(predicted: Predicted, folder: Path) -> list[Path]:
@@ -110,7 +152,7 @@ def _recording(request: PredictionRequest) -> Recording:
     spec = {
         "name": "folder",
         "path": request.path,
-        "intrinsics": request.intrinsics,
+        "intrinsics": request.intrinsics or (1.0, 1.0, 0.0, 0.0),  # found later, from the frames
         "frame_rate_hz": request.rate_hz,
         "camera_height_m": request.camera_height_m,
         "num_frames": 2,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import sys
 from pathlib import Path
 
 from benchmarks.arguments import positive
@@ -14,9 +15,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which frames, which camera, and how many frames are predicted."""
     parser.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of images")
     of_images = "in pixels of the images as they are stored, (0, 0) the centre of the top-left one"
-    parser.add_argument(
-        "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_images
-    )
+    parser.add_argument("--intrinsics", type=float, nargs=4, metavar=("FX", "FY", "CX", "CY"), help=of_images)
+    parser.add_argument("--fov", dest="fov_deg", type=float, metavar="DEG", help="horizontal angle of view instead")
+    known = "a file of the intrinsics: KITTI's calib.txt, COLMAP's cameras.txt, a ROS or Kalibr yaml"
+    parser.add_argument("--calibration", type=Path, metavar="FILE", help=known)
     parser.add_argument("--fps", dest="rate_hz", type=float, metavar="HZ", help="frames a second; needed for a folder")
     parser.add_argument(
         "--camera-height",
@@ -46,11 +48,12 @@ def run(chosen: argparse.Namespace) -> int:
     if chosen.out is not None:
         prediction.check_free(chosen.out)
     fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(prediction.PredictionRequest)}
-    request = prediction.PredictionRequest(**{**fields, "intrinsics": tuple(chosen.intrinsics)})
+    request = prediction.PredictionRequest(**{**fields, "intrinsics": chosen.intrinsics and tuple(chosen.intrinsics)})
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
         written = prediction.write(predicted, chosen.out or Path("results/predict") / name)
         progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
+    print(*prediction.summary(predicted), sep="\n", file=sys.stderr)
     print(*written, sep="\n")
     return 0

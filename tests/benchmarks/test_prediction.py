@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from benchmarks import cli, prediction
+from benchmarks import cli, plausibility, prediction
 from benchmarks.plots import video
 from geovp_classic import exports
 from geovp_classic.contracts import street
@@ -181,3 +181,40 @@ def test_a_strip_has_a_row_for_each_kind_and_a_bar_marks_what_was_predicted() ->
     assert (frames[0] == 90).all()
     assert (frames[1, 0, :40] == video.PREDICTED).all()
     assert (frames[1, 1:] == 90).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "source", "focal_px"),
+    [
+        (["--fov", "90"], "angle of view", 64.0),  # tan 45 degrees = 1: half the width of 128
+        (["--calibration", "camera.yaml"], "calibration file", 150.0),
+    ],
+)
+def test_a_camera_by_its_angle_or_its_file(
+    images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], source: str, focal_px: float
+) -> None:
+    (tmp_path / "camera.yaml").write_text("cam0: {intrinsics: [150, 150, 63.5, 63.5], resolution: [128, 128]}")
+    options = [str(tmp_path / each) if each.endswith(".yaml") else each for each in options]
+    given = ["predict", str(images), *options, "--fps", "10", "--out", str(tmp_path / "out"), "--size", "64"]
+    assert cli.main([*given, "--past", "4", "--future", "1"]) == 0
+    assert f"{source}, focal length {focal_px:.1f} px" in capsys.readouterr().err
+    assert cli.main([*given[:-4], *INTRINSICS, "--out", str(tmp_path / "more")]) == 2
+    assert "keep one" in capsys.readouterr().err
+
+
+def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
+    request = prediction.PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    predicted = prediction.predict(request, lambda done, total: None)
+    assert predicted.camera.source == "assumed"
+    assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
+    assert any("70 degrees are assumed" in line for line in prediction.summary(predicted))
+
+
+@pytest.mark.parametrize(("cx_px", "angle_deg"), [(63.5, 0.0), (93.5, 11.3)])  # arctan(30 / 150)
+def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
+    images: Path, cx_px: float, angle_deg: float
+) -> None:
+    request = prediction.PredictionRequest(images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96)
+    predicted = prediction.predict(request, lambda done, total: None)
+    assert plausibility.off_axis_deg(predicted.motion) == pytest.approx(angle_deg, abs=4.5)
+    assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (angle_deg > 6)
