@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from benchmarks.plots import video
-from benchmarks.prediction import Predicted
+from benchmarks.predicted import Predicted
 from geovp_classic import exports
 from geovp_classic.data import pose_files
 from geovp_classic.data.atomic import atomic_write

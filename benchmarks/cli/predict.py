@@ -70,11 +70,12 @@ def _spec(text: str) -> dict[str, Any] | str:
 def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
     from benchmarks import prediction, prediction_files
+    from benchmarks.prediction_request import PredictionRequest
 
     if chosen.out is not None:
         prediction_files.check_free(chosen.out)
-    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(prediction.PredictionRequest)}
-    request = prediction.PredictionRequest(**{**fields, "intrinsics": chosen.intrinsics and tuple(chosen.intrinsics)})
+    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(PredictionRequest)}
+    request = PredictionRequest(**{**fields, "intrinsics": chosen.intrinsics and tuple(chosen.intrinsics)})
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"

@@ -14,6 +14,7 @@ from PIL import Image
 
 from benchmarks import cli, plausibility, prediction, prediction_files, webcam
 from benchmarks.plots import video
+from benchmarks.prediction_request import PredictionRequest, check_memory, output_size
 from geovp_classic import exports
 from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
@@ -125,7 +126,7 @@ def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
 
 def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(images: Path, tmp_path: Path) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = prediction.PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
+    request = PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
     stages: list[int] = []
     predicted = prediction.predict(request, lambda done, total: stages.append(done))
     assert stages == [1, 2, 3, 4]
@@ -171,7 +172,7 @@ def test_what_breaks_in_the_middle_leaves_nothing(
 
     monkeypatch.setattr(exports, "write_ply", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = prediction.PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    request = PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
     predicted = prediction.predict(request, lambda done, total: None)
     with pytest.raises(BadData, match="No space left on device"):
         prediction_files.write(predicted, tmp_path / "out")
@@ -212,7 +213,7 @@ def test_a_camera_by_its_angle_or_its_file(
 
 
 def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
-    request = prediction.PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    request = PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
     predicted = prediction.predict(request, lambda done, total: None)
     assert predicted.camera.source == "assumed"
     assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
@@ -223,7 +224,7 @@ def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images
 def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
     images: Path, cx_px: float, angle_deg: float
 ) -> None:
-    request = prediction.PredictionRequest(images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96)
+    request = PredictionRequest(images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96)
     predicted = prediction.predict(request, lambda done, total: None)
     assert plausibility.off_axis_deg(predicted.prediction.motion) == pytest.approx(angle_deg, abs=4.5)
     assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (angle_deg > 6)
@@ -268,14 +269,14 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
 def test_frames_keep_the_aspect_unless_a_size_is_given(
     asked: int | tuple[int, int] | None, width_px: int, height_px: int, expected: tuple[int, int]
 ) -> None:
-    assert prediction.output_size(asked, width_px, height_px) == expected
+    assert output_size(asked, width_px, height_px) == expected
 
 
 def test_what_does_not_fit_into_memory_is_refused_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plausibility, "free_memory_bytes", lambda: 4.0 * 2**30)
-    prediction.check_memory((640, 360), 10, 20)
+    check_memory((640, 360), 10, 20)
     with pytest.raises(BadData, match=r"30 frames of 4000x4000 take about .* 4.0 GiB are free"):
-        prediction.check_memory((4000, 4000), 10, 20)
+        check_memory((4000, 4000), 10, 20)
     monkeypatch.undo()
     assert plausibility.free_memory_bytes() > 1e6
 
