@@ -66,9 +66,9 @@ def _labelled(frames: ByteArray, label: str) -> ByteArray:
     """The frames [N, H, W, 3] with a word in their lower left corner."""
     scale, shown = max(0.35, min(1.0, frames.shape[1] / 400)), frames.copy()
     for frame in shown:
-        for colour, width_px in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            place, font = (4, frame.shape[0] - 5), cv2.FONT_HERSHEY_SIMPLEX
-            cv2.putText(frame, label, place, font, scale, colour, width_px, cv2.LINE_AA)
+        for colour, away_px in ((0, 0, 0), 1), ((255, 255, 255), 0):  # a shadow keeps it legible on anything
+            place, font = (4 + away_px, frame.shape[0] - 5 + away_px), cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(frame, label, place, font, scale, colour, 1, cv2.LINE_AA)
     return shown
 
 

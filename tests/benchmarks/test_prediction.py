@@ -230,6 +230,18 @@ def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
     assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (angle_deg > 6)
 
 
+def test_every_frame_of_a_film_says_what_it_is() -> None:
+    grey = np.full((2, 64, 120, 3), 90, np.uint8)
+    film = video.side_by_side(grey, grey, grey[:1])  # of two predicted frames, one is recorded
+    labels = [film[step, 46:, side : side + 120] for step in (0, 2, 3) for side in (0, 120)]
+    assert all(np.ptp(label.astype(int)) > 120 for label in labels)
+    observed, observed_again, predicted, real, predicted_again, beyond = labels
+    np.testing.assert_array_equal(observed, observed_again)
+    np.testing.assert_array_equal(predicted, predicted_again)
+    assert not any((predicted == other).all() for other in (observed, real, beyond))
+    assert (film[3, :40, 120:] == 0).all()
+
+
 def test_a_film_of_odd_frames_is_made_even(tmp_path: Path) -> None:
     frames = np.random.default_rng(0).integers(0, 255, (3, 31, 45, 3), np.uint8)
     video.write_mp4(tmp_path / "film.mp4", frames, 29.97)
