@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 from benchmarks.arguments import positive
 from benchmarks.progress import progress_bar
 
+MIN_SIDE_PX = 16
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which frames, which camera, and how many frames are predicted."""
-    parser.add_argument("path", type=Path, metavar="VIDEO|FOLDER", help="a video, or a folder of images")
+    parser.add_argument("path", type=Path, metavar="VIDEO|FOLDER|WEBCAM", help="or 0, 1, ... of a webcam")
     of_images = "in pixels of the images as they are stored, (0, 0) the centre of the top-left one"
-    parser.add_argument(
-        "--intrinsics", type=float, nargs=4, required=True, metavar=("FX", "FY", "CX", "CY"), help=of_images
-    )
+    parser.add_argument("--intrinsics", type=float, nargs=4, metavar=("FX", "FY", "CX", "CY"), help=of_images)
+    parser.add_argument("--fov", dest="fov_deg", type=float, metavar="DEG", help="horizontal angle of view instead")
+    known = "a file of the intrinsics: KITTI's calib.txt, COLMAP's cameras.txt, a ROS or Kalibr yaml"
+    parser.add_argument("--calibration", type=Path, metavar="FILE", help=known)
     parser.add_argument("--fps", dest="rate_hz", type=float, metavar="HZ", help="frames a second; needed for a folder")
     parser.add_argument(
         "--camera-height",
@@ -30,27 +36,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--future", dest="num_future", type=positive, default=20, metavar="N", help="predicted frames (20)"
     )
-    parser.add_argument(
-        "--size", dest="size_px", type=positive, default=256, metavar="PX", help="side of the square middle (256)"
-    )
+    size = "width and height, or the side of the square middle (default: the video's aspect, at most 640 long)"
+    parser.add_argument("--size", dest="size_px", type=_size, metavar="WxH|PX", help=size)
     parser.add_argument(
         "--wide", dest="with_wide", action="store_true", help="use the whole images, not only their middle"
     )
+    spec = "as in a matrix: a name or a table such as '{ name = \"chained\" }'"
+    for name, role in (("--pose-source", "pose_sources"), ("--renderer", "renderers"), ("--predictor", "predictors")):
+        parser.add_argument(name, type=_spec, metavar="SPEC", help=f"{spec}; see `geovp list {role}`")
+    parser.add_argument("--samples", dest="num_samples", type=positive, default=1, metavar="N", help="futures (1)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
+
+
+def _size(text: str) -> int | tuple[int, int]:
+    """One side of a square, or a width and a height."""
+    sides = [positive(side) for side in text.lower().split("x")]
+    if len(sides) > 2 or min(sides) < MIN_SIDE_PX:
+        raise argparse.ArgumentTypeError(f"{text} is not a size such as 640x360 or 256, of {MIN_SIDE_PX} or more")
+    return sides[0] if len(sides) == 1 else (sides[0], sides[1])
+
+
+def _spec(text: str) -> dict[str, Any] | str:
+    """A component's name, or its table."""
+    if not text.lstrip().startswith("{"):
+        return text
+    try:
+        table: dict[str, Any] = tomllib.loads(f"spec = {text}")["spec"]
+    except tomllib.TOMLDecodeError as error:
+        raise argparse.ArgumentTypeError(f"{text} is not a table as in TOML ({error})") from error
+    return table
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
-    from benchmarks import prediction
+    from benchmarks import prediction, prediction_files
+    from benchmarks.prediction_request import PredictionRequest
 
     if chosen.out is not None:
-        prediction.check_free(chosen.out)
-    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(prediction.PredictionRequest)}
-    request = prediction.PredictionRequest(**{**fields, "intrinsics": tuple(chosen.intrinsics)})
+        prediction_files.check_free(chosen.out)
+    fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(PredictionRequest)}
+    request = PredictionRequest(**{**fields, "intrinsics": chosen.intrinsics and tuple(chosen.intrinsics)})
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
-        written = prediction.write(predicted, chosen.out or Path("results/predict") / name)
+        written = prediction_files.write(predicted, chosen.out or Path("results/predict") / name)
         progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
+    print(*predicted.summary(), sep="\n", file=sys.stderr)
     print(*written, sep="\n")
     return 0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 
 PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above predicted frames
@@ -17,7 +17,7 @@ BAR_SHARE = 1 / 64  # of a frame's height
 GAP_PX = 4
 HORIZONS = (1, 5, 10, 15, 20)  # of the frames in a film strip
 LABEL_PX = 22
-FOURCC = "mp4v"
+CODEC, PIXELS, QUALITY = "libx264", "yuv420p", "18"  # what every browser plays; a constant rate factor
 
 
 def mosaic(rows: Sequence[Sequence[ByteArray]], gap_px: int, label_px: int = 0) -> ByteArray:
@@ -48,24 +48,44 @@ def strip(rows: Sequence[tuple[str, Sequence[ByteArray]]], labels: Sequence[str]
 def side_by_side(
     observed: ByteArray,  # [P, H, W, 3]
     predicted: ByteArray,  # [F, H, W, 3]
-    actual: ByteArray | None,  # [F, H, W, 3], the ground truth, shown beside the prediction
+    actual: ByteArray | None,  # [F' <= F, H, W, 3], the ground truth, shown beside the prediction; black beyond
 ) -> ByteArray:
-    """Frames [P + F, H', W', 3] of a video; predicted frames carry a coloured bar on top."""
+    """Frames [P + F, H', W', 3] of a video; predicted frames carry a coloured bar on top, all say what they are."""
     marked = predicted.copy()
     marked[:, : max(1, round(BAR_SHARE * predicted.shape[1]))] = PREDICTED
-    left = np.concatenate([observed, marked])
-    return left if actual is None else np.concatenate([left, np.concatenate([observed, actual])], axis=2)
+    seen = _labelled(observed, "observed")
+    left = np.concatenate([seen, _labelled(marked, "predicted")])
+    if actual is None:
+        return left
+    beyond = np.zeros((len(predicted) - len(actual), *predicted.shape[1:]), np.uint8)
+    right = [seen, _labelled(actual, "real"), _labelled(beyond, "not recorded")]
+    return np.concatenate([left, np.concatenate(right)], axis=2)
+
+
+def _labelled(frames: ByteArray, label: str) -> ByteArray:
+    """The frames [N, H, W, 3] with a word in their lower left corner."""
+    scale, shown = max(0.35, min(1.0, frames.shape[1] / 400)), frames.copy()
+    for frame in shown:
+        for colour, away_px in ((0, 0, 0), 1), ((255, 255, 255), 0):  # a shadow keeps it legible on anything
+            place, font = (4 + away_px, frame.shape[0] - 5 + away_px), cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(frame, label, place, font, scale, colour, 1, cv2.LINE_AA)
+    return shown
 
 
 def write_mp4(path: Path, frames: ByteArray, rate_hz: float) -> None:
-    """The frames [N, H, W, 3] as an mp4 video; BadData when this OpenCV cannot write one."""
-    height_px, width_px = frames.shape[1:3]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*FOURCC), rate_hz, (width_px, height_px))
-    if not writer.isOpened():
-        raise BadData(f"{path} cannot be written: this OpenCV has no {FOURCC} encoder, install its headless wheel")
-    for frame in frames:
-        writer.write(np.ascontiguousarray(frame[..., ::-1]))
-    writer.release()
+    """The frames [N, H, W, 3] as H.264 video; an odd row or column is repeated, because colours are halved."""
+    import av
+    from av.video.stream import VideoStream
+
+    even = np.pad(frames, ((0, 0), (0, frames.shape[1] % 2), (0, frames.shape[2] % 2), (0, 0)), mode="edge")
+    with av.open(str(path), "w", options={"movflags": "faststart"}) as container:
+        stream = container.add_stream(CODEC, rate=Fraction(rate_hz).limit_denominator(1000))
+        assert isinstance(stream, VideoStream)
+        stream.height, stream.width, stream.pix_fmt = even.shape[1], even.shape[2], PIXELS
+        stream.options = {"crf": QUALITY}
+        for frame in even:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), format="rgb24")))
+        container.mux(stream.encode())
 
 
 def gif(frames: ByteArray, rate_hz: float) -> bytes:

@@ -113,8 +113,8 @@ def cut(
 ) -> Clip:
     """The clip of `num_frames` frames from `first` at size_px = (width, height).
 
-    Frames are cropped to the central square and resized, or, with "stretch", resized whole. The wide view is the
-    uncropped frames as they are stored; the right view comes with the recording.
+    Frames are cropped to their middle of that aspect and resized, or, with "stretch", resized whole. The wide view is
+    the uncropped frames as they are stored; the right view comes with the recording.
     """
     steps = range(first, first + num_frames)
     native = [recording.frames.read(step) for step in steps]
@@ -144,6 +144,6 @@ def _fitted(
     DMVFN (Hu et al. 2023) therefore does: the protocols that stretch frames are compared by numbers that depend on it.
     """
     if fit == "crop":
-        window, intrinsics = pinhole.square_crop(camera, size_px)
+        window, intrinsics = pinhole.centre_crop(camera, size_px)
         return np.stack([pinhole.resize(image[window], size_px) for image in native]), intrinsics
     return np.stack([np.asarray(cv2.resize(image, size_px)) for image in native]), camera.resized(*size_px)

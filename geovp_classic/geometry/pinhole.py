@@ -49,12 +49,13 @@ def rays(camera: Intrinsics) -> FloatArray:
     return directions
 
 
-def square_crop(camera: Intrinsics, size_px: tuple[int, int]) -> tuple[tuple[slice, slice], Intrinsics]:
-    """The centred square (rows, columns) of an image, and its camera once resized to size_px = (width, height)."""
-    side_px = min(camera.width_px, camera.height_px)
-    left_px, top_px = (camera.width_px - side_px) // 2, (camera.height_px - side_px) // 2
-    window = (slice(top_px, top_px + side_px), slice(left_px, left_px + side_px))
-    return window, camera.cropped(left_px, top_px, side_px, side_px).resized(*size_px)
+def centre_crop(camera: Intrinsics, size_px: tuple[int, int]) -> tuple[tuple[slice, slice], Intrinsics]:
+    """The largest centred window (rows, columns) of an aspect, and its camera resized to size_px = (width, height)."""
+    scale = min(camera.width_px / size_px[0], camera.height_px / size_px[1])
+    wide_px, high_px = max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
+    left_px, top_px = (camera.width_px - wide_px) // 2, (camera.height_px - high_px) // 2
+    window = (slice(top_px, top_px + high_px), slice(left_px, left_px + wide_px))
+    return window, camera.cropped(left_px, top_px, wide_px, high_px).resized(*size_px)
 
 
 def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:

@@ -9,6 +9,7 @@ from geovp_classic.odometry.lens import Lens
 from geovp_classic.types import FloatArray
 
 MAX_ITERATIONS = 8
+FOCAL_ITERATIONS = 25
 TOLERANCE = 1e-4  # relative decrease of the cost at which it stops
 
 
@@ -48,13 +49,37 @@ def bundle_adjust(
     return poses, moved
 
 
-def _model(cam_from_world: FloatArray, points: FloatArray, pixels: FloatArray, lens: Lens) -> pycolmap.Reconstruction:
+def adjusted_focal(
+    cam_from_world: FloatArray,  # [K, 4, 4]
+    points: FloatArray,  # [N, 3]
+    pixels: FloatArray,  # [K, N, 2]; NaN where a keyframe does not observe a point
+    lens: Lens,
+) -> float:
+    """The focal length in pixels that a bundle adjustment of it, the poses and the points ends at; NaN if it fails."""
+    model = _model(cam_from_world, points, pixels, lens, square=True)
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.images:
+        config.add_image(image_id)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = _options(robust_px=0.5)
+    options.refine_focal_length = True
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY  # a wrong focal length makes outliers
+    options.ceres.solver_options.max_num_iterations = FOCAL_ITERATIONS
+    summary = pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    return float(model.cameras[1].params[0]) if summary.is_solution_usable() else np.nan
+
+
+def _model(
+    cam_from_world: FloatArray, points: FloatArray, pixels: FloatArray, lens: Lens, *, square: bool = False
+) -> pycolmap.Reconstruction:
     """The window as a reconstruction of pycolmap, with undistorted pixels; identifiers count from 1."""
     model, camera = pycolmap.Reconstruction(), lens.camera
-    params = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(model="PINHOLE", width=camera.width_px, height=camera.height_px, params=params, camera_id=1)
-    )
+    centre = [camera.cx_px, camera.cy_px]
+    kind, params = "PINHOLE", [camera.fx_px, camera.fy_px, *centre]
+    if square:
+        kind, params = "SIMPLE_PINHOLE", [lens.focal_px, *centre]
+    size = {"width": camera.width_px, "height": camera.height_px}
+    model.add_camera_with_trivial_rig(pycolmap.Camera(model=kind, params=params, camera_id=1, **size))
     ideal = np.nan_to_num(Lens(camera).pixels(lens.rays(pixels)))
     for k, pose in enumerate(cam_from_world):
         image = pycolmap.Image(name=str(k), keypoints=ideal[k], camera_id=1, image_id=k + 1)

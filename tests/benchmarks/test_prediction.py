@@ -1,7 +1,10 @@
 """`geovp predict`: everything is there and can be read back, mistakes get one sentence and leave nothing behind."""
 
+import json
 from pathlib import Path
+from types import SimpleNamespace
 
+import av
 import cv2
 import numpy as np
 import open3d as o3d
@@ -9,13 +12,14 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from benchmarks import cli, prediction
+from benchmarks import cli, plausibility, prediction, prediction_files, webcam
 from benchmarks.plots import video
+from benchmarks.prediction_request import PredictionRequest, check_memory, output_size
 from geovp_classic import exports
 from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray
+from geovp_classic.types import ByteArray, FloatArray
 
 CAMERA = street.clip().intrinsics
 INTRINSICS = ["--intrinsics", *map(str, (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px))]
@@ -106,8 +110,14 @@ def test_depth_maps_say_their_scale(written: Path) -> None:
 
 
 def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
-    capture = cv2.VideoCapture(str(written / "film.mp4"))
-    assert int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) == 11
+    with av.open(str(written / "film.mp4")) as film:
+        (stream,) = film.streams.video
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")  # plays in browsers
+        assert (stream.width, stream.height, stream.average_rate) == (192, 96, 10)  # predicted beside recorded
+        shown = np.stack([frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]).astype(int)
+    assert len(shown) == 11
+    seen = cv2.imread(str(written / "seen" / "000000.png"))[..., ::-1].astype(int)
+    assert np.abs(shown[0, :70, :96] - seen[:70]).mean() < 6
     with Image.open(written / "film.gif") as moving:
         assert (moving.n_frames, moving.info["duration"]) == (11, 100)
     strip = cv2.imread(str(written / "strip.png"))
@@ -116,14 +126,15 @@ def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
 
 def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(images: Path, tmp_path: Path) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = prediction.PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
+    request = PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
     stages: list[int] = []
     predicted = prediction.predict(request, lambda done, total: stages.append(done))
     assert stages == [1, 2, 3, 4]
     assert predicted.first == len(street.clip()) - 8
     assert predicted.actual is None
-    assert not predicted.motion.past.is_metric
-    prediction.write(predicted, tmp_path / "new" / "out")
+    assert predicted.scores == {}
+    assert not predicted.prediction.motion.past.is_metric
+    prediction_files.write(predicted, tmp_path / "new" / "out")
     assert "not known in metres" in (tmp_path / "new" / "out" / "depths" / "scale.txt").read_text()
 
 
@@ -161,10 +172,10 @@ def test_what_breaks_in_the_middle_leaves_nothing(
 
     monkeypatch.setattr(exports, "write_ply", full)
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
-    request = prediction.PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    request = PredictionRequest(images, given, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
     predicted = prediction.predict(request, lambda done, total: None)
     with pytest.raises(BadData, match="No space left on device"):
-        prediction.write(predicted, tmp_path / "out")
+        prediction_files.write(predicted, tmp_path / "out")
     assert not any(tmp_path.iterdir())
 
 
@@ -178,6 +189,193 @@ def test_a_strip_has_a_row_for_each_kind_and_a_bar_marks_what_was_predicted() ->
     )
     frames = video.side_by_side(grey[:1], grey, grey)
     assert frames.shape == (4, 32, 80, 3)
-    assert (frames[0] == 90).all()
     assert (frames[1, 0, :40] == video.PREDICTED).all()
-    assert (frames[1, 1:] == 90).all()
+    assert (frames[1, 1:16] == 90).all()  # labels are below
+
+
+@pytest.mark.parametrize(
+    ("options", "source", "focal_px"),
+    [
+        (["--fov", "90"], "angle of view", 64.0),  # tan 45 degrees = 1: half the width of 128
+        (["--calibration", "camera.yaml"], "calibration file", 150.0),
+    ],
+)
+def test_a_camera_by_its_angle_or_its_file(
+    images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], source: str, focal_px: float
+) -> None:
+    (tmp_path / "camera.yaml").write_text("cam0: {intrinsics: [150, 150, 63.5, 63.5], resolution: [128, 128]}")
+    options = [str(tmp_path / each) if each.endswith(".yaml") else each for each in options]
+    given = ["predict", str(images), *options, "--fps", "10", "--out", str(tmp_path / "out"), "--size", "64"]
+    assert cli.main([*given, "--past", "4", "--future", "1"]) == 0
+    assert f"{source}, focal length {focal_px:.1f} px" in capsys.readouterr().err
+    assert cli.main([*given[:-4], *INTRINSICS, "--out", str(tmp_path / "more")]) == 2
+    assert "keep one" in capsys.readouterr().err
+
+
+def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images: Path) -> None:
+    request = PredictionRequest(images, rate_hz=10.0, num_past=4, num_future=1, size_px=64)
+    predicted = prediction.predict(request, lambda done, total: None)
+    assert predicted.camera.source == "assumed"
+    assert predicted.camera.intrinsics.fx_px == pytest.approx(64 / np.tan(np.radians(35)))
+    assert any("70 degrees are assumed" in line for line in predicted.summary())
+
+
+@pytest.mark.parametrize(("cx_px", "angle_deg"), [(63.5, 0.0), (93.5, 11.3)])  # arctan(30 / 150)
+def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
+    images: Path, cx_px: float, angle_deg: float
+) -> None:
+    request = PredictionRequest(images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96)
+    predicted = prediction.predict(request, lambda done, total: None)
+    assert plausibility.off_axis_deg(predicted.prediction.motion) == pytest.approx(angle_deg, abs=4.5)
+    assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (angle_deg > 6)
+
+
+def test_every_frame_of_a_film_says_what_it_is() -> None:
+    grey = np.full((2, 64, 120, 3), 90, np.uint8)
+    film = video.side_by_side(grey, grey, grey[:1])  # of two predicted frames, one is recorded
+    labels = [film[step, 46:, side : side + 120] for step in (0, 2, 3) for side in (0, 120)]
+    assert all(np.ptp(label.astype(int)) > 120 for label in labels)
+    observed, observed_again, predicted, real, predicted_again, beyond = labels
+    np.testing.assert_array_equal(observed, observed_again)
+    np.testing.assert_array_equal(predicted, predicted_again)
+    assert not any((predicted == other).all() for other in (observed, real, beyond))
+    assert (film[3, :40, 120:] == 0).all()
+
+
+def test_a_film_of_odd_frames_is_made_even(tmp_path: Path) -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (3, 31, 45, 3), np.uint8)
+    video.write_mp4(tmp_path / "film.mp4", frames, 29.97)
+    with av.open(str(tmp_path / "film.mp4")) as film:
+        stream = film.streams.video[0]
+        assert (stream.width, stream.height, stream.frames) == (46, 32, 3)
+        assert float(stream.average_rate) == pytest.approx(29.97, abs=0.01)
+
+
+def test_the_json_says_where_everything_came_from(written: Path) -> None:
+    about = json.loads((written / "predict.json").read_text())
+    assert about["camera"]["source"] == "given"
+    assert about["camera"]["intrinsics"]["fx_px"] == CAMERA.fx_px
+    assert about["frames"] == {"first": 0, "observed": 8, "predicted": 3}
+    assert about["settings"]["size_px"] == 96
+    assert about["predictor"]["pose_source"]["name"] == "refined"
+    assert {"python", "numpy", "geovp-classic"} <= about["versions"].keys()
+    assert (about["tracked_frames"], about["is_metric"]) == (8, True)
+    assert about["unexplained_change"] < 0.5
+    seen_two = cv2.imread(str(written / "frames" / "000008.png")), street.clip().frames[8][..., ::-1]
+    real = cv2.resize(seen_two[1], (96, 96), interpolation=cv2.INTER_AREA)
+    psnr = 10 * np.log10(255**2 / np.mean((seen_two[0].astype(float) - real) ** 2))
+    assert about["scores"]["psnr"][0] == pytest.approx(psnr, abs=0.01)
+    assert len(about["scores"]["psnr"]) == len(about["scores"]["ssim"]) == 2  # of 3 predicted frames, 2 are recorded
+
+
+@pytest.mark.parametrize(
+    ("asked", "width_px", "height_px", "expected"),
+    [
+        (None, 1920, 1080, (640, 360)),
+        (None, 1242, 375, (640, 194)),  # 193.2 made even
+        (None, 321, 240, (320, 240)),
+        (256, 1920, 1080, (256, 256)),
+        ((640, 300), 1920, 1080, (640, 300)),
+    ],
+)
+def test_frames_keep_the_aspect_unless_a_size_is_given(
+    asked: int | tuple[int, int] | None, width_px: int, height_px: int, expected: tuple[int, int]
+) -> None:
+    assert output_size(asked, width_px, height_px) == expected
+
+
+def test_what_does_not_fit_into_memory_is_refused_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plausibility, "free_memory_bytes", lambda: 4.0 * 2**30)
+    check_memory((640, 360), 10, 20)
+    with pytest.raises(BadData, match=r"30 frames of 4000x4000 take about .* 4.0 GiB are free"):
+        check_memory((4000, 4000), 10, 20)
+    monkeypatch.undo()
+    assert plausibility.free_memory_bytes() > 1e6
+
+
+def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "images").mkdir()
+    frame = street.clip(2, 0.0).frames[0]
+    for step in range(6):
+        cv2.imwrite(str(tmp_path / "images" / f"{step}.png"), frame[..., ::-1])
+    out = tmp_path / "out"
+    given = ["predict", str(tmp_path / "images"), "--fps", "10", "--fov", "60", "--past", "6", "--future", "2"]
+    assert cli.main([*given, "--size", "96x64", "--out", str(out)]) == 0
+    told = capsys.readouterr().err
+    assert "stands still" in told
+    assert "no cloud.ply" in told
+    assert not (out / "cloud.ply").exists()
+    assert {"strip.png", "film.mp4", "film.gif", "frames", "depths", "colmap"} <= {path.name for path in out.iterdir()}
+    seen, ahead = (cv2.imread(str(out / name)).astype(int) for name in ("seen/000005.png", "frames/000007.png"))
+    assert seen.shape == (64, 96, 3)
+    assert np.abs(seen - ahead).mean() < 1
+
+
+def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
+    given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "6", "--future", "2", "--size", "64"]
+    hold = '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "hold" }'
+    still = ["--pose-source", hold, "--renderer", '{ name = "depth-fusion", num_frames = 3 }']
+    assert cli.main([*given, *still, "--out", str(tmp_path / "still")]) == 0
+    about = json.loads((tmp_path / "still" / "predict.json").read_text())["predictor"]
+    assert (about["pose_source"]["forecaster"]["name"], about["renderer"]["num_frames"]) == ("hold", 3)
+    assert cli.main([*given, "--predictor", "copy-last", "--out", str(tmp_path / "copy")]) == 0
+    copied = tmp_path / "copy"
+    assert not (copied / "poses.tum.txt").exists()
+    last, ahead = (cv2.imread(str(copied / name)) for name in ("seen/000009.png", "frames/000011.png"))
+    assert (last == ahead).all()
+
+
+def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
+    given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "8", "--future", "2", "--size", "64"]
+    source = (
+        '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "motion-prior" }'
+    )
+    assert cli.main([*given, "--samples", "3", "--pose-source", source, "--out", str(tmp_path / "out")]) == 0
+    first, second = (cv2.imread(str(tmp_path / "out" / "samples" / n / "000011.png")) for n in ("001", "002"))
+    assert (first != second).any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--pose-source", "ground-truth"], "does not have"),
+        (["--predictor", "copy-last", "--renderer", "depth-fusion"], "give it alone"),
+        (["--renderer", "depth-fushion"], "did you mean 'depth-fusion'"),
+    ],
+)
+def test_components_that_do_not_suit_get_one_sentence(
+    images: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    assert cli.main(["predict", str(images), *INTRINSICS, "--fps", "10", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--size", "9x9"], ["--size", "1x2x3"], ["--renderer", "{ name = "]])
+def test_options_that_cannot_be_read_are_refused(images: Path, arguments: list[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["predict", str(images), *arguments])
+
+
+class Webcam:
+    """A camera that shows the street, as fast as it is asked."""
+
+    def __init__(self, number: int) -> None:
+        self.step, self.number = 0, number
+
+    def read(self) -> tuple[bool, ByteArray | None]:
+        self.step += 1
+        return (self.number == 0, street.clip().frames[self.step % 10][..., ::-1].copy())
+
+    def release(self) -> None:
+        self.step = -1
+
+
+def test_a_webcam_is_a_video(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = iter(0.05 * np.arange(1000))  # 20 Hz, of which every second frame is taken
+    monkeypatch.setattr(webcam, "cv2", SimpleNamespace(VideoCapture=Webcam, cvtColor=cv2.cvtColor, COLOR_BGR2RGB=4))
+    monkeypatch.setattr(webcam, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
+    recording = webcam.record(0, 3)
+    np.testing.assert_allclose(recording.times_s, [0, 0.1, 0.2])
+    np.testing.assert_array_equal(recording.frames.read(1), street.clip().frames[3])
+    with pytest.raises(BadData, match="webcam 1 gives no frames"):
+        webcam.record(1, 3)

@@ -61,7 +61,7 @@ def test_the_offset_turns_with_the_car(kitti_root: Path, edit: Edit) -> None:
     np.testing.assert_allclose(trajectory.world_from_cam[1, :3, 3], [0, 0, -0.44], atol=1e-12)
 
 
-def test_intrinsics_are_those_of_the_square_crop(kitti_root: Path) -> None:
+def test_intrinsics_are_those_of_the_centre_crop(kitti_root: Path) -> None:
     # 64x24 crops columns 20 to 43; f = 50, cx = 31.5 - 20, then 24 -> 48 doubles: (11.5 + 0.5) * 2 - 0.5 = 23.5
     assert kitti(kitti_root)[0].intrinsics == Intrinsics(50, 50, 11.5, 11.5, 24, 24)
     assert kitti(kitti_root, size_px=(48, 48))[0].intrinsics == Intrinsics(100, 100, 23.5, 23.5, 48, 48)

@@ -73,10 +73,10 @@ def test_rays_reach_unit_depth_and_project_back() -> None:
     np.testing.assert_allclose(pinhole.project(directions, camera)[0], pinhole.pixel_grid(camera), atol=1e-12)
 
 
-def test_square_crop_of_kitti() -> None:
+def test_centre_crop_of_kitti() -> None:
     # 1242x375: the square is columns 433..807; 256/375 of the focal length stays.
     camera = Intrinsics(721.5377, 721.5377, 609.5593, 172.854, 1242, 375)
-    (rows, columns), square = pinhole.square_crop(camera, (256, 256))
+    (rows, columns), square = pinhole.centre_crop(camera, (256, 256))
     assert (rows, columns) == (slice(0, 375), slice(433, 808))
     assert square.fx_px == pytest.approx(721.5377 * 256 / 375)
     assert square.cx_px == pytest.approx((609.5593 - 433 + 0.5) * 256 / 375 - 0.5)
@@ -100,3 +100,11 @@ def test_resized_images_agree_with_resized_intrinsics() -> None:
 def test_resize_refuses_nothing() -> None:
     with pytest.raises(BadData, match="positive"):
         pinhole.resize(np.zeros((4, 4, 3), np.uint8), (0, 4))
+
+
+def test_the_middle_of_a_wide_image_keeps_the_aspect_asked_for() -> None:
+    camera = Intrinsics(100.0, 100.0, 59.5, 24.5, 120, 50)
+    (rows, columns), small = pinhole.centre_crop(camera, (40, 20))  # 2 : 1, so 100 x 50 of it
+    assert (rows, columns) == (slice(0, 50), slice(10, 110))
+    assert (small.width_px, small.height_px, small.fx_px, small.fy_px) == (40, 20, 40.0, 40.0)
+    assert (small.cx_px, small.cy_px) == (19.5, 9.5)

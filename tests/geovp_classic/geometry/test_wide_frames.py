@@ -19,7 +19,7 @@ NATIVE = Intrinsics(120, 120, 99.5, 39.5, 200, 80)
 def noise_context(side_px: int = 40) -> Context:
     """Two frames of noise, 200x80, and their central 80x80 square, smaller."""
     native = np.random.default_rng(0).integers(0, 255, (2, 80, 200, 3), dtype=np.uint8)
-    window, camera = pinhole.square_crop(NATIVE, (side_px, side_px))
+    window, camera = pinhole.centre_crop(NATIVE, (side_px, side_px))
     square = np.stack([pinhole.resize(frame[window], (side_px, side_px)) for frame in native])
     return Context(square, np.arange(3.0), camera, wide=ExtraView(native, NATIVE, np.eye(4)))
 

@@ -1,0 +1,102 @@
+"""The camera of one's own video: given, read from a file, from photos' EXIF data, or estimated from the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from geovp_classic.data.calibration_files import exif_focal_px, read_calibration
+from geovp_classic.data.frames import FrameFiles
+from geovp_classic.data.windows import Recording
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.odometry.focal_length import WINDOW, estimate_focal
+from geovp_classic.odometry.monocular import as_grey
+from geovp_classic.types import ByteArray, Intrinsics
+
+DEFAULT_FOV_DEG = 70.0  # of a phone or a dashboard camera, roughly
+NUM_WINDOWS = 4
+ESTIMATION_RATE_HZ = 10.0  # more frames a second are thinned out
+MAX_WIDTH_PX = 1280  # wider images are made smaller for estimation
+BY_HAND = "give --fov, --calibration or --intrinsics if you know better"
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics of the images as they are stored, and where they came from."""
+
+    intrinsics: Intrinsics
+    source: str  # "given", "fov", "calibration", "exif", "motion" or "assumed"
+    interval_px: tuple[float, float] | None = None  # 90 % interval of an estimated focal length
+    warnings: tuple[str, ...] = ()
+
+
+def find_camera(
+    recording: Recording,
+    num_seen: int,  # frames up to the last observed one; later ones are not looked at
+    path: Path,
+    given: tuple[float, float, float, float] | None = None,
+    fov_deg: float | None = None,
+    calibration: Path | None = None,
+) -> Camera:
+    """The camera by the best source there is; BadData when more than one is given."""
+    width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
+    if sum(each is not None for each in (given, fov_deg, calibration)) > 1:
+        raise BadData("more than one of --intrinsics, --fov and --calibration is given: keep one")
+    if given is not None:
+        return Camera(Intrinsics(*given, width_px, height_px), "given")
+    if fov_deg is not None:
+        if not 0 < fov_deg < 170:
+            raise BadData(f"--fov {fov_deg:g} is not the angle of a pinhole camera: give degrees between 0 and 170")
+        return Camera(centred(focal_of_fov(fov_deg, width_px), width_px, height_px), "fov")
+    if calibration is not None:
+        read = read_calibration(calibration, path)
+        bent = f"{calibration} has lens distortion, which is not undone: undistort the images first"
+        warnings = (bent,) if np.any(read.distortion) else ()
+        return Camera(read.of_size(calibration, width_px, height_px), "calibration", warnings=warnings)
+    focal_px = exif_focal_px(recording.frames.paths[0]) if isinstance(recording.frames, FrameFiles) else None
+    if focal_px is not None:
+        return Camera(centred(focal_px, width_px, height_px), "exif")
+    return _by_motion(recording, num_seen)
+
+
+def centred(focal_px: float, width_px: int, height_px: int) -> Intrinsics:
+    """Square pixels, and the principal point at the centre."""
+    return Intrinsics(focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px)
+
+
+def focal_of_fov(fov_deg: float, width_px: int) -> float:
+    """The focal length in pixels of a horizontal field of view."""
+    return float(width_px / 2 / np.tan(np.radians(fov_deg) / 2))
+
+
+def fov_of_focal(focal_px: float, width_px: int) -> float:
+    """The horizontal field of view in degrees of a focal length in pixels."""
+    return float(np.degrees(2 * np.arctan(width_px / 2 / focal_px)))
+
+
+def _by_motion(recording: Recording, num_seen: int) -> Camera:
+    """The estimate where it is sure, else a usual camera with a warning."""
+    width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
+    rate_hz = 1 / float(np.median(np.diff(recording.times_s)))
+    stride = max(1, round(rate_hz / ESTIMATION_RATE_HZ))
+    span = min(WINDOW * stride, num_seen)
+    starts = np.unique(np.linspace(0, num_seen - span, max(1, min(NUM_WINDOWS, 2 * num_seen // span - 1))).astype(int))
+    shrink = min(1.0, MAX_WIDTH_PX / width_px)
+    windows = ([_grey(recording, step, shrink) for step in range(first, first + span, stride)] for first in starts)
+    found = estimate_focal(windows)
+    if found is not None and found.is_sure:
+        low, focal, high = (each / shrink for each in (found.low_px, found.focal_px, found.high_px))
+        return Camera(centred(focal, width_px, height_px), "motion", (low, high))
+    why = "too few frames, or hardly any turn" if found is None else "the motion leaves too much room"
+    words = f"the focal length cannot be told from the motion ({why}): {DEFAULT_FOV_DEG:g} degrees are assumed"
+    focal_px = focal_of_fov(DEFAULT_FOV_DEG, width_px)
+    return Camera(centred(focal_px, width_px, height_px), "assumed", warnings=(f"{words}; {BY_HAND}",))
+
+
+def _grey(recording: Recording, step: int, shrink: float) -> ByteArray:
+    frame = recording.frames.read(step)
+    height_px, width_px = frame.shape[:2]
+    return as_grey(pinhole.resize(frame, (round(width_px * shrink), round(height_px * shrink))))

@@ -1,0 +1,128 @@
+"""Intrinsics from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, ROS and Kalibr YAML.
+
+EXIF data of photos give a focal length alone. Distortion is not undone: `distortion` says what a file has of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geovp_classic.data.kitti_layout import PREFERRED_CAMERAS, scan_calibration
+from geovp_classic.errors import BadData
+from geovp_classic.types import Intrinsics
+
+FILM_DIAGONAL_MM = 43.27  # of 36 x 24 mm, to which an equivalent focal length refers (CIPA DCG-001)
+EXIF_TABLE, EXIF_EQUIVALENT_MM = 0x8769, 0xA405
+EXPECTED = "KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
+MAX_ASPECT_CHANGE = 0.01
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The camera of a file; its size is None where the file does not say it."""
+
+    numbers: tuple[float, float, float, float]  # fx, fy, cx, cy in pixels, (0, 0) the top-left one's centre
+    size_px: tuple[int, int] | None = None
+    distortion: tuple[float, ...] = ()
+
+    def of_size(self, path: Path, width_px: int, height_px: int) -> Intrinsics:
+        """The camera of images of that size; BadData when the file is about images of another shape."""
+        width, height = self.size_px or (width_px, height_px)
+        if abs(np.log(width * height_px / (height * width_px))) > MAX_ASPECT_CHANGE:
+            raise BadData(
+                f"{path} is about images of {width}x{height}, these are {width_px}x{height_px}: "
+                "give the file of this camera, or --intrinsics"
+            )
+        return Intrinsics(*self.numbers, width, height).resized(width_px, height_px)
+
+
+def read_calibration(path: Path, images: Path) -> Calibration:
+    """The camera of a file; of several in KITTI's, the one of the folder `images`/.../image_K, else the usual one."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadData(f"{path} cannot be read as a text: give {EXPECTED}") from error
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return _yaml(path, text)
+    return _kitti(path, images) if re.search(r"^P\w*:", text, re.MULTILINE) else _colmap(path, text)
+
+
+def exif_focal_px(photo: Path) -> float | None:
+    """The focal length in pixels by the 35 mm equivalent in a photo's EXIF data; None where there is none."""
+    from PIL import Image
+
+    with Image.open(photo) as image:
+        equivalent_mm = float(image.getexif().get_ifd(EXIF_TABLE).get(EXIF_EQUIVALENT_MM, 0))
+        return equivalent_mm * float(np.hypot(*image.size)) / FILM_DIAGONAL_MM if equivalent_mm > 0 else None
+
+
+def _kitti(path: Path, images: Path) -> Calibration:
+    projections, findings = scan_calibration(path)
+    match = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
+    wanted = [int(match[1])] if match else PREFERRED_CAMERAS
+    for camera in wanted:
+        if camera in projections:
+            k = projections[camera].matrix
+            return Calibration((float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])))
+    raise BadData(str(findings[0]) if findings else f"{path} has no line of the camera of {images}: give --intrinsics")
+
+
+def _colmap(path: Path, text: str) -> Calibration:
+    """The only camera of a cameras.txt; COLMAP's pixels start at the image's corner, ours at a pixel's centre."""
+    import pycolmap
+
+    rows = [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    if len(rows) != 1:
+        raise BadData(f"{path} holds {len(rows)} lines of cameras, expected one: give {EXPECTED}")
+    try:
+        _, model, width, height, *params = rows[0]
+        camera = pycolmap.Camera(model=model, width=int(width), height=int(height), params=[float(p) for p in params])
+        if not camera.verify_params():
+            raise ValueError("its parameters are too few or too many")
+        shared, centre = list(camera.focal_length_idxs()), list(camera.principal_point_idxs())
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise BadData(f"{path}: {' '.join(rows[0])[:80]!r} is not a camera ({error}): give {EXPECTED}") from error
+    focal, (cx, cy) = [camera.params[i] for i in shared], (camera.params[i] for i in centre)
+    others = [float(p) for i, p in enumerate(camera.params) if i not in (*shared, *centre)]
+    numbers = (float(focal[0]), float(focal[-1]), float(cx) - 0.5, float(cy) - 0.5)
+    return Calibration(numbers, (camera.width, camera.height), tuple(others))
+
+
+def _yaml(path: Path, text: str) -> Calibration:
+    """A ROS camera_info (K or camera_matrix) or the first camera of a Kalibr camchain (pinhole)."""
+    import yaml
+
+    try:
+        read = yaml.safe_load(re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE))
+        read = read.get("cam0", read)
+        matrix = _data(read.get("camera_matrix", read.get("K", read.get("k"))))
+        if "intrinsics" in read:
+            if read.get("camera_model", "pinhole") != "pinhole":
+                raise ValueError(f"camera_model is {read['camera_model']!r}, expected pinhole")
+            fx, fy, cx, cy = read["intrinsics"]
+        else:
+            fx, _, cx, _, fy, cy = matrix[:6]
+        size = read.get("resolution") or (
+            read.get("image_width", read.get("width")),
+            read.get("image_height", read.get("height")),
+        )
+        lens = _data(
+            read.get("distortion_coeffs", read.get("distortion_coefficients", read.get("D", read.get("d", []))))
+        )
+        numbers = (float(fx), float(fy), float(cx), float(cy))
+        size_px = None if None in size else (int(size[0]), int(size[1]))
+        return Calibration(numbers, size_px, tuple(float(each) for each in lens))
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, KeyError) as error:
+        reason = str(error).partition("\n")[0]
+        raise BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}") from error
+
+
+def _data(value: Any) -> list[Any]:
+    """The numbers of a matrix, which ROS writes as a list or below `data`."""
+    return list(value["data"] if isinstance(value, Mapping) else value or [])

@@ -1,0 +1,89 @@
+"""Every file with the same camera, written as its program writes it, gives the same numbers."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from geovp_classic.data.calibration_files import exif_focal_px, read_calibration
+from geovp_classic.errors import BadData
+
+KITTI = "P0: 1 0 2 0 0 1 2 0 0 0 1 0\nP2: 500 0 319.5 4.5 0 510 239.5 0.2 0 0 1 0.003\n"
+COLMAP = "# Camera list\n1 PINHOLE 640 480 500 510 320 240\n"
+ROS = """image_width: 640
+image_height: 480
+camera_name: front
+camera_matrix: {rows: 3, cols: 3, data: [500, 0, 319.5, 0, 510, 239.5, 0, 0, 1]}
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0.02, 0, 0, 0]}
+"""
+TOPIC = "height: 480\nwidth: 640\nK: [500.0, 0.0, 319.5, 0.0, 510.0, 239.5, 0.0, 0.0, 1.0]\nD: []\n"
+KALIBR = """cam0:
+  camera_model: pinhole
+  intrinsics: [500, 510, 319.5, 239.5]
+  distortion_model: radtan
+  distortion_coeffs: [0, 0, 0, 0]
+  resolution: [640, 480]
+"""
+FILES = [("calib.txt", KITTI), ("cameras.txt", COLMAP), ("info.yaml", ROS), ("topic.yml", TOPIC), ("cam.yaml", KALIBR)]
+
+
+@pytest.mark.parametrize(("name", "text"), FILES)
+def test_one_camera_from_five_files(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    read = read_calibration(tmp_path / name, tmp_path / "image_2")
+    assert read.numbers == (500.0, 510.0, 319.5, 239.5)
+    assert read.size_px == (None if name == "calib.txt" else (640, 480))
+    assert bool(np.any(read.distortion)) == (text is ROS)
+
+
+def test_kittis_camera_is_that_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "calib.txt").write_text(KITTI)
+    assert read_calibration(tmp_path / "calib.txt", tmp_path / "image_0").numbers[0] == 1
+    with pytest.raises(BadData, match="no line of the camera"):
+        read_calibration(tmp_path / "calib.txt", tmp_path / "image_3")
+
+
+def test_a_colmap_model_with_one_focal_length_and_distortion(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_RADIAL 640 480 500 320 240 -0.05\n")
+    read = read_calibration(tmp_path / "cameras.txt", tmp_path)
+    assert read.numbers == (500.0, 500.0, 319.5, 239.5)
+    assert read.distortion == (-0.05,)
+
+
+def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text(COLMAP)
+    read = read_calibration(tmp_path / "cameras.txt", tmp_path)
+    half = read.of_size(tmp_path / "cameras.txt", 320, 240)
+    assert (half.fx_px, half.fy_px, half.cx_px, half.cy_px) == (250, 255, 159.5, 119.5)
+    with pytest.raises(BadData, match="640x480, these are 640x360"):
+        read.of_size(tmp_path / "cameras.txt", 640, 360)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.yaml", "just a word", "is not a calibration"),
+        ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}", "expected pinhole"),
+        ("a.yaml", "K: [1, 2]", "is not a calibration"),
+        ("a.yaml", "a: [", "is not a calibration"),
+        ("cameras.txt", "1 PINHOLE 640 480 500 510", "is not a camera"),
+        ("cameras.txt", "1 NOTHING 640 480 500 510", "is not a camera"),
+        ("cameras.txt", "", "0 lines of cameras"),
+        ("calib.txt", "P2: 1 2 3", "3 numbers"),
+    ],
+)
+def test_a_wrong_file_gets_one_sentence(tmp_path: Path, name: str, text: str, message: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(BadData, match=message) as caught:
+        read_calibration(tmp_path / name, tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_photos_equivalent_focal_length_refers_to_the_diagonal(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 26  # FocalLengthIn35mmFilm
+    Image.new("RGB", (400, 300)).save(tmp_path / "a.jpg", exif=exif)
+    assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(26 * 500 / 43.27)  # a diagonal of 500 px
+    Image.new("RGB", (400, 300)).save(tmp_path / "b.jpg")
+    assert exif_focal_px(tmp_path / "b.jpg") is None

@@ -1,0 +1,75 @@
+"""A camera that turns tells its focal length; where the motion says nothing, nothing is claimed."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geovp_classic.contracts import street
+from geovp_classic.data.frames import image_files, read_image
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.geometry import se3
+from geovp_classic.odometry.focal_length import QUANTILE, SYSTEMATIC, FocalLength, estimate_focal
+from geovp_classic.odometry.monocular import as_grey
+from geovp_classic.types import ByteArray
+
+LEFT_TURN, RIGHT_TURN = 1, 4
+
+
+@pytest.fixture(scope="module")
+def turns() -> list[list[ByteArray]]:
+    """Two drives round a corner with a focal length of 183 px, 318 px wide."""
+    world = Synthetic(num_clips=8, num_frames=24, size_px=(96, 96), with_wide=True)
+    wide = [world[index].wide for index in (LEFT_TURN, RIGHT_TURN)]
+    assert all(each is not None and each.intrinsics.fx_px == pytest.approx(183.375) for each in wide)
+    return [[as_grey(frame) for frame in each.frames] for each in wide if each is not None]
+
+
+def straight(step_m: float) -> list[ByteArray]:
+    """A drive without any rotation."""
+    twist = np.array([0.0, 0.0, step_m, 0.0, 0.0, 0.0])
+    frames, _ = street._render(se3.exp(np.outer(np.arange(20), twist)), street.WIDE)
+    return [as_grey(frame) for frame in frames]
+
+
+def test_a_turning_camera_tells_its_focal_length(turns: list[list[ByteArray]]) -> None:
+    found = estimate_focal(turns)
+    assert found is not None
+    assert found.num_windows == 2
+    assert found.focal_px == pytest.approx(183.375, rel=0.05)
+    assert found.low_px < 183.375 < found.high_px
+    assert found.is_sure
+    assert np.log(found.high_px / found.low_px) > 2 * QUANTILE * SYSTEMATIC
+
+
+@pytest.mark.parametrize("step_m", [0.3, 0.0])
+def test_without_a_turn_nothing_is_claimed(step_m: float) -> None:
+    found = estimate_focal([straight(step_m)])
+    assert found is None or not found.is_sure
+
+
+def test_sure_means_an_interval_of_a_third() -> None:
+    assert not FocalLength(100.0, 80.0, 125.0, 3).is_sure  # 0.45 in the logarithm, 0.33 at most
+    assert FocalLength(100.0, 90.0, 111.0, 3).is_sure  # 0.21
+
+
+@pytest.mark.parametrize(
+    ("images", "starts", "focal_px"),
+    [
+        ("03/image_0", (60, 120), 721.5),  # a turn, and a gentle curve
+        ("06/image_0", (0, 20), 707.1),  # straight: the car's pitching is all there is
+        ("00/image_2", (0, 190), 242.8),  # resized: the mean of 241.0 and 244.7
+        ("raw0095/image_2", (0, 180), 492.6),
+    ],
+)
+def test_calibrated_cars_of_kitti_are_met_within_a_tenth(images: str, starts: tuple[int, ...], focal_px: float) -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None:
+        pytest.skip(f"GEOVP_TEST_DATA is not set: needs kitti/sequences/{images}")
+    files = image_files(Path(root) / "kitti" / "sequences" / images)
+    found = estimate_focal([as_grey(read_image(file)) for file in files[start : start + 30]] for start in starts)
+    assert found is not None
+    assert found.is_sure
+    assert found.focal_px == pytest.approx(focal_px, rel=0.1)
+    assert found.low_px < focal_px < found.high_px
