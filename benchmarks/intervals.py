@@ -12,6 +12,7 @@ cannot be told from a few. `geovp study coverage` shows how often such intervals
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ VISIBLE = 1.5  # standard errors of a correlation that count
 LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
 FEWEST_DEGREES, FEWEST_EFFECTIVE = 3.0, 4.0  # of freedom; independent clips
 SHORT = 3  # clips
+LEAST_P = 1e-4  # fewer resamples than its inverse tell nothing of less
 MOST_LOST = 0.5  # share of the variance that is taken to have gone with the means
 KIND = (
     "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, since neighbouring clips "
@@ -76,10 +78,23 @@ def interval(
     spread = float(np.sqrt(within @ within / count / (1 - lost) * tau / count))
     off *= spread / off.std() if off.std() > 0 else 0.0
     student = stats.t(max(FEWEST_DEGREES, (count - 1) / (2 * visible + 1)))
-    ends = np.array([(1 - level) / 2, (1 + level) / 2])
-    low, high = np.quantile(off, ends) * student.ppf(ends[1]) / stats.norm.ppf(ends[1])
-    p_zero = float(2 * student.sf(abs(mean) / spread)) if spread > 0 else float(mean == 0)
-    return Interval(mean, mean + float(low), mean + float(high), count / tau, p_zero)
+    low, high = mean + _ends(off, student, np.array([1 - level]))[:, 0]
+    return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, student))
+
+
+def _ends(off: FloatArray, student: Any, misses: FloatArray) -> FloatArray:
+    """Ends [2, K] of the intervals that miss the truth in these shares [K] of cases, less the mean."""
+    tails = 1 - misses / 2
+    return np.quantile(off, [1 - tails, tails]) * student.ppf(tails) / stats.norm.ppf(tails)
+
+
+def _p_zero(mean: float, off: FloatArray, student: Any) -> float:
+    """The largest share of misses at which the interval still holds zero, down to LEAST_P."""
+    if not off.any():
+        return float(mean == 0)
+    shares = np.append(np.geomspace(LEAST_P, 0.999, 200), 1 - LEVEL)
+    low, high = mean + _ends(off, student, shares)
+    return float(max(shares[(low <= 0) & (high >= 0)], default=LEAST_P))
 
 
 def block_interval(values: FloatArray, groups: npt.NDArray[np.generic], level: float = LEVEL) -> tuple[float, float]:

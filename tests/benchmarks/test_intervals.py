@@ -49,8 +49,14 @@ def test_the_autocorrelation_time_of_known_processes() -> None:
 
 def test_a_difference_that_is_always_there_is_not_zero() -> None:
     noise = np.random.default_rng(2).normal(size=30)
-    assert intervals.interval(0.1 * noise + 1, np.zeros(30)).p_zero < 1e-6
-    assert intervals.interval(noise - noise.mean(), np.zeros(30)).p_zero == pytest.approx(1.0)
+    assert intervals.interval(0.1 * noise + 1, np.zeros(30)).p_zero == intervals.LEAST_P
+    assert intervals.interval(noise - noise.mean(), np.zeros(30)).p_zero > 0.9
+
+
+@pytest.mark.parametrize("shift", np.linspace(-1.2, 1.2, 13))
+def test_p_is_below_a_twentieth_just_where_the_interval_leaves_zero_out(shift: float) -> None:
+    found = intervals.interval(np.random.default_rng(7).exponential(size=20) - 1 + shift, np.zeros(20))
+    assert (found.p_zero < 0.05) == (found.low > 0 or found.high < 0)
 
 
 def test_a_clip_a_sequence_is_a_sample_of_sequences() -> None:
