@@ -27,9 +27,9 @@ def test_the_readme_is_short_and_begins_with_a_picture() -> None:
 
 
 def rows(page: Path) -> dict[str, list[str]]:
-    """Entries of a page's tables by the first column, without bold; intervals and other columns may follow."""
+    """Entries of a page's first table that has them by the first column, without bold; other columns may follow."""
     lines = [line.strip("|").split("|") for line in page.read_text().splitlines() if line.startswith("| ")]
-    return {first.strip(): [entry.replace("*", "").strip() for entry in more] for first, *more in lines}
+    return {first.strip(): [entry.replace("*", "").strip() for entry in more] for first, *more in reversed(lines)}
 
 
 def test_the_readmes_numbers_are_those_of_the_results_page() -> None:

@@ -46,7 +46,13 @@ def begin(
     command = [sys.executable, "-m", "benchmarks.cli", "run", str(path), "--out", str(folder / "out"), "--no-report"]
     command += more
     path_variable = os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path_variable}, stderr=stderr)
+    own = {**os.environ, "PYTHONPATH": path_variable}
+    return subprocess.Popen(command, env=own, stderr=stderr, preexec_fn=_heed_interrupts)
+
+
+def _heed_interrupts() -> None:
+    """A shell starts what it runs in the background deaf to interrupts, and the tests may run there."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def wait_for_parts(root: Path, count: int, process: subprocess.Popen[bytes]) -> None:
