@@ -11,16 +11,16 @@ from geovp_classic.types import Context, Motion, Views
 
 MIN_TRACKED_SHARE = 0.7
 MIN_CHANGE = 2.0  # grey values between observed frames; with less the camera stands
-MAX_UNEXPLAINED = 0.75  # of that change; 0.07 to 0.5 on KITTI
+MAX_PHOTOMETRIC_RESIDUAL = 0.75  # of that change; 0.07 to 0.5 on KITTI
 MAX_OFF_AXIS_DEG = 6.0  # between the optical axis and the direction of travel; at most 2 on KITTI
 STRAIGHT_RAD = np.radians(1.0)  # a step with less rotation: in turns a car's camera does travel sideways
 
 
-def unexplained(context: Context, rerendered: Views) -> float | None:
+def photometric_residual(context: Context, rerendered: Views) -> float | None:
     """The share of the change between the observed frames and the last one that rendering them leaves.
 
     The scene is shown at the poses of the observed frames: 0 where every one is met, 1 where the last frame would do as
-    well. Medians, so that what moves by itself does not count; None for a camera that stands.
+    well. Means over the covered pixels; None for a camera that stands.
     """
     covered = rerendered.covered[:-1]
     if not covered.any():
@@ -58,7 +58,7 @@ def warnings(context: Context, motion: Motion, share: float | None) -> list[str]
     if tracked.mean() < MIN_TRACKED_SHARE:
         count = f"only {int(tracked.sum())} of {len(tracked)} observed frames could be tracked"
         found.append(f"{count}: the motion is mostly a guess; give sharper frames or a larger --size")
-    if share is not None and share > MAX_UNEXPLAINED:
+    if share is not None and share > MAX_PHOTOMETRIC_RESIDUAL:
         left = f"{share:.0%} of the change between the observed frames is not explained by the geometry found"
         found.append(f"{left}: check the intrinsics and --fps")
     angle_deg = off_axis_deg(motion)

@@ -54,15 +54,17 @@ class Predicted:
     actual: ByteArray | None  # [F' <= F, H, W, 3], what was recorded of the future
 
     @cached_property
-    def unexplained(self) -> float | None:
+    def photometric_residual(self) -> float | None:
         """The share of the observed change that the geometry leaves; None for a camera that stands."""
-        return None if self.geometry is None else plausibility.unexplained(self.context, self.geometry.rerendered)
+        return (
+            None if self.geometry is None else plausibility.photometric_residual(self.context, self.geometry.rerendered)
+        )
 
     @cached_property
     def warnings(self) -> list[str]:
         """A sentence for everything that speaks against the prediction."""
         motion = self.prediction.motion
-        found = [] if motion is None else plausibility.warnings(self.context, motion, self.unexplained)
+        found = [] if motion is None else plausibility.warnings(self.context, motion, self.photometric_residual)
         return [*self.camera.warnings, *found]
 
     @cached_property
@@ -88,7 +90,7 @@ class Predicted:
             "frames": {"first": self.first, "observed": self.context.num_past, "predicted": self.context.num_future},
             "tracked_frames": None if motion is None else int(motion.tracked.sum()),
             "is_metric": motion is not None and motion.past.is_metric,
-            "unexplained_change": self.unexplained,
+            "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "warnings": self.warnings,
             "scores": self.scores,

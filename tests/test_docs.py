@@ -124,7 +124,9 @@ def execute(page: Path, namespace: types.ModuleType) -> list[Block]:
 
 @pytest.mark.parametrize("page", pages_with("python"))
 def test_python_runs(page: Path, namespace: types.ModuleType) -> None:
+    before = set(vars(namespace))
     left = execute(page, namespace)
+    assert left or set(vars(namespace)) > before, f"{page}: its blocks define nothing, so nothing was run"
     if left:
         pytest.skip(f"{', '.join(map(str, left))}: torch is not installed")
 

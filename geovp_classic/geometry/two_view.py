@@ -32,7 +32,7 @@ class TwoView:
     kind: Kind
     b_from_a: FloatArray  # [4, 4]; the translation has length 1 when `kind` is "general", else 0
     inliers: BoolArray  # [N]
-    parallax: float  # median shift on z = 1 that the rotation leaves unexplained
+    parallax: float  # median shift on z = 1 after the rotation is taken out
 
 
 def two_view(

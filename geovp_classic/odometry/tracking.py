@@ -31,7 +31,7 @@ class KeyframePolicy:
     """How often keyframes are made, and how many are kept and adjusted together."""
 
     window: int = 8
-    keyframe_parallax: float = 0.025  # median shift since the last keyframe that rotation leaves unexplained, on z = 1
+    keyframe_parallax: float = 0.025  # median shift since the last keyframe after the rotation is taken out, on z = 1
     start_parallax: float = 0.004  # the same between the two images that a map starts from
     keyframe_share: float = 0.6  # a keyframe is due when fewer of the last one's points are left
     max_bundle_points: int = 300

@@ -260,7 +260,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert about["predictor"]["pose_source"]["name"] == "refined"
     assert {"python", "numpy", "geovp-classic"} <= about["versions"].keys()
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
-    assert about["unexplained_change"] < 0.5
+    assert about["photometric_residual"] < 0.5
     seen_two = cv2.imread(str(written / "frames" / "000008.png")), street.clip().frames[8][..., ::-1]
     real = cv2.resize(seen_two[1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((seen_two[0].astype(float) - real) ** 2))

@@ -25,7 +25,7 @@ def evidence(drive_behind: Callable[..., Any]) -> Callable[..., tuple[epipolar_r
     return _evidence
 
 
-def test_a_car_that_crosses_is_unexplained_and_the_street_is_not(evidence: Callable[..., Any]) -> None:
+def test_a_car_that_crosses_has_a_residual_and_the_street_has_none(evidence: Callable[..., Any]) -> None:
     found, traffic = evidence((2.0, 0.0, 0.0))
     moved = (found.strength > 0.7) & (found.shift_px > 1)
     assert moved[traffic.mask].mean() > 0.25
