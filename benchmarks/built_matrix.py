@@ -11,13 +11,13 @@ from typing import Any
 
 import pyarrow as pa
 
-from benchmarks.caching import Cache, scene_key
-from benchmarks.components import Failure, build, code_hash
-from benchmarks.matrix import CellPlan, Matrix
-from benchmarks.metric_set import MetricSet
-from benchmarks.profiling import StageProfiler
-from benchmarks.scoring import ScoringContext, check, score
-from benchmarks.store import Part, Results
+from geovp_benchmarks.caching import Cache, scene_key
+from geovp_benchmarks.components import Failure, build, code_hash
+from geovp_benchmarks.matrix import CellPlan, Matrix
+from geovp_benchmarks.metric_set import MetricSet
+from geovp_benchmarks.profiling import StageProfiler
+from geovp_benchmarks.scoring import ScoringContext, check, score
+from geovp_benchmarks.store import Part, Results
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.predictors import CopyLast, GeometricPredictor, show

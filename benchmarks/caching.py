@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from benchmarks.profiling import StageProfiler
+from geovp_benchmarks.profiling import StageProfiler
 from geovp_classic.types import Trajectory
 
 

@@ -12,12 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.matrix import Spec
+from geovp_benchmarks.matrix import Spec
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra
 from geovp_classic.types import Grant
 
-ALWAYS_HASHED = ("geovp_classic", "benchmarks.built_matrix", "benchmarks.scoring", "benchmarks.metric_set")
+ALWAYS_HASHED = (
+    "geovp_classic",
+    "geovp_benchmarks.built_matrix",
+    "geovp_benchmarks.scoring",
+    "geovp_benchmarks.metric_set",
+)
 DIGITS = 12
 PREDICTING = ("pose_sources", "renderers", "predictors")
 
@@ -65,7 +70,7 @@ def code_hash(components: Iterable[object]) -> str:
     """
     packages = {type(each).__module__.partition(".")[0] for component in components for each in nested(component)}
     total = hashlib.sha256()
-    for name in sorted({*ALWAYS_HASHED, *packages & sys.modules.keys()} - {"builtins", "benchmarks"}):
+    for name in sorted({*ALWAYS_HASHED, *packages & sys.modules.keys()} - {"builtins", "geovp_benchmarks"}):
         total.update(name.encode() + _source_hash(name))
     return total.hexdigest()[:DIGITS]
 

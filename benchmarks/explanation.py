@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import intervals, provenance, statistics, tables
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import intervals, provenance, statistics, tables
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import tables
-from benchmarks.store import Results
-from benchmarks.table_model import Column, Row, Table
+from geovp_benchmarks import tables
+from geovp_benchmarks.store import Results
+from geovp_benchmarks.table_model import Column, Row, Table
 from geovp_classic.data.atomic import write_bytes
 
 NOTES = "## Notes\n"  # from this line on, a page is written by hand

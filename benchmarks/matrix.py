@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks import protocols
-from benchmarks.store import NOT_CELLS
+from geovp_benchmarks import protocols
+from geovp_benchmarks.store import NOT_CELLS
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import Grant

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.components import Failure, build
-from benchmarks.matrix import COVERAGE, Spec
-from benchmarks.scoring import Metrics
+from geovp_benchmarks.components import Failure, build
+from geovp_benchmarks.matrix import COVERAGE, Spec
+from geovp_benchmarks.scoring import Metrics
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 

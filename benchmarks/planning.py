@@ -11,11 +11,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from benchmarks.built_matrix import BuiltMatrix, build_matrix
-from benchmarks.matrix import Matrix
-from benchmarks.provenance import content_hash, protocol_id
-from benchmarks.selection import Selection
-from benchmarks.store import Results
+from geovp_benchmarks.built_matrix import BuiltMatrix, build_matrix
+from geovp_benchmarks.matrix import Matrix
+from geovp_benchmarks.provenance import content_hash, protocol_id
+from geovp_benchmarks.selection import Selection
+from geovp_benchmarks.store import Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 

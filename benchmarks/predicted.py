@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import plausibility
-from benchmarks.camera import Camera, fov_of_focal
-from benchmarks.planning import versions
-from benchmarks.prediction_request import PredictionRequest
+from geovp_benchmarks import plausibility
+from geovp_benchmarks.camera import Camera, fov_of_focal
+from geovp_benchmarks.planning import versions
+from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.interfaces import FramePredictor

@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from benchmarks import webcam
-from benchmarks.camera import find_camera
-from benchmarks.predicted import Geometry, Predicted
-from benchmarks.prediction_request import PredictionRequest, check_memory, output_size
-from benchmarks.progress import Progress
+from geovp_benchmarks import webcam
+from geovp_benchmarks.camera import find_camera
+from geovp_benchmarks.predicted import Geometry, Predicted
+from geovp_benchmarks.prediction_request import PredictionRequest, check_memory, output_size
+from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.data import windows
 from geovp_classic.data.windows import Recording

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.plots import video
-from benchmarks.predicted import Predicted
+from geovp_benchmarks.plots import video
+from geovp_benchmarks.predicted import Predicted
 from geovp_classic import exports
 from geovp_classic.data import pose_files
 from geovp_classic.data.atomic import atomic_write

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks import plausibility
+from geovp_benchmarks import plausibility
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor

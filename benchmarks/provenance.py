@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from benchmarks.store import Cell
+from geovp_benchmarks.store import Cell
 
 DIGITS = 8
 SHARED = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import matrix as matrices
-from benchmarks import protocols, provenance, statistics, tables, thesis
-from benchmarks.formats import grid
-from benchmarks.matrix import Matrix
-from benchmarks.protocols import Protocol
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import matrix as matrices
+from geovp_benchmarks import protocols, provenance, statistics, tables, thesis
+from geovp_benchmarks.formats import grid
+from geovp_benchmarks.matrix import Matrix
+from geovp_benchmarks.protocols import Protocol
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
@@ -29,7 +29,7 @@ def read_matrix(name: str) -> Matrix:
     protocols.load(name)
     if name not in TABLES:
         raise BadData(f"protocol {name!r} cannot be reproduced by one command yet, only {', '.join(TABLES)}")
-    with resources.as_file(resources.files("benchmarks") / "configs" / f"{name}.toml") as path:
+    with resources.as_file(resources.files("geovp_benchmarks") / "configs" / f"{name}.toml") as path:
         return matrices.read(path)
 
 
@@ -131,7 +131,7 @@ def _notes(protocol: Protocol, results: Results) -> list[str]:
 
 
 def _published(name: str) -> Mapping[str, Any]:
-    return tomllib.loads((resources.files("benchmarks") / "published" / f"{name}.toml").read_text("utf-8"))
+    return tomllib.loads((resources.files("geovp_benchmarks") / "published" / f"{name}.toml").read_text("utf-8"))
 
 
 # What one command writes, by the file's ending; the first is printed. The matrix is configs/<name>.toml.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pyarrow as pa
 
-from benchmarks.metric_set import MetricSet
-from benchmarks.planning import versions
-from benchmarks.profiling import StageProfiler
-from benchmarks.progress import Progress, tracked
-from benchmarks.provenance import content_hash, protocol_id
-from benchmarks.scoring import Metrics, ScoringContext, score
-from benchmarks.store import Cell, Part, Results
+from geovp_benchmarks.metric_set import MetricSet
+from geovp_benchmarks.planning import versions
+from geovp_benchmarks.profiling import StageProfiler
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.provenance import content_hash, protocol_id
+from geovp_benchmarks.scoring import Metrics, ScoringContext, score
+from geovp_benchmarks.store import Cell, Part, Results
 from geovp_classic.errors import BadData
 
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from benchmarks.built_matrix import Task, TaskResult, compute
-from benchmarks.components import Failure, weights_of
-from benchmarks.executors import Executor
-from benchmarks.matrix import CellPlan, Matrix
-from benchmarks.planning import Options, Plan, prepare
-from benchmarks.progress import Progress
-from benchmarks.provenance import content_hash
-from benchmarks.store import Cell, Part, Results
+from geovp_benchmarks.built_matrix import Task, TaskResult, compute
+from geovp_benchmarks.components import Failure, weights_of
+from geovp_benchmarks.executors import Executor
+from geovp_benchmarks.matrix import CellPlan, Matrix
+from geovp_benchmarks.planning import Options, Plan, prepare
+from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.provenance import content_hash
+from geovp_benchmarks.store import Cell, Part, Results
 from geovp_classic import registry
 from geovp_classic.types import Grant
 

@@ -11,9 +11,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import pyarrow as pa
 
-from benchmarks.matrix import COVERAGE
-from benchmarks.profiling import release_free_memory
-from benchmarks.store import SCORES
+from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.profiling import release_free_memory
+from geovp_benchmarks.store import SCORES
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
 from geovp_classic.metrics.clip_facts import clip_facts

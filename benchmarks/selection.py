@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks import statistics, tables
-from benchmarks.matrix import COVERAGE, Matrix
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import statistics, tables
+from geovp_benchmarks.matrix import COVERAGE, Matrix
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 

@@ -15,9 +15,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from benchmarks import statistics
-from benchmarks.matrix import COVERAGE
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import statistics
+from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks import intervals, statistics
-from benchmarks.intervals import Interval
-from benchmarks.statistics import Estimate
+from geovp_benchmarks import intervals, statistics
+from geovp_benchmarks.intervals import Interval
+from geovp_benchmarks.statistics import Estimate
 from geovp_classic.types import BoolArray, FloatArray
 
 SIGNIFICANT = 0.05

@@ -10,11 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from benchmarks import intervals, provenance, statistics
-from benchmarks.matrix import COVERAGE
-from benchmarks.statistics import Cube
-from benchmarks.store import Cell, Results
-from benchmarks.table_model import Column, Row, Spread, Table, best, different
+from geovp_benchmarks import intervals, provenance, statistics
+from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.statistics import Cube
+from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.table_model import Column, Row, Spread, Table, best, different
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import provenance, statistics, tables
-from benchmarks.formats import grid, tex_escaped
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import provenance, statistics, tables
+from geovp_benchmarks.formats import grid, tex_escaped
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic.data import splits
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -192,7 +192,7 @@ def _order() -> list[str]:
 
 
 def _published() -> Mapping[str, Any]:
-    return tomllib.loads((resources.files("benchmarks") / "published" / PUBLISHED).read_text("utf-8"))
+    return tomllib.loads((resources.files("geovp_benchmarks") / "published" / PUBLISHED).read_text("utf-8"))
 
 
 def _printed(value: tuple[float, float]) -> float:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 import geovp_classic as geovp
-from benchmarks.plots import video
+from geovp_benchmarks.plots import video
 
 CLIP = 3  # brakes at a crossing
 SIZE_PX = (192, 192)

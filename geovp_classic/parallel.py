@@ -15,6 +15,9 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from threadpoolctl import ThreadpoolController
 
+# TBB, numba's first choice, comes in a version too old for it with Open3D, and it says so in a warning.
+numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 Parameters = ParamSpec("Parameters")

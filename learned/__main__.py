@@ -1,4 +1,4 @@
-"""The command line of the learned parts: `python -m learned train METHOD CONFIG.toml`, and model cards."""
+"""The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, and model cards."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _card(options) if options.verb == "card" else _train(options)
     except GeovpError as error:
-        print(f"python -m learned: {error}", file=sys.stderr)
+        print(f"python -m geovp_learned: {error}", file=sys.stderr)
         return 2
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m learned", description="Train the learned parts.")
+    parser = argparse.ArgumentParser(prog="python -m geovp_learned", description="Train the learned parts.")
     verbs = parser.add_subparsers(dest="verb", required=True)
     train = verbs.add_parser("train", help="train a method; an interrupted run goes on when started again")
     train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
@@ -41,15 +41,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _card(options: argparse.Namespace) -> int:
-    from learned import model_cards
+    from geovp_learned import model_cards
 
     print(model_cards.model_card(options.weights, options.config, options.log), end="")
     return 0
 
 
 def _train(options: argparse.Namespace) -> int:
-    from learned import training_config
-    from learned.training import WEIGHTS, train
+    from geovp_learned import training_config
+    from geovp_learned.training import WEIGHTS, train
 
     config = training_config.load(options.method, options.config, options.root)
     folder = options.out or Path("runs") / options.config.stem

@@ -24,7 +24,7 @@ from torch import Tensor, nn
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Grant
-from learned import methods
+from geovp_learned import methods
 
 FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
 
@@ -33,7 +33,8 @@ FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
 class Pretrained:
     """A component with a trained network.
 
-    `checkpoint` is a weights file of `python -m learned train`; without one, the weights that come with the package.
+    `checkpoint` is a weights file of `python -m geovp_learned train`; without one, the weights that come with the
+    package.
     `fingerprint` identifies the weights in results; when given, other weights are refused.
     """
 
@@ -84,7 +85,7 @@ class Pretrained:
 
 def shipped(method: str) -> Path:
     """The weights file that comes with the package."""
-    return Path(str(resources.files("learned").joinpath("weights", f"{method}.safetensors")))
+    return Path(str(resources.files("geovp_learned").joinpath("weights", f"{method}.safetensors")))
 
 
 @functools.lru_cache(maxsize=8)

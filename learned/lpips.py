@@ -30,7 +30,7 @@ from torch.nn import functional
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.metrics.image import check_frames
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
-from learned.lpips_networks import Weights, alex_features, squeeze_features
+from geovp_learned.lpips_networks import Weights, alex_features, squeeze_features
 
 Net = Literal["alex", "squeeze"]
 

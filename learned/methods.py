@@ -19,11 +19,11 @@ Losses = dict[str, Tensor]  # scalars; "total" is minimised, all are logged
 Networks = Mapping[str, nn.Module]
 
 METHODS = {  # imported when asked for by name
-    "deepvo": "learned.deepvo.train:DeepVoTraining",
-    "svg": "learned.video.svg:SvgTraining",
-    "srvp": "learned.video.srvp:SrvpTraining",
-    "slamp": "learned.video.slamp:SlampTraining",
-    "synsin": "learned.synsin.train:SynSinTraining",
+    "deepvo": "geovp_learned.deepvo.train:DeepVoTraining",
+    "svg": "geovp_learned.video.svg:SvgTraining",
+    "srvp": "geovp_learned.video.srvp:SrvpTraining",
+    "slamp": "geovp_learned.video.slamp:SlampTraining",
+    "synsin": "geovp_learned.synsin.train:SynSinTraining",
 }
 
 

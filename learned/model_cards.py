@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from geovp_classic.errors import BadData
-from learned import checkpoints, training_config, training_log
+from geovp_learned import checkpoints, training_config, training_log
 
 KITTI_LICENCE = (
     "Trained on KITTI (Geiger et al. 2012), whose licence CC BY-NC-SA 3.0 passes on to these weights: attribution, no "
@@ -73,7 +73,7 @@ def _command(weights: Path, metadata: Mapping[str, Any], config: Path) -> str:
     for table in wanted:
         if wanted[table] != given[table]:
             raise BadData(f"{weights} was trained with another [{table}] than {config} has: give its own config")
-    return f"Trained by\n\n    python -m learned train {name} {config}"
+    return f"Trained by\n\n    python -m geovp_learned train {name} {config}"
 
 
 def _facts(weights: Path, history: Mapping[str, Any], count: int) -> str:

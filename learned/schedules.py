@@ -9,7 +9,7 @@ import numpy as np
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from learned.training_config import Training
+from geovp_learned.training_config import Training
 
 
 def learning_rate_factor(step: int, settings: Training) -> float:

@@ -28,9 +28,9 @@ from tqdm import tqdm
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from learned import checkpoints, schedules, training_config, training_log
-from learned.methods import Batch, Losses
-from learned.training_config import TrainingConfig
+from geovp_learned import checkpoints, schedules, training_config, training_log
+from geovp_learned.methods import Batch, Losses
+from geovp_learned.training_config import TrainingConfig
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.csv"
 LOG_EVERY = 20  # steps

@@ -22,7 +22,7 @@ from typing import Any
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.interfaces import Dataset
-from learned import methods
+from geovp_learned import methods
 
 TABLES = ("about", "method", "training", "train", "validation")
 
@@ -97,7 +97,7 @@ def settings(method_name: str, file: Path) -> tuple[methods.Method, Training, Ma
 
 def shipped() -> list[str]:
     """The names of the configs that come with the package, sorted."""
-    folder = resources.files("learned").joinpath("configs")
+    folder = resources.files("geovp_learned").joinpath("configs")
     return sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
 
 
@@ -115,7 +115,7 @@ def describe(datasets: Sequence[Dataset]) -> list[dict[str, Any]]:
 def _read(file: Path) -> Mapping[str, Any]:
     source: Any = file
     if file.name in shipped():
-        source = resources.files("learned").joinpath("configs", f"{file.name}.toml")
+        source = resources.files("geovp_learned").joinpath("configs", f"{file.name}.toml")
     elif not file.is_file():
         raise BadData(f"config {file} does not exist: give a .toml file or one of {', '.join(shipped())}")
     try:

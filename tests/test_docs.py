@@ -23,11 +23,11 @@ from pathlib import Path
 import pytest
 
 import geovp_classic as geovp
-from benchmarks import cli, matrix
-from benchmarks.built_matrix import build_matrix
-from benchmarks.cli import predict
-from benchmarks.components import Failure
-from benchmarks.plots import video
+from geovp_benchmarks import cli, matrix
+from geovp_benchmarks.built_matrix import build_matrix
+from geovp_benchmarks.cli import predict
+from geovp_benchmarks.components import Failure
+from geovp_benchmarks.plots import video
 from geovp_classic import registry
 
 ROOT = Path(__file__).resolve().parents[1]

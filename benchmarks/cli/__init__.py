@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError
 
 DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -28,7 +28,8 @@ STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
 class ModuleParser(argparse.ArgumentParser):
     """A parser that asks a module for its arguments when it is about to parse, and stores the module's `run`.
 
-    It is stored as `verb` or, of a module of `benchmarks.studies`, as `study`; without a module it is a plain parser.
+    It is stored as `verb` or, of a module of `geovp_benchmarks.studies`, as `study`; without a module it is a plain
+    parser.
     """
 
     def __init__(self, *, module: str = "", **options: Any) -> None:
@@ -83,8 +84,8 @@ def main(given: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="geovp", description="Geometry-based video prediction: run, measure, look.")
     parser.add_argument("--version", action=PrintVersion, help="print the version and exit")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
-    studies = {verb: f"benchmarks.studies.{study}" for verb, study in STUDY_OF_VERB.items()}
-    add_modules(parser, {verb: studies.get(verb, f"benchmarks.cli.{verb}") for verb in VERBS}, "VERB")
+    studies = {verb: f"geovp_benchmarks.studies.{study}" for verb, study in STUDY_OF_VERB.items()}
+    add_modules(parser, {verb: studies.get(verb, f"geovp_benchmarks.cli.{verb}") for verb in VERBS}, "VERB")
     chosen = parser.parse_args(given)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.cli` is `geovp`."""
+"""`python -m geovp_benchmarks.cli` is `geovp`."""
 
 import sys
 
-from benchmarks.cli import main
+from geovp_benchmarks.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.arguments import add_settings, settings
+from geovp_benchmarks.arguments import add_settings, settings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

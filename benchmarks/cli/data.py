@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.progress import progress_bar, tracked
+from geovp_benchmarks.progress import progress_bar, tracked
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a table of the sequences, the findings, and the splits that can be used."""
-    from benchmarks.formats import columns
+    from geovp_benchmarks.formats import columns
     from geovp_classic.data import doctor
 
     with progress_bar("doctor", "sequences") as progress:

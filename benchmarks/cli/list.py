@@ -23,7 +23,7 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_classic import registry
 
     if chosen.role == "protocols":
-        from benchmarks import protocols
+        from geovp_benchmarks import protocols
 
         print("\n".join(protocol.about for protocol in protocols.ALL.values()))
         return 0

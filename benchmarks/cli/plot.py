@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.arguments import add_division, add_results_folder
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import add_division, add_results_folder
+from geovp_benchmarks.progress import progress_bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Write the figures and print their paths."""
-    from benchmarks import plots
-    from benchmarks.store import Results
+    from geovp_benchmarks import plots
+    from geovp_benchmarks.store import Results
 
     with progress_bar("plots", "figures") as progress:
         written = [path for _, files in plots.write_all(Results(chosen.folder), progress, chosen.by) for path in files]

@@ -9,8 +9,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from benchmarks.arguments import positive
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.progress import progress_bar
 
 MIN_SIDE_PX = 16
 
@@ -69,8 +69,8 @@ def _spec(text: str) -> dict[str, Any] | str:
 
 def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
-    from benchmarks import prediction, prediction_files
-    from benchmarks.prediction_request import PredictionRequest
+    from geovp_benchmarks import prediction, prediction_files
+    from geovp_benchmarks.prediction_request import PredictionRequest
 
     if chosen.out is not None:
         prediction_files.check_free(chosen.out)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.arguments import add_results_folder as add_arguments
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import add_results_folder as add_arguments
+from geovp_benchmarks.progress import progress_bar
 
 __all__ = ["add_arguments", "run"]
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Write figures and report and print the report's path."""
-    from benchmarks import report
-    from benchmarks.store import Results
+    from geovp_benchmarks import report
+    from geovp_benchmarks.store import Results
 
     results = Results(chosen.folder)
     with progress_bar("report", "figures") as progress:

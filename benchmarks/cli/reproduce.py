@@ -10,12 +10,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.arguments import positive
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:
-    from benchmarks.matrix import Matrix
-    from benchmarks.store import Cell, Results
+    from geovp_benchmarks.matrix import Matrix
+    from geovp_benchmarks.store import Cell, Results
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,8 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Fill what is missing, print both tables and write them with the figures."""
-    from benchmarks import formats, plots, reproduction, thesis
-    from benchmarks.store import Results
+    from geovp_benchmarks import formats, plots, reproduction, thesis
+    from geovp_benchmarks.store import Results
     from geovp_classic.data.atomic import write_bytes
 
     matrix = reproduction.read_matrix(chosen.name).with_root(chosen.root)
@@ -62,10 +62,10 @@ def run(chosen: argparse.Namespace) -> int:
 
 def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[Cell]:
     """All cells, with the clips that `--keep` asks for; a rule can only be followed once there are scores."""
-    from benchmarks.cli.run import keep_rule
-    from benchmarks.planning import Options
-    from benchmarks.run import run as fill
-    from benchmarks.selection import Ranking
+    from geovp_benchmarks.cli.run import keep_rule
+    from geovp_benchmarks.planning import Options
+    from geovp_benchmarks.run import run as fill
+    from geovp_benchmarks.selection import Ranking
     from geovp_classic import registry
 
     spec = {"name": "processes", "workers": chosen.workers} if chosen.workers > 1 else {"name": "serial"}

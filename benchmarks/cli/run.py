@@ -9,15 +9,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.arguments import positive
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
-    from benchmarks.executors import Executor
-    from benchmarks.matrix import Matrix
-    from benchmarks.selection import Ranking, Selection
-    from benchmarks.store import Cell, Results
+    from geovp_benchmarks.executors import Executor
+    from geovp_benchmarks.matrix import Matrix
+    from geovp_benchmarks.selection import Ranking, Selection
+    from geovp_benchmarks.store import Cell, Results
 
 KEEP = """keep the predictions of N clips (3), of all, of clips named with commas between, or of three clips chosen by a
 score: worst:METRIC, best:METRIC or median:METRIC of the first complete row, pose sources with renderers first, or
@@ -40,11 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Compute, then write all views of the results."""
-    from benchmarks import matrix as matrices
-    from benchmarks.planning import Options
-    from benchmarks.run import run as fill
-    from benchmarks.selection import Ranking
-    from benchmarks.store import Results
+    from geovp_benchmarks import matrix as matrices
+    from geovp_benchmarks.planning import Options
+    from geovp_benchmarks.run import run as fill
+    from geovp_benchmarks.selection import Ranking
+    from geovp_benchmarks.store import Results
 
     matrix = matrices.read(chosen.matrix).with_root(chosen.root)
     results = Results(chosen.out or Path("results") / matrix.name)
@@ -72,7 +72,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
     """Print the table, write all views, and say how the cells ended."""
-    from benchmarks import formats, report, tables
+    from geovp_benchmarks import formats, report, tables
 
     print(formats.markdown(tables.build(results)[0]))
     formats.write_all(results)
@@ -117,7 +117,7 @@ def _executor(chosen: argparse.Namespace) -> Executor:
 
 def keep_rule(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
     """What --keep asks for: a number, clips, a rule, or None for all."""
-    from benchmarks.selection import NAMED, WHICH, Ranking, Selection
+    from geovp_benchmarks.selection import NAMED, WHICH, Ranking, Selection
 
     if text == "all":
         return None

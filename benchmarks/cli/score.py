@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.arguments import add_results_folder
-from benchmarks.cli.run import conclude
-from benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.run import conclude
+from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import BadData
 
 
@@ -20,10 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Write a results folder of the kept clips alone."""
-    from benchmarks import matrix as matrices
-    from benchmarks.metric_set import MetricSet
-    from benchmarks.rescoring import rescore, stored_metrics
-    from benchmarks.store import Results
+    from geovp_benchmarks import matrix as matrices
+    from geovp_benchmarks.metric_set import MetricSet
+    from geovp_benchmarks.rescoring import rescore, stored_metrics
+    from geovp_benchmarks.store import Results
 
     folder = chosen.folder.resolve()
     results = Results(chosen.folder)

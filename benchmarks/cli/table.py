@@ -7,11 +7,11 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.arguments import add_division, add_results_folder
+from geovp_benchmarks.arguments import add_division, add_results_folder
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
-    from benchmarks.store import Results
+    from geovp_benchmarks.store import Results
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,8 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print in one format, write in all; the main table of each kind of clips is printed only."""
-    from benchmarks import formats
-    from benchmarks.store import Results
+    from geovp_benchmarks import formats
+    from geovp_benchmarks.store import Results
     from geovp_classic.data.atomic import write_bytes
 
     if chosen.page is not None and chosen.format != "md":
@@ -53,7 +53,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def _text(chosen: argparse.Namespace, results: Results) -> str:
-    from benchmarks import formats, strata, tables, thesis
+    from geovp_benchmarks import formats, strata, tables, thesis
 
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.style == "thesis":

@@ -1,8 +1,8 @@
 """Processing time of one clip by stage (odometry, forecast, refinements, depth, fusion, views), and peak memory.
 
-`python -m benchmarks.performance.clip [ROUNDS] [--kitti ROOT SEQUENCE]`: 10 frames observed, 20 predicted, at 256x256,
-on a clip of the synthetic street or of KITTI. The first round, which loads compiled code, is not counted. CPU time is
-shown beside wall-clock time, which depends on the load of the machine.
+`python -m geovp_benchmarks.performance.clip [ROUNDS] [--kitti ROOT SEQUENCE]`: 10 frames observed, 20 predicted, at
+256x256, on a clip of the synthetic street or of KITTI. The first round, which loads compiled code,
+is not counted. CPU time is shown beside wall-clock time, which depends on the load of the machine.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.performance import Seconds, rounds_parser, timed
-from benchmarks.profiling import peak_mb
+from geovp_benchmarks.performance import Seconds, rounds_parser, timed
+from geovp_benchmarks.profiling import peak_mb
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.pose_sources import Chained

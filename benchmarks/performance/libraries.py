@@ -1,7 +1,7 @@
 """Our own solvers beside those of the libraries that could do their job: time, and error against the truth.
 
-`python -m benchmarks.performance.libraries [ROUNDS]`: random points before known cameras, with noise and, where the
-odometry meets them, wrong observations. Both solve the same problem, one after the other, and the medians over the
+`python -m geovp_benchmarks.performance.libraries [ROUNDS]`: random points before known cameras, with noise and, where
+the odometry meets them, wrong observations. Both solve the same problem, one after the other, and the medians over the
 rounds are of the processor's time. A solver of our own stays only where it is three times as fast or more accurate.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from benchmarks.performance import rounds_parser, timed
+from geovp_benchmarks.performance import rounds_parser, timed
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust

@@ -1,10 +1,10 @@
 """Points per second of the splat, compared with Open3D's projection and a z-buffer in numpy.
 
-`python -m benchmarks.performance.splat [ROUNDS]`: the cloud of three 256x256 frames with depth, rendered at 20 poses
-ahead. All three render the same points at the same poses, alternately, so that other load slows all of them; CPU time
-of all threads is shown beside wall-clock time. BLAS, which numpy's z-buffer needs, runs on one thread: that is as fast
-for it, and idle BLAS threads would slow the others. The splat renders surfaces, each point as a square of its own size;
-the other two set one pixel per point.
+`python -m geovp_benchmarks.performance.splat [ROUNDS]`: the cloud of three 256x256 frames with depth, rendered at 20
+poses ahead. All three render the same points at the same poses, alternately, so that other load slows all of them;
+CPU time of all threads is shown beside wall-clock time. BLAS, which numpy's z-buffer needs, runs on one thread: that
+is as fast for it, and idle BLAS threads would slow the others. The splat renders surfaces, each point as a square of
+its own size; the other two set one pixel per point.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.performance import Seconds, rounds_parser, timed
+from geovp_benchmarks.performance import Seconds, rounds_parser, timed
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.render import patches

@@ -10,11 +10,11 @@ from typing import Any
 
 import matplotlib.style
 
-from benchmarks import strata
-from benchmarks.plots import horizon, kept_clips, style
-from benchmarks.plots.material import Material, Page
-from benchmarks.progress import Progress, no_progress, tracked
-from benchmarks.store import Results
+from geovp_benchmarks import strata
+from geovp_benchmarks.plots import horizon, kept_clips, style
+from geovp_benchmarks.plots.material import Material, Page
+from geovp_benchmarks.progress import Progress, no_progress, tracked
+from geovp_benchmarks.store import Results
 from geovp_classic.data.atomic import write_bytes
 
 __all__ = ["Page", "figures", "rendered", "write", "write_all"]

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from benchmarks.plots import style
-from benchmarks.statistics import Estimate
+from geovp_benchmarks.plots import style
+from geovp_benchmarks.statistics import Estimate
 from geovp_classic.types import FloatArray
 
 MOST_LINES = 12

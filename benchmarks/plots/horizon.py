@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.compute as pc
 
-from benchmarks import statistics
-from benchmarks.plots import curves, style
-from benchmarks.plots.material import Material, Page, numbered, title
-from benchmarks.store import Cell
+from geovp_benchmarks import statistics
+from geovp_benchmarks.plots import curves, style
+from geovp_benchmarks.plots.material import Material, Page, numbered, title
+from geovp_benchmarks.store import Cell
 
 _Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
 

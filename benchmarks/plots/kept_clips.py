@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pyarrow.compute as pc
 
-from benchmarks.plots import strips, style, trajectories
-from benchmarks.plots.material import Material, Page, numbered, title
-from benchmarks.plots.video import HORIZONS
-from benchmarks.store import Cell
+from geovp_benchmarks.plots import strips, style, trajectories
+from geovp_benchmarks.plots.material import Material, Page, numbered, title
+from geovp_benchmarks.plots.video import HORIZONS
+from geovp_benchmarks.store import Cell
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from benchmarks import tables
-from benchmarks.plots import style
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import tables
+from geovp_benchmarks.plots import style
+from geovp_benchmarks.store import Cell, Results
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.plots import style
-from benchmarks.plots.video import mosaic
+from geovp_benchmarks.plots import style
+from geovp_benchmarks.plots.video import mosaic
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 MOST_ROWS = 10

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.plots import style
+from geovp_benchmarks.plots import style
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 

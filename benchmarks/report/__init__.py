@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from benchmarks import plots, tables
-from benchmarks.progress import Progress, no_progress
-from benchmarks.report import markup, sections
-from benchmarks.store import Results
+from geovp_benchmarks import plots, tables
+from geovp_benchmarks.progress import Progress, no_progress
+from geovp_benchmarks.report import markup, sections
+from geovp_benchmarks.store import Results
 from geovp_classic.data.atomic import write_bytes
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks import plots, tables
-from benchmarks.report.markup import Html, fold, image, joined, table, tag
-from benchmarks.store import Cell
-from benchmarks.table_model import Column, Row, Table
+from geovp_benchmarks import plots, tables
+from geovp_benchmarks.report.markup import Html, fold, image, joined, table, tag
+from geovp_benchmarks.store import Cell
+from geovp_benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
 MEMORY = (

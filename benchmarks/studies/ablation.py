@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.arguments import positive
-from benchmarks.intervals import block_interval
-from benchmarks.progress import Progress
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.intervals import block_interval
+from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Clip, FloatArray, Grant

@@ -14,9 +14,9 @@ import numpy as np
 from scipy import stats
 from scipy.signal import lfilter
 
-from benchmarks.arguments import positive
-from benchmarks.intervals import interval
-from benchmarks.progress import Progress
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.intervals import interval
+from geovp_benchmarks.progress import Progress
 from geovp_classic.types import FloatArray
 
 SIZES = ((36,), (34, 5), (60, 40), (20, 20, 20))  # clips a sequence

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.arguments import positive
-from benchmarks.progress import Progress, tracked
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.progress import Progress, tracked
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
 from geovp_classic.interfaces import DepthSource

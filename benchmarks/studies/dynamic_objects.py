@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.progress import Progress, tracked
-from benchmarks.studies import ablation
-from benchmarks.studies.ablation import METRICS, NUM_PAST, SCORED
+from geovp_benchmarks.progress import Progress, tracked
+from geovp_benchmarks.studies import ablation
+from geovp_benchmarks.studies.ablation import METRICS, NUM_PAST, SCORED
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric

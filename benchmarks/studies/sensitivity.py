@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from benchmarks.arguments import add_row
-from benchmarks.progress import Progress
+from geovp_benchmarks.arguments import add_row
+from geovp_benchmarks.progress import Progress
 from geovp_classic.types import Grant
 
 
@@ -22,10 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The table and the paths of the figures; Incompatible for poses that are not in metres."""
-    from benchmarks import plots
-    from benchmarks.plots import budget as figures
-    from benchmarks.studies.budget import offsets
-    from benchmarks.studies.budget.scores import Subject, score
+    from geovp_benchmarks import plots
+    from geovp_benchmarks.plots import budget as figures
+    from geovp_benchmarks.studies.budget import offsets
+    from geovp_benchmarks.studies.budget.scores import Subject, score
 
     scores = score(Subject.read(chosen, Grant.NONE), offsets.ALL, offsets.predict, progress)
     yield from offsets.table(scores)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.types import Intrinsics
-from learned.methods import check_counts
+from geovp_learned.methods import check_counts
 
 Head = Literal["2d", "3d"]
 

@@ -13,9 +13,9 @@ from torch import Tensor
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Motion, Trajectory
-from learned import checkpoints
-from learned.deepvo.network import Architecture, motions
-from learned.tensors import images_from_frames, reproject, shrink
+from geovp_learned import checkpoints
+from geovp_learned.deepvo.network import Architecture, motions
+from geovp_learned.tensors import images_from_frames, reproject, shrink
 
 
 @dataclass(frozen=True)

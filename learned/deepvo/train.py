@@ -13,10 +13,10 @@ from torch.optim import Optimizer
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
-from learned.deepvo import windows
-from learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
-from learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
-from learned.methods import Batch, Losses, Networks
+from geovp_learned.deepvo import windows
+from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
+from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
+from geovp_learned.methods import Batch, Losses, Networks
 
 VALIDATION_BATCH = 16
 

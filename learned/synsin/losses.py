@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from learned import lpips
-from learned.synsin import splatting
-from learned.tensors import sample_images
+from geovp_learned import lpips
+from geovp_learned.synsin import splatting
+from geovp_learned.tensors import sample_images
 
 SSIM_SHARE = 0.85  # Godard et al. 2019, eq. 2
 C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]

@@ -16,10 +16,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from geovp_classic.errors import BadData
-from learned import methods
-from learned.blocks import NoisyNorm, ResidualBlock, UNet
-from learned.synsin import splatting
-from learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
+from geovp_learned import methods
+from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet
+from geovp_learned.synsin import splatting
+from geovp_learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
 
 COLOURS = 3
 NEAREST_M = 2.0  # the depth network's range is from here to infinity

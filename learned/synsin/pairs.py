@@ -11,9 +11,9 @@ import torch
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
-from learned import tensors
-from learned.methods import Batch
-from learned.tensors import MIRROR, images_from_frames
+from geovp_learned import tensors
+from geovp_learned.methods import Batch
+from geovp_learned.tensors import MIRROR, images_from_frames
 
 
 @dataclass(frozen=True)

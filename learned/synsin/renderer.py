@@ -12,10 +12,10 @@ from torch import Tensor
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Trajectory, Views
-from learned import checkpoints
-from learned.synsin.network import FeatureCloud, Generator
-from learned.synsin.pairs import intrinsics_tensor
-from learned.tensors import frames_from_images, images_from_frames
+from geovp_learned import checkpoints
+from geovp_learned.synsin.network import FeatureCloud, Generator
+from geovp_learned.synsin.pairs import intrinsics_tensor
+from geovp_learned.tensors import frames_from_images, images_from_frames
 
 MIN_OPACITY = 0.1  # of covered pixels
 

@@ -13,14 +13,14 @@ from torch.nn import functional
 from torch.optim import Adam, Optimizer
 
 from geovp_classic.types import Clip
-from learned import methods
-from learned.lpips import Net
-from learned.methods import Batch, Losses, Networks
-from learned.synsin import discriminator, losses, pairs
-from learned.synsin.discriminator import MultiScaleDiscriminator
-from learned.synsin.network import Architecture, Generator
-from learned.synsin.pairs import Example, FramePairs
-from learned.tensors import psnr_db
+from geovp_learned import methods
+from geovp_learned.lpips import Net
+from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.synsin import discriminator, losses, pairs
+from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
+from geovp_learned.synsin.network import Architecture, Generator
+from geovp_learned.synsin.pairs import Example, FramePairs
+from geovp_learned.tensors import psnr_db
 
 
 @dataclass(frozen=True)

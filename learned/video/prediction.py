@@ -11,9 +11,9 @@ from torch import Tensor
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Context, Prediction
-from learned import checkpoints, methods
-from learned.tensors import frames_from_images, stack
-from learned.video.training import resize, unwrapped
+from geovp_learned import checkpoints, methods
+from geovp_learned.tensors import frames_from_images, stack
+from geovp_learned.video.training import resize, unwrapped
 
 PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
 

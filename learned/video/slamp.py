@@ -14,12 +14,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from learned.methods import Losses
-from learned.tensors import sample_images
-from learned.video import svg
-from learned.video.latents import Gaussian, kl_divergence
-from learned.video.svg import RecurrentAutoencoder, Rollout
-from learned.video.training import VideoNetwork, VideoTraining
+from geovp_learned.methods import Losses
+from geovp_learned.tensors import sample_images
+from geovp_learned.video import svg
+from geovp_learned.video.latents import Gaussian, kl_divergence
+from geovp_learned.video.svg import RecurrentAutoencoder, Rollout
+from geovp_learned.video.training import VideoNetwork, VideoTraining
 
 
 @dataclass(frozen=True)

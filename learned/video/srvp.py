@@ -8,11 +8,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from learned import methods
-from learned.methods import Losses
-from learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, last_skips, select_skips
-from learned.video.latents import Gaussian, Lstm, kl_divergence
-from learned.video.training import VideoNetwork, VideoTraining
+from geovp_learned import methods
+from geovp_learned.methods import Losses
+from geovp_learned.video.autoencoder import AutoencoderConfig, Decoder, Encoder, last_skips, select_skips
+from geovp_learned.video.latents import Gaussian, Lstm, kl_divergence
+from geovp_learned.video.training import VideoNetwork, VideoTraining
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ from torch.optim import Adam, Optimizer
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip
-from learned import methods
-from learned.methods import Batch, Losses, Networks
-from learned.tensors import psnr_db, stack
-from learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
+from geovp_learned import methods
+from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.tensors import psnr_db, stack
+from geovp_learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
 
 VALIDATION_BATCH = 8
 NEAR_STEPS = 5

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import built_matrix
+from geovp_benchmarks import built_matrix
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic

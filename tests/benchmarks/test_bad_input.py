@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import cli
-from benchmarks.store import Results
+from geovp_benchmarks import cli
+from geovp_benchmarks.store import Results
 
 FRAMES = 8
 MATRIX = """

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from benchmarks import matrix as matrices
-from benchmarks import scoring, statistics, tables
-from benchmarks.executors import Serial
-from benchmarks.planning import Options
-from benchmarks.run import run
-from benchmarks.scoring import Metrics, ScoringContext, score
-from benchmarks.statistics import Cube
-from benchmarks.store import Results
-from benchmarks.tables import Row
+from geovp_benchmarks import matrix as matrices
+from geovp_benchmarks import scoring, statistics, tables
+from geovp_benchmarks.executors import Serial
+from geovp_benchmarks.planning import Options
+from geovp_benchmarks.run import run
+from geovp_benchmarks.scoring import Metrics, ScoringContext, score
+from geovp_benchmarks.statistics import Cube
+from geovp_benchmarks.store import Results
+from geovp_benchmarks.tables import Row
 from geovp_classic.contracts import street
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.caching import Cache, scene_key
-from benchmarks.profiling import StageProfiler
+from geovp_benchmarks.caching import Cache, scene_key
+from geovp_benchmarks.profiling import StageProfiler
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Trajectory
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import cli
-from benchmarks.store import Results
+from geovp_benchmarks import cli
+from geovp_benchmarks.store import Results
 from geovp_classic import registry
 
 MATRIX = """
@@ -97,7 +97,7 @@ class TestRun:
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr("benchmarks.built_matrix.score", interrupt)
+            patch.setattr("geovp_benchmarks.built_matrix.score", interrupt)
             assert run(tmp_path) == 130
         assert "interrupted" in capsys.readouterr().err
         assert run(tmp_path) == 0
@@ -186,10 +186,10 @@ class TestList:
         assert "  toy-uninstalled [geovp-toys] (needs package_that_nobody_has)" in printed
 
     def test_nothing_is_imported_for_it(self, toys: Path) -> None:
-        heavy = ("cv2", "torch", "open3d", "scipy", "geovp_toys", "learned.lpips")
+        heavy = ("cv2", "torch", "open3d", "scipy", "geovp_toys", "geovp_learned.lpips")
         code = (
             f"import sys; sys.path.insert(0, {str(toys)!r})\n"
-            "from benchmarks import cli; cli.main(['list'])\n"
+            "from geovp_benchmarks import cli; cli.main(['list'])\n"
             f"assert not [name for name in {heavy!r} if name in sys.modules]"
         )
         printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -199,7 +199,7 @@ class TestList:
         code = (
             "import importlib.util as u; find = u.find_spec\n"
             "u.find_spec = lambda name, *more: None if name == 'torch' else find(name, *more)\n"
-            "from benchmarks import cli; cli.main(['list', 'frame_metrics'])"
+            "from geovp_benchmarks import cli; cli.main(['list', 'frame_metrics'])"
         )
         printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
         assert "  lpips (needs extra: learned)" in printed.splitlines()
@@ -242,7 +242,7 @@ def test_help_names_every_verb_and_imports_nothing_heavy() -> None:
     heavy = ("numpy", "cv2", "pyarrow", "matplotlib", "torch", "open3d", "tqdm")
     code = f"""
 import sys
-from benchmarks import cli
+from geovp_benchmarks import cli
 try:
     cli.main(["--help"])
 except SystemExit as end:
@@ -258,7 +258,7 @@ assert not [name for name in {heavy!r} if name in sys.modules]
 def test_studies_are_listed_without_being_imported() -> None:
     code = """
 import sys
-from benchmarks import cli
+from geovp_benchmarks import cli
 try:
     cli.main(["study", "--help"])
 except SystemExit as end:

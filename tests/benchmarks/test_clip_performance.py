@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.performance import clip as benchmark
+from geovp_benchmarks.performance import clip as benchmark
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.pose_sources import Chained
 from geovp_classic.predictors import GeometricPredictor

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from benchmarks import built_matrix, components, tables
-from benchmarks import matrix as matrices
-from benchmarks.cli import main
-from benchmarks.components import code_hash
-from benchmarks.executors import Serial
-from benchmarks.planning import Options
-from benchmarks.run import run
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import built_matrix, components, tables
+from geovp_benchmarks import matrix as matrices
+from geovp_benchmarks.cli import main
+from geovp_benchmarks.components import code_hash
+from geovp_benchmarks.executors import Serial
+from geovp_benchmarks.planning import Options
+from geovp_benchmarks.run import run
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic.predictors import CopyLast
 from geovp_classic.renderers import DepthFusion
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import formats, tables
-from benchmarks.store import Results
-from benchmarks.table_model import Column, Row, best
+from geovp_benchmarks import formats, tables
+from geovp_benchmarks.store import Results
+from geovp_benchmarks.table_model import Column, Row, best
 from geovp_classic.errors import BadData
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 

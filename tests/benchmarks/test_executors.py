@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import executors, matrix
-from benchmarks.planning import Options
-from benchmarks.run import run
-from benchmarks.store import Results
+from geovp_benchmarks import executors, matrix
+from geovp_benchmarks.planning import Options
+from geovp_benchmarks.run import run
+from geovp_benchmarks.store import Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
 

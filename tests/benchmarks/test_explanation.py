@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks import cli
-from benchmarks.store import Results
+from geovp_benchmarks import cli
+from geovp_benchmarks.store import Results
 from tests.benchmarks.test_run import content, go
 
 pytestmark = pytest.mark.usefixtures("toys")

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from benchmarks import intervals
-from benchmarks.studies import coverage
+from geovp_benchmarks import intervals
+from geovp_benchmarks.studies import coverage
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)])

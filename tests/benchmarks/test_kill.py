@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks import cli
-from benchmarks.store import Results
+from geovp_benchmarks import cli
+from geovp_benchmarks.store import Results
 
 MATRIX = """
 [protocol]
@@ -43,7 +43,16 @@ def begin(
 ) -> subprocess.Popen[bytes]:
     path = folder / "m.toml"
     path.write_text(MATRIX.format(sleep_s=sleep_s))
-    command = [sys.executable, "-m", "benchmarks.cli", "run", str(path), "--out", str(folder / "out"), "--no-report"]
+    command = [
+        sys.executable,
+        "-m",
+        "geovp_benchmarks.cli",
+        "run",
+        str(path),
+        "--out",
+        str(folder / "out"),
+        "--no-report",
+    ]
     command += more
     path_variable = os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])
     own = {**os.environ, "PYTHONPATH": path_variable}

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from benchmarks.performance import libraries
+from geovp_benchmarks.performance import libraries
 
 
 @pytest.mark.parametrize("problem", ["triangulation", "resection", "relative_pose", "local_bundle_adjustment"])

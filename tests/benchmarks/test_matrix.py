@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks import matrix
+from geovp_benchmarks import matrix
 from geovp_classic.errors import GeovpError
 
 PROTOCOL = {"dataset": {"name": "synthetic"}, "num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}

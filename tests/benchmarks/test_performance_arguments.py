@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from benchmarks.performance import clip, splat
+from geovp_benchmarks.performance import clip, splat
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.store import Results
+from geovp_benchmarks.store import Results
 
 PROJECT = """
 [build-system]
@@ -74,7 +74,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def geovp(installed: Path, toys: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join([str(installed), str(toys), os.environ.get("PYTHONPATH", "")])
-    command = [sys.executable, "-m", "benchmarks.cli", *arguments]
+    command = [sys.executable, "-m", "geovp_benchmarks.cli", *arguments]
     return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False)
 
 

@@ -12,9 +12,9 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from benchmarks import cli, plausibility, prediction, prediction_files, webcam
-from benchmarks.plots import video
-from benchmarks.prediction_request import PredictionRequest, check_memory, output_size
+from geovp_benchmarks import cli, plausibility, prediction, prediction_files, webcam
+from geovp_benchmarks.plots import video
+from geovp_benchmarks.prediction_request import PredictionRequest, check_memory, output_size
 from geovp_classic import exports
 from geovp_classic.contracts import street
 from geovp_classic.data import pose_files

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import profiling
-from benchmarks.caching import Cache
-from benchmarks.profiling import StageProfiler
+from geovp_benchmarks import profiling
+from geovp_benchmarks.caching import Cache
+from geovp_benchmarks.profiling import StageProfiler
 
 LARGE_MB = 300
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from benchmarks.progress import progress_bar, tracked
+from geovp_benchmarks.progress import progress_bar, tracked
 
 
 def test_an_item_is_done_when_the_next_is_asked_for() -> None:

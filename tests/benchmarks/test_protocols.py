@@ -13,7 +13,7 @@ import pytest
 from scipy.ndimage import uniform_filter
 from scipy.signal import convolve2d
 
-from benchmarks import cli, matrix, protocols, reproduction
+from geovp_benchmarks import cli, matrix, protocols, reproduction
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import ByteArray
@@ -183,7 +183,7 @@ def test_protocols_are_listed_and_nothing_heavy_is_imported_for_it(capsys: pytes
     assert "832x256, 4 seen, the next 5 predicted; 1,337 clips, stride 1" in printed
     assert "t+3 is the mean over the first 3" in printed
     code = (
-        "import sys; from benchmarks import cli; cli.main(['list', 'protocols'])\n"
+        "import sys; from geovp_benchmarks import cli; cli.main(['list', 'protocols'])\n"
         "assert not {'cv2', 'scipy', 'pyarrow'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from benchmarks import formats, tables
-from benchmarks.components import nested, weights_of
-from benchmarks.provenance import id_notes, protocol_id, row_id
-from benchmarks.rescoring import rescore, stored_metrics
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import formats, tables
+from geovp_benchmarks.components import nested, weights_of
+from geovp_benchmarks.provenance import id_notes, protocol_id, row_id
+from geovp_benchmarks.rescoring import rescore, stored_metrics
+from geovp_benchmarks.store import Cell, Results
 from tests.benchmarks.test_run import content, go
 
 PSNR = {"role": "frame", "asked": {"name": "psnr"}, "unit": "dB", "definition": "RGB jointly", "unavailable": None}

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli, protocols, reproduction, statistics
-from benchmarks.store import Results
+from geovp_benchmarks import cli, protocols, reproduction, statistics
+from geovp_benchmarks.store import Results
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.types import Clip
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pytest
 
-from benchmarks import cli, reproduction
-from benchmarks.store import Results
+from geovp_benchmarks import cli, reproduction
+from geovp_benchmarks.store import Results
 from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import write_kitti
 

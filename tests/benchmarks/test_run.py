@@ -11,12 +11,12 @@ import numpy as np
 import pyarrow.compute as pc
 import pytest
 
-from benchmarks import matrix as matrix_module
-from benchmarks import profiling, tables
-from benchmarks.executors import Executor, Processes, Serial
-from benchmarks.planning import Options
-from benchmarks.run import run
-from benchmarks.store import Cell, Results
+from geovp_benchmarks import matrix as matrix_module
+from geovp_benchmarks import profiling, tables
+from geovp_benchmarks.executors import Executor, Processes, Serial
+from geovp_benchmarks.planning import Options
+from geovp_benchmarks.run import run
+from geovp_benchmarks.store import Cell, Results
 from geovp_classic.errors import BadData, GeovpError
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}

@@ -9,10 +9,10 @@ import pyarrow.compute as pc
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks import matrix
-from benchmarks.metric_set import MetricSet
-from benchmarks.scoring import Metrics, ScoringContext, score
-from benchmarks.tables import title
+from geovp_benchmarks import matrix
+from geovp_benchmarks.metric_set import MetricSet
+from geovp_benchmarks.scoring import Metrics, ScoringContext, score
+from geovp_benchmarks.tables import title
 from geovp_classic.errors import GeovpError
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr

@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from benchmarks import cli, matrix
-from benchmarks.selection import Ranking, Selection
-from benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks import cli, matrix
+from geovp_benchmarks.selection import Ranking, Selection
+from geovp_benchmarks.store import SCORES, Part, Results
 from geovp_classic.errors import BadData
 
 PSNR = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pyarrow as pa
 
-from benchmarks import statistics
-from benchmarks.store import SCORES
+from geovp_benchmarks import statistics
+from geovp_benchmarks.store import SCORES
 
 NAN = float("nan")
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from benchmarks.store import METADATA_KEY, SCORES, Part, Results, write_bytes
+from geovp_benchmarks.store import METADATA_KEY, SCORES, Part, Results, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 

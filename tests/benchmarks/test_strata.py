@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from benchmarks import cli, plots, strata, tables
-from benchmarks.rescoring import rescore, stored_metrics
-from benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks import cli, plots, strata, tables
+from geovp_benchmarks.rescoring import rescore, stored_metrics
+from geovp_benchmarks.store import SCORES, Part, Results
 from geovp_classic.errors import BadData
 
 FACTS: dict[str, dict[str, float]] = {

@@ -8,8 +8,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from benchmarks import cli, formats, tables
-from benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks import cli, formats, tables
+from geovp_benchmarks.store import SCORES, Part, Results
 
 DONE = {"kind": "predictor", "grants": [], "num_samples": 1, "seconds": {}, "components": {}, "fingerprint": "f"}
 METRICS = {

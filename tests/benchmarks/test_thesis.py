@@ -6,8 +6,8 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from benchmarks import cli, matrix, thesis
-from benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks import cli, matrix, thesis
+from geovp_benchmarks.store import SCORES, Part, Results
 
 VO = {"name": "chained", "odometry": {"name": "monocular"}}
 GT = {"name": "ground-truth"}

@@ -143,11 +143,16 @@ def test_a_strictly_typed_script_outside_finds_the_types_of_the_wheel(tmp_path: 
         shutil.copy(ROOT / name, source / name)
     for package in ("geovp_classic", "learned", "benchmarks"):
         shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__", "weights"))
+    shutil.copytree(ROOT / "src", source / "src", symlinks=True)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(environment)], check=True)
     site = environment / "lib" / f"python{sysconfig.get_python_version()}" / "site-packages"
     (site / "libraries.pth").write_text("\n".join(path for path in sys.path if path.endswith("site-packages")))
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*command, "--target", str(site), str(source)], check=True, cwd=tmp_path)
+    installed = {path.name for path in site.iterdir() if path.is_dir() and not path.name.endswith(".dist-info")} - {
+        "bin"
+    }
+    assert installed == {"geovp_classic", "geovp_benchmarks", "geovp_learned"}
     (tmp_path / "script.py").write_text(SCRIPT)
     mypy = [sys.executable, "-m", "mypy", "--strict", "--python-executable", str(environment / "bin/python")]
     done = subprocess.run([*mypy, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)

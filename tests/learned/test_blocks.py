@@ -2,7 +2,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: networks need the extra 'learned'")
 
-from learned.blocks import NoisyNorm, ResidualBlock, UNet  # noqa: E402
+from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet  # noqa: E402
 
 
 @pytest.mark.parametrize(("resample", "side"), [("keep", 8), ("up", 16), ("down", 4)])

@@ -12,7 +12,7 @@ from torch import nn  # noqa: E402
 
 from geovp_classic import registry  # noqa: E402
 from geovp_classic.errors import BadData  # noqa: E402
-from learned import checkpoints  # noqa: E402
+from geovp_learned import checkpoints  # noqa: E402
 
 
 @dataclass(frozen=True)

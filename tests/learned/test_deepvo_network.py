@@ -10,9 +10,9 @@ torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO need
 
 from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.errors import BadData, Incompatible  # noqa: E402
-from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
-from learned.deepvo.train import DeepVoTraining  # noqa: E402
-from learned.deepvo.windows import NO_AUGMENTATION  # noqa: E402
+from geovp_learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
+from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_learned.deepvo.windows import NO_AUGMENTATION  # noqa: E402
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
 
@@ -99,7 +99,7 @@ def test_a_fixed_window_refuses_what_it_was_not_built_for(num_past: int, num_fut
 def test_long_videos_go_through_the_encoder_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     net, seen = network(), images(9)
     whole = net.encode(seen)
-    monkeypatch.setattr("learned.deepvo.network.PAIRS_AT_ONCE", 3)
+    monkeypatch.setattr("geovp_learned.deepvo.network.PAIRS_AT_ONCE", 3)
     torch.testing.assert_close(net.encode(seen), whole)
 
 

@@ -12,10 +12,10 @@ from geovp_classic import registry  # noqa: E402
 from geovp_classic.contracts import check, street  # noqa: E402
 from geovp_classic.errors import BadData, Incompatible  # noqa: E402
 from geovp_classic.types import Context, Grant  # noqa: E402
-from learned import checkpoints  # noqa: E402
-from learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
-from learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images  # noqa: E402
-from learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_learned import checkpoints  # noqa: E402
+from geovp_learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
+from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images  # noqa: E402
+from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
 

@@ -6,14 +6,14 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
 
 from geovp_classic.geometry import planar, se3  # noqa: E402
-from learned.deepvo.network import (  # noqa: E402
+from geovp_learned.deepvo.network import (  # noqa: E402
     Architecture,
     chained,
     coordinates,
     motions,
     squared_errors,
 )
-from learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
 
 QUARTER = np.pi / 2
 

@@ -11,10 +11,10 @@ from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.errors import BadData  # noqa: E402
 from geovp_classic.geometry import planar, se3  # noqa: E402
 from geovp_classic.types import FloatArray  # noqa: E402
-from learned.deepvo import windows  # noqa: E402
-from learned.deepvo.network import Architecture  # noqa: E402
-from learned.deepvo.train import DeepVoTraining  # noqa: E402
-from learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window  # noqa: E402
+from geovp_learned.deepvo import windows  # noqa: E402
+from geovp_learned.deepvo.network import Architecture  # noqa: E402
+from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window  # noqa: E402
 
 CAMERA = Architecture(size_px=(64, 64), focal_widths=1.5).camera
 DRIVE = windows.read(street.clip(), CAMERA)

@@ -5,7 +5,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
 from torch import nn  # noqa: E402
 
-from learned.schedules import averaged_model  # noqa: E402
+from geovp_learned.schedules import averaged_model  # noqa: E402
 
 
 def test_first_the_plain_mean_then_one_that_forgets() -> None:

@@ -16,13 +16,13 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed: LPIPS needs the extra 'learned'")
 from torch import Tensor, nn  # noqa: E402
 
-from benchmarks.scoring import ManyMasks  # noqa: E402
+from geovp_benchmarks.scoring import ManyMasks  # noqa: E402
 from geovp_classic import registry  # noqa: E402
 from geovp_classic.errors import BadData, MissingExtra  # noqa: E402
 from geovp_classic.interfaces import FrameMetric  # noqa: E402
 from geovp_classic.types import ByteArray, FloatArray  # noqa: E402
-from learned import lpips  # noqa: E402
-from learned.lpips import Lpips, Net  # noqa: E402
+from geovp_learned import lpips  # noqa: E402
+from geovp_learned.lpips import Lpips, Net  # noqa: E402
 
 NETS = get_args(Net)
 ALEX_WIDTHS = {0: (3, 6, 11), 3: (6, 5, 5), 6: (5, 7, 3), 8: (7, 4, 3), 10: (4, 4, 3)}  # in, out, kernel

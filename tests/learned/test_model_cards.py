@@ -9,8 +9,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed: weights nee
 from torch import nn  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
-from learned import checkpoints, model_cards, training_log  # noqa: E402
-from learned.__main__ import main  # noqa: E402
+from geovp_learned import checkpoints, model_cards, training_log  # noqa: E402
+from geovp_learned.__main__ import main  # noqa: E402
 
 HISTORY = {
     "train": [{"name": "kitti", "split": "train", "split_hash": "abc123"}, {"name": "synthetic", "seed": 7}],
@@ -95,7 +95,7 @@ def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
 def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(name: str) -> None:
     folder = Path(model_cards.__file__).parent / "weights"
     text = model_cards.model_card(folder / f"{name}.safetensors", Path(f"{name}-small"))
-    assert f"    python -m learned train {name} {name}-small\n" in text
+    assert f"    python -m geovp_learned train {name} {name}-small\n" in text
     assert (folder / f"{name}.md").read_text().startswith(text.partition("## Licence")[0])
 
 

@@ -21,10 +21,10 @@ from torch.optim import Optimizer  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
 from geovp_classic.types import Clip, Intrinsics  # noqa: E402
-from learned import checkpoints, training  # noqa: E402
-from learned.methods import Batch, Losses, Networks  # noqa: E402
-from learned.schedules import batch_indices, learning_rate_factor  # noqa: E402
-from learned.training_config import Training, TrainingConfig  # noqa: E402
+from geovp_learned import checkpoints, training  # noqa: E402
+from geovp_learned.methods import Batch, Losses, Networks  # noqa: E402
+from geovp_learned.schedules import batch_indices, learning_rate_factor  # noqa: E402
+from geovp_learned.training_config import Training, TrainingConfig  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,9 @@ SETTINGS = Training(
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data set has no entry point; describe it all the same."""
-    monkeypatch.setattr("learned.training_config.describe", lambda datasets: [{"name": each.name} for each in datasets])
+    monkeypatch.setattr(
+        "geovp_learned.training_config.describe", lambda datasets: [{"name": each.name} for each in datasets]
+    )
 
 
 def config(settings: Training = SETTINGS, method: LineTraining | None = None) -> TrainingConfig:

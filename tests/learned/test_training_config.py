@@ -11,9 +11,9 @@ torch = pytest.importorskip("torch", reason="torch is not installed: training ne
 
 from geovp_classic.data.synthetic.dataset import Synthetic  # noqa: E402
 from geovp_classic.errors import BadData, GeovpError, UnknownComponent  # noqa: E402
-from learned import training_config  # noqa: E402
-from learned.__main__ import main  # noqa: E402
-from learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_learned import training_config  # noqa: E402
+from geovp_learned.__main__ import main  # noqa: E402
+from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
 
 CONFIG = """
 [method]
@@ -159,7 +159,7 @@ class Absent:
         if name.partition(".")[0] in ("open3d", "pycolmap", "filterpy", "skimage", "numba", "pyarrow", "torchvision"):
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Absent())
-from learned.__main__ import main
+from geovp_learned.__main__ import main
 sys.exit(main({command!r}))
 """
     done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, check=False)
@@ -170,7 +170,9 @@ def test_two_processes_learn_as_one(tmp_path: Path, kitti: Path) -> None:
     """Distributed data parallel on the CPU: one log and one state, from batches of two in each of two processes."""
     both = CONFIG.replace('accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"')
     command = ["train", "deepvo", str(written(tmp_path, both)), "--root", str(kitti), "--out", str(tmp_path / "run")]
-    done = subprocess.run([sys.executable, "-m", "learned", *command], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "geovp_learned", *command], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("finished after 4 steps") == 1
     rows = (tmp_path / "run" / "log.csv").read_text().splitlines()

@@ -2,7 +2,7 @@
 
 Upwards: the forecast with one stage true. One by one: stage after stage, from the forecast to the truth, so that the
 changes add up. Downwards: all stages true but one. All are paired differences over clips with intervals from a block
-bootstrap. What the stages mean: `benchmarks.studies.budget.poses` and `.images`.
+bootstrap. What the stages mean: `geovp_benchmarks.studies.budget.poses` and `.images`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from benchmarks.arguments import add_row
-from benchmarks.progress import Progress
+from geovp_benchmarks.arguments import add_row
+from geovp_benchmarks.progress import Progress
 from geovp_classic.types import Grant
 
 
@@ -24,10 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The tables and the paths of the figures; BadData for a row that has no stages."""
-    from benchmarks import plots
-    from benchmarks.plots import budget as figures
-    from benchmarks.studies.budget import stages
-    from benchmarks.studies.budget.scores import Subject
+    from geovp_benchmarks import plots
+    from geovp_benchmarks.plots import budget as figures
+    from geovp_benchmarks.studies.budget import stages
+    from geovp_benchmarks.studies.budget.scores import Subject
 
     subject = Subject.read(chosen, Grant.RIGHT_FRAMES if chosen.stereo else Grant.NONE)
     budget = stages.measure(subject, progress)

@@ -9,10 +9,10 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from benchmarks import intervals, matrix
-from benchmarks.intervals import Interval
-from benchmarks.matrix import Matrix
-from benchmarks.progress import Progress
+from geovp_benchmarks import intervals, matrix
+from geovp_benchmarks.intervals import Interval
+from geovp_benchmarks.matrix import Matrix
+from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import Dataset, FrameMetric

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from benchmarks.intervals import KIND, Interval
-from benchmarks.progress import Progress
-from benchmarks.studies.budget.images import ALL_STAGES, DEPTH, MIN_SEEN, MOVING, ClipImages, with_true_depth
-from benchmarks.studies.budget.poses import ClipMotions, OraclePoses, Oracles
-from benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, score, text
+from geovp_benchmarks.intervals import KIND, Interval
+from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.studies.budget.images import ALL_STAGES, DEPTH, MIN_SEEN, MOVING, ClipImages, with_true_depth
+from geovp_benchmarks.studies.budget.poses import ClipMotions, OraclePoses, Oracles
+from geovp_benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, score, text
 from geovp_classic.types import Clip
 
 NONE: Oracles = frozenset()

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.progress import Progress
+from geovp_benchmarks.progress import Progress
 
 TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
 
@@ -51,7 +51,7 @@ def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
 
 
 def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from benchmarks.studies.forecasting import evaluation
+    from geovp_benchmarks.studies.forecasting import evaluation
     from geovp_classic.errors import UnknownComponent
 
     forecasters = evaluation.forecasters(chosen.coefficients)
@@ -68,7 +68,7 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
 
 def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from benchmarks.studies.forecasting.evaluation import read_windows
+    from geovp_benchmarks.studies.forecasting.evaluation import read_windows
     from geovp_classic.forecasting.fitting import kalman_noise
 
     windows = read_windows(chosen.poses, chosen.sequences, stride=40)
@@ -85,7 +85,7 @@ def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]
 def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     import numpy as np
 
-    from benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
     from geovp_classic.forecasting.fitting import prior
 
     train, others = (read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate))
@@ -98,7 +98,7 @@ def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     import numpy as np
 
-    from benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
     from geovp_classic.forecasting.fitting import body_motion
 
     coefficients = body_motion.fit(read_sequences(chosen.poses, chosen.sequences))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.distance import pdist
 
-from benchmarks.progress import Progress, no_progress
+from geovp_benchmarks.progress import Progress, no_progress
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.body_motion import over_plane

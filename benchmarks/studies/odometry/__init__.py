@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.arguments import add_settings, positive, settings
-from benchmarks.progress import Progress
+from geovp_benchmarks.arguments import add_settings, positive, settings
+from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 
 
@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Files and their drift, or with `--clips` a table of errors a step; BadData for one frame a clip."""
-    from benchmarks.formats import columns
-    from benchmarks.studies.odometry import clips, paths
+    from geovp_benchmarks.formats import columns
+    from geovp_benchmarks.studies.odometry import clips, paths
 
     spec = {"name": chosen.odometry, **settings(chosen)}
     camera: dict[str, Any] = {} if chosen.camera is None else {"camera": chosen.camera}

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.progress import Progress
+from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3

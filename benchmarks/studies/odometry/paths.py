@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.plots import style
-from benchmarks.progress import Progress
+from geovp_benchmarks.plots import style
+from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.atomic import atomic_write

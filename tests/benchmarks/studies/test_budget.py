@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli, matrix
-from benchmarks.intervals import Interval
-from benchmarks.progress import no_progress
-from benchmarks.studies.budget import offsets, stages
-from benchmarks.studies.budget.images import ClipImages, log_gain, with_true_depth
-from benchmarks.studies.budget.offsets import Offset
-from benchmarks.studies.budget.poses import ClipMotions
-from benchmarks.studies.budget.scores import Scores, Subject, find_row, score, text
-from benchmarks.studies.budget.stages import NONE, Budget
+from geovp_benchmarks import cli, matrix
+from geovp_benchmarks.intervals import Interval
+from geovp_benchmarks.progress import no_progress
+from geovp_benchmarks.studies.budget import offsets, stages
+from geovp_benchmarks.studies.budget.images import ClipImages, log_gain, with_true_depth
+from geovp_benchmarks.studies.budget.offsets import Offset
+from geovp_benchmarks.studies.budget.poses import ClipMotions
+from geovp_benchmarks.studies.budget.scores import Scores, Subject, find_row, score, text
+from geovp_benchmarks.studies.budget.stages import NONE, Budget
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import BadData, Incompatible

@@ -5,7 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from benchmarks.studies.budget.poses import COMPONENTS, PAST, SCALE, ClipMotions, OraclePoses, along, mixed, with_past
+from geovp_benchmarks.studies.budget.poses import (
+    COMPONENTS,
+    PAST,
+    SCALE,
+    ClipMotions,
+    OraclePoses,
+    along,
+    mixed,
+    with_past,
+)
 from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.geometry import planar, se3

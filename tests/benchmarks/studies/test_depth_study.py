@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from benchmarks import cli
-from benchmarks.studies import depth
+from geovp_benchmarks import cli
+from geovp_benchmarks.studies import depth
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3

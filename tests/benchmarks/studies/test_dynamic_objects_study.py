@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli
-from benchmarks.studies import dynamic_objects
-from benchmarks.studies.dynamic_objects import ClipScores
+from geovp_benchmarks import cli
+from geovp_benchmarks.studies import dynamic_objects
+from geovp_benchmarks.studies.dynamic_objects import ClipScores
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import BadData
 from geovp_classic.metrics.image import Psnr

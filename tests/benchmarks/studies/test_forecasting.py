@@ -8,9 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli
-from benchmarks.studies.forecasting import evaluation
-from benchmarks.studies.forecasting.evaluation import OdometryNoise, cut, energy_score, highest_density_rank, measure
+from geovp_benchmarks import cli
+from geovp_benchmarks.studies.forecasting import evaluation
+from geovp_benchmarks.studies.forecasting.evaluation import (
+    OdometryNoise,
+    cut,
+    energy_score,
+    highest_density_rank,
+    measure,
+)
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, Hold

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli
-from benchmarks.studies.odometry import clips
+from geovp_benchmarks import cli
+from geovp_benchmarks.studies.odometry import clips
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, Clip, Context, Grant, Intrinsics, Trajectory

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import cli
+from geovp_benchmarks import cli
 from geovp_classic.data import pose_files
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks.store import SCORES, Part, Results
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
 PAST, FUTURE, SIDE = 3, 6, 16

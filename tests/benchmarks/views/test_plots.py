@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from PIL import Image
 
-from benchmarks import plots
-from benchmarks.plots import Page, curves, strips, style, trajectories
-from benchmarks.statistics import Estimate
-from benchmarks.store import Results
+from geovp_benchmarks import plots
+from geovp_benchmarks.plots import Page, curves, strips, style, trajectories
+from geovp_benchmarks.statistics import Estimate
+from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import plots, report, tables
-from benchmarks.report import markup, sections
-from benchmarks.store import Results
+from geovp_benchmarks import plots, report, tables
+from geovp_benchmarks.report import markup, sections
+from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from benchmarks.scoring import ManyMasks
+from geovp_benchmarks.scoring import ManyMasks
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric

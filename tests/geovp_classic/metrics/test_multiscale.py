@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate
 
-from benchmarks.scoring import ManyMasks
+from geovp_benchmarks.scoring import ManyMasks
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric

@@ -11,8 +11,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed: SynSin need
 from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.geometry import pinhole  # noqa: E402
 from geovp_classic.types import Clip  # noqa: E402
-from learned.synsin.network import Architecture  # noqa: E402
-from learned.synsin.train import SynSinTraining, Weights  # noqa: E402
+from geovp_learned.synsin.network import Architecture  # noqa: E402
+from geovp_learned.synsin.train import SynSinTraining, Weights  # noqa: E402
 
 SIZE_PX = (32, 32)
 

@@ -2,9 +2,9 @@ import pytest
 import torch
 
 from geovp_classic.errors import BadData
-from learned.synsin import discriminator
-from learned.synsin.discriminator import MultiScaleDiscriminator
-from learned.synsin.train import SynSinTraining
+from geovp_learned.synsin import discriminator
+from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
+from geovp_learned.synsin.train import SynSinTraining
 
 
 def scale(*scores: float) -> list[torch.Tensor]:

@@ -6,10 +6,10 @@ import torch
 
 from geovp_classic.errors import MissingExtra
 from geovp_classic.types import Clip
-from learned.lpips import WEIGHTS_VARIABLE, Lpips, Net
-from learned.synsin import losses, pairs
-from learned.synsin.pairs import Example
-from learned.tensors import images_from_frames, psnr_db, sample_images
+from geovp_learned.lpips import WEIGHTS_VARIABLE, Lpips, Net
+from geovp_learned.synsin import losses, pairs
+from geovp_learned.synsin.pairs import Example
+from geovp_learned.tensors import images_from_frames, psnr_db, sample_images
 
 
 def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:

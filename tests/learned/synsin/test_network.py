@@ -5,11 +5,11 @@ from torch import Tensor
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
-from learned.synsin import network, pairs
-from learned.synsin.network import Architecture, Generator
-from learned.synsin.splatting import pull_push
-from learned.synsin.train import SynSinTraining
-from learned.tensors import images_from_frames
+from geovp_learned.synsin import network, pairs
+from geovp_learned.synsin.network import Architecture, Generator
+from geovp_learned.synsin.splatting import pull_push
+from geovp_learned.synsin.train import SynSinTraining
+from geovp_learned.tensors import images_from_frames
 
 STILL = torch.eye(4)[None, None]
 

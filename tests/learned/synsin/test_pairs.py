@@ -7,8 +7,8 @@ import torch
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Clip
-from learned.synsin import pairs
-from learned.synsin.pairs import Example, FramePairs
+from geovp_learned.synsin import pairs
+from geovp_learned.synsin.pairs import Example, FramePairs
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from geovp_classic.contracts import checks, street
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, Grant, Trajectory
-from learned import checkpoints
-from learned.synsin import pairs
-from learned.synsin.network import Generator
-from learned.synsin.renderer import SynSin
-from learned.synsin.train import SynSinTraining
+from geovp_learned import checkpoints
+from geovp_learned.synsin import pairs
+from geovp_learned.synsin.network import Generator
+from geovp_learned.synsin.renderer import SynSin
+from geovp_learned.synsin.train import SynSinTraining
 
 NUM_PAST = 6
 

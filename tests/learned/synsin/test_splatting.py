@@ -3,8 +3,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from learned.synsin import splatting
-from learned.synsin.splatting import Blending, Splatter
+from geovp_learned.synsin import splatting
+from geovp_learned.synsin.splatting import Blending, Splatter
 
 SIZE_PX = (9, 11)
 CAMERA = torch.tensor([[12.0, 10.0, 5.0, 4.0]], dtype=torch.float64)  # fx, fy, cx, cy

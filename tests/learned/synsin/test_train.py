@@ -9,11 +9,11 @@ from torch import nn
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
-from learned import training_config
-from learned.methods import Losses
-from learned.synsin import pairs
-from learned.synsin.pairs import Example
-from learned.synsin.train import SynSinTraining, Weights
+from geovp_learned import training_config
+from geovp_learned.methods import Losses
+from geovp_learned.synsin import pairs
+from geovp_learned.synsin.pairs import Example
+from geovp_learned.synsin.train import SynSinTraining, Weights
 
 
 def trained(

@@ -11,12 +11,12 @@ from torch import Tensor  # noqa: E402
 
 from geovp_classic.contracts import street  # noqa: E402
 from geovp_classic.types import ByteArray  # noqa: E402
-from learned.video import slamp, srvp, svg, training  # noqa: E402
-from learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from learned.video.slamp import SlampTraining  # noqa: E402
-from learned.video.srvp import SrvpTraining  # noqa: E402
-from learned.video.svg import SvgTraining  # noqa: E402
-from learned.video.training import VideoTraining  # noqa: E402
+from geovp_learned.video import slamp, srvp, svg, training  # noqa: E402
+from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
+from geovp_learned.video.slamp import SlampTraining  # noqa: E402
+from geovp_learned.video.srvp import SrvpTraining  # noqa: E402
+from geovp_learned.video.svg import SvgTraining  # noqa: E402
+from geovp_learned.video.training import VideoTraining  # noqa: E402
 
 CODING = AutoencoderConfig(style="dcgan", size_px=16, width=8, code_size=16)
 NUM_PAST, NUM_FUTURE = 3, 3

@@ -4,14 +4,14 @@ import pytest
 import torch
 
 from geovp_classic.errors import BadData
-from learned.video.autoencoder import (
+from geovp_learned.video.autoencoder import (
     AutoencoderConfig,
     Decoder,
     Encoder,
     last_skips,
     select_skips,
 )
-from learned.video.training import VideoNetwork
+from geovp_learned.video.training import VideoNetwork
 
 
 @pytest.mark.parametrize("style", ["dcgan", "vgg"])

@@ -4,7 +4,7 @@ import math
 
 import torch
 
-from learned.video.latents import Gaussian, Lstm, expand_state, kl_divergence
+from geovp_learned.video.latents import Gaussian, Lstm, expand_state, kl_divergence
 
 
 def test_equal_gaussians_are_zero_apart() -> None:

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="peak memory is 
 
 PROGRAM = """
 import numpy as np
-from benchmarks import profiling
+from geovp_benchmarks import profiling
 from geovp_classic import registry
 from geovp_classic.types import Context, Intrinsics
 

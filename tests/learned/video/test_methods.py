@@ -11,10 +11,10 @@ from torch import Tensor, nn
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
-from learned import training_config
-from learned.video import training
-from learned.video.slamp import Output as SlampOutput
-from learned.video.training import VideoTraining, unwrapped
+from geovp_learned import training_config
+from geovp_learned.video import training
+from geovp_learned.video.slamp import Output as SlampOutput
+from geovp_learned.video.training import VideoTraining, unwrapped
 
 PAST, FUTURE = 3, 3
 

@@ -12,10 +12,10 @@ from geovp_classic.contracts import check, street
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.types import Context, Grant
-from learned import checkpoints
-from learned.checkpoints import shipped
-from learned.video.prediction import VideoPredictor, noise_of
-from learned.video.training import VideoTraining
+from geovp_learned import checkpoints
+from geovp_learned.checkpoints import shipped
+from geovp_learned.video.prediction import VideoPredictor, noise_of
+from geovp_learned.video.training import VideoTraining
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed: SRVP needs 
 from torch import Tensor, nn  # noqa: E402
 
 from geovp_classic.errors import BadData  # noqa: E402
-from learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from learned.video.srvp import Architecture, SrvpNetwork, SrvpTraining  # noqa: E402
+from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
+from geovp_learned.video.srvp import Architecture, SrvpNetwork, SrvpTraining  # noqa: E402
 
 ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, 2, state_size=3, latent_size=2, content_size=4)
 

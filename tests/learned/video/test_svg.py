@@ -6,9 +6,9 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: SVG needs the extra 'learned'")
 
-from learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from learned.video.latents import kl_divergence  # noqa: E402
-from learned.video.svg import Architecture, Output, SvgNetwork, SvgTraining  # noqa: E402
+from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
+from geovp_learned.video.latents import kl_divergence  # noqa: E402
+from geovp_learned.video.svg import Architecture, Output, SvgNetwork, SvgTraining  # noqa: E402
 
 ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2)
 

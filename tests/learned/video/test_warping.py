@@ -4,7 +4,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: SLAMP needs the extra 'learned'")
 
-from learned.video.slamp import warp  # noqa: E402
+from geovp_learned.video.slamp import warp  # noqa: E402
 
 
 def steps(right_px: float, down_px: float) -> "torch.Tensor":

@@ -3,8 +3,8 @@
 import numpy as np
 
 from geovp_classic.types import Clip, Intrinsics
-from learned.video import training
-from learned.video.svg import SvgTraining
+from geovp_learned.video import training
+from geovp_learned.video.svg import SvgTraining
 
 
 def clip(num_frames: int) -> Clip:
