@@ -121,7 +121,11 @@ def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
 
 def scan_tum(path: Path) -> tuple[PoseTable, list[Finding]]:
     """The good rows of a TUM file, and the errors of the others."""
-    rows, findings = _scan_rows(path, "poses", (8,), "8 (TUM: t x y z qx qy qz qw)")
+    return quaternion_table(path, *_scan_rows(path, "poses", (8,), "8 (TUM: t x y z qx qy qz qw)"))
+
+
+def quaternion_table(path: Path, rows: list[Row], findings: list[Finding]) -> tuple[PoseTable, list[Finding]]:
+    """The good ones of rows t x y z qx qy qz qw, and the errors of the others after the findings so far."""
     numbers = np.array([row.numbers for row in rows]).reshape(-1, 8)
     length = np.linalg.norm(numbers[:, 4:], axis=1)
     is_unit = np.abs(length - 1) < ROTATION_TOLERANCE
