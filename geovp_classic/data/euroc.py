@@ -1,4 +1,4 @@
-"""Clips of EuRoC MAV (Burri et al. 2016), or of anything in the ASL layout, such as TUM VI.
+"""Clips of EuRoC MAV (Burri et al. 2016), or of anything in the ASL layout.
 
 A sequence is a folder with `mav0/camK/{data.csv, sensor.yaml, data/*.png}` and, if poses are known, data.csv in
 `mav0/state_groundtruth_estimate0` or `mav0/mocap0`: time in ns, position and quaternion (w first) of world_from_body.

@@ -78,7 +78,7 @@ def errors(odometry: Odometry, clip: Clip, num_past: int) -> StepErrors:
     lengths, our_lengths = (np.linalg.norm(steps[:, :3, 3], axis=-1) for steps in (truth, ours))
     cosine = (truth[:, :3, 3] * ours[:, :3, 3]).sum(axis=-1) / np.maximum(lengths * our_lengths, 1e-12)
     direction_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    has_length = estimate.is_metric and lengths.sum() > MIN_STEP_M
+    has_length = estimate.is_metric and clip.trajectory.is_metric and lengths.sum() > MIN_STEP_M
     return StepErrors(
         tracked[1:],
         np.degrees(se3.rotation_angle_rad(se3.inverse(truth) @ ours)),

@@ -78,7 +78,7 @@ def write(tracked: Tracked, folder: Path) -> list[Path]:
 
 
 def _row(estimate: Trajectory, truth: Trajectory, how: drift.Alignment) -> tuple[str, ...]:
-    if not estimate.is_metric and how in ("origin", "se3"):
+    if not (estimate.is_metric and truth.is_metric) and how in ("origin", "se3"):
         return (how, *["no metric scale"] * (len(COLUMNS) - 1))
     try:
         aligned = drift.aligned(estimate, truth, how)

@@ -80,7 +80,7 @@ def test_colmap_counts_pixels_from_the_corner() -> None:
 
 
 def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
-    """A corner at radius r of the view comes from r (1 + 0.1 r^2) of the image, which ends at 160 px from the centre."""
+    """A corner at radius r of the view comes from r (1 + 0.1 r^2) of the image, which ends 160 px off the centre."""
     camera = DistortedCamera.of("OPENCV", (F, F, 159.5, 119.5), (0.1, 0.0, 0.0, 0.0), SIZE_PX)
     view = undistortion.common_pinhole([camera], Path("here"))
 
@@ -90,7 +90,7 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
         return F * 159.5 / focal_px * (1 + 0.1 * squared)
 
     assert source_px(view.fx_px) <= 160 < source_px(view.fx_px / 1.011)
-    white = undistortion.undistorted(np.full((240, 320, 3), 255, np.uint8), camera, view)
+    white = undistortion.undistorted(np.full((240, 320), 255, np.uint8), camera, view)
     assert white.min() == 255
 
 
