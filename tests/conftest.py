@@ -165,7 +165,7 @@ def write_euroc() -> Callable[..., Path]:
             if clip.trajectory is not None:
                 world_from_body = clip.trajectory.world_from_cam[step] @ np.linalg.inv(BODY_FROM_CAM)
                 x, y, z, w = _quaternion(world_from_body)
-                numbers = ",".join(f"{number:.9f}" for number in [*world_from_body[:3, 3], w, x, y, z, 0, 0, 0])
+                numbers = ",".join(f"{number:.9f}" for number in [*world_from_body[:3, 3], w, x, y, z, *[0] * 9])
                 poses += [f"{stamp},{numbers}", f"{stamp + 2_000_000},{numbers}"]
         (cam / "data.csv").write_text("\r\n".join(images) + "\r\n")
         if clip.trajectory is not None:

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from geovp_classic.data import calibration_files, pose_files, posed_sequences
-from geovp_classic.data.findings import Finding, error
-from geovp_classic.data.pose_files import Row
-from geovp_classic.data.posed_sequences import PosedSequences, Scanned, matched
+from geovp_classic.data.findings import error
+from geovp_classic.data.posed_sequences import PosedSequences, Scanned, matched, scan_list
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -60,9 +59,9 @@ def scan(folder: Path, camera: int = 0, max_difference_s: float = MAX_DIFFERENCE
     if not cam.is_dir():
         there = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
         return Scanned((), np.zeros(0), (), (error(cam, None, f"does not exist: mav0 has {there}"),))
-    stamps_ns, images, findings = _scan_images(cam / "data.csv")
-    start_ns = stamps_ns[0] if stamps_ns else 0
-    times_s = np.array([(stamp - start_ns) / 1e9 for stamp in stamps_ns])
+    stamps_ns, images, findings = scan_list(cam / "data.csv", cam / "data", ",")
+    start_ns = float(stamps_ns[0]) if images else 0.0
+    times_s = (stamps_ns - start_ns) / 1e9
     try:
         lens, body_from_cam = read_sensor(cam / "sensor.yaml")
     except BadData as problem:
@@ -71,7 +70,7 @@ def scan(folder: Path, camera: int = 0, max_difference_s: float = MAX_DIFFERENCE
     poses = None
     for path in (folder / "mav0" / name / "data.csv" for name in POSES):
         if poses is None and path.exists():
-            table, found_poses = _scan_poses(path, start_ns)
+            table, found_poses = pose_files.scan_asl(path, start_ns)
             findings += found_poses
             keys = np.zeros(0) if table.keys is None else table.keys
             poses = matched(times_s, keys, table.world_from_cam @ body_from_cam, max_difference_s)
@@ -94,48 +93,3 @@ def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
     except (KeyError, TypeError, ValueError, BadData) as problem:
         raise BadData(f"{path} has no T_BS of 16 numbers that is a rigid motion ({problem}): complete it") from problem
     return DistortedCamera.of(model, calibration.numbers, calibration.distortion, calibration.size_px), body_from_cam
-
-
-def _scan_images(path: Path) -> tuple[list[int], tuple[Path, ...], list[Finding]]:
-    """Time stamps in ns and files of a camera's data.csv, and the errors of its bad lines and missing files."""
-    lines, findings = pose_files.read_lines(path)
-    stamps: list[int] = []
-    images: list[Path] = []
-    for number, text in lines:
-        stamp, _, file = (word.strip() for word in text.partition(","))
-        image = path.parent / "data" / file
-        if not stamp.isdecimal() or not file:
-            findings.append(error(path, number, f"{text!r} is not 'time in ns,file': restore the line"))
-        elif not image.is_file():
-            findings.append(error(path, number, f"there is no file data/{file}: restore it or remove the line"))
-        elif stamps and int(stamp) <= stamps[-1]:
-            findings.append(error(path, number, f"time {stamp} is not after {stamps[-1]} before it"))
-        else:
-            stamps.append(int(stamp))
-            images.append(image)
-    if not lines and not findings:
-        findings.append(error(path, None, "lists no images"))
-    return stamps, tuple(images), findings
-
-
-def _scan_poses(path: Path, start_ns: int) -> tuple[pose_files.PoseTable, list[Finding]]:
-    """world_from_body with times in seconds after a start."""
-    lines, findings = pose_files.read_lines(path)
-    rows: list[Row] = []
-    for number, text in lines:
-        stamp, _, rest = text.partition(",")
-        row = pose_files.parse_row(path, number, rest.replace(",", " "))
-        if isinstance(row, Finding):
-            findings.append(row)
-        elif not stamp.strip().isdecimal() or len(row.numbers) < 7:
-            findings.append(
-                error(path, number, f"{text[:60]!r} is not 'time in ns, x, y, z, qw, qx, qy, qz': restore it")
-            )
-        elif rows and (int(stamp) - start_ns) / 1e9 <= rows[-1].numbers[0]:
-            findings.append(error(path, number, f"time {stamp} is not after that of line {rows[-1].line}"))
-        else:
-            x, y, z, qw, qx, qy, qz = row.numbers[:7]
-            rows.append(Row(number, ((int(stamp) - start_ns) / 1e9, x, y, z, qx, qy, qz, qw)))
-    if not lines and not findings:
-        findings.append(error(path, None, "holds no poses"))
-    return pose_files.quaternion_table(path, rows, findings)

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data.findings import Finding, raise_first
+from geovp_classic.data import pose_files
+from geovp_classic.data.findings import Finding, error, raise_first
 from geovp_classic.data.frames import read_image
 from geovp_classic.data.sequences import Load, SequenceDataset
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths, UndistortedFrames, common_pinhole
@@ -146,3 +147,28 @@ def matched(
     found = nearest(times_s, others_s, max_difference_s)
     poses = world_from_cam[found] if len(world_from_cam) else np.full((len(times_s), 4, 4), np.nan)
     return np.where((found >= 0)[:, None, None], poses, np.nan)
+
+
+def scan_list(path: Path, folder: Path, separator: str = " ") -> tuple[FloatArray, tuple[Path, ...], list[Finding]]:
+    """Times [N] and files of a list of images in a folder, and the errors of its bad lines and missing files."""
+    lines, findings = pose_files.read_lines(path)
+    times_s: list[float] = []
+    files: list[Path] = []
+    for number, text in lines:
+        time, _, file = text.partition(separator)
+        row = pose_files.parse_row(path, number, time)
+        if isinstance(row, Finding):
+            findings.append(row)
+        elif not (folder / file.strip()).is_file():
+            message = (
+                f"there is no file {file.strip()!r}, expected 'time{separator}file': restore it or remove the line"
+            )
+            findings.append(error(path, number, message))
+        elif times_s and row.numbers[0] <= times_s[-1]:
+            findings.append(error(path, number, f"time {row.numbers[0]!r} is not after {times_s[-1]!r} before it"))
+        else:
+            times_s.append(row.numbers[0])
+            files.append(folder / file.strip())
+    if not lines and not findings:
+        findings.append(error(path, None, "lists no images"))
+    return np.array(times_s), tuple(files), findings

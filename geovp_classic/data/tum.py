@@ -15,10 +15,10 @@ import numpy as np
 from geovp_classic.data import pose_files, posed_sequences
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import image_size
-from geovp_classic.data.posed_sequences import PosedSequences, Scanned, matched, nearest
+from geovp_classic.data.posed_sequences import PosedSequences, Scanned, matched, nearest, scan_list
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.types import Intrinsics
 
 VALUES_PER_M = 5000.0
 MAX_DIFFERENCE_S = 0.02  # as the data set's own associate.py
@@ -73,10 +73,10 @@ def scan(
     folder: Path, lens: tuple[Numbers, Distortion] | None = None, max_difference_s: float = MAX_DIFFERENCE_S
 ) -> Scanned:
     """A sequence as its files describe it; without a lens, the one that the folder's name says."""
-    times_s, images, findings = scan_list(folder / "rgb.txt")
+    times_s, images, findings = scan_list(folder / "rgb.txt", folder)
     depths, poses = None, None
     if (folder / "depth.txt").exists():
-        depth_times_s, paths, found = scan_list(folder / "depth.txt")
+        depth_times_s, paths, found = scan_list(folder / "depth.txt", folder)
         findings += found
         numbers = nearest(times_s, depth_times_s, max_difference_s)
         depths = tuple(paths[number] if number >= 0 else None for number in numbers)
@@ -89,29 +89,6 @@ def scan(
     lens = lens or (FREIBURG[known[1]] if known else None)
     cameras, found = _cameras(images, lens)
     return Scanned(images, times_s, cameras, (*findings, *found), poses, depths, VALUES_PER_M)
-
-
-def scan_list(path: Path) -> tuple[FloatArray, tuple[Path, ...], list[Finding]]:
-    """Times [N] and files of a list of images, and the errors of its bad lines and missing files."""
-    lines, findings = pose_files.read_lines(path)
-    times_s: list[float] = []
-    files: list[Path] = []
-    for number, text in lines:
-        time, _, file = text.partition(" ")
-        row = pose_files.parse_row(path, number, time)
-        if isinstance(row, Finding):
-            findings.append(row)
-        elif not (path.parent / file.strip()).is_file():
-            message = f"there is no file {file.strip()!r}, expected 'time file': restore it or remove the line"
-            findings.append(error(path, number, message))
-        elif times_s and row.numbers[0] <= times_s[-1]:
-            findings.append(error(path, number, f"time {row.numbers[0]!r} is not after {times_s[-1]!r} before it"))
-        else:
-            times_s.append(row.numbers[0])
-            files.append(path.parent / file.strip())
-    if not lines and not findings:
-        findings.append(error(path, None, "lists no images"))
-    return np.array(times_s), tuple(files), findings
 
 
 def _cameras(

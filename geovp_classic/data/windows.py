@@ -145,9 +145,7 @@ def cut(
         trajectory=None if recording.trajectory is None else recording.trajectory[first : first + num_frames],
         wide=ExtraView(np.stack(native), recording.intrinsics, np.eye(4)) if with_wide else None,
         right=right,
-        depths=None
-        if recording.depths is None
-        else _fitted_depths([recording.depths(step) for step in steps], recording.intrinsics, size_px, fit),
+        depths=_fitted_depths(recording, steps, size_px, fit),
         camera_height_m=recording.camera_height_m,
     )
 
@@ -166,8 +164,10 @@ def _fitted(
     return np.stack([np.asarray(cv2.resize(image, size_px)) for image in native]), camera.resized(*size_px)
 
 
-def _fitted_depths(native: list[FloatArray], camera: Intrinsics, size_px: tuple[int, int], fit: Fit) -> FloatArray:
+def _fitted_depths(recording: Recording, steps: range, size_px: tuple[int, int], fit: Fit) -> FloatArray | None:
     """Depths [T, H, W] at a size, each of the nearest pixel: a mean over an edge is the depth of nothing."""
-    rows, columns = pinhole.centre_crop(camera, size_px)[0] if fit == "crop" else (slice(None), slice(None))
-    images = [np.ascontiguousarray(depth[rows, columns], np.float32) for depth in native]
+    if recording.depths is None:
+        return None
+    window = pinhole.centre_crop(recording.intrinsics, size_px)[0] if fit == "crop" else (slice(None), slice(None))
+    images = [np.ascontiguousarray(recording.depths(step)[window], np.float32) for step in steps]
     return np.stack([cv2.resize(image, size_px, interpolation=cv2.INTER_NEAREST_EXACT) for image in images])

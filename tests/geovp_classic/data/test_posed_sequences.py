@@ -218,6 +218,27 @@ def test_the_doctor_names_everything_that_is_wrong(
         assert any(expected in str(finding) for finding in doctor.examine(tmp_path / "euroc").findings), expected
 
 
+def test_damaged_lists_of_euroc_are_named(
+    tmp_path: Path, write_euroc: Write, street: Clip, edit: Callable[[Path, int, str], None]
+) -> None:
+    mav0 = write_euroc(tmp_path, "MH", street) / "mav0"
+    with pytest.raises(BadData, match=r"mav0/cam1: does not exist: mav0 has cam0"):
+        Euroc(tmp_path, camera=1, **CUT)  # type: ignore[arg-type]
+    truth, images = mav0 / "state_groundtruth_estimate0" / "data.csv", mav0 / "cam0" / "data.csv"
+    edit(truth, 3, "1403636579765555584,1,2,3")
+    with pytest.raises(BadData, match=r"data\.csv line 3: 4 numbers, expected 8 or 17 \(time in ns, x, y, z, qw"):
+        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+    edit(truth, 3, f"1403636579765555584,0,0,0,1,0,0,inf{',0' * 9}")
+    with pytest.raises(BadData, match=r"data\.csv line 3: 'inf' is not finite"):
+        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+    edit(images, 4, "soon,1403636579763555584.png")
+    with pytest.raises(BadData, match=r"cam0/data\.csv line 4: 'soon' is not a number"):
+        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+    images.write_text("#timestamp [ns],filename\n")
+    with pytest.raises(BadData, match=r"cam0/data\.csv: lists no images"):
+        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+
+
 def test_plain_folders_of_images_are_examined(tmp_path: Path, street: Clip) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()

@@ -94,6 +94,17 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
     assert white.min() == 255
 
 
+def test_images_of_several_cameras_are_shown_as_one_sees_them() -> None:
+    """The second camera's lens is 5 % longer: the first's view is zoomed by as much, and shows a ray at one pixel."""
+    cameras = [DistortedCamera.of("PINHOLE", (f, f, CX, CY), (), SIZE_PX) for f in (F, 1.05 * F)]
+    view = undistortion.common_pinhole(cameras, Path("here"))
+    assert 1.04 < view.fx_px / F < 1.06
+    expected = view.fx_px * RAY[0] + CX, view.fy_px * RAY[1] + CY
+    for camera, f in zip(cameras, (F, 1.05 * F), strict=True):
+        image = undistortion.undistorted(spot(f * RAY[0] + CX, f * RAY[1] + CY), camera, view)
+        np.testing.assert_allclose(centre_of(image), expected, atol=0.05)
+
+
 def test_cameras_that_see_no_common_image_are_refused() -> None:
     near = DistortedCamera.of("PINHOLE", (F, F, CX, CY), (), SIZE_PX)
     far = DistortedCamera.of("PINHOLE", (5 * F, 5 * F, CX, CY), (), SIZE_PX)
