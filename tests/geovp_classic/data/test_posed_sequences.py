@@ -150,6 +150,18 @@ def test_colmap_is_broken_where_images_are_not_registered(
     assert metric.is_metric
 
 
+def test_colmap_is_broken_where_a_sub_folder_begins(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
+    folder = write_colmap(tmp_path, "street", street, text=True)
+    (folder / "images" / "later").mkdir()
+    model = folder / "sparse" / "0" / "images.txt"
+    for number in range(7, 12):
+        (folder / "images" / f"im{number}.png").rename(folder / "images" / "later" / f"im{number}.png")
+        model.write_text(model.read_text().replace(f" im{number}.png", f" later/im{number}.png"))
+    data = Colmap(folder, **CUT)  # type: ignore[arg-type]
+    assert data.ranges == (FrameRange("street", 0, 7), FrameRange("street", 7, 12))
+    assert_same(data[1], street, 7)
+
+
 def test_colmap_refuses_what_it_cannot_use(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
     folder = write_colmap(tmp_path, "street", street)
     with pytest.raises(BadData, match=r"rate_hz is 0.0, expected a positive number"):
