@@ -24,12 +24,13 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help=help_text)
 
 
-def settings(chosen: argparse.Namespace) -> dict[str, Any]:
-    """What `--set` was given; BadData when it is not TOML."""
+def settings(chosen: argparse.Namespace, option: str = "set") -> dict[str, Any]:
+    """What `--set`, or another such option, was given; BadData when it is not TOML."""
+    given = getattr(chosen, option)
     try:
-        return tomllib.loads("\n".join(chosen.set))
+        return tomllib.loads("\n".join(given))
     except tomllib.TOMLDecodeError as error:
-        raise BadData(f"--set {' '.join(chosen.set)!r} is not FIELD=VALUE with a value as in TOML ({error})") from error
+        raise BadData(f"--{option} {' '.join(given)!r} is not FIELD=VALUE with a value as in TOML ({error})") from error
 
 
 def add_results_folder(parser: argparse.ArgumentParser) -> None:

@@ -40,7 +40,7 @@ def markdown(table: Table) -> str:
     lines = [["method", "clips", *(column.heading for column in table.columns)]]
     for row in table.rows:
         marks = f" [{row.marks}]" if row.marks else ""
-        values = [_text(table, row, column, "**{}**") for column in table.columns]
+        values = [value(table, row, column) for column in table.columns]
         lines.append([row.name + marks, table.clips(row), *values])
     notes = [f"- {note}" for note in table.notes]
     return "\n".join([f"## {table.title}", "", *grid(lines), "", *notes, ""])
@@ -66,8 +66,9 @@ def page(text: str, protocol: Mapping[str, Any], commands: Sequence[str], before
 
 def default_command(protocol: Mapping[str, Any]) -> str:
     """The command that computes the rows of a matrix, which lies among ours or in the current folder."""
-    file = f"{protocol['name']}.toml"
-    root = " --root path/to/data" if "root" in protocol["dataset"] else ""
+    name, _, label = protocol["name"].partition("/")  # a matrix of one of several data sets is FILE/LABEL
+    root = " --root path/to/data" if "root" in protocol["dataset"] and not label else ""
+    file = f"{name}.toml"
     return f"geovp run {f'benchmarks/configs/{file}' if (CONFIGS / file).exists() else file}{root}"
 
 
@@ -101,6 +102,11 @@ def comma_separated(table: Table) -> str:
         texts = (text for group in numbers for text in group)
         writer.writerow([row.name, row.marks, row.num_clips, row.protocol, *texts])
     return stream.getvalue()
+
+
+def value(table: Table, row: Row, column: Column) -> str:
+    """A value as Markdown has it, bold where it is the best."""
+    return _text(table, row, column, "**{}**")
 
 
 def _text(table: Table, row: Row, column: Column, emphasis: str) -> str:

@@ -148,15 +148,19 @@ class Matrix:
 
 def read(path: Path) -> Matrix:
     """The matrix of a TOML file; BadData or UnknownComponent names the line's table and the nearest known word."""
+    return parse(path.stem, load(path))
+
+
+def load(path: Path) -> dict[str, Any]:
+    """The content of a TOML file."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise BadData(f"{path} does not exist: give a matrix file such as benchmarks/configs/demo.toml") from None
     except IsADirectoryError:
         raise BadData(f"{path} is a folder: give a matrix file such as benchmarks/configs/demo.toml") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadData(f"{path} is not TOML: {error}") from error
-    return parse(path.stem, content)
 
 
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
@@ -164,6 +168,8 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     _only(content, TABLES, "the matrix file", "table")
     content = protocols.expanded(content)
     protocol = _table(content, "protocol")
+    if "datasets" in protocol:
+        raise BadData("protocol.datasets names several data sets, but this takes one: give a file with dataset = {...}")
     _only(protocol, PROTOCOL_KEYS, "protocol", "key")
     num_samples = _count(protocol, "num_samples", "protocol", 1)
     metrics = {**DEFAULT_METRICS, **_table(content, "metrics")}
@@ -224,8 +230,8 @@ def _named(content: Mapping[str, Any], table: str) -> dict[str, Spec]:
     return {name: _spec(value, f"{table}.{name}") for name, value in _table(content, table).items()}
 
 
-def _metrics(value: Any, where: str) -> dict[str, Spec]:
-    """Metrics by the name of their column: a list of names and tables, or a table of named tables."""
+def named_specs(value: Any, where: str) -> dict[str, Spec]:
+    """Components by the name of their column or folder: a list of names and tables, or a table of named tables."""
     if isinstance(value, Mapping):
         named = [(name, _spec(spec, f"{where}.{name}")) for name, spec in value.items()]
     elif isinstance(value, Sequence) and not isinstance(value, str):
@@ -234,11 +240,17 @@ def _metrics(value: Any, where: str) -> dict[str, Spec]:
     else:
         raise BadData(f'{where} is {value!r}, expected a list such as ["psnr", "ssim"]')
     for name, _ in named:
-        if "@" in name or name == COVERAGE:
-            raise BadData(f"{where}: a column cannot be called {name!r}: give another name")
         if [other for other, _ in named].count(name) > 1:
             raise BadData(f"{where} has {name!r} twice: give a table, such as {{ other = {{ name = {name!r} }} }}")
     return dict(named)
+
+
+def _metrics(value: Any, where: str) -> dict[str, Spec]:
+    named = named_specs(value, where)
+    for name in named:
+        if "@" in name or name == COVERAGE:
+            raise BadData(f"{where}: a column cannot be called {name!r}: give another name")
+    return named
 
 
 def _stabilised(frame: dict[str, Spec], names: Any) -> dict[str, Spec]:

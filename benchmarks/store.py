@@ -7,6 +7,7 @@
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with these
     <root>/tables  plots  report.html     views of the above
+    <root>/datasets.json                  of several data sets: their labels, each with a folder <root>/<label> as above
 
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
 holds in its metadata the clips, the fingerprint, the code hash, the times and the peak memory.
@@ -104,7 +105,15 @@ class Results:
         `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better, unavailable: why or null};
         a stored row's metric is such a name, or one with a pixel set behind it: "psnr@covered".
         """
+        if "" not in (apart := self.by_dataset()):
+            raise BadData(f"{self.root} holds several data sets: give one, such as {self.root / min(apart)}")
         return _read_json(self.root / "protocol.json", "not a results folder: give one that `geovp run` wrote")
+
+    def by_dataset(self) -> dict[str, Results]:
+        """The results of each data set by its label; of one alone, these with the label ""."""
+        path = self.root / "datasets.json"
+        labels = _read_json(path, "mend or remove it")["datasets"] if path.exists() else []
+        return {label: Results(self.root / label) for label in labels} or {"": self}
 
     @property
     def begun(self) -> bool:
@@ -188,6 +197,13 @@ class Results:
         return self.root / "report.html"
 
     # Writing -----------------------------------------------------------------------------------------------------
+
+    def write_datasets(self, labels: Sequence[str]) -> None:
+        """Write the labels of several data sets; of one, remove what was written of several."""
+        if any(labels):
+            write_bytes(self.root / "datasets.json", _json({"datasets": list(labels)}))
+        else:
+            (self.root / "datasets.json").unlink(missing_ok=True)
 
     def write_protocol(self, protocol: Mapping[str, Any]) -> None:
         """Write protocol.json."""

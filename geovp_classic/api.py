@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from geovp_classic import registry
-from geovp_classic.data import kitti_raw_layout
+from geovp_classic.data import layouts
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.predictors import GeometricPredictor
@@ -22,7 +23,8 @@ def open_clip(source: Spec | Path, index: int = 0) -> Clip:
     """Clip number `index` of a data set, ground truth included where there is any.
 
     `source` is a table {"name": ..., **settings} as in a matrix file, the name of a data set that needs no settings
-    ("synthetic"), or a folder laid out as KITTI odometry or KITTI raw. BadData says what is wrong with it.
+    ("synthetic"), or a folder laid out as KITTI odometry or raw, TUM RGB-D, EuRoC or a COLMAP model with its images.
+    BadData says what is wrong with it.
     """
     dataset: Dataset = registry.build("datasets", _dataset_spec(source))
     if not 0 <= index < len(dataset):
@@ -75,11 +77,11 @@ def _dataset_spec(source: Spec | Path) -> Spec:
     if isinstance(source, Mapping) or source in registry.names("datasets"):
         return source
     root = Path(source).expanduser()
-    if kitti_raw_layout.is_raw(root):
-        return {"name": "kitti-raw", "root": root}
-    if (root / "sequences").is_dir():
-        return {"name": "kitti", "root": root}
+    with contextlib.suppress(BadData):
+        if layouts.name_of(root) != "folder":
+            return layouts.spec(root)
     raise BadData(
-        f"{source} is neither a data set that `geovp list datasets` names nor a folder of KITTI odometry or raw: give "
+        f"{source} is neither a data set that `geovp list datasets` names nor a folder of KITTI odometry or raw, TUM "
+        "RGB-D, EuRoC or COLMAP: give "
         'a table such as {"name": "folder", "path": "video.mp4", "intrinsics": [fx, fy, cx, cy]}'
     )

@@ -107,3 +107,108 @@ def _rigid(rotation: np.ndarray, translation: Sequence[float]) -> np.ndarray:
 
 def _text(numbers: ArrayLike) -> str:
     return " ".join(f"{number:.12g}" for number in np.ravel(numbers))
+
+
+# TUM RGB-D, EuRoC and COLMAP as their files lie on disk, written from a clip; numbers are worked out here anew.
+
+EUROC_START_NS = 1403636579763555584
+BODY_FROM_CAM = np.array([[0.0, -1, 0, -0.02], [1, 0, 0, -0.06], [0, 0, 1, 0.01], [0, 0, 0, 1]])
+
+
+def _quaternion(pose: np.ndarray) -> list[float]:
+    """As x, y, z, w."""
+    return Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+
+
+@pytest.fixture(scope="session")
+def write_tum() -> Callable[..., Path]:
+    """A function that writes a clip as the sequence `root/name`, depths 6 ms before and poses 4 ms after the images."""
+
+    def write(root: Path, name: str, clip: Clip) -> Path:
+        folder = root / name
+        lists: dict[str, list[str]] = {"rgb": ["# timestamp filename"], "depth": [], "groundtruth": []}
+        for kind in ("rgb", "depth"):
+            (folder / kind).mkdir(parents=True)
+        for step, time_s in enumerate(100 + clip.times_s):
+            lists["rgb"].append(f"{time_s:.6f} rgb/{step}.png")
+            cv2.imwrite(str(folder / "rgb" / f"{step}.png"), clip.frames[step][..., ::-1])
+            if clip.depths is not None:
+                lists["depth"].append(f"{time_s - 0.006:.6f} depth/{step}.png")
+                depth = np.where(clip.depths[step] < 13, clip.depths[step], 0)  # 16 bits end at 13.1 m
+                cv2.imwrite(str(folder / "depth" / f"{step}.png"), np.rint(5000 * depth).astype(np.uint16))
+            if clip.trajectory is not None:
+                pose = clip.trajectory.world_from_cam[step]
+                numbers = [time_s + 0.004, *pose[:3, 3], *_quaternion(pose)]
+                lists["groundtruth"].append(" ".join(f"{number:.9f}" for number in numbers))
+        for kind, lines in lists.items():
+            if lines:
+                (folder / f"{kind}.txt").write_text("\n".join(lines) + "\n")
+        return folder
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def write_euroc() -> Callable[..., Path]:
+    """A function that writes a clip as the sequence `root/name`, poses at the images' times and 2 ms later."""
+
+    def write(
+        root: Path, name: str, clip: Clip, model: str = "radial-tangential", lens: Sequence[float] = (0,) * 4
+    ) -> Path:
+        cam, truth = root / name / "mav0" / "cam0", root / name / "mav0" / "state_groundtruth_estimate0"
+        (cam / "data").mkdir(parents=True)
+        images, poses = ["#timestamp [ns],filename"], ["#timestamp, p_RS_R_x [m], ..., q_RS_w [], q_RS_x [], ..."]
+        for step, time_s in enumerate(clip.times_s):
+            stamp = EUROC_START_NS + round(float(time_s) * 1e9)
+            images.append(f"{stamp},{stamp}.png")
+            cv2.imwrite(str(cam / "data" / f"{stamp}.png"), clip.frames[step][..., 0])
+            if clip.trajectory is not None:
+                world_from_body = clip.trajectory.world_from_cam[step] @ np.linalg.inv(BODY_FROM_CAM)
+                x, y, z, w = _quaternion(world_from_body)
+                numbers = ",".join(f"{number:.9f}" for number in [*world_from_body[:3, 3], w, x, y, z, *[0] * 9])
+                poses += [f"{stamp},{numbers}", f"{stamp + 2_000_000},{numbers}"]
+        (cam / "data.csv").write_text("\r\n".join(images) + "\r\n")
+        if clip.trajectory is not None:
+            truth.mkdir()
+            (truth / "data.csv").write_text("\r\n".join(poses) + "\r\n")
+        camera = clip.intrinsics
+        numbers = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
+        transform = ", ".join(str(number) for number in BODY_FROM_CAM.ravel())
+        (cam / "sensor.yaml").write_text(
+            f"sensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n  data: [{transform}]\nrate_hz: 20\n"
+            f"resolution: [{camera.width_px}, {camera.height_px}]\ncamera_model: pinhole\nintrinsics: {numbers}\n"
+            f"distortion_model: {model}\ndistortion_coefficients: {list(lens)}\n"
+        )
+        return root / name
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def write_colmap() -> Callable[..., Path]:
+    """A function that writes a clip as images and model of `root/name`, some images not registered."""
+
+    def write(
+        root: Path, name: str, clip: Clip, lost: Sequence[int] = (), distortion: float = 0.0, text: bool = False
+    ) -> Path:
+        import pycolmap
+
+        folder, camera, model = root / name, clip.intrinsics, pycolmap.Reconstruction()
+        (folder / "images").mkdir(parents=True)
+        params = [camera.fx_px, camera.cx_px + 0.5, camera.cy_px + 0.5, distortion]
+        size = {"width": camera.width_px, "height": camera.height_px}
+        lens = pycolmap.Camera(model="SIMPLE_RADIAL", params=params, camera_id=1, **size)
+        model.add_camera_with_trivial_rig(lens)
+        assert clip.trajectory is not None
+        for step, frame in enumerate(clip.frames):
+            cv2.imwrite(str(folder / "images" / f"im{step}.png"), frame[..., ::-1])
+            if step not in lost:
+                cam_from_world = np.linalg.inv(clip.trajectory.world_from_cam[step])
+                pose = pycolmap.Rigid3d(pycolmap.Rotation3d(cam_from_world[:3, :3]), cam_from_world[:3, 3])
+                image = pycolmap.Image(name=f"im{step}.png", camera_id=1, image_id=100 - step)
+                model.add_image_with_trivial_frame(image, pose)
+        (folder / "sparse" / "0").mkdir(parents=True)
+        (model.write_text if text else model.write_binary)(str(folder / "sparse" / "0"))
+        return folder
+
+    return write

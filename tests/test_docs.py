@@ -20,10 +20,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks import cli, matrix
+from geovp_benchmarks import cli, matrix, multiple_datasets
 from geovp_benchmarks.built_matrix import build_matrix
 from geovp_benchmarks.cli import predict
 from geovp_benchmarks.components import Failure
@@ -141,11 +142,11 @@ def root_of(block: Block) -> str:
 
 def check_matrix(block: Block, root: Path | None = None) -> None:
     """Parse and build a matrix with its data set and all its components."""
-    parsed = matrix.parse("page", tomllib.loads(block.text)).with_root(root)
-    built = build_matrix(parsed.to_json())
-    assert built.clip_names(1), block
-    failed = {key: part.reason for key, part in built.components.items() if isinstance(part, Failure)}
-    assert not failed or not HAS_TORCH, f"{block}: {failed}"
+    for parsed in multiple_datasets.parse("page", tomllib.loads(block.text), root).values():
+        built = build_matrix(parsed.to_json())
+        assert built.clip_names(1), block
+        failed = {key: part.reason for key, part in built.components.items() if isinstance(part, Failure)}
+        assert not failed or not HAS_TORCH, f"{block}: {failed}"
 
 
 @pytest.mark.parametrize("page", pages_with("toml"))
@@ -176,15 +177,32 @@ WITH_ROOT = [block for page in PAGES for block in blocks(page, "toml") if is_mat
 
 @pytest.mark.parametrize("block", WITH_ROOT, ids=str)
 def test_matrices_of_real_data_can_be_built(
-    block: Block, tmp_path: Path, write_kitti_raw: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+    block: Block,
+    tmp_path: Path,
+    write_kitti_raw: Callable[..., Path],
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    name = root_of(block).removeprefix("$GEOVP_").lower()
+    if name in ("tum", "euroc", "colmap"):
+        (sequence,) = tomllib.loads(block.text)["protocol"]["dataset"]["sequences"]
+        request.getfixturevalue(f"write_{name}")(tmp_path, sequence, grey_clip())
+        check_matrix(block, tmp_path)
+        return
     if root_of(block) == "$GEOVP_KITTI_RAW":
         write_kitti_raw(tmp_path, 60, geovp.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [32, 32]}))
         check_matrix(block, tmp_path)
         return
     assert root_of(block) == "$GEOVP_KITTI", block
     check_matrix(block, kitti())
+
+
+def grey_clip() -> geovp.Clip:
+    """Thirty grey images of 640x480 from a camera that stands."""
+    camera, times_s = geovp.Intrinsics(525.0, 525.0, 319.5, 239.5, 640, 480), np.arange(30) / 10
+    poses = geovp.Trajectory(np.tile(np.eye(4), (30, 1, 1)), times_s, is_metric=True)
+    return geovp.Clip("grey", np.full((30, 480, 640, 3), 90, np.uint8), times_s, camera, poses)
 
 
 def kitti() -> Path:
@@ -266,7 +284,7 @@ def check_geovp(
             cli.main(arguments)
         return
     parse_only(lambda: cli.main(arguments), monkeypatch)
-    if arguments[:2] == ["data", "doctor"]:
+    if arguments[:2] == ["data", "doctor"] and "kitti" in arguments[2]:
         clip = geovp.open_clip({"name": "synthetic", "num_frames": 3, "size_px": [32, 32]})
         is_raw = arguments[2] == "path/to/kitti_raw"
         root = write_kitti_raw(folder, 60, clip).parents[1] if is_raw else kitti()

@@ -12,7 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """`doctor`, the only verb so far."""
     actions = parser.add_subparsers(metavar="VERB", required=True)
     doctor = actions.add_parser("doctor", help="what is there, and what is wrong with it, line by line")
-    doctor.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry or KITTI raw")
+    doctor.add_argument("root", type=Path, metavar="ROOT", help="KITTI odometry or raw, TUM, EuRoC, COLMAP, images")
     doctor.add_argument("--deep", action="store_true", help="decode every image as well")
 
 

@@ -20,6 +20,8 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks.store import Results
 
     with progress_bar("plots", "figures") as progress:
-        written = [path for _, files in plots.write_all(Results(chosen.folder), progress, chosen.by) for path in files]
+        parts = Results(chosen.folder).by_dataset().values()
+        figures = (each for part in parts for each in plots.write_all(part, progress, chosen.by))
+        written = [path for _, files in figures for path in files]
     print(*written, sep="\n")
     return 0

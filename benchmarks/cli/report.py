@@ -15,8 +15,9 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks import report
     from geovp_benchmarks.store import Results
 
-    results = Results(chosen.folder)
+    parts = Results(chosen.folder).by_dataset().values()
     with progress_bar("report", "figures") as progress:
-        report.write(results, progress)
-    print(results.report)
+        for part in parts:
+            report.write(part, progress)
+    print(*(part.report for part in parts), sep="\n")
     return 0

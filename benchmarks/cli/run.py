@@ -39,15 +39,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(chosen: argparse.Namespace) -> int:
-    """Compute, then write all views of the results."""
-    from geovp_benchmarks import matrix as matrices
+    """Compute, then write all views of the results; of several data sets one after the other."""
+    from geovp_benchmarks import multiple_datasets
+    from geovp_benchmarks.store import Results
+    from geovp_classic.data.atomic import write_bytes
+
+    matrices = multiple_datasets.read(chosen.matrix, chosen.root)
+    whole = Results(chosen.out or Path("results") / chosen.matrix.stem)
+    whole.write_datasets([*matrices])
+    codes = [_fill(chosen, matrix, Results(whole.root / label)) for label, matrix in matrices.items()]
+    if len(codes) > 1:
+        text = multiple_datasets.side_by_side(whole)
+        write_bytes(whole.tables / "datasets.md", text.encode())
+        print(text)
+    return max(codes)
+
+
+def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
+    """Compute the cells of one data set; the exit code."""
     from geovp_benchmarks.planning import Options
     from geovp_benchmarks.run import run as fill
     from geovp_benchmarks.selection import Ranking
-    from geovp_benchmarks.store import Results
 
-    matrix = matrices.read(chosen.matrix).with_root(chosen.root)
-    results = Results(chosen.out or Path("results") / matrix.name)
     keep = keep_rule(chosen.keep, matrix)
     options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh)
     executor, before = _executor(chosen), results.set_aside()

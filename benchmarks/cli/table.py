@@ -36,14 +36,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print in one format, write in all; the main table of each kind of clips is printed only."""
-    from geovp_benchmarks import formats
+    from geovp_benchmarks import formats, multiple_datasets
     from geovp_benchmarks.store import Results
     from geovp_classic.data.atomic import write_bytes
 
     if chosen.page is not None and chosen.format != "md":
         raise BadData(f"--page is written as md alone, not as {chosen.format}: leave --format out")
     results = Results(chosen.folder)
-    text = _text(chosen, results)
+    parts = results.by_dataset()
+    if len(parts) > 1 and chosen.page is not None:
+        raise BadData(f"--page is of one data set, {chosen.folder} holds {', '.join(parts)}: give the folder of one")
+    text = "\n".join(_text(chosen, part) for part in parts.values())
+    if len(parts) > 1 and chosen.format == "md" and chosen.by is None and chosen.against is None:
+        text = f"{text}\n{multiple_datasets.side_by_side(results)}"
     print(text)
     if chosen.page is not None:
         before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""

@@ -49,7 +49,7 @@ def read_calibration(path: Path, images: Path) -> Calibration:
     except (OSError, UnicodeDecodeError) as error:
         raise BadData(f"{path} cannot be read as a text: give {EXPECTED}") from error
     if path.suffix.lower() in (".yaml", ".yml"):
-        return _yaml(path, text)
+        return from_yaml(path, load_yaml(path))
     return _kitti(path, images) if re.search(r"^P\w*:", text, re.MULTILINE) else _colmap(path, text)
 
 
@@ -94,14 +94,24 @@ def _colmap(path: Path, text: str) -> Calibration:
     return Calibration(numbers, (camera.width, camera.height), tuple(others))
 
 
-def _yaml(path: Path, text: str) -> Calibration:
-    """A ROS camera_info (K or camera_matrix) or the first camera of a Kalibr camchain (pinhole)."""
+def load_yaml(path: Path) -> Mapping[str, Any]:
+    """The table of a YAML file, that of the first camera in a Kalibr camchain; BadData when it is none."""
     import yaml
 
     try:
-        read = yaml.safe_load(re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE))
-        read = read.get("cam0", read)
-        matrix = _data(read.get("camera_matrix", read.get("K", read.get("k"))))
+        read = yaml.safe_load(re.sub(r"^%YAML.*$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE))
+        first = read.get("cam0", read)
+        first.keys()
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}") from error
+    return first
+
+
+def from_yaml(path: Path, read: Mapping[str, Any]) -> Calibration:
+    """The camera of a ROS camera_info (K or camera_matrix), or of Kalibr's or the ASL layout's table (pinhole)."""
+    try:
+        matrix = data_of(read.get("camera_matrix", read.get("K", read.get("k"))))
         if "intrinsics" in read:
             if read.get("camera_model", "pinhole") != "pinhole":
                 raise ValueError(f"camera_model is {read['camera_model']!r}, expected pinhole")
@@ -112,17 +122,17 @@ def _yaml(path: Path, text: str) -> Calibration:
             read.get("image_width", read.get("width")),
             read.get("image_height", read.get("height")),
         )
-        lens = _data(
+        lens = data_of(
             read.get("distortion_coeffs", read.get("distortion_coefficients", read.get("D", read.get("d", []))))
         )
         numbers = (float(fx), float(fy), float(cx), float(cy))
         size_px = None if None in size else (int(size[0]), int(size[1]))
         return Calibration(numbers, size_px, tuple(float(each) for each in lens))
-    except (yaml.YAMLError, ValueError, TypeError, AttributeError, KeyError) as error:
+    except (ValueError, TypeError, AttributeError, KeyError) as error:
         reason = str(error).partition("\n")[0]
         raise BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}") from error
 
 
-def _data(value: Any) -> list[Any]:
+def data_of(value: Any) -> list[Any]:
     """The numbers of a matrix, which ROS writes as a list or below `data`."""
     return list(value["data"] if isinstance(value, Mapping) else value or [])

@@ -1,31 +1,35 @@
-"""Check a folder of KITTI odometry or raw: list everything that is there and all that is wrong, by file and line.
+"""Check the folder of a data set: list everything that is there and all that is wrong, by file and line.
 
 The loader stops at the first error of what it needs; the doctor reads every sequence, camera and pose.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data import kitti_layout, kitti_raw_layout, pose_files, splits
+from geovp_classic.data import (
+    kitti_layout,
+    kitti_raw_layout,
+    layouts,
+    plausibility,
+    pose_files,
+    posed_doctor,
+    splits,
+)
 from geovp_classic.data.findings import Finding, error
-from geovp_classic.data.frames import image_size, scan_numbered
+from geovp_classic.data.frames import scan_numbered
 from geovp_classic.data.pose_files import IndexArray, PoseTable
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
-MAX_SPEED_M_S = 60.0  # 216 km/h; 26 m/s at most in KITTI
-MAX_TURN_DEG = 20.0  # between two frames; 5 degrees at most in KITTI
-MAX_STEP_RATIO = 1.8  # a longer time step, in medians, is a dropped frame
 NO_POSES = "does not exist: the sequence serves for prediction without ground truth"
 ScanTimes = Callable[[Path], tuple[FloatArray, tuple[int, ...], list[Finding]]]
-PRINCIPAL_POINT_RANGE = (0.3, 0.7)  # of the image's width and height
+ExamineOne = Callable[[Path, str, bool, list[Finding]], tuple[dict[str, str], int]]
 
 
 @dataclass(frozen=True)
@@ -57,17 +61,11 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
     The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does). BadData only when the
     root holds no sequences at all.
     """
-    is_raw = kitti_raw_layout.is_raw(root)
-    names = kitti_raw_layout.drive_names(root) if is_raw else kitti_layout.sequence_names(root)
-    if not names:
-        expected = (
-            "a date's folder with folders *_drive_*_sync" if is_raw else "folders such as 00 with image_2, calib.txt"
-        )
-        raise BadData(f"{root if is_raw else root / 'sequences'} holds no sequence: expected {expected}")
+    names, examine_one = _sequences(root)
     rows, findings, num_frames = [], [], {}
     for name in watch(names):
         found: list[Finding] = []
-        row, num_frames[name] = (_drive if is_raw else _sequence)(root, name, deep, found)
+        row, num_frames[name] = examine_one(root, name, deep, found)
         rows.append(row)
         findings += found
     for path in sorted((root / "poses").glob("*.txt")):
@@ -75,6 +73,20 @@ def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iter
             message = f"there is no sequence {path.stem!r} with images for these poses"
             findings.append(Finding(path, None, "note", message))
     return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
+
+
+def _sequences(root: Path) -> tuple[list[str], ExamineOne]:
+    """The names of a root's sequences, and what examines one."""
+    kind = layouts.name_of(root)
+    if kind == "kitti-raw":
+        names, expected = kitti_raw_layout.drive_names(root), "a date's folder with folders *_drive_*_sync"
+    elif kind == "kitti":
+        names, expected = kitti_layout.sequence_names(root), "folders such as 00 with image_2, calib.txt"
+    else:
+        return list(posed_doctor.folders(root, kind)), posed_doctor.sequence
+    if not names:
+        raise BadData(f"{root if kind == 'kitti-raw' else root / 'sequences'} holds no sequence: expected {expected}")
+    return names, _drive if kind == "kitti-raw" else _sequence
 
 
 def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
@@ -107,7 +119,9 @@ def _drive(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[
     table, found = kitti_raw_layout.scan_poses(folder, num_frames)
     findings += found
     if len(table.lines) == len(times_s[0]):
-        for jump in _jumps(folder / "oxts" / "data", table, times_s[0]):  # its line is the number of the file, from 1
+        for jump in plausibility.jumps(
+            folder / "oxts" / "data", table, times_s[0]
+        ):  # its line is the number of the file, from 1
             findings.append(replace(jump, path=jump.path / f"{(jump.line or 1) - 1:010d}.txt", line=1))
     return _row(name, cameras, calibrated, times_s[0], table, findings)
 
@@ -140,7 +154,7 @@ def _row(
         "times": str(len(times_s)),
         "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
         "poses": "none" if table is None else str(len(table.lines)),
-        "length_m": "-" if table is None else f"{_steps(table).sum():.0f}",
+        "length_m": "-" if table is None else f"{plausibility.steps_m(table).sum():.0f}",
         "errors": str(sum(finding.severity == "error" for finding in findings)),
         "warnings": str(sum(finding.severity == "warning" for finding in findings)),
     }
@@ -151,20 +165,7 @@ def _camera(images: Path, camera: int, deep: bool, findings: list[Finding]) -> C
     """The images of one camera: numbering, sizes, damage."""
     paths, found = scan_numbered(images)
     findings += found
-    sizes_px: list[tuple[int, int]] = []
-    for path in paths:
-        try:
-            size_px = image_size(path, deep=deep)
-        except BadData as problem:
-            findings.append(error(path, None, str(problem).removeprefix(f"{path} ")))
-            continue
-        if size_px not in sizes_px:
-            sizes_px.append(size_px)
-            if len(sizes_px) > 1:
-                (width_px, height_px), first = size_px, sizes_px[0]
-                message = f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
-                findings.append(error(path, None, message))
-    return Camera(camera, len(paths), tuple(sizes_px))
+    return Camera(camera, len(paths), plausibility.image_sizes(paths, deep, findings))
 
 
 def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> tuple[int, ...]:
@@ -178,7 +179,7 @@ def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> 
             continue
         for size_px in camera.sizes_px[:1]:
             at = projection.matrix[:2, 2] / size_px
-            if not ((at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])).all():
+            if not ((at > plausibility.PRINCIPAL_POINT_RANGE[0]) & (at < plausibility.PRINCIPAL_POINT_RANGE[1])).all():
                 message = f"puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
                 hint = f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
                 findings.append(Finding(path, projection.line, "warning", f"P{camera.number} {message} {hint}"))
@@ -192,11 +193,7 @@ def _times(path: Path, num_frames: int, findings: list[Finding], scan: ScanTimes
     numbers, num_rows = _row_numbers(lines, found)
     if num_rows and num_rows != num_frames:
         findings.append(error(path, None, f"{num_rows} times for {num_frames} frames, expected one each"))
-    steps_s = np.diff(times_s) / np.diff(numbers)
-    usual_s = np.median(steps_s) if len(steps_s) else 0.0
-    for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * usual_s):
-        message = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
-        findings.append(Finding(path, lines[step + 1], "warning", message))
+    findings += plausibility.late_frames(path, times_s, numbers, lines)
     return times_s
 
 
@@ -210,33 +207,16 @@ def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Find
     problem = kitti_layout.pose_count_problem(table.keys, num_rows, num_frames) if num_rows else ""
     findings += [error(path, None, problem)] if problem else []
     if len(times_s) == num_frames and not problem:
-        findings += _jumps(path, table, times_s[numbers if table.keys is None else table.keys.astype(np.int64)])
+        findings += plausibility.jumps(
+            path, table, times_s[numbers if table.keys is None else table.keys.astype(np.int64)]
+        )
     return table
-
-
-def _jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Finding]:
-    """Warnings for motion that no car makes; one time for each good pose."""
-    speed_m_s = _steps(table) / np.diff(times_s)
-    earlier, later = table.world_from_cam[:-1], table.world_from_cam[1:]
-    turn_deg = np.degrees(se3.rotation_angle_rad(se3.inverse(earlier) @ later)) if len(later) else speed_m_s
-    for step in np.flatnonzero(speed_m_s > MAX_SPEED_M_S):
-        message = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
-        yield Finding(path, table.lines[step + 1], "warning", message)
-    for step in np.flatnonzero(turn_deg > MAX_TURN_DEG):
-        message = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
-        yield Finding(path, table.lines[step + 1], "warning", message)
 
 
 def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[IndexArray, int]:
     """The number of every good row, the first row being 0, and the number of all rows, bad ones included."""
     all_lines = sorted({*good_lines, *(finding.line for finding in findings if finding.line)})
     return np.searchsorted(all_lines, good_lines).astype(np.int64), len(all_lines)
-
-
-def _steps(table: PoseTable) -> FloatArray:
-    """The distance from each pose to the next [N - 1], in metres."""
-    steps_m: FloatArray = np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
-    return steps_m
 
 
 def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, Protocol
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from geovp_classic.data.findings import Finding, error
@@ -37,17 +38,38 @@ class FrameReader(Protocol):
         ...
 
 
-def read_image(path: Path) -> ByteArray:
-    """The image [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is damaged."""
+def read_image(path: Path, bits: int | None = None) -> ByteArray:
+    """The image [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is damaged.
+
+    `bits` says how many bits of an image of 16 bits a channel are used; the upper 8 of them are kept. Without it, such
+    an image is refused: 12 bits in 16 and a dark image of 16 bits look alike.
+    """
     try:
         data = path.read_bytes()
     except OSError as problem:
         raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
     _header_size(path, io.BytesIO(data))
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is None:
         raise BadData(f"{path} cannot be decoded as an image: restore the file")
+    image = _eight_bits(path, image, bits)
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _eight_bits(path: Path, image: npt.NDArray[Any], bits: int | None) -> ByteArray:
+    """The image as it is, or the upper 8 of the used bits."""
+    if image.dtype == np.uint8:
+        return image
+    if image.dtype != np.uint16 or bits is None:
+        raise BadData(
+            f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, or where they are "
+            "uint16 and the data set has the setting image_bits, say how many bits are used (image_bits = 12 or 16)"
+        )
+    if not 8 <= bits <= 16:
+        raise BadData(f"image_bits is {bits}, expected 8 to 16, the number of bits that images use")
+    if int(image.max()) >= 2**bits:
+        raise BadData(f"{path} has the value {int(image.max())}, more than {bits} bits hold: give a larger image_bits")
+    return (image >> (bits - 8)).astype(np.uint8)
 
 
 def image_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
@@ -188,7 +210,7 @@ def image_files(folder: Path) -> list[Path]:
         found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")]
     except OSError as problem:
         raise BadData(f"{folder} cannot be listed ({problem.strerror}): give a folder of images") from problem
-    return sorted(found, key=_natural_order)
+    return sorted(found, key=natural_order)
 
 
 def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
@@ -213,5 +235,6 @@ def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
     return tuple(found[number] for number in numbers), findings
 
 
-def _natural_order(path: Path) -> list[tuple[int, str]]:
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """A key that sorts file names with numbers in them counted as numbers."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name) if part]

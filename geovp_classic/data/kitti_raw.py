@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from geovp_classic.data import kitti_raw_layout
 from geovp_classic.data.kitti import Kitti
+from geovp_classic.data.sequences import Load
 from geovp_classic.data.windows import Recording
-from geovp_classic.types import ByteArray
 
 
 @dataclass(frozen=True)
@@ -28,6 +26,6 @@ class KittiRaw(Kitti):
     def _names(self) -> list[str]:
         return kitti_raw_layout.drive_names(self.root)
 
-    def _read(self, name: str, load: Callable[[Path], ByteArray]) -> Recording:
+    def _read(self, name: str, load: Load) -> Recording:
         settings = (self.camera, load, self.camera_height_m)
         return kitti_raw_layout.read_recording(self.root, name, *settings, with_right=self.with_right)

@@ -121,7 +121,21 @@ def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
 
 def scan_tum(path: Path) -> tuple[PoseTable, list[Finding]]:
     """The good rows of a TUM file, and the errors of the others."""
-    rows, findings = _scan_rows(path, "poses", (8,), "8 (TUM: t x y z qx qy qz qw)")
+    return _quaternion_table(path, *_scan_rows(path, "poses", (8,), "8 (TUM: t x y z qx qy qz qw)"))
+
+
+def scan_asl(path: Path, start_ns: float) -> tuple[PoseTable, list[Finding]]:
+    """The good rows of a data.csv of EuRoC, times in seconds after a start, and the errors of the others."""
+    expected = "8 or 17 (time in ns, x, y, z, qw, qx, qy, qz, ...)"
+    rows, findings = _scan_rows(path, "poses", (17, 8), expected, separator=",")
+    found = []
+    for row in rows:
+        stamp_ns, x, y, z, qw, qx, qy, qz = row.numbers[:8]
+        found.append(Row(row.line, ((stamp_ns - start_ns) / 1e9, x, y, z, qx, qy, qz, qw)))
+    return _quaternion_table(path, found, findings)
+
+
+def _quaternion_table(path: Path, rows: list[Row], findings: list[Finding]) -> tuple[PoseTable, list[Finding]]:
     numbers = np.array([row.numbers for row in rows]).reshape(-1, 8)
     length = np.linalg.norm(numbers[:, 4:], axis=1)
     is_unit = np.abs(length - 1) < ROTATION_TOLERANCE
@@ -163,18 +177,20 @@ def parse_row(path: Path, line: int, text: str) -> Row | Finding:
     return Row(line, tuple(numbers))
 
 
-def _read_rows(path: Path, what: str) -> tuple[list[Row], list[Finding]]:
+def _read_rows(path: Path, what: str, separator: str = " ") -> tuple[list[Row], list[Finding]]:
     lines, findings = read_lines(path)
     if not lines and not findings:
         findings.append(error(path, None, f"holds no {what}"))
-    parsed = [parse_row(path, *line) for line in lines]
+    parsed = [parse_row(path, number, line.replace(separator, " ")) for number, line in lines]
     findings += [row for row in parsed if isinstance(row, Finding)]
     return [row for row in parsed if isinstance(row, Row)], findings
 
 
-def _scan_rows(path: Path, what: str, lengths: tuple[int, ...], expected: str) -> tuple[list[Row], list[Finding]]:
+def _scan_rows(
+    path: Path, what: str, lengths: tuple[int, ...], expected: str, separator: str = " "
+) -> tuple[list[Row], list[Finding]]:
     """The rows as long as the first, whose first numbers, if they are times or frame indices, increase."""
-    rows, findings = _read_rows(path, what)
+    rows, findings = _read_rows(path, what, separator)
     length = len(rows[0].numbers) if rows and len(rows[0].numbers) in lengths else lengths[0]
     good: list[Row] = []
     for row in rows:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -70,6 +72,8 @@ class Recording:
     trajectory: Trajectory | None = None  # [N]
     camera_height_m: float | None = None
     right: SideCamera | None = None
+    depths: Callable[[int], FloatArray] | None = None  # a frame's number -> z-depth [H, W] in metres, 0 = unknown
+    breaks: tuple[int, ...] = ()  # frames that do not follow the one before, so that no clip holds both
 
     def __post_init__(self) -> None:
         """Raise BadData unless there is one time, pose and right frame for every frame."""
@@ -95,6 +99,16 @@ def starts(frames: FrameRange, num_frames: int, stride: int) -> range:
     if frames.last - frames.first < num_frames:
         raise BadData(f"{frames} has {frames.last - frames.first} frames, but one clip needs {num_frames}")
     return range(frames.first, frames.last - num_frames + 1, stride)
+
+
+def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[FrameRange]:
+    """A range, its end spelled out, cut at breaks: the pieces that hold a clip of `num_frames`, else the longest."""
+    assert frames.last is not None
+    bounds = [frames.first, *(at for at in breaks if frames.first < at < frames.last), frames.last]
+    found = [FrameRange(frames.sequence, *ends) for ends in itertools.pairwise(bounds)]
+    lengths = [last - first for first, last in itertools.pairwise(bounds)]
+    enough = min(num_frames, max(lengths))
+    return [piece for piece, length in zip(found, lengths, strict=True) if length >= enough]
 
 
 def clip_name(sequence: str, first: int) -> str:
@@ -131,6 +145,7 @@ def cut(
         trajectory=None if recording.trajectory is None else recording.trajectory[first : first + num_frames],
         wide=ExtraView(np.stack(native), recording.intrinsics, np.eye(4)) if with_wide else None,
         right=right,
+        depths=_fitted_depths(recording, steps, size_px, fit),
         camera_height_m=recording.camera_height_m,
     )
 
@@ -147,3 +162,12 @@ def _fitted(
         window, intrinsics = pinhole.centre_crop(camera, size_px)
         return np.stack([pinhole.resize(image[window], size_px) for image in native]), intrinsics
     return np.stack([np.asarray(cv2.resize(image, size_px)) for image in native]), camera.resized(*size_px)
+
+
+def _fitted_depths(recording: Recording, steps: range, size_px: tuple[int, int], fit: Fit) -> FloatArray | None:
+    """Depths [T, H, W] at a size, each of the nearest pixel: a mean over an edge is the depth of nothing."""
+    if recording.depths is None:
+        return None
+    window = pinhole.centre_crop(recording.intrinsics, size_px)[0] if fit == "crop" else (slice(None), slice(None))
+    images = [np.ascontiguousarray(recording.depths(step)[window], np.float32) for step in steps]
+    return np.stack([cv2.resize(image, size_px, interpolation=cv2.INTER_NEAREST_EXACT) for image in images])

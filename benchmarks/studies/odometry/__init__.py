@@ -14,13 +14,15 @@ from geovp_classic.errors import BadData
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which frames, which odometry, and whether clips are cut from them."""
-    parser.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
+    parser.add_argument("root", type=Path, metavar="ROOT", help="a folder of a data set, see `geovp list datasets`")
     parser.add_argument(
         "frames", nargs="+", metavar="FRAMES", help="sequences or stretches of them, as 03 or 03[0:360)"
     )
     parser.add_argument("--odometry", default="monocular", metavar="NAME", help="as `geovp list odometries` shows it")
     add_settings(parser)
-    parser.add_argument("--camera", type=int, metavar="K", help="the camera image_K (default: 2, else 0)")
+    parser.add_argument("--camera", type=int, metavar="K", help="the camera image_K (default: 2, else 0) or camK")
+    help_text = "a setting of the data set, written as in TOML: intrinsics=[fx, fy, cx, cy]"
+    parser.add_argument("--data", action="append", default=[], metavar="FIELD=VALUE", help=help_text)
     parser.add_argument("--out", type=Path, default=Path("results/poses"), metavar="DIR", help="where files go")
     parser.add_argument("--clips", type=positive, metavar="N", help="instead: errors a step on clips of N frames each")
     parser.add_argument("--stride", type=positive, default=5, metavar="N", help="frames between two clips' starts (5)")
@@ -31,11 +33,13 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Files and their drift, or with `--clips` a table of errors a step; BadData for one frame a clip."""
     from geovp_benchmarks.formats import columns
     from geovp_benchmarks.studies.odometry import clips, paths
+    from geovp_classic.data import layouts
 
     spec = {"name": chosen.odometry, **settings(chosen)}
     camera: dict[str, Any] = {} if chosen.camera is None else {"camera": chosen.camera}
+    data = {**layouts.spec(chosen.root), **camera, **settings(chosen, "data")}
     if chosen.clips is None:
-        for tracked in list(paths.track(chosen.root, chosen.frames, spec, camera, progress)):
+        for tracked in list(paths.track(data, chosen.frames, spec, progress)):
             yield f"{tracked.frames}: {tracked.tracked.mean():.1%} of {len(tracked.tracked)} frames tracked"
             rows = tracked.rows()
             lines = columns([paths.COLUMNS, *rows]) if rows else ["no real poses to compare with"]
@@ -43,6 +47,6 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         return
     if chosen.clips < 2:
         raise BadData(f"--clips is {chosen.clips}, expected 2 frames or more: one has no motion")
-    cut = {"stride": chosen.stride, "size_px": [chosen.size, chosen.size], **camera}
-    found = list(clips.measure(chosen.root, chosen.frames, spec, chosen.clips, cut, progress))
+    cut = {**data, "stride": chosen.stride, "size_px": [chosen.size, chosen.size]}
+    found = list(clips.measure(cut, chosen.frames, spec, chosen.clips, progress))
     yield from columns([clips.COLUMNS, *(steps.row(frames) for frames, steps in found)])

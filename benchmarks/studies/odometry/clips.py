@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,27 +45,26 @@ class StepErrors:
 
 
 def measure(
-    root: Path,
+    data: Mapping[str, Any],
     frames: Sequence[str],
     spec: Mapping[str, Any],
     num_past: int,
-    cut: Mapping[str, Any],
     progress: Progress,
 ) -> Iterator[tuple[str, StepErrors]]:
-    """(stretch, errors) for each stretch, such as "03" or "03[180:360)", of a folder laid out as KITTI odometry.
+    """(stretch, errors) for each stretch, such as "03" or "03[180:360)", of a data set.
 
-    `cut` has the data set's stride, size_px and camera; a clip has one frame more than the past, its future.
+    `data` is its table with stride and size_px; a clip has one frame more than the past, its future.
     """
     odometry = registry.build("odometries", spec)
     with_wide = bool(odometry.needs & Grant.WIDE_FRAMES)
-    shared = {"name": "kitti", "root": root, "num_frames": num_past + 1, "with_wide": with_wide, **cut}
+    shared = {**data, "num_frames": num_past + 1, "with_wide": with_wide}
     for text in frames:
         dataset = registry.build("datasets", {**shared, "sequences": [text]})
         clips = []
         for index in range(len(dataset)):
             clips.append(errors(odometry, dataset[index], num_past))
             progress(index + 1, len(dataset))
-        yield str(dataset.ranges[0]), StepErrors.joined(clips)
+        yield str(dataset.ranges[0]) if len(dataset.ranges) == 1 else text, StepErrors.joined(clips)
 
 
 def errors(odometry: Odometry, clip: Clip, num_past: int) -> StepErrors:
@@ -80,7 +78,7 @@ def errors(odometry: Odometry, clip: Clip, num_past: int) -> StepErrors:
     lengths, our_lengths = (np.linalg.norm(steps[:, :3, 3], axis=-1) for steps in (truth, ours))
     cosine = (truth[:, :3, 3] * ours[:, :3, 3]).sum(axis=-1) / np.maximum(lengths * our_lengths, 1e-12)
     direction_deg = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    has_length = estimate.is_metric and lengths.sum() > MIN_STEP_M
+    has_length = estimate.is_metric and clip.trajectory.is_metric and lengths.sum() > MIN_STEP_M
     return StepErrors(
         tracked[1:],
         np.degrees(se3.rotation_angle_rad(se3.inverse(truth) @ ours)),

@@ -41,13 +41,13 @@ class Tracked:
 
 
 def track(
-    root: Path, frames: Sequence[str], spec: Mapping[str, Any], camera: Mapping[str, int], progress: Progress
+    data: Mapping[str, Any], frames: Sequence[str], spec: Mapping[str, Any], progress: Progress
 ) -> Iterator[Tracked]:
-    """Run the odometry over stretches such as "03" or "03[0:360)" of a folder laid out as KITTI odometry."""
+    """Run the odometry over stretches such as "03" or "03[0:360)" of a data set, given as its table."""
     odometry = registry.build("odometries", spec)
     if not hasattr(odometry, "track_sequence"):
         raise Incompatible(f"the odometry {registry.name_of(odometry)!r} works on clips only: choose a streaming one")
-    asked = {"name": "kitti", "root": root, "sequences": list(frames), "num_frames": 2, **camera}
+    asked = {**data, "sequences": list(frames), "num_frames": 2}
     dataset = registry.build("datasets", asked)
     for stretch in dataset.ranges:
         recording = dataset.recordings[stretch.sequence]
@@ -78,7 +78,7 @@ def write(tracked: Tracked, folder: Path) -> list[Path]:
 
 
 def _row(estimate: Trajectory, truth: Trajectory, how: drift.Alignment) -> tuple[str, ...]:
-    if not estimate.is_metric and how in ("origin", "se3"):
+    if not (estimate.is_metric and truth.is_metric) and how in ("origin", "se3"):
         return (how, *["no metric scale"] * (len(COLUMNS) - 1))
     try:
         aligned = drift.aligned(estimate, truth, how)

@@ -150,3 +150,32 @@ def test_a_path_that_holds_no_frames_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("text")
     with pytest.raises(BadData, match="cannot be decoded as a video"):
         folder(tmp_path / "text.mp4")
+
+
+def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None:
+    """Two drives, "b 2" of 8 images at 5 Hz with poses, and the fixture's of 12 at 10 Hz; a folder of texts is none."""
+    (tmp_path / "b 2").mkdir()
+    (tmp_path / "texts").mkdir()
+    for number in range(8):
+        cv2.imwrite(str(tmp_path / "b 2" / f"{number}.png"), np.full((24, 64), number, np.uint8))
+    for path, step_s in ((tmp_path / "b 2", 0.2), (images, 0.1)):
+        times_s = step_s * np.arange(8 if step_s == 0.2 else 12)
+        (path / "times.txt").write_text("".join(f"{time_s}\n" for time_s in times_s))
+        pose_files.write_kitti(path / "poses.txt", straight(times_s))
+    data = folder(tmp_path, times="times.txt", trajectory="poses.txt")
+    assert data.clip_names == ("b 2/000000", "b 2/000004", "drive/000000", "drive/000004", "drive/000008")
+    np.testing.assert_allclose(data[1].times_s, [0.8, 1.0, 1.2, 1.4])
+    assert data[1].frames[:, 0, 0, 0].tolist() == [4, 5, 6, 7]
+    assert data[4].trajectory is not None
+    some = folder(tmp_path, sequences=("drive[0:8)",))
+    assert some.clip_names == ("drive/000000", "drive/000004")
+    assert some.split_hash != data.split_hash
+    assert folder(images).split_hash == ""  # as before there were roots: stored results stay valid
+    assert "sequences" not in registry.describe(folder(images))
+    for settings, message in (
+        ({"frames": (0, 4)}, r'frames is of one sequence: give sequences = \["NAME\[0:4\)"\] in its place'),
+        ({"sequences": ("c",)}, "sequence 'c' is not in .*, which holds b 2, drive"),
+        ({"trajectory": "none.txt"}, r"b 2/none\.txt: does not exist"),
+    ):
+        with pytest.raises(BadData, match=message):
+            folder(tmp_path, **settings)

@@ -171,3 +171,16 @@ def test_a_file_that_is_no_video_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.avi").write_text("no video")
     with pytest.raises(BadData, match=r"a\.avi cannot be decoded as a video"):
         VideoFrames.open(tmp_path / "a.avi")
+
+
+@pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
+def test_images_of_16_bits_are_refused_or_read_by_the_bits_they_use(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full(shape, 3000, np.uint16))
+    with pytest.raises(BadData, match=r"a\.png holds uint16 values, expected 8 bits a channel: convert the images, or"):
+        read_image(tmp_path / "a.png")
+    assert np.unique(read_image(tmp_path / "a.png", bits=12)).tolist() == [3000 // 16]
+    assert np.unique(read_image(tmp_path / "a.png", bits=16)).tolist() == [3000 // 256]
+    with pytest.raises(BadData, match="has the value 3000, more than 10 bits hold: give a larger image_bits"):
+        read_image(tmp_path / "a.png", bits=10)
+    with pytest.raises(BadData, match="image_bits is 17, expected 8 to 16"):
+        read_image(tmp_path / "a.png", bits=17)

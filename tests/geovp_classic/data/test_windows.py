@@ -143,3 +143,31 @@ def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
         Recording("a", Images(frames), np.arange(4.0), camera)
     with pytest.raises(BadData, match="a: 3 right frames for 5 frames"):
         recording_of(frames, camera, SideCamera(Images(frames[:3]), camera, np.eye(4)))
+
+
+def test_no_piece_crosses_a_break() -> None:
+    whole = FrameRange("a", 2, 20)
+    assert windows.pieces(whole, (), 5) == [whole]
+    assert windows.pieces(whole, (1, 8, 10, 20), 5) == [FrameRange("a", 2, 8), FrameRange("a", 10, 20)]
+    assert windows.pieces(whole, (8, 15), 9) == [FrameRange("a", 8, 15)]  # none is long enough: the longest
+
+
+def test_depths_are_cropped_and_resized_with_the_frames() -> None:
+    """Frames of 8x4 pixels whose depth is the column: the middle 4 columns, 2 to 5, at half the size."""
+
+    class Frames:
+        def __len__(self) -> int:
+            return 3
+
+        def read(self, index: int) -> np.ndarray:
+            return np.zeros((4, 8, 3), np.uint8)
+
+    camera, column = Intrinsics(5, 5, 3.5, 1.5, 8, 4), np.tile(np.arange(8.0), (4, 1))
+    recording = windows.Recording("a", Frames(), np.arange(3.0), camera, depths=lambda index: column + 10 * index)
+    cropped = windows.cut(recording, 1, 2, (4, 4)).depths
+    assert cropped is not None
+    assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
+    whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths
+    assert whole is not None
+    assert set(whole[0, 0].tolist()) <= set(range(8))  # no means
+    assert np.diff(whole[0, 0]).tolist() == [2, 2, 2]

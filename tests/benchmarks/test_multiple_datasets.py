@@ -1,0 +1,165 @@
+"""A matrix file with several data sets gives each its results, and one table with all of them."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+import geovp_classic as geovp
+from geovp_benchmarks import cli, matrix, multiple_datasets
+from geovp_benchmarks.store import Results
+from geovp_classic import registry
+from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.types import Clip
+
+REST = """
+num_past = 3
+num_future = 2
+size_px = [32, 32]
+stride = 5
+
+[pose_sources]
+gt-3d = { name = "ground-truth" }
+
+[renderers]
+ground-far-plane = { name = "ground-far-plane" }
+
+[predictors]
+copy-last = { name = "copy-last" }
+
+[metrics]
+frame = ["psnr"]
+trajectory = ["rotation-error"]
+"""
+
+
+@pytest.fixture(scope="module")
+def street() -> Clip:
+    return geovp.open_clip({"name": "synthetic", "num_frames": 10, "size_px": [32, 32]})
+
+
+@pytest.fixture
+def matrix_file(tmp_path: Path, street: Clip) -> Path:
+    """Two clips of the synthetic street, and two of the same images without poses, in a folder."""
+    (tmp_path / "frames").mkdir()
+    for number, frame in enumerate(street.frames):
+        cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), frame[..., ::-1])
+    camera = street.intrinsics
+    numbers = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
+    images = f'{{ name = "folder", path = "{tmp_path / "frames"}", intrinsics = {numbers}, camera_height_m = 1.65 }}'
+    path = tmp_path / "both.toml"
+    path.write_text(f'[protocol]\ndatasets = [{{ name = "synthetic", num_clips = 2 }}, {images}]\n{REST}')
+    return path
+
+
+def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
+    matrix_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert cli.main(["run", str(matrix_file), "--out", str(out), "--no-report"]) == 1  # one row was skipped
+    printed = capsys.readouterr().out
+    parts = Results(out).by_dataset()
+    assert list(parts) == ["synthetic", "folder"]
+    cells = {label: {cell.label: cell for cell in part.cells()} for label, part in parts.items()}
+    row = "gt-3d + ground-far-plane"
+    assert {label: {name: cell.status for name, cell in own.items()} for label, own in cells.items()} == {
+        "synthetic": {row: "done", "copy-last": "done"},
+        "folder": {row: "skipped", "copy-last": "done"},
+    }
+    table = printed[printed.index("## out: all data sets") :]
+    assert (out / "tables" / "datasets.md").read_text().strip() == table.strip()
+    head, _, first, second = (line for line in table.splitlines() if line.startswith("|"))
+    assert [word.strip().partition(" (")[0] for word in head.strip("|").split("|")] == [
+        "method",
+        *(f"{label}: {name}" for label in parts for name in ("PSNR", "rotation error")),
+    ]
+    assert first.count(" - ") == 2  # the folder's two columns
+    assert [word.strip() == "-" for word in second.split("|")[2:-1]] == [False, True] * 2  # it has no poses
+    assert f"- folder: {row}: skipped: {cells['folder'][row].reason}." in table
+    assert cli.main(["table", str(out)]) == 0
+    again = capsys.readouterr().out
+    assert table.strip() in again
+    assert again.count("## both/synthetic: whole frames") == again.count("## both/folder: whole frames") == 1
+    assert cli.main(["run", str(matrix_file), "--out", str(out), "--no-report"]) == 1  # nothing is computed twice
+    assert Results(out / "folder").cell("copy-last") == cells["folder"]["copy-last"]
+    assert cli.main(["score", str(out)]) == cli.main(["table", str(out), "--page", "x.md"]) == 2
+    told = capsys.readouterr().err
+    assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in told
+    assert "--page is of one data set" in told
+
+
+def test_a_file_with_one_data_set_gives_what_it_gave(tmp_path: Path, matrix_file: Path) -> None:
+    """The same rows, bit by bit, whether the data set stands alone or among others; nothing lies elsewhere."""
+    alone = tmp_path / "both.toml"
+    both = tmp_path / "both-out"
+    assert cli.main(["run", str(matrix_file), "--out", str(both), "--no-report"]) == 1
+    alone.write_text(f'[protocol]\ndataset = {{ name = "synthetic", num_clips = 2 }}\n{REST}')
+    assert cli.main(["run", str(alone), "--out", str(tmp_path / "one"), "--no-report"]) == 0
+    one, among = Results(tmp_path / "one"), Results(both / "synthetic")
+    assert one.by_dataset() == {"": one}
+    assert not (one.root / "datasets.json").exists()
+    for cell in one.cells():
+        assert among.scores(cell.name).equals(one.scores(cell.name))
+    protocols = [json.loads((part.root / "protocol.json").read_text()) for part in (one, among)]
+    assert protocols[0]["fingerprint"] == protocols[1]["fingerprint"]
+    assert protocols[0]["name"] == "both"
+
+
+def test_what_stored_results_depend_on_has_not_changed(
+    write_kitti_raw: Callable[..., Path], tmp_path: Path, street: Clip
+) -> None:
+    """The settings that are hashed are those that older versions knew, in full."""
+    write_kitti_raw(tmp_path, 60, street)
+    shared = {"num_frames": 5, "stride": 10, "size_px": [32, 32], "with_wide": False}
+    raw = registry.build("datasets", {"name": "kitti-raw", "root": tmp_path, **shared})
+    kitti = {"name": "kitti-raw", "root": str(tmp_path), "fit": "crop", "camera_height_m": 1.65, "with_right": False}
+    assert registry.describe(raw) == {**kitti, **shared}
+    images = raw.recordings["2011_09_26_drive_0060"].frames.paths[0].parent
+    folder = registry.build("datasets", {"name": "folder", "path": images, "intrinsics": [40, 40, 15, 15], **shared})
+    own = {"name": "folder", "path": str(images), "intrinsics": [40.0, 40.0, 15.0, 15.0], "is_metric": True}
+    assert registry.describe(folder) == {**own, **shared}
+    assert folder.split_hash == ""
+
+
+def content(**protocol: Any) -> dict[str, Any]:
+    shared = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
+    return {"protocol": {**shared, **protocol}, "predictors": {"copy": "copy-last"}}
+
+
+def test_labels_are_names_or_given() -> None:
+    synthetic = {"name": "synthetic", "num_clips": 1}
+    found = multiple_datasets.parse("m", content(datasets={"a": synthetic, "b": {**synthetic, "seed": 1}}))
+    assert {label: one.name for label, one in found.items()} == {"a": "m/a", "b": "m/b"}
+    assert found["b"].dataset == {**synthetic, "seed": 1}
+    assert list(multiple_datasets.parse("m", content(datasets=[synthetic]))) == ["synthetic"]
+    assert list(multiple_datasets.parse("m", content(dataset=synthetic))) == [multiple_datasets.ONE]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "root", "message"),
+    [
+        ({"datasets": [{"name": "synthetic"}] * 2}, None, "protocol.datasets has 'synthetic' twice: give a table"),
+        ({"datasets": []}, None, "protocol.datasets is empty"),
+        ({"datasets": {"a/b": {"name": "synthetic"}}}, None, "'a/b' cannot be a folder's name"),
+        ({"datasets": {"tables": {"name": "synthetic"}}}, None, "'tables' cannot be a folder's name"),
+        ({"datasets": ["synthetic"], "dataset": "synthetic"}, None, "both dataset and datasets: keep one"),
+        ({"datasets": ["synthetic"]}, Path("/data"), "--root replaces the root of one data set"),
+        ({"datasets": ["syntetic"]}, None, "data set 'syntetic': no dataset is called 'syntetic': did you mean"),
+        (
+            {"datasets": {"a": {"name": "tum", "root": "/no"}}},
+            None,
+            "data set 'a': protocol.dataset: /no does not exist",
+        ),
+    ],
+)
+def test_wrong_files_are_told_what_is_wrong(protocol: dict[str, Any], root: Path | None, message: str) -> None:
+    with pytest.raises((BadData, UnknownComponent), match=message):
+        multiple_datasets.parse("m", content(**protocol), root)
+
+
+def test_a_verb_for_one_data_set_says_so() -> None:
+    with pytest.raises(BadData, match=r"names several data sets, but this takes one: give a file with dataset"):
+        matrix.parse("m", content(datasets=["synthetic"]))
