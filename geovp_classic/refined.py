@@ -20,15 +20,11 @@ from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredInterva
 from geovp_classic.types import Context, Grant, Motion
 
 
-def _coarse_depth() -> DepthSource:
-    return Multiview(num_planes=64)  # a road is fitted to many pixels: fewer planes do
-
-
 @dataclass(frozen=True)
 class RoadHeight:
     """Future positions moved towards their height above the road that the last observed frame shows."""
 
-    depth: DepthSource = field(default_factory=_coarse_depth)
+    depth: DepthSource = field(default_factory=Multiview)  # the renderer's, so that it is computed once
     frames: Literal["crop", "wide"] = "crop"
     num_frames: int = 10
 

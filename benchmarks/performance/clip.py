@@ -17,6 +17,7 @@ import numpy as np
 from geovp_benchmarks.performance import Seconds, rounds_parser, timed
 from geovp_benchmarks.profiling import peak_mb
 from geovp_classic import registry
+from geovp_classic.depth import multiview
 from geovp_classic.errors import GeovpError
 from geovp_classic.pose_sources import Chained
 from geovp_classic.refined import Refined
@@ -44,6 +45,7 @@ def lines(
 def one_clip(context: Context) -> tuple[Views, list[Seconds]]:
     """Predict with refined `chained` and `depth-fusion` at their defaults; the views and the times of STAGES."""
     source, renderer = Chained(), DepthFusion()
+    multiview.forget()
     (past, tracked), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
     given_motion: Any = SimpleNamespace(needs=source.needs, estimate=lambda *_: Motion(past, futures, tracked))

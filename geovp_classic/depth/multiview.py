@@ -6,6 +6,7 @@ neighbours help, and pixels without any evidence come out far and uncertain.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +16,7 @@ from geovp_classic.depth.sweep import TALL_PX, GroundPrior, sweep
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.ground_plane import GroundPlane
-from geovp_classic.types import Context, FloatArray, Grant, Trajectory
+from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory
 
 
 @dataclass(frozen=True)
@@ -62,17 +63,31 @@ class Multiview:
         count, camera = len(context.frames), context.intrinsics
         if not all(-count <= frame < count for frame in self.frames):
             raise BadData(f"multiview: frames {self.frames} of {count} observed ones: choose from -{count} to -1")
-        images = np.stack([pinhole.grey(frame) for frame in context.frames])
-        num_planes = round(self.num_planes * max(1, camera.height_px / TALL_PX))
         still = None if self.level_road is None else self.level_road.inverse_depth(context, past)
-        inverse_depths, confidence = np.zeros((2, *images.shape), np.float32)
+        inverse_depths, confidence = np.zeros((2, *context.frames.shape[:3]), np.float32)
+        pixels, poses = context.frames.tobytes(), past.world_from_cam.tobytes()
         for step in {frame % count for frame in self.frames}:
-            sources = viewpoints.choose_sources(past.world_from_cam, step, camera)
-            found = (
-                sweep(images, camera, past.world_from_cam, step, sources, num_planes, self.ground) if sources else None
-            )
+            found = _swept(pixels, poses, camera, step, self.num_planes, self.ground)
             if found is not None:
                 inverse_depths[step], confidence[step] = found
             elif still is not None:
                 inverse_depths[step] = still
         return inverse_depths, confidence
+
+
+@functools.lru_cache(maxsize=2)  # the scene asks again for the depth that the road's height was measured with
+def _swept(
+    pixels: bytes, poses: bytes, camera: Intrinsics, step: int, num_planes: int, ground: GroundPrior | None
+) -> tuple[FloatArray, FloatArray] | None:
+    """Inverse depth and confidence [H, W] of one step; None where no other frame shows parallax."""
+    frames = np.frombuffer(pixels, np.uint8).reshape(-1, camera.height_px, camera.width_px, 3)
+    world_from_cam = np.frombuffer(poses).reshape(-1, 4, 4)
+    sources = viewpoints.choose_sources(world_from_cam, step, camera)
+    if not sources:
+        return None
+    images = np.stack([pinhole.grey(frame) for frame in frames])
+    num_planes = round(num_planes * max(1, camera.height_px / TALL_PX))
+    return sweep(images, camera, world_from_cam, step, sources, num_planes, ground)
+
+
+forget = _swept.cache_clear  # for measurements of time
