@@ -101,7 +101,8 @@ class Results:
     def protocol(self) -> dict[str, Any]:
         """What all cells share: name, dataset, clips (names, in order), num_past, num_future, size_px, stride, metrics.
 
-        `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better, unavailable: why or null};
+        `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better (null: neither), bounds [low,
+        high] (null: none), unavailable: why or null};
         a stored row's metric is such a name, or one with a pixel set behind it: "psnr@covered".
         """
         return _read_json(self.root / "protocol.json", "not a results folder: give one that `geovp run` wrote")

@@ -12,8 +12,8 @@ from geovp_benchmarks.store import Cell
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
 
 
-def pages(material: Material, number: int, name: str) -> list[Page]:
-    """The figures of one clip; its number goes into the names of the files."""
+def pages(material: Material, number: int, name: str, most_tiles: int | None = None) -> list[Page]:
+    """The figures of one clip; its number goes into the names of the files, so many images stand side by side."""
     clip = material.results.clip(name)
     kept = {
         cell.name: material.results.prediction(cell.name, name)
@@ -21,13 +21,18 @@ def pages(material: Material, number: int, name: str) -> list[Page]:
         if name in dict(material.results.predictions(cell.name))
     }
     file = f"{number:02d}-{name}"
-    return _strips(material, clip, kept, file) + _paths(material, clip, kept, file)
+    return _strips(material, clip, kept, file, most_tiles) + _paths(material, clip, kept, file)
 
 
-def _strips(material: Material, clip: Clip, kept: dict[str, Prediction], file: str) -> list[Page]:
+def _strips(
+    material: Material, clip: Clip, kept: dict[str, Prediction], file: str, most_tiles: int | None
+) -> list[Page]:
     past = material.protocol["num_past"]
     future = len(clip) - past
     horizons = [k for k in HORIZONS if k <= future] or [future]
+    if most_tiles is not None and most_tiles <= len(horizons):  # the first, the last, and some between
+        at = np.linspace(0, len(horizons) - 1, most_tiles - 1) if most_tiles > 2 else [len(horizons) - 1]
+        horizons = [horizons[round(i)] for i in at]
     steps = [k - 1 for k in horizons]
     ahead_s = clip.times_s[past:][steps] - clip.times_s[past - 1]
     truth = strips.Truth(clip.frames[past - 1], clip.frames[past:][steps], horizons, ahead_s)
