@@ -53,16 +53,21 @@ def _strips(
 
 def _strip(material: Material, cell: Cell, prediction: Prediction, clip: str, steps: list[int]) -> strips.Row:
     """The first sample's frames, with that sample's scores on this clip."""
+    covered = None if prediction.covered is None else prediction.covered[0, steps]
+    words = "\n".join(notes(material, cell, clip, len(prediction.frames)))
+    return strips.Row(cell.label, words, prediction.frames[0, steps], covered)
+
+
+def notes(material: Material, cell: Cell, clip: str, samples: int) -> list[str]:
+    """The first sample's scores on a clip, and out of how many it is."""
     rows = material.rows[cell.name]
     rows = rows.filter(pc.and_(pc.equal(rows["clip"], clip), pc.equal(rows["sample"], 0)))
-    samples = len(prediction.frames)
-    notes = [f"sample 1 of {samples}"] if samples > 1 else []
+    found = [f"sample 1 of {samples}"] if samples > 1 else []
     for metric, facts in material.protocol["metrics"].items():
         values = rows.filter(pc.equal(rows["metric"], metric))["value"]
         if facts["role"] == "frame" and values.null_count < len(values):
-            notes.append(f"{title(metric)} {pc.mean(values).as_py():#.3g} {facts['unit']}".strip())
-    covered = None if prediction.covered is None else prediction.covered[0, steps]
-    return strips.Row(cell.label, "\n".join(notes), prediction.frames[0, steps], covered)
+            found.append(f"{title(metric)} {pc.mean(values).as_py():#.3g} {facts['unit']}".strip())
+    return found
 
 
 def _paths(material: Material, clip: Clip, kept: dict[str, Prediction], file: str) -> list[Page]:
