@@ -6,7 +6,7 @@
     <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see SCORES
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with these
-    <root>/tables  plots  report.html     views of the above
+    <root>/tables  plots  recordings  report.html     views of the above
 
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
 holds in its metadata the clips, the fingerprint, the code hash, the times and the peak memory.
@@ -43,7 +43,7 @@ SCORES = pa.schema(
 )
 METADATA_KEY = b"geovp"
 EARLIER = "earlier"
-NOT_CELLS = ("clips", "tables", "plots", EARLIER)
+NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
 
 
 @dataclass(frozen=True)
@@ -187,6 +187,10 @@ class Results:
     def report(self) -> Path:
         """The one-page report."""
         return self.root / "report.html"
+
+    def recording(self, clip: str) -> Path:
+        """The Rerun recording of a kept clip."""
+        return self.root / "recordings" / f"{_file(clip).removesuffix('.npz')}.rrd"
 
     # Writing -----------------------------------------------------------------------------------------------------
 
