@@ -1,4 +1,4 @@
-"""Tables as Markdown, LaTeX and CSV."""
+"""Tables as Markdown and CSV, and in every format."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks import tables
+from geovp_benchmarks.latex import latex
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.table_model import Column, Row, Table
 from geovp_classic.data.atomic import write_bytes
@@ -20,8 +21,6 @@ from geovp_classic.data.atomic import write_bytes
 NOTES = "## Notes\n"  # from this line on, a page is written by hand
 CONFIGS = Path(__file__).parent / "configs"
 SUFFIXES = ("", "_low", "_high", "_standard_error", "_clips", "_effective_clips")
-TEX = {letter: f"\\{letter}" for letter in "&%_#$"} | {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-TEX |= {"±": r"$\pm$", "↑": r"$\uparrow$", "↓": r"$\downarrow$"}
 
 
 def write_all(results: Results) -> list[Path]:
@@ -72,25 +71,6 @@ def default_command(protocol: Mapping[str, Any]) -> str:
     return f"geovp run {f'benchmarks/configs/{file}' if (CONFIGS / file).exists() else file}{root}"
 
 
-def latex(table: Table) -> str:
-    """A `table` for the booktabs package."""
-    head = " & ".join(map(tex_escaped, ["method", "clips", *(column.heading for column in table.columns)]))
-    body = []
-    for row in table.rows:
-        marks = rf"$^{{\mathrm{{{row.marks}}}}}$" if row.marks else ""
-        values = [_text(table, row, column, r"\textbf{{{}}}") for column in table.columns]
-        body.append(" & ".join([tex_escaped(row.name) + marks, table.clips(row), *values]) + r" \\")
-    lines = [r"\begin{table}", r"\centering", rf"\caption{{{tex_escaped(table.title)}.}}"]
-    lines += [rf"\begin{{tabular}}{{lr{'r' * len(table.columns)}}}", r"\toprule", head + r" \\", r"\midrule", *body]
-    lines += [
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\par\footnotesize",
-        *(tex_escaped(note) + r"\\" for note in table.notes),
-    ]
-    return "\n".join([*lines, r"\end{table}", ""])
-
-
 def comma_separated(table: Table) -> str:
     """Unrounded numbers of each column: mean, interval, standard error, number of clips, effective number."""
     stream = io.StringIO()
@@ -106,13 +86,8 @@ def comma_separated(table: Table) -> str:
 
 def value(table: Table, row: Row, column: Column) -> str:
     """A value as Markdown has it, bold where it is the best."""
-    return _text(table, row, column, "**{}**")
-
-
-def _text(table: Table, row: Row, column: Column, emphasis: str) -> str:
     mean, error = table.texts(row, column)
-    error = tex_escaped(error) if "\\" in emphasis else error
-    return (emphasis.format(mean) if table.is_best(row, column) else mean) + error
+    return (f"**{mean}**" if table.is_best(row, column) else mean) + error
 
 
 def _numbers(row: Row, key: str) -> list[str]:
@@ -127,11 +102,6 @@ def columns(lines: Sequence[Sequence[str]]) -> list[str]:
     """Rows of texts as lines whose columns are aligned on the left."""
     widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
     return ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip() for line in lines]
-
-
-def tex_escaped(text: str) -> str:
-    """Text with the letters that LaTeX would take for commands spelled out."""
-    return text.translate({ord(letter): tex for letter, tex in TEX.items()})
 
 
 FORMATS: dict[str, Callable[[Table], str]] = {"md": markdown, "tex": latex, "csv": comma_separated}

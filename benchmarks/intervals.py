@@ -22,6 +22,8 @@ from geovp_classic.types import FloatArray
 
 LEVEL = 0.95
 NUM_RESAMPLES = 2000
+Bounds = tuple[float, float]
+UNBOUNDED: Bounds = (-np.inf, np.inf)
 VISIBLE = 1.5  # standard errors of a correlation that count
 LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
 FEWEST_DEGREES, FEWEST_EFFECTIVE = 3.0, 4.0  # of freedom; independent clips
@@ -58,8 +60,13 @@ def interval(
     sequences: npt.NDArray[np.generic],  # [N], where each is cut from
     level: float = LEVEL,
     seed: int = 0,
+    bounds: Bounds = UNBOUNDED,
 ) -> Interval:
-    """The mean and its interval; without one for fewer than three values."""
+    """The mean and its interval; without one for fewer than three values.
+
+    It is cut at `bounds`, the lowest and highest value that there can be: the true mean lies between them, so that the
+    interval holds it as often as before.
+    """
     known = np.isfinite(values)
     values, sequences = values[known], sequences[known]
     if not len(values):
@@ -78,7 +85,7 @@ def interval(
     spread = float(np.sqrt(within @ within / count / (1 - lost) * tau / count))
     off *= spread / off.std() if off.std() > 0 else 0.0
     student = stats.t(max(FEWEST_DEGREES, (count - 1) / (2 * visible + 1)))
-    low, high = mean + _ends(off, student, np.array([1 - level]))[:, 0]
+    low, high = np.clip(mean + _ends(off, student, np.array([1 - level]))[:, 0], *bounds)
     return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, student))
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from geovp_benchmarks import metric_facts
 from geovp_benchmarks.components import Failure, build
 from geovp_benchmarks.matrix import COVERAGE, Spec
 from geovp_benchmarks.scoring import Metrics
@@ -61,12 +62,13 @@ class MetricSet:
                 entries[name] = {"role": role, "asked": spec, "unavailable": unavailable.get(name)}
                 entries[name] |= _meaning(self.built[name])
         definition = "share of pixels that were not invented"
-        coverage = {"unit": "", "higher_is_better": True, "definition": definition, "unavailable": None}
-        return {**entries, COVERAGE: {"role": "frame", **coverage}}
+        coverage = {"unit": "", "higher_is_better": None, "definition": definition, "unavailable": None}
+        return {**entries, COVERAGE: {"role": "frame", **coverage, "bounds": [0.0, 1.0]}}
 
 
 def _meaning(metric: Any) -> dict[str, Any]:
     if isinstance(metric, Failure):
         return {}
     definition = getattr(metric, "protocol", "")  # which of the usual definitions it follows
-    return {"unit": metric.unit, "higher_is_better": metric.higher_is_better, "definition": definition}
+    direction, ends = metric.higher_is_better, metric_facts.stored_bounds(metric)
+    return {"unit": metric.unit, "higher_is_better": direction, "definition": definition, "bounds": ends}

@@ -61,7 +61,7 @@ class Ranking:
         """NUM_CLIPS clips; BadData when no complete row has the metric."""
         protocol = results.protocol()
         cell, scores = self._scores(results)
-        sign = 1 if protocol["metrics"][self.metric]["higher_is_better"] else -1
+        sign = -1 if protocol["metrics"][self.metric]["higher_is_better"] is False else 1  # least coverage is the worst
         ranked = sorted(scores, key=lambda clip: sign * scores[clip])  # the worst one first
         if self.which == "best":
             ranked.reverse()

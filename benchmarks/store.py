@@ -6,7 +6,7 @@
     <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see SCORES
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with these
-    <root>/tables  plots  report.html     views of the above
+    <root>/tables  plots  recordings  report.html     views of the above
     <root>/datasets.json                  of several data sets: their labels, each with a folder <root>/<label> as above
 
 Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
@@ -44,7 +44,7 @@ SCORES = pa.schema(
 )
 METADATA_KEY = b"geovp"
 EARLIER = "earlier"
-NOT_CELLS = ("clips", "tables", "plots", EARLIER)
+NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ class Results:
     def protocol(self) -> dict[str, Any]:
         """What all cells share: name, dataset, clips (names, in order), num_past, num_future, size_px, stride, metrics.
 
-        `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better, unavailable: why or null};
+        `metrics` maps each name to {role: "frame" | "trajectory", unit, higher_is_better (null: neither), bounds [low,
+        high] (null: none), unavailable: why or null};
         a stored row's metric is such a name, or one with a pixel set behind it: "psnr@covered".
         """
         if "" not in (apart := self.by_dataset()):
@@ -195,6 +196,10 @@ class Results:
     def report(self) -> Path:
         """The one-page report."""
         return self.root / "report.html"
+
+    def recording(self, clip: str) -> Path:
+        """The Rerun recording of a kept clip."""
+        return self.root / "recordings" / f"{_file(clip).removesuffix('.npz')}.rrd"
 
     # Writing -----------------------------------------------------------------------------------------------------
 

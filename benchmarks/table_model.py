@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_benchmarks import intervals, statistics
-from geovp_benchmarks.intervals import Interval
+from geovp_benchmarks.intervals import UNBOUNDED, Bounds, Interval
 from geovp_benchmarks.statistics import Estimate
 from geovp_classic.types import BoolArray, FloatArray
 
@@ -24,7 +24,7 @@ class Column:
 
     key: str  # "psnr", "psnr@covered"
     heading: str
-    higher_is_better: bool
+    higher_is_better: bool | None  # None: neither, so that no value is the best
     decimals: int
     unavailable: bool = False
 
@@ -53,9 +53,13 @@ class Row:
         scored: BoolArray,  # [N], which clips the row has
         by_truth: bool = False,
         protocol: str = "",
+        bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
     ) -> Row:
         """The row with its estimates."""
-        sequences = _sequences(clips)
+        sequences, ends = _sequences(clips), bounds or {}
+        found = {
+            key: intervals.interval(one, sequences, bounds=ends.get(key, UNBOUNDED)) for key, one in values.items()
+        }
         return cls(
             name,
             marks,
@@ -64,7 +68,7 @@ class Row:
             by_truth,
             values,
             {key: statistics.over_clips(one) for key, one in values.items()},
-            {key: intervals.interval(one, sequences) for key, one in values.items()},
+            found,
             protocol,
         )
 
@@ -81,6 +85,8 @@ class Table:
     best: frozenset[tuple[str, str]]  # (row, column) in bold
     spread: Spread = "interval"
     starred: frozenset[tuple[str, str]] | None = None  # of a table of differences: significant ones
+    caption: str = ""  # in LaTeX; "": the title
+    label: str = ""  # in LaTeX; "": after the name
 
     def is_best(self, row: Row, column: Column) -> bool:
         """Whether the value is printed in bold."""
@@ -131,7 +137,7 @@ def _leaders(rows: Sequence[Row], column: Column, sequences: npt.NDArray[np.str_
     """The best of the complete rows and those that don't differ from it; none where there is no rival."""
     sign, key = (1.0 if column.higher_is_better else -1.0), column.key
     known = [row for row in rows if row.complete and key in row.values and np.isfinite(row.estimates[key].mean)]
-    if len(known) < 2:
+    if len(known) < 2 or column.higher_is_better is None:
         return []
     leader = max(known, key=lambda row: sign * float(row.estimates[key].mean))
     others = [row for row in known if row is not leader]

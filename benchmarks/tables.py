@@ -12,8 +12,10 @@ import pyarrow.compute as pc
 
 from geovp_benchmarks import intervals, provenance, statistics
 from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.metric_facts import bounds, is_directed
 from geovp_benchmarks.statistics import Cube
 from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.table_choice import EVERYTHING, Choice
 from geovp_benchmarks.table_model import Column, Row, Spread, Table, best, different
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -38,29 +40,34 @@ BEST_OF = (
 )
 
 
-def build(results: Results, spread: Spread = "interval", *, strict: bool = False) -> list[Table]:
+def build(
+    results: Results, spread: Spread = "interval", *, strict: bool = False, choice: Choice = EVERYTHING
+) -> list[Table]:
     """The main table (whole frames and poses), then one per frame metric that was also taken over sets of pixels.
 
-    Clips that a method could not predict count as copies of the last frame; `strict` leaves them out.
+    Clips that a method could not predict count as copies of the last frame; `strict` leaves them out. Of a choice of
+    columns there is but one table, and rows compete among those chosen.
     """
-    protocol, cells = results.protocol(), results.cells()
+    protocol, cells = results.protocol(), choice.cells(results.cells())
     rows = {cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")}
     failures = {name: results.failures(name) for name in rows}
     if strict:
         rows = {name: _without(one, [*failures[name]]) for name, one in rows.items()}
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
-    main = [name for name in metrics if name != COVERAGE]
+    main = choice.columns(metrics, keys) or [name for name in metrics if name != COVERAGE]
     methods = [line for cell in cells if cell.name in rows for line in _lines(cell, rows[cell.name], protocol)]
+    methods = choice.rows(methods)
     tables = [_table("scores", "whole frames and poses", {key: title(key) for key in main}, protocol, methods, cells)]
-    for name in (name for name in main if metrics[name]["role"] == "frame"):
+    for name in (name for name in main if not choice.metrics and metrics[name]["role"] == "frame"):
         apart = [key for key in keys if key.startswith(f"{name}@")]
         if apart:
             columns = {name: "all pixels", **{key: f"{key.partition('@')[2]} pixels" for key in apart}}
             columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
             heading = f"{title(name)} over sets of pixels"
             tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
-    tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
+    if not choice.metrics:
+        tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
     excuses = [_excuse(cell, failures[cell.name], strict) for cell in cells if failures.get(cell.name)]
     return [
         replace(table, spread=spread, notes=(table.notes[0], _kind(spread), *table.notes[1:], *excuses))
@@ -81,9 +88,9 @@ def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
     return f"{cell.label}: {count}, {treated}: {names}: {reasons}."
 
 
-def against(results: Results, name: str, *, strict: bool = False) -> Table:
+def against(results: Results, name: str, *, strict: bool = False, choice: Choice = EVERYTHING) -> Table:
     """Paired differences of all rows of the main table from one of them, over the clips that both have."""
-    main = build(results, strict=strict)[0]
+    main = build(results, strict=strict, choice=choice.including(name))[0]
     chosen = next((row for row in main.rows if row.name == name), None)
     if chosen is None:
         known = [row.name for row in main.rows]
@@ -158,9 +165,9 @@ def _table(
 def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
     means = np.array([float(row.estimates[key].mean) for row in rows if key in row.estimates])
     known = means[np.isfinite(means)]
-    higher = bool(about.get("higher_is_better", False))
+    higher = bool(about["higher_is_better"]) if is_directed(key, about) else None
     unit = f" ({about['unit']})" if about.get("unit") else ""
-    arrow = ("↑" if higher else "↓") if "higher_is_better" in about else ""
+    arrow = "" if higher is None else "↑" if higher else "↓"
     decimals = 2 if np.abs(known).max(initial=0.0) >= 10 else 3
     unavailable = bool(about["unavailable"]) and not len(known)
     return Column(key, f"{words}{unit} {arrow}".strip(), higher, decimals, unavailable)
@@ -170,7 +177,9 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
     """One row of a cell with one sample, three of a cell with more."""
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
-    higher = {key: bool(protocol["metrics"].get(key.partition("@")[0], {}).get("higher_is_better")) for key in keys}
+    abouts = {key: protocol["metrics"].get(key.partition("@")[0], {}) for key in keys}
+    higher = {key: bool(about.get("higher_is_better")) for key, about in abouts.items()}
+    ends = {key: bounds(key.partition("@")[0], about) for key, about in abouts.items()}
     clips = protocol["clips"]
     scored = np.isin(clips, pc.unique(rows["clip"]).to_pylist())
     marks = "".join(MARKS[grant][0] for grant in cell.grants)
@@ -183,6 +192,7 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
             scored,
             by_truth=reduce is not statistics.mean_of_samples,
             protocol=provenance.row_id(cell, protocol),
+            bounds=ends,
         )
         for suffix, reduce in _reductions(cubes, higher, protocol).items()
     ]
@@ -230,7 +240,9 @@ def _sampled(
         values = {f"{name} of {k}": _aligned(cube, curve[:, k - 1 : k], clips) for k in counts if k <= curve.shape[1]}
         marks = "".join(MARKS[grant][0] for grant in cell.grants)
         own = provenance.row_id(cell, protocol)
-        lines.append(Row.of(cell.label, marks, values, clips, np.isin(clips, cube.clips), protocol=own))
+        ends = dict.fromkeys(values, bounds(name, about))
+        scored = np.isin(clips, cube.clips)
+        lines.append(Row.of(cell.label, marks, values, clips, scored, protocol=own, bounds=ends))
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
     heading = f"{protocol['name']}: {title(name)} of the best of k samples, on average over all sets of k"
     notes, bold = tuple(_notes(protocol, {name: about}, many)), best(lines, columns, clips)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks import provenance, statistics, tables
-from geovp_benchmarks.formats import grid, tex_escaped
+from geovp_benchmarks.formats import grid
+from geovp_benchmarks.latex import tex_escaped
 from geovp_benchmarks.store import Cell, Results
 from geovp_classic.data import splits
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from geovp_classic.api import evaluate, open_clip, predict
+    from geovp_classic.api import evaluate, open_clip, predict, show
     from geovp_classic.registry import build, load
     from geovp_classic.types import (
         Clip,
@@ -40,10 +40,14 @@ __all__ = [
     "load",
     "open_clip",
     "predict",
+    "show",
 ]
 
 if not TYPE_CHECKING:
-    _MODULE_OF = dict.fromkeys(("evaluate", "open_clip", "predict"), "api") | {"build": "registry", "load": "registry"}
+    _MODULE_OF = dict.fromkeys(("evaluate", "open_clip", "predict", "show"), "api") | {
+        "build": "registry",
+        "load": "registry",
+    }
 
     def __getattr__(name: str) -> object:
         """The public name, from its module; AttributeError for any other."""

@@ -1,4 +1,4 @@
-"""The public functions: open a clip, predict its future frames, evaluate the prediction."""
+"""The public functions: open a clip, predict its future frames, evaluate and show the prediction."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from geovp_classic import registry
 from geovp_classic.data import layouts
@@ -16,6 +17,7 @@ from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
+MOST_SAMPLES, GAP_PX, LABEL_PX = 5, 4, 14  # of a film strip
 Spec = str | Mapping[str, Any]  # "name" or {"name": ..., **settings}, as in a matrix file
 
 
@@ -67,6 +69,28 @@ def evaluate(
         name = spec if isinstance(spec, str) else str(spec["name"])
         values[name] = np.stack([metric(frames, target.frames, None) for frames in prediction.frames])
     return values
+
+
+def show(shown: Clip | Prediction, num_frames: int = 6) -> Image.Image:
+    """A film strip, which a notebook displays: frames evenly spread from the first to the last.
+
+    A clip is one row, with seconds since its first frame; a prediction a row for each of its samples, up to
+    MOST_SAMPLES of them, with the number of the future frame.
+    """
+    if num_frames < 1:
+        raise BadData(f"num_frames is {num_frames}: give 1 or more")
+    rows = shown.frames[None] if isinstance(shown, Clip) else shown.frames[:MOST_SAMPLES]
+    steps = np.unique(np.linspace(0, rows.shape[1] - 1, num_frames).round().astype(int))
+    times_s = shown.times_s - shown.times_s[0] if isinstance(shown, Clip) else None
+    height_px, width_px = rows.shape[2] + GAP_PX, rows.shape[3] + GAP_PX
+    strip = Image.new("RGB", (len(steps) * width_px - GAP_PX, len(rows) * height_px + LABEL_PX - GAP_PX), "white")
+    pen = ImageDraw.Draw(strip)
+    for column, step in enumerate(steps):
+        words = f"+{step + 1}" if times_s is None else f"{times_s[step]:.1f} s"
+        pen.text((column * width_px + 2, 1), words, fill="black")
+        for row, frames in enumerate(rows):
+            strip.paste(Image.fromarray(frames[step]), (column * width_px, LABEL_PX + row * height_px))
+    return strip
 
 
 def _built(role: str, part: object) -> Any:

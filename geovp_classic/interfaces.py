@@ -159,7 +159,10 @@ class FramePredictor(Component, Protocol):
 
 
 class Metric(Protocol):
-    """A measure with one number per step."""
+    """A measure with one number per step.
+
+    An optional attribute `bounds`, (lowest, highest), says what values it can have: intervals of means are cut there.
+    """
 
     @property
     def unit(self) -> str:

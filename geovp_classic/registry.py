@@ -35,7 +35,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
 }
 ROLES = (*PROTOCOL_OF_ROLE, "executors")
 NO_PART = "none"  # TOML has no None: this leaves a part out
-EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster"}
+EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster", "rerun": "viz"}
 
 
 def names(role: str) -> list[str]:

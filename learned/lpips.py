@@ -13,6 +13,7 @@ import hashlib
 import http.client
 import io
 import logging
+import math
 import os
 import tempfile
 import urllib.request
@@ -79,6 +80,7 @@ class Lpips:
 
     unit: ClassVar[str] = ""
     higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     @property
     def protocol(self) -> str:

@@ -21,7 +21,7 @@ from geovp_classic.errors import GeovpError
 
 DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
-VERBS += ("metrics", "study", "data", "list", "check")
+VERBS += ("view", "metrics", "study", "data", "list", "check")
 STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
 
 

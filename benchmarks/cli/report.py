@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from geovp_benchmarks.arguments import add_results_folder as add_arguments
+from geovp_benchmarks.arguments import add_results_folder
 from geovp_benchmarks.progress import progress_bar
 
-__all__ = ["add_arguments", "run"]
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which results, and what they are compared with."""
+    add_results_folder(parser)
+    help_text = "also paired differences of all rows from this one, with marks where they are significant"
+    parser.add_argument("--against", metavar="ROW", help=help_text)
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -18,6 +23,6 @@ def run(chosen: argparse.Namespace) -> int:
     parts = Results(chosen.folder).by_dataset().values()
     with progress_bar("report", "figures") as progress:
         for part in parts:
-            report.write(part, progress)
+            report.write(part, progress, chosen.against)
     print(*(part.report for part in parts), sep="\n")
     return 0

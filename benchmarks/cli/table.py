@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from geovp_benchmarks.arguments import add_division, add_results_folder
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.store import Results
+    from geovp_benchmarks.table_model import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--style", choices=("suite", "thesis"), default="suite", help="thesis: as its table 4.1, in md or tex"
     )
+    several = "in this order; default: all"
+    parser.add_argument("--methods", nargs="+", default=[], metavar="ROW", help=f"the rows, {several}")
+    parser.add_argument("--metrics", nargs="+", default=[], metavar="COLUMN", help=f"the columns, {several}")
+    parser.add_argument("--label", metavar="NAME", help="of the LaTeX table, for \\ref; further tables get NAME-2 ...")
+    parser.add_argument("--caption", metavar="TEXT", help="of the LaTeX table, taken as LaTeX (default: its title)")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="write what is printed as a page of the docs, too")
     parser.add_argument("--command", metavar="TEXT", help="what the page says computed the rows (default: geovp run)")
 
@@ -59,25 +68,61 @@ def run(chosen: argparse.Namespace) -> int:
 
 def _text(chosen: argparse.Namespace, results: Results) -> str:
     from geovp_benchmarks import formats, strata, tables, thesis
+    from geovp_benchmarks.table_choice import Choice
 
+    _check(chosen)
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.style == "thesis":
-        if chosen.format not in thesis.FORMATS:
-            raise BadData(f"--style thesis is written as {' or '.join(thesis.FORMATS)}, not as {chosen.format}")
         return "\n".join(map(thesis.FORMATS[chosen.format], parts))
-    render = formats.FORMATS[chosen.format]
+    choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     if chosen.against is not None:
-        return "\n".join(render(tables.against(part, chosen.against, strict=chosen.strict)) for part in parts)
-    built = [tables.build(part, chosen.spread, strict=chosen.strict) for part in parts]
-    if chosen.by is not None:
-        return "\n".join(render(main) for main, *_ in built)
-    formats.write_all(results)
-    return "\n".join(map(render, built[0]))
+        found = [tables.against(part, chosen.against, strict=chosen.strict, choice=choice) for part in parts]
+    else:
+        built = [tables.build(part, chosen.spread, strict=chosen.strict, choice=choice) for part in parts]
+        found = built[0] if chosen.by is None else [main for main, *_ in built]
+        if chosen.by is None:
+            formats.write_all(results)
+    return "\n".join(map(formats.FORMATS[chosen.format], _labelled(found, chosen.label, chosen.caption)))
+
+
+def _check(chosen: argparse.Namespace) -> None:
+    from geovp_benchmarks import thesis
+
+    if chosen.style == "thesis" and chosen.format not in thesis.FORMATS:
+        raise BadData(f"--style thesis is written as {' or '.join(thesis.FORMATS)}, not as {chosen.format}")
+    if chosen.style == "thesis" and (chosen.methods or chosen.metrics or chosen.label or chosen.caption):
+        raise BadData("--style thesis has the thesis's rows and columns: leave --methods, --metrics and the like out")
+    if chosen.format != "tex" and (chosen.label or chosen.caption):
+        raise BadData(f"--label and --caption are LaTeX's, not for {chosen.format}: add --format tex")
+    if chosen.label and not re.fullmatch(r"[\w:./+-]+", chosen.label):
+        raise BadData(f"--label {chosen.label!r} is not a name for LaTeX: use letters, digits and : . / + - _ alone")
+
+
+def _labelled(tables: Sequence[Table], label: str | None, caption: str | None) -> list[Table]:
+    """Every table with a label of its own; the first has the caption."""
+    labels = [label or f"tab:{table.name}" for table in tables]
+    numbered = [f"{one}-{labels[:at].count(one) + 1}" if one in labels[:at] else one for at, one in enumerate(labels)]
+    captions = [caption or "", *[""] * len(tables)]
+    return [
+        dataclasses.replace(table, label=name, caption=words)
+        for table, name, words in zip(tables, numbered, captions, strict=False)
+    ]
 
 
 def _own_command(chosen: argparse.Namespace) -> str:
     """The command line that prints the same tables again."""
-    defaults = {"by": None, "against": None, "spread": "interval", "style": "suite"}
-    given = {option: getattr(chosen, option) for option, default in defaults.items()}
-    words = [f"--{option} {shlex.quote(value)}" for option, value in given.items() if value != defaults[option]]
+    defaults: dict[str, Any] = {
+        "by": None,
+        "against": None,
+        "spread": "interval",
+        "style": "suite",
+        "methods": [],
+        "metrics": [],
+    }
+    given = {option: getattr(chosen, option) for option in defaults}
+    words = [
+        f"--{option} {shlex.join([value] if isinstance(value, str) else value)}"
+        for option, value in given.items()
+        if value != defaults[option]
+    ]
     return " ".join(["geovp table", f"results/{chosen.folder.resolve().name}", *words, *["--strict"] * chosen.strict])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,31 +13,37 @@ import matplotlib.style
 
 from geovp_benchmarks import strata
 from geovp_benchmarks.plots import horizon, kept_clips, style
+from geovp_benchmarks.plots.layout import Layout
 from geovp_benchmarks.plots.material import Material, Page
 from geovp_benchmarks.progress import Progress, no_progress, tracked
 from geovp_benchmarks.store import Results
 from geovp_classic.data.atomic import write_bytes
 
-__all__ = ["Page", "figures", "rendered", "write", "write_all"]
+__all__ = ["Layout", "Page", "figures", "rendered", "write", "write_all"]
 
 SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 2}},
-    "jpg": {"pil_kwargs": {"quality": 85}},
+    "pdf": {"metadata": {"CreationDate": None}},
     "svg": {"metadata": {"Date": None}},  # the same rows give the same bytes
 }
+AS_IT_COMES = Layout()
 KINDS = ("horizon", "samples", "strip", "invented", "paths")
 
 
-def figures(results: Results, progress: Progress = no_progress, by: str | None = None) -> Iterator[Page]:
+def figures(
+    results: Results, progress: Progress = no_progress, by: str | None = None, layout: Layout = AS_IT_COMES
+) -> Iterator[Page]:
     """All figures, or the curves of strata, drawn one after the other; BadData when the folder holds no results."""
-    drawing = _drawing(results, by)
+    drawing = _drawing(results, by, layout)
     for draw in tracked(drawing, len(drawing), progress):
         with matplotlib.style.context(style.SHEET):
             pages = draw()
-        yield from pages
+            for page in pages:
+                layout.apply(page.figure)
+        yield from (replace(page, formats=layout.formats or page.formats) for page in pages)
 
 
-def _drawing(results: Results, by: str | None) -> list[Callable[[], list[Page]]]:
+def _drawing(results: Results, by: str | None, layout: Layout) -> list[Callable[[], list[Page]]]:
     """What draws the figures."""
     if by is not None:
         parts = {subset.label: Material.read(subset) for subset in strata.divide(results, by)}
@@ -48,28 +55,31 @@ def _drawing(results: Results, by: str | None) -> list[Callable[[], list[Page]]]
     if any(cell.num_samples > 1 for cell in material.cells):
         drawing += [partial(horizon.sample_pages, material, metric) for metric in metrics if "@" not in metric]
     drawing += [
-        partial(kept_clips.pages, material, number, name) for number, (name, _) in enumerate(results.clips(), 1)
+        partial(kept_clips.pages, material, number, name, layout.most_tiles)
+        for number, (name, _) in enumerate(results.clips(), 1)
     ]
     return drawing
 
 
 def write_all(
-    results: Results, progress: Progress = no_progress, by: str | None = None
+    results: Results, progress: Progress = no_progress, by: str | None = None, layout: Layout = AS_IT_COMES
 ) -> Iterator[tuple[Page, dict[Path, bytes]]]:
     """Write every figure into the results folder's plots, remove outdated ones; each figure with its files.
 
-    All are png and svg but two: curves over sets of pixels are svg alone, strips of inpainted pixels png alone.
+    All are png and svg but two: curves over sets of pixels are svg alone, strips of inpainted pixels png alone. Where
+    the layout asks for a format, it is that alone, and files of other formats stay.
 
     BadData when the folder holds no results.
     """
     written: set[Path] = set()
-    for page in figures(results, progress, by):
+    for page in figures(results, progress, by, layout):
         files = write(page, results.plots)
         written.update(files)
         yield page, files
     for kind in KINDS if by is None else (f"strata-{by}",):
         for path in set(results.plots.glob(f"{kind}-*")) - written:
-            path.unlink()
+            if not layout.formats or path.suffix.removeprefix(".") in layout.formats:
+                path.unlink()
 
 
 def write(page: Page, folder: Path) -> dict[Path, bytes]:
@@ -81,7 +91,7 @@ def write(page: Page, folder: Path) -> dict[Path, bytes]:
 
 
 def rendered(page: Page, kind: str) -> bytes:
-    """The figure as a file of that kind: png, svg or jpg."""
+    """The figure as a file of that kind: png, svg or pdf."""
     buffer = io.BytesIO()
     with matplotlib.style.context(style.SHEET):
         page.figure.savefig(buffer, format=kind, dpi="figure", **SAVE_OPTIONS.get(kind, {}))

@@ -1,4 +1,4 @@
-"""Metric over horizon: one line per method with a band of one standard error, and a legend."""
+"""Metric over horizon: one line per method with the band of its 95 % intervals, and a legend."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from geovp_benchmarks import intervals
 from geovp_benchmarks.plots import style
-from geovp_benchmarks.statistics import Estimate
 from geovp_classic.types import FloatArray
 
 MOST_LINES = 12
@@ -24,24 +24,37 @@ class Curve:
     """A method's mean score per horizon step."""
 
     label: str
-    estimate: Estimate  # arrays [F]; the standard error is half the band's height
+    mean: FloatArray  # [F]
+    low: FloatArray  # [F], ends of the intervals; NaN where there is none
+    high: FloatArray
+    num_clips: int  # how many have a value
     line: style.LineStyle
+
+    @classmethod
+    def of(
+        cls,
+        label: str,
+        values: FloatArray,  # [N, F]
+        clips: Sequence[str],
+        bounds: intervals.Bounds,
+        line: style.LineStyle,
+    ) -> Curve:
+        """The curve of values of clips, with an interval at every step as tables have it."""
+        sequences = np.array([intervals.sequence_of(clip) for clip in clips])
+        found = [intervals.interval(step, sequences, bounds=bounds) for step in values.T]
+        mean, low, high = np.array([(one.mean, one.low, one.high) for one in found]).T
+        return cls(label, mean, low, high, int(np.isfinite(values).sum(axis=0).max()), line)
 
     @property
     def steps(self) -> FloatArray:
         """The horizon [F], 1..F."""
-        return np.arange(1.0, len(self.estimate.mean) + 1)
-
-    @property
-    def num_clips(self) -> int:
-        """How many clips have a value."""
-        return int(self.estimate.count.max())
+        return np.arange(1.0, len(self.mean) + 1)
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bound [F]; the mean itself where the error is unknown."""
-        error = np.nan_to_num(self.estimate.error)
-        return self.estimate.mean - error, self.estimate.mean + error
+        """Lower and upper bound [F]; the mean itself where there is no interval."""
+        known = np.isfinite(self.low)
+        return np.where(known, self.low, self.mean), np.where(known, self.high, self.mean)
 
 
 @dataclass(frozen=True)
@@ -50,7 +63,7 @@ class AxisLabels:
 
     title: str
     unit: str
-    higher_is_better: bool
+    higher_is_better: bool | None  # None: neither
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
     x_label: str = "horizon (frames)"
 
@@ -76,11 +89,11 @@ def _page(curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: sty
     lines, names = [], []  # a label that begins with _ would be left out of the legend
     for number, curve in enumerate(curves):
         if not page.start <= number < page.stop:
-            axes.plot(curve.steps, curve.estimate.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
+            axes.plot(curve.steps, curve.mean, color=style.RULE, linewidth=0.8, zorder=1.5)
             continue
-        axes.fill_between(curve.steps, *curve.band, color=curve.line.colour, alpha=0.16, linewidth=0)
+        axes.fill_between(curve.steps, *curve.band, color=curve.line.colour, alpha=0.1, linewidth=0)
         every = [i for i, step in enumerate(curve.steps) if step == 1 or step % 5 == 0]
-        lines += axes.plot(curve.steps, curve.estimate.mean, **curve.line.kwargs(), markevery=every)
+        lines += axes.plot(curve.steps, curve.mean, **curve.line.kwargs(), markevery=every)
         names.append(_label(curve, highest, labels.unit))
     _set_axes(axes, curves, labels)
     axes.legend(lines, names, loc="center left", bbox_to_anchor=(1.02, 0.5))
@@ -96,9 +109,9 @@ def _set_axes(axes: Axes, curves: Sequence[Curve], labels: AxisLabels) -> None:
     axes.set_xlabel(labels.x_label if labels.step_s is None else "horizon (frames; seconds)")
     if labels.step_s is not None:
         axes.set_xticklabels([f"{step:.0f}\n{step * labels.step_s:.1f} s" for step in ticks])
-    arrow = "↑ higher is better" if labels.higher_is_better else "↓ lower is better"
+    arrow = {True: "    ↑ higher is better", False: "    ↓ lower is better", None: ""}[labels.higher_is_better]
     unit = f" ({labels.unit})" if labels.unit else ""
-    axes.set_ylabel(f"{labels.title}{unit}    {arrow}")
+    axes.set_ylabel(f"{labels.title}{unit}{arrow}")
     axes.set_ylim(*_limits(curves, labels))
     axes.yaxis.set_major_locator(MaxNLocator(6))
 
@@ -110,14 +123,14 @@ def _limits(curves: Sequence[Curve], labels: AxisLabels) -> tuple[float, float]:
     """
     low = min(np.nanmin(curve.band[0]) for curve in curves)
     highs = sorted(np.nanmax(curve.band[1]) for curve in curves)
-    is_outlier = not labels.higher_is_better and len(highs) > 2 and highs[-1] > OUTLIER_RATIO * highs[-2] > 0
+    is_outlier = labels.higher_is_better is False and len(highs) > 2 and highs[-1] > OUTLIER_RATIO * highs[-2] > 0
     high = highs[-2] if is_outlier else highs[-1]
     margin = 0.05 * (high - low) or 0.5
-    floor = 0.0 if min(np.nanmin(curve.estimate.mean) for curve in curves) >= 0 else -np.inf
+    floor = 0.0 if min(np.nanmin(curve.mean) for curve in curves) >= 0 else -np.inf
     return max(float(low - margin), floor), float(high + margin)
 
 
 def _label(curve: Curve, highest: float, unit: str) -> str:
     """The legend's label, with the last value when it is above the axes."""
-    value = curve.estimate.mean[np.isfinite(curve.estimate.mean)][-1]
+    value = curve.mean[np.isfinite(curve.mean)][-1]
     return curve.label if value <= highest else f"{curve.label} (off the axis: {f'{value:#.3g} {unit}'.strip()})"

@@ -9,10 +9,12 @@ import numpy as np
 import pyarrow.compute as pc
 
 from geovp_benchmarks import statistics
+from geovp_benchmarks.metric_facts import bounds, is_directed
 from geovp_benchmarks.plots import curves, style
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.store import Cell
 
+BAND = "band: 95 % interval (block bootstrap)"
 _Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
 
 
@@ -65,8 +67,8 @@ def _curves(material: Material, metric: str) -> list[curves.Curve]:
     for label, cell, reduce, line in _lines(material.cells, facts["role"]):
         cube = statistics.cube(material.rows[cell.name], metric)
         if np.isfinite(cube.values).any():
-            estimate = statistics.over_clips(reduce(cube, facts["higher_is_better"]))
-            shown.append(curves.Curve(label, estimate, line))
+            values, ends = reduce(cube, bool(facts["higher_is_better"])), bounds(metric.partition("@")[0], facts)
+            shown.append(curves.Curve.of(label, values, cube.clips, ends, line))
     most = max((curve.num_clips for curve in shown), default=0)
     for number, curve in enumerate(shown):
         if curve.num_clips < most:
@@ -78,12 +80,13 @@ def _over(material: Material, shown: Sequence[curves.Curve]) -> str:
     """What the curves are means over."""
     most = max(curve.num_clips for curve in shown)
     over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
-    return over + (", band ± one standard error over clips" if most > 1 else "")
+    return over + (f", {BAND}" if most > 2 else "")
 
 
 def _labels(material: Material, metric: str) -> curves.AxisLabels:
     facts = material.protocol["metrics"][metric.partition("@")[0]]
-    return curves.AxisLabels(title(metric), facts["unit"], facts["higher_is_better"], material.step_s)
+    direction = facts["higher_is_better"] if is_directed(metric, facts) else None
+    return curves.AxisLabels(title(metric), facts["unit"], direction, material.step_s)
 
 
 def sample_pages(material: Material, metric: str) -> list[Page]:
@@ -93,15 +96,18 @@ def sample_pages(material: Material, metric: str) -> list[Page]:
     for cell in (cell for cell in material.cells if cell.num_samples > 1):
         cube = statistics.cube(material.rows[cell.name], metric)
         if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
-            found.append((cell.label, statistics.over_clips(statistics.expected_best(cube, facts["higher_is_better"]))))
+            found.append((cell.label, cube.clips, statistics.expected_best(cube, bool(facts["higher_is_better"]))))
     if not found:
         return []
-    styles = style.line_styles([(label, "") for label, _ in found])
-    shown = [curves.Curve(label, best, line) for (label, best), line in zip(found, styles, strict=True)]
-    labels = curves.AxisLabels(title(metric), facts["unit"], facts["higher_is_better"], None, "samples to choose from")
+    styles, ends = style.line_styles([(label, "") for label, *_ in found]), bounds(metric, facts)
+    shown = [
+        curves.Curve.of(label, best, clips, ends, line)
+        for (label, clips, best), line in zip(found, styles, strict=True)
+    ]
+    labels = replace(_labels(material, metric), step_s=None, x_label="samples to choose from")
     heading = style.Heading(
         f"{title(metric)} of the best of k samples",
-        f"{material.data}: chosen by the real future; mean over sets of k and over clips, band ± one standard error",
+        f"{material.data}: chosen by the real future; mean over sets of k and over clips, {BAND}",
     )
     return numbered("samples", metric, metric, heading, curves.draw(shown, labels, heading))
 

@@ -12,8 +12,8 @@ from geovp_benchmarks.store import Cell
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
 
 
-def pages(material: Material, number: int, name: str) -> list[Page]:
-    """The figures of one clip; its number goes into the names of the files."""
+def pages(material: Material, number: int, name: str, most_tiles: int | None = None) -> list[Page]:
+    """The figures of one clip; its number goes into the names of the files, so many images stand side by side."""
     clip = material.results.clip(name)
     kept = {
         cell.name: material.results.prediction(cell.name, name)
@@ -21,13 +21,18 @@ def pages(material: Material, number: int, name: str) -> list[Page]:
         if name in dict(material.results.predictions(cell.name))
     }
     file = f"{number:02d}-{name}"
-    return _strips(material, clip, kept, file) + _paths(material, clip, kept, file)
+    return _strips(material, clip, kept, file, most_tiles) + _paths(material, clip, kept, file)
 
 
-def _strips(material: Material, clip: Clip, kept: dict[str, Prediction], file: str) -> list[Page]:
+def _strips(
+    material: Material, clip: Clip, kept: dict[str, Prediction], file: str, most_tiles: int | None
+) -> list[Page]:
     past = material.protocol["num_past"]
     future = len(clip) - past
     horizons = [k for k in HORIZONS if k <= future] or [future]
+    if most_tiles is not None and most_tiles <= len(horizons):  # the first, the last, and some between
+        at = np.linspace(0, len(horizons) - 1, most_tiles - 1) if most_tiles > 2 else [len(horizons) - 1]
+        horizons = [horizons[round(i)] for i in at]
     steps = [k - 1 for k in horizons]
     ahead_s = clip.times_s[past:][steps] - clip.times_s[past - 1]
     truth = strips.Truth(clip.frames[past - 1], clip.frames[past:][steps], horizons, ahead_s)
@@ -48,16 +53,21 @@ def _strips(material: Material, clip: Clip, kept: dict[str, Prediction], file: s
 
 def _strip(material: Material, cell: Cell, prediction: Prediction, clip: str, steps: list[int]) -> strips.Row:
     """The first sample's frames, with that sample's scores on this clip."""
+    covered = None if prediction.covered is None else prediction.covered[0, steps]
+    words = "\n".join(notes(material, cell, clip, len(prediction.frames)))
+    return strips.Row(cell.label, words, prediction.frames[0, steps], covered)
+
+
+def notes(material: Material, cell: Cell, clip: str, samples: int) -> list[str]:
+    """The first sample's scores on a clip, and out of how many it is."""
     rows = material.rows[cell.name]
     rows = rows.filter(pc.and_(pc.equal(rows["clip"], clip), pc.equal(rows["sample"], 0)))
-    samples = len(prediction.frames)
-    notes = [f"sample 1 of {samples}"] if samples > 1 else []
+    found = [f"sample 1 of {samples}"] if samples > 1 else []
     for metric, facts in material.protocol["metrics"].items():
         values = rows.filter(pc.equal(rows["metric"], metric))["value"]
         if facts["role"] == "frame" and values.null_count < len(values):
-            notes.append(f"{title(metric)} {pc.mean(values).as_py():#.3g} {facts['unit']}".strip())
-    covered = None if prediction.covered is None else prediction.covered[0, steps]
-    return strips.Row(cell.label, "\n".join(notes), prediction.frames[0, steps], covered)
+            found.append(f"{title(metric)} {pc.mean(values).as_py():#.3g} {facts['unit']}".strip())
+    return found
 
 
 def _paths(material: Material, clip: Clip, kept: dict[str, Prediction], file: str) -> list[Page]:

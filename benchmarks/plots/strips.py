@@ -64,11 +64,11 @@ def _page(truth: Truth, rows: Sequence[Row], heading: style.Heading) -> Figure:
     sheet = mosaic([[first, *row] for first, row in zip(first_column, frames, strict=True)], gap_px)
     size_in = (TILE_IN * sheet.shape[1] / width_px, TILE_IN * sheet.shape[0] / width_px)
     dpi = max(1, round(LEAST_DPI * TILE_IN / width_px)) * width_px / TILE_IN
-    figure, axes = style.single_axes(size_in, heading, min(dpi, style.PRINT_DPI), pad_pt=16)
+    figure, axes = style.single_axes(size_in, heading, min(dpi, style.PRINT_DPI), pad_pt=26)
     axes.set_axis_off()
     axes.imshow(sheet, extent=(0, sheet.shape[1], sheet.shape[0], 0), aspect="auto")
-    times = [f"frame +{k}  ({ahead_s:.1f} s)" for k, ahead_s in zip(truth.horizons, truth.ahead_s, strict=True)]
-    for number, text in enumerate(["last observed frame", *times]):
+    times = [f"frame +{k}\n({ahead_s:.1f} s)" for k, ahead_s in zip(truth.horizons, truth.ahead_s, strict=True)]
+    for number, text in enumerate(["last observed\nframe", *times]):
         x = number * (width_px + gap_px) + width_px / 2
         _text(axes, text, (x, 0), (0, 4), ha="center", va="bottom", fontsize=7.5)
     for number, row in enumerate(rows, 1):

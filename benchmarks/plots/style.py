@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 PRINT_DPI = 300
+TITLE = "title"  # what the heading above the axes is marked with
 INK = "#222222"
 FAINT = "#8a8a8a"
 RULE = "#d9d9d9"
@@ -71,7 +72,9 @@ def single_axes(
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_title(heading.subtitle, loc="left", fontsize=7.5, color=FAINT, pad=pad_pt)
     title_pt: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
-    axes.annotate(heading.title, (0, 1), (0, pad_pt + 12), **title_pt, fontsize=9.5, weight="bold", color=INK)
+    axes.annotate(
+        heading.title, (0, 1), (0, pad_pt + 12), **title_pt, fontsize=9.5, weight="bold", color=INK, gid=TITLE
+    )
     return figure, axes
 
 

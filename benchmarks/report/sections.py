@@ -15,6 +15,7 @@ from geovp_benchmarks.store import Cell
 from geovp_benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
+FOLDED = ("Methods", "Protocol")
 MEMORY = (
     "memory: the process's highest resident memory while it predicted the row's clips, metrics not counted; what it "
     "held at that time because of other rows is in it (libraries, networks, memory not yet given back to the system)."
@@ -30,17 +31,20 @@ class EmbeddedFigure:
     element: Html
 
     @classmethod
-    def of(cls, page: plots.Page, files: Mapping[Path, bytes]) -> EmbeddedFigure:
-        """Line plots as svg, from the figure's files; photographs as jpg."""
-        if page.kind in (*CURVES, "paths"):
-            (content,) = (content for path, content in files.items() if path.suffix == ".svg")
-            return cls(page.kind, page.subject, image(content, "svg", page.caption))
-        return cls(page.kind, page.subject, image(plots.rendered(page, "jpg"), "jpg", page.caption))
+    def all(cls, drawn: Iterable[tuple[plots.Page, Mapping[Path, bytes]]]) -> list[EmbeddedFigure]:
+        """Line plots as svg, from the figures' files; the page has films in place of film strips."""
+        return [
+            cls(page.kind, page.subject, image(content, "svg", page.caption))
+            for page, files in drawn
+            for path, content in files.items()
+            if page.kind in (*CURVES, "paths") and path.suffix == ".svg"
+        ]
 
 
 def chapter(title: str, content: Html) -> Html:
-    """A chapter with its heading."""
-    return tag("section", tag("h2", title), content, id=_anchor(title))
+    """A chapter that folds; those that few read come folded."""
+    is_open = {} if title in FOLDED else {"open": ""}
+    return tag("section", tag("details", tag("summary", tag("h2", title)), content, **is_open), id=_anchor(title))
 
 
 def opening(protocol: Mapping[str, Any], cells: Sequence[Cell], chapters: Iterable[str]) -> Html:
@@ -48,14 +52,17 @@ def opening(protocol: Mapping[str, Any], cells: Sequence[Cell], chapters: Iterab
     counts = Counter(cell.status for cell in cells)
     statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
     links = (tag("a", title, href=f"#{_anchor(title)}") for title in chapters)
+    box = tag("input", type="search", id="filter", placeholder="filter rows by name", aria_label="filter rows by name")
     lead = tag("p", f"{tables.summary(protocol)}. Methods: {statuses}.")
-    return tag("header", tag("h1", str(protocol["name"])), lead, tag("nav", *links))
+    return tag("header", tag("h1", str(protocol["name"])), lead, tag("nav", *links, box))
 
 
-def scores(built: Sequence[Table]) -> Html:
-    """The main table with its notes; the tables over sets of pixels are folded."""
+def scores(built: Sequence[Table], compared: Table | None = None) -> Html:
+    """The main table with its notes, and differences where asked for; the tables over sets of pixels are folded."""
     main, *others = built
-    return joined((_scores(main), _notes(main.notes), *(fold(other.title, _scores(other)) for other in others)))
+    differences = [] if compared is None else [tag("p", compared.title), _scores(compared), _notes(compared.notes[1:])]
+    notes = fold("Notes", _notes(main.notes))
+    return joined((_scores(main), notes, *differences, *(fold(other.title, _scores(other)) for other in others)))
 
 
 def horizon(figures: Sequence[EmbeddedFigure]) -> Html:
@@ -67,25 +74,13 @@ def horizon(figures: Sequence[EmbeddedFigure]) -> Html:
     return joined((*pairs[: bool(whole)], fold("Over sets of pixels", *pairs[bool(whole) :])))
 
 
-def clips(figures: Sequence[EmbeddedFigure], shared: Mapping[str, Any]) -> dict[str, Html]:
-    """Chapters by title: the clips that were chosen by a score or by name, in that order, and the other kept ones."""
-    images = [figure for figure in figures if figure.kind not in CURVES]
-    kept = list(dict.fromkeys(figure.subject for figure in images))
-    selection = shared.get("kept") or {"by": "", "clips": []}
-    chosen = [clip for clip in selection["clips"] if clip in kept]
-    others = [clip for clip in kept if clip not in chosen]
-    chapters = {f"Clips: {selection['by']}": chosen, "Other clips" if chosen else "Clips": others}
-    return {heading: joined(_clip(clip, images) for clip in names) for heading, names in chapters.items()}
-
-
-def _clip(clip: str, images: Sequence[EmbeddedFigure]) -> Html:
-    """Film strip and paths; the strip with inpainted pixels marked is folded."""
-    by_kind: dict[str, list[Html]] = {"strip": [], "paths": [], "invented": []}
-    for figure in images:
-        if figure.subject == clip:
-            by_kind[figure.kind].append(figure.element)
-    shown = (*by_kind["strip"], *by_kind["paths"])
-    return tag("div", tag("h3", clip), *shown, fold("Invented pixels", *by_kind["invented"]))
+def paths(figures: Sequence[EmbeddedFigure]) -> dict[str, list[Html]]:
+    """The paths of each kept clip."""
+    found: dict[str, list[Html]] = {}
+    for figure in figures:
+        if figure.kind == "paths":
+            found.setdefault(figure.subject, []).append(figure.element)
+    return found
 
 
 def methods(cells: Sequence[Cell], num_clips: int) -> Html:
@@ -98,7 +93,7 @@ def methods(cells: Sequence[Cell], num_clips: int) -> Html:
     rows = [_method(cell, stages, num_clips) for cell in cells]
     folds = [fold(cell.label, _settings(cell)) for cell in cells if cell.components]
     notes = [MEMORY] if any(_memory_mb(cell) for cell in cells) else []
-    return joined((table(head, rows), _notes(notes), tag("h3", "Settings"), *folds))
+    return joined((table(head, rows, [cell.label for cell in cells]), _notes(notes), tag("h3", "Settings"), *folds))
 
 
 def protocol(shared: Mapping[str, Any]) -> Html:
@@ -131,7 +126,7 @@ def _scores(scored: Table) -> Html:
         )
         for row in scored.rows
     )
-    return table(head, rows)
+    return table(head, rows, [row.name for row in scored.rows])
 
 
 def _score(scored: Table, row: Row, column: Column) -> Html:

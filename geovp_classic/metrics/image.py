@@ -39,6 +39,11 @@ class Psnr:
     higher_is_better: ClassVar[bool] = True
 
     @property
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and highest value: all pixels wrong by the peak, and the ceiling."""
+        return 0.0, self.ceiling_db
+
+    @property
     def protocol(self) -> str:
         """The definition in words."""
         return f"{'RGB jointly' if self.channels == 'jointly' else 'mean over R, G and B'}, 8 bit, per frame"
@@ -80,6 +85,7 @@ class Ssim:
 
     unit: ClassVar[str] = ""
     higher_is_better: ClassVar[bool] = True
+    bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     @property
     def protocol(self) -> str:

@@ -32,6 +32,7 @@ class MsSsim:
 
     unit: ClassVar[str] = ""
     higher_is_better: ClassVar[bool] = True
+    bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
     protocol: ClassVar[str] = (
         "Wang 2003, 5 scales by 2x2 means, Gaussian 11 px, sigma 1.5, valid region, mean over RGB, negative terms 0"
     )

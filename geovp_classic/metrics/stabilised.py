@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -36,6 +37,12 @@ class Stabilised:
     def higher_is_better(self) -> bool:
         """As for the metric itself."""
         return self.metric.higher_is_better
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """As for the metric itself."""
+        ends: tuple[float, float] = getattr(self.metric, "bounds", (-math.inf, math.inf))
+        return ends
 
     @property
     def protocol(self) -> str:

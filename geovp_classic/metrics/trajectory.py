@@ -8,6 +8,7 @@ value prints it unchanged.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,6 +27,7 @@ class TranslationError:
 
     unit: ClassVar[str] = "m"
     higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Metres per step [F]; BadData when the trajectories are not of the same instants."""
@@ -43,6 +45,7 @@ class RotationError:
 
     unit: ClassVar[str] = "deg"
     higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Degrees per step [F], 0 to 180; BadData when the trajectories are not of the same instants."""
@@ -58,6 +61,7 @@ class YawError:
 
     unit: ClassVar[str] = "deg"
     higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Degrees per step [F], 0 to 180; BadData when the trajectories are not of the same instants."""
@@ -71,6 +75,7 @@ class AverageDisplacement:
 
     unit: ClassVar[str] = "m"
     higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """[F]: NaN but for the last step; BadData when the trajectories are not of the same instants."""
@@ -83,6 +88,7 @@ class FinalDisplacement:
 
     unit: ClassVar[str] = "m"
     higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """[F]: NaN but for the last step; BadData when the trajectories are not of the same instants."""

@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from geovp_benchmarks import intervals
 from geovp_benchmarks.studies import coverage
+from geovp_classic import registry
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)])
@@ -89,3 +90,26 @@ def test_holms_correction_worked_out() -> None:
 
 def test_a_clips_sequence_is_its_name_without_the_number() -> None:
     assert [intervals.sequence_of(name) for name in ("03/000180", "a/b/7", "7")] == ["03", "a/b", ""]
+
+
+class TestBounds:
+    """Four clips alone give wide intervals; none reaches what the metric cannot be."""
+
+    @pytest.mark.parametrize("values", [(0.99, 0.97, 0.4, 0.5), (0.01, 0.0, 0.02, 0.9)])
+    def test_a_share_stays_a_share(self, values: tuple[float, ...]) -> None:
+        free = intervals.interval(np.array(values), np.zeros(4))
+        held = intervals.interval(np.array(values), np.zeros(4), bounds=(0.0, 1.0))
+        assert free.low < 0 or free.high > 1
+        assert (held.low, held.high) == (max(free.low, 0.0), min(free.high, 1.0))
+        assert (held.mean, held.effective, held.p_zero) == (free.mean, free.effective, free.p_zero)
+
+    def test_every_metric_of_ours_says_its_own(self) -> None:
+        found = {}
+        for role in ("frame_metrics", "trajectory_metrics"):
+            found.update({name: registry.load(role, name) for name in registry.names(role)})
+        assert found["psnr"]().bounds == (0.0, 100.0)
+        assert found["stabilised"]().bounds == (0.0, 100.0)  # of PSNR, its metric
+        assert (found["ssim"].bounds, found["ms-ssim"].bounds) == ((-1.0, 1.0), (0.0, 1.0))  # type: ignore[attr-defined]
+        for name, metric in found.items():
+            if name.endswith(("-error", "-displacement")) or name == "lpips":
+                assert metric.bounds[0] == 0.0  # type: ignore[attr-defined]

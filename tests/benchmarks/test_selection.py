@@ -122,7 +122,7 @@ def run(file: Path, keep: str, *more: str) -> int:
 
 def chapters(file: Path) -> list[str]:
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
-    return [heading for heading in re.findall(r"<h2>([^<]*)</h2>", page) if "lips" in heading]
+    return re.findall(r'<optgroup label="([^"]*)"', page)
 
 
 def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path) -> None:
@@ -135,7 +135,7 @@ def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path) -> None:
     for cell in ("still--far", "copy-last"):  # all rows, not only the one that chose
         assert {clip for clip, _ in results.predictions(cell)} == set(worst)
         assert len(pc.unique(results.scores(cell)["clip"])) == 5
-    assert chapters(file) == ["Clips: worst PSNR of copy-last"]
+    assert chapters(file) == ["worst PSNR of copy-last"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst
 
@@ -147,7 +147,7 @@ def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path) -> 
     clips = results.protocol()["clips"]
     assert run(file, f"{clips[4]},{clips[0]}") == 0
     assert {clip for clip, _ in results.predictions("copy-last")} == {clips[0], clips[2], clips[4]}
-    assert chapters(file) == ["Clips: asked for by name", "Other clips"]
+    assert chapters(file) == ["asked for by name", "others"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == [clips[4], clips[0], clips[2]]
 

@@ -160,3 +160,25 @@ def test_a_strictly_typed_script_outside_finds_the_types_of_the_wheel(tmp_path: 
     (tmp_path / "wrong.py").write_text(SCRIPT.replace('pose_source={"name": "chained"}', "pose_source=3"))
     done = subprocess.run([*mypy, "wrong.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert 'Argument "pose_source" to "predict" has incompatible type "int"' in done.stdout
+
+
+class TestShow:
+    def test_a_clip_is_one_row_of_frames_from_the_first_to_the_last(self, clip: geovp.Clip) -> None:
+        """Eight frames of 64 pixels: the first, the last and two between, 4 pixels apart, below 14 pixels of labels."""
+        strip = np.asarray(geovp.show(clip, num_frames=4))
+        assert strip.shape == (14 + 64, 4 * 64 + 3 * 4, 3)
+        np.testing.assert_array_equal(strip[14:, :64], clip.frames[0])
+        np.testing.assert_array_equal(strip[14:, -64:], clip.frames[-1])
+        assert (strip[:14] < 128).any()  # words
+        assert (strip[14:, 64:68] == 255).all()
+
+    def test_a_prediction_has_a_row_a_sample(self) -> None:
+        frames = np.zeros((7, 3, 16, 20, 3), np.uint8)
+        frames += np.arange(7, dtype=np.uint8)[:, None, None, None, None]
+        strip = np.asarray(geovp.show(geovp.Prediction(frames)))
+        assert strip.shape == (14 + 5 * 16 + 4 * 4, 3 * 20 + 2 * 4, 3)
+        assert [strip[14 + 20 * row, 0, 0] for row in range(5)] == [0, 1, 2, 3, 4]
+
+    def test_no_frames_is_bad_data(self, clip: geovp.Clip) -> None:
+        with pytest.raises(BadData, match="num_frames is 0: give 1 or more"):
+            geovp.show(clip, num_frames=0)

@@ -2,6 +2,7 @@
 
 import io
 import itertools
+import re
 import shutil
 from pathlib import Path
 
@@ -13,9 +14,9 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from PIL import Image
 
-from geovp_benchmarks import plots
+from geovp_benchmarks import intervals, plots
 from geovp_benchmarks.plots import Page, curves, strips, style, trajectories
-from geovp_benchmarks.statistics import Estimate
+from geovp_benchmarks.plots.layout import width_in
 from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -33,6 +34,11 @@ def pages(folder: Path) -> dict[str, Page]:
 @pytest.fixture(scope="module")
 def written(folder: Path) -> list[Path]:
     return [path for _, files in plots.write_all(Results(folder)) for path in files]
+
+
+@pytest.fixture(scope="module")
+def narrow(folder: Path) -> dict[str, Page]:
+    return {page.kind: page for page in plots.figures(Results(folder), layout=plots.Layout(("pdf",), 3.3, False))}
 
 
 def texts(figure: Figure) -> str:
@@ -53,7 +59,7 @@ class TestWriteAll:
         for word in ("gt + far", "_vo + far (only 2 of 3 clips)", "kalman + far, best of 3", "copy-last", "0.5 s"):
             assert word in svg
         assert "PSNR (dB)    ↑ higher is better" in svg
-        assert "mean of 3 clips, band ± one standard error over clips" in svg
+        assert "mean of 3 clips, band: 95 % interval (block bootstrap)" in svg
         assert "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
         assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
 
@@ -86,14 +92,15 @@ class TestWriteAll:
 
 class TestCurves:
     def test_mean_and_band_are_the_statistics(self, pages: dict[str, Page]) -> None:
-        """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, standard error 1 / sqrt(3)."""
+        """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, and the interval that tables would show of them."""
         axes = pages["horizon-psnr"].figure.axes[0]
         line, band = axes.lines[0], axes.collections[0]
         np.testing.assert_allclose(line.get_ydata(), 21.0 - np.arange(1, 7))
         heights = band.get_paths()[0].vertices[:, 1]
         at_one = np.asarray(band.get_paths()[0].vertices)[:, 0] == 1
-        np.testing.assert_allclose(heights[at_one].min(), 20 - 1 / np.sqrt(3))
-        np.testing.assert_allclose(heights[at_one].max(), 20 + 1 / np.sqrt(3))
+        expected = intervals.interval(np.array([19.0, 20.0, 21.0]), np.array(["a", "", ""]))
+        np.testing.assert_allclose([heights[at_one].min(), heights[at_one].max()], [expected.low, expected.high])
+        assert expected.low < 20 - 1 / np.sqrt(3)  # wider than one standard error
 
     def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
         """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best 2 dB."""
@@ -125,8 +132,10 @@ class TestCurves:
     def test_many_rows_share_out_over_pages_with_the_same_axes(self) -> None:
         steps = np.arange(1.0, 4)
         styles = style.line_styles([(f"method {i}", "") for i in range(25)])
-        estimates = [Estimate(i - steps, 0 * steps + 1, 0 * steps + 2) for i in range(25)]
-        rows = [curves.Curve(f"method {i}", estimates[i], line) for i, line in enumerate(styles)]
+        rows = [
+            curves.Curve(f"method {i}", i - steps, i - steps - 1, i - steps + 1, 2, line)
+            for i, line in enumerate(styles)
+        ]
         with matplotlib.style.context(style.SHEET):
             figures = curves.draw(rows, curves.AxisLabels("PSNR", "dB", True, None), style.Heading("PSNR", ""))
         assert len(figures) == 3
@@ -141,7 +150,7 @@ class TestCurves:
         steps = np.arange(1.0, 3)
         styles = style.line_styles([("still", ""), ("a", ""), ("b", "")])
         rows = [
-            curves.Curve(label, Estimate(steps * end / 2, 0 * steps, 0 * steps + 2), line)
+            curves.Curve(label, steps * end / 2, steps * end / 2, steps * end / 2, 2, line)
             for (label, end), line in zip([("still", 20), ("a", 2), ("b", 1)], styles, strict=True)
         ]
         error, score = (
@@ -186,7 +195,7 @@ class TestStrips:
     def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
         words = texts(pages[f"strip-{CLIP}"].figure)
-        for word in ("ground truth", "last observed frame", "frame +5  (0.5 s)", "gt + far", "PSNR 16.5 dB"):
+        for word in ("ground truth", "last observed\nframe", "frame +5\n(0.5 s)", "gt + far", "PSNR 16.5 dB"):
             assert word in words
         assert "sample 1 of 3" in words
 
@@ -237,6 +246,54 @@ class TestTrajectories:
         results.write_clip(type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics))
         drawn = [page.kind for page in plots.figures(results) if page.kind not in ("horizon", "samples")]
         assert drawn == ["strip", "invented"]
+
+
+class TestLayout:
+    """`geovp plot --format pdf --width 3.3in --no-title`."""
+
+    @pytest.mark.parametrize("kind", ["horizon", "strip", "paths"])
+    def test_a_pdf_has_the_width_and_no_type_3_font(self, narrow: dict[str, Page], kind: str) -> None:
+        """72 points an inch; text is laid out a little differently on paper and on screen."""
+        content = plots.rendered(narrow[kind], "pdf")
+        (width_pt,) = re.findall(rb"MediaBox \[ ?0 0 ([\d.]+)", content)
+        assert float(width_pt) == pytest.approx(3.3 * 72, abs=2)
+        assert b"/Type3" not in content
+        assert b"/FontFile2" in content
+        assert narrow[kind].formats == ("pdf",)
+
+    def test_titles_go_and_letters_keep_their_size(self, narrow: dict[str, Page], pages: dict[str, Page]) -> None:
+        assert "over horizon" in texts(pages["horizon-translation-error"].figure)
+        words = texts(narrow["horizon"].figure)
+        assert "over horizon" not in words
+        assert "mean of 3 clips" not in words
+        legend = narrow["horizon"].figure.axes[0].get_legend()
+        assert legend is not None
+        assert {text.get_fontsize() for text in legend.get_texts()} == {7.5}
+
+    def test_fewer_images_stand_side_by_side(self) -> None:
+        """Images of 0.8 inches: four in 3.3 inches, one of which is the last observed frame."""
+        assert plots.Layout(width_in=3.3).most_tiles == 4
+        assert plots.Layout().most_tiles is None
+
+    @pytest.mark.parametrize(("text", "inches"), [("3.3in", 3.3), ("84mm", 3.307), ("240pt", 3.321), ("3.5", 3.5)])
+    def test_lengths(self, text: str, inches: float) -> None:
+        assert width_in(text) == pytest.approx(inches, abs=1e-3)
+
+    @pytest.mark.parametrize("text", ["wide", "3.3 feet", "1in", ".", "-4in"])
+    def test_what_is_no_length_or_too_small(self, text: str) -> None:
+        with pytest.raises(BadData, match="--width"):
+            width_in(text)
+
+    def test_only_the_format_asked_for_is_written(self, folder: Path, tmp_path: Path) -> None:
+        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"clips", "plots"} & {*names})
+        kept = tmp_path / "r" / "plots" / "horizon-psnr.png"
+        kept.parent.mkdir()
+        kept.touch()
+        files = [
+            path for _, each in plots.write_all(Results(tmp_path / "r"), layout=plots.Layout(("svg",))) for path in each
+        ]
+        assert {path.suffix for path in files} == {".svg"}
+        assert kept.exists()
 
 
 class TestStyle:

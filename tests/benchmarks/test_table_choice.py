@@ -1,0 +1,152 @@
+"""Rows and columns of a table as asked for, and LaTeX that a journal takes."""
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from geovp_benchmarks import cli, formats, tables
+from geovp_benchmarks.latex import tex_escaped
+from geovp_benchmarks.store import Results
+from geovp_benchmarks.table_choice import Choice
+from geovp_classic.errors import BadData
+from tests.benchmarks.test_tables import METRICS, row_of, write
+
+ODD = r"50%_a & b {x} <script> $5 #1 ~^ \ [z]"
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    """Six clips; an oracle beside two rows without truth, one of which has two samples."""
+    results = Results(tmp_path / "r")
+    clips = [f"s/{number}" for number in range(6)]
+    some = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "clips": clips, "num_past": 10}
+    metrics = {**METRICS, "lpips": {**METRICS["lpips"], "unit": "", "higher_is_better": False}}
+    metrics["translation-error"] = {**METRICS["translation-error"], "bounds": [0.0, None]}
+    cells = ["oracle", "plain", "odd"]
+    results.write_protocol({**some, "num_future": 20, "size_px": [64, 48], "cells": cells, "metrics": metrics})
+    for name, psnr, samples in (("oracle", 30.0, 1), ("plain", 20.0, 1), ("odd", 10.0, 2)):
+        values = {}
+        for number, clip in enumerate(clips):
+            for sample in range(samples):
+                values[clip, sample, "psnr"] = psnr + number % 2
+                values[clip, sample, "translation-error"] = 100.0 if number == 5 else 0.1
+                values[clip, sample, "coverage"] = 0.9
+        label = ODD if name == "odd" else name
+        grants = ["FUTURE_POSES"] if name == "oracle" else []
+        write(results, name, values, label=label, grants=grants, num_samples=samples)
+    return results
+
+
+def test_rows_and_columns_stand_in_the_order_asked_for(results: Results) -> None:
+    (table,) = tables.build(results, choice=Choice(("plain", "oracle"), ("coverage", "psnr")))
+    text = formats.markdown(table).splitlines()
+    assert row_of(text, "method") == ["method", "clips", "coverage", "PSNR (dB) ↑"]
+    assert [row.name for row in table.rows] == ["plain", "oracle"]
+
+
+def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:
+    whole = tables.build(results, choice=Choice((ODD,)))[0]
+    one = tables.build(results, choice=Choice((f"{ODD}, best of 2",)))[0]
+    assert len(whole.rows) == 3
+    assert [row.name for row in one.rows] == [f"{ODD}, best of 2"]
+
+
+def test_an_oracle_does_not_beat_those_without_truth(results: Results) -> None:
+    """It is 10 dB better, and stands alone with its grants: bold is among the others."""
+    best = tables.build(results)[0].best
+    assert ("plain", "psnr") in best
+    assert ("oracle", "psnr") not in best
+
+
+def test_coverage_has_no_better(results: Results) -> None:
+    (table,) = tables.build(results, choice=Choice(metrics=("coverage",)))
+    assert table.columns[0].heading == "coverage"
+    assert not table.best
+
+
+def test_intervals_of_errors_do_not_go_below_zero(results: Results) -> None:
+    found = tables.build(results)[0].rows[0].intervals["translation-error"]
+    assert found.mean == pytest.approx(100.5 / 6)
+    assert found.low == 0.0
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--methods", "plane"], "no row is called 'plane': did you mean 'plain'?"),
+        (["--metrics", "psrn"], "no column is called 'psrn': did you mean 'psnr'?"),
+        (["--label", "tab:a"], "--label and --caption are LaTeX's, not for md: add --format tex"),
+        (["--format", "tex", "--label", "a}b"], "--label 'a}b' is not a name for LaTeX"),
+        (["--style", "thesis", "--metrics", "psnr"], "--style thesis has the thesis's rows and columns"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(
+    results: Results, given: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["table", str(results.root), *given]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_differences_of_chosen_rows(results: Results) -> None:
+    table = tables.against(results, "oracle", choice=Choice(("plain",), ("psnr",)))
+    assert [row.name for row in table.rows] == ["plain"]
+    assert table.rows[0].intervals["psnr"].mean == -10.0
+    with pytest.raises(BadData, match="no row is called 'orcle'"):
+        tables.against(results, "orcle", choice=Choice(("plain",)))
+
+
+def test_a_page_says_what_was_chosen(results: Results, tmp_path: Path) -> None:
+    protocol = results.protocol()
+    results.write_protocol({**protocol, "versions": {}})
+    page = tmp_path / "page.md"
+    given = ["--page", str(page), "--metrics", "psnr", "coverage", "--methods", "plain", ODD]
+    assert cli.main(["table", str(results.root), *given]) == 0
+    assert "--methods plain '50%_a & b {x}" in page.read_text()
+    assert "--metrics psnr coverage" in page.read_text()
+
+
+def test_letters_that_latex_would_take_for_commands() -> None:
+    assert tex_escaped("_&%$#{}") == r"\_\&\%\$\#\{\}"
+    assert tex_escaped("<\\>") == r"\textless{}\textbackslash{}\textgreater{}"
+
+
+class TestCompiled:
+    """What an engine makes of it; the printed document is looked at word by word."""
+
+    @pytest.fixture
+    def compile(self, results: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+        engine = next(filter(None, map(shutil.which, ("tectonic", "pdflatex", "latex"))), None)
+        if engine is None:
+            pytest.skip("no LaTeX engine (tectonic, pdflatex or latex) is installed: the tables were not compiled")
+
+        def compiled(*given: str) -> str:
+            capsys.readouterr()
+            assert cli.main(["table", str(results.root), "--format", "tex", *given]) == 0
+            body = f"See \\ref{{tab:main}}.\n{capsys.readouterr().out}"
+            head = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}"
+            (tmp_path / "t.tex").write_text(f"{head}\n{body}\\end{{document}}\n")
+            quiet = ["--keep-logs"] if Path(engine).stem == "tectonic" else ["-interaction=nonstopmode"]
+            for _ in range(2):  # references are known the second time
+                done = subprocess.run([engine, *quiet, "t.tex"], cwd=tmp_path, capture_output=True, timeout=300)
+            assert done.returncode == 0, done.stdout[-2000:]
+            return (tmp_path / "t.log").read_text(errors="replace")
+
+        return compiled
+
+    @pytest.mark.parametrize(
+        "given",
+        [
+            ["--metrics", "psnr", "coverage"],
+            ["--metrics", "psnr", "lpips", "translation-error", "coverage", "--spread", "standard-error"],
+            ["--caption", r"Scores of $n = 6$ clips, \textbf{best}.", "--against", "plain"],
+            [],
+        ],
+    )
+    def test_nothing_is_too_wide_and_the_label_is_known(self, compile: Callable[..., str], given: list[str]) -> None:
+        log = compile("--label", "tab:main", *given)
+        for complaint in ("Overfull", "undefined", "multiply defined", "Float too large", "LaTeX Error"):
+            assert complaint not in log
+        assert "Output written" in log or "tectonic" in log
