@@ -71,6 +71,7 @@ def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
     from geovp_benchmarks import prediction, prediction_files
     from geovp_benchmarks.prediction_request import PredictionRequest
+    from geovp_classic import registry
 
     if chosen.out is not None:
         prediction_files.check_free(chosen.out)
@@ -82,5 +83,7 @@ def run(chosen: argparse.Namespace) -> int:
         written = prediction_files.write(predicted, chosen.out or Path("results/predict") / name)
         progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
     print(*predicted.summary(), sep="\n", file=sys.stderr)
+    if not any(path.suffix == ".mp4" for path in written):
+        print(f"geovp: the film is a gif alone; for H.264: {registry.install_command('video')}", file=sys.stderr)
     print(*written, sep="\n")
     return 0

@@ -11,14 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+import cv2
 import numpy as np
-from skimage.metrics import structural_similarity
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 PEAK = 255.0
 SSIM_SIGMA_PX = 1.5  # Wang et al. 2004, section III-B: 11x11 circular Gaussian
+SSIM_K = (0.01, 0.03)
 WINDOW_RADIUS_PX = {"gaussian": 5, "uniform": 3}
 
 
@@ -66,8 +67,8 @@ class Psnr:
 class Ssim:
     """Structural similarity of Wang et al. 2004: Gaussian window of 11 pixels and sigma 1.5, K = (.01, .03), peak 255.
 
-    Every channel on its own, averaged over R, G and B and over the windows that lie wholly inside the frame, by
-    scikit-image. A mask selects windows by their centre pixel; the windows extend over unmasked neighbours, too.
+    Every channel on its own, averaged over R, G and B and over the windows that lie wholly inside the frame.
+    A mask selects windows by their centre pixel; the windows extend over unmasked neighbours, too.
 
     The other settings are there to compare with published numbers. `window = "uniform"` is scikit-image's default (7
     pixels, variances of a sample). `data_range` is L of the constants over the real range of values: 2 is what
@@ -123,17 +124,20 @@ class Ssim:
             predicted, target = (
                 np.pad(one, ((radius, radius), (radius, radius), (0, 0))) for one in (predicted, target)
             )
-        _, similarity = structural_similarity(
-            predicted,
-            target,
-            data_range=PEAK * self.data_range,
-            channel_axis=-1,
-            gaussian_weights=is_gaussian,
-            sigma=SSIM_SIGMA_PX,
-            use_sample_covariance=not is_gaussian,
-            full=True,
-        )
-        return np.asarray(similarity)[radius:-radius, radius:-radius]
+        x, y = predicted.astype(np.float64), target.astype(np.float64)
+        side = (2 * radius + 1, 2 * radius + 1)
+
+        def mean(values: FloatArray) -> FloatArray:
+            blurred = cv2.GaussianBlur(values, side, SSIM_SIGMA_PX) if is_gaussian else cv2.blur(values, side)
+            return np.asarray(blurred[radius:-radius, radius:-radius], dtype=np.float64)
+
+        mean_x, mean_y = mean(x), mean(y)
+        bessel = 1.0 if is_gaussian else side[0] ** 2 / (side[0] ** 2 - 1)
+        variances = bessel * (mean(x * x + y * y) - mean_x**2 - mean_y**2)
+        covariance = bessel * (mean(x * y) - mean_x * mean_y)
+        c1, c2 = (np.square(k * PEAK * self.data_range) for k in SSIM_K)
+        luminance = (2 * mean_x * mean_y + c1) / (mean_x**2 + mean_y**2 + c1)
+        return np.asarray(luminance * (2 * covariance + c2) / (variances + c2))
 
 
 def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> None:
