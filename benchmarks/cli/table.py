@@ -7,11 +7,13 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import add_division, add_results_folder
+from geovp_benchmarks.arguments import add_division, add_json, add_results_folder
+from geovp_benchmarks.cli.messages import width
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.store import Results
+    from geovp_benchmarks.table_model import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,6 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results_folder(parser)
     add_division(parser)
     parser.add_argument("--format", choices=("md", "tex", "csv"), default="md", help="what is printed (default: md)")
+    add_json(parser)
     parser.add_argument("--against", metavar="ROW", help="print paired differences of all rows from this one")
     parser.add_argument("--strict", action="store_true", help="leave out clips that a method could not predict")
     parser.add_argument(
@@ -42,13 +45,19 @@ def run(chosen: argparse.Namespace) -> int:
 
     if chosen.page is not None and chosen.format != "md":
         raise BadData(f"--page is written as md alone, not as {chosen.format}: leave --format out")
+    if chosen.json and (chosen.page is not None or chosen.format != "md" or chosen.style != "suite"):
+        raise BadData("--json prints numbers alone: leave --page, --format and --style out")
     results = Results(chosen.folder)
     parts = results.by_dataset()
     if len(parts) > 1 and chosen.page is not None:
         raise BadData(f"--page is of one data set, {chosen.folder} holds {', '.join(parts)}: give the folder of one")
-    text = "\n".join(_text(chosen, part) for part in parts.values())
+    if chosen.json:
+        print(formats.as_json([table for part in parts.values() for table in _tables(chosen, part)]))
+        return 0
+    columns = None if chosen.page is not None else width()
+    text = "\n".join(_text(chosen, part, columns) for part in parts.values())
     if len(parts) > 1 and chosen.format == "md" and chosen.by is None and chosen.against is None:
-        text = f"{text}\n{multiple_datasets.side_by_side(results)}"
+        text = f"{text}\n{multiple_datasets.side_by_side(results, columns)}"
     print(text)
     if chosen.page is not None:
         before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""
@@ -57,22 +66,33 @@ def run(chosen: argparse.Namespace) -> int:
     return 0
 
 
-def _text(chosen: argparse.Namespace, results: Results) -> str:
-    from geovp_benchmarks import formats, strata, tables, thesis
+def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> str:
+    """What is printed, in Markdown no wider than so many columns."""
+    from geovp_benchmarks import formats, strata, thesis
 
-    parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.style == "thesis":
         if chosen.format not in thesis.FORMATS:
             raise BadData(f"--style thesis is written as {' or '.join(thesis.FORMATS)}, not as {chosen.format}")
+        parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
         return "\n".join(map(thesis.FORMATS[chosen.format], parts))
-    render = formats.FORMATS[chosen.format]
+    shown = _tables(chosen, results)
+    if chosen.format == "md":
+        return "\n".join(formats.markdown(table, columns) for table in shown)
+    return "\n".join(map(formats.FORMATS[chosen.format], shown))
+
+
+def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
+    """The tables of one data set; where nothing else is asked for, they are written as well."""
+    from geovp_benchmarks import formats, strata, tables
+
+    parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.against is not None:
-        return "\n".join(render(tables.against(part, chosen.against, strict=chosen.strict)) for part in parts)
+        return [tables.against(part, chosen.against, strict=chosen.strict) for part in parts]
     built = [tables.build(part, chosen.spread, strict=chosen.strict) for part in parts]
     if chosen.by is not None:
-        return "\n".join(render(main) for main, *_ in built)
+        return [main for main, *_ in built]
     formats.write_all(results)
-    return "\n".join(map(render, built[0]))
+    return built[0]
 
 
 def _own_command(chosen: argparse.Namespace) -> str:
