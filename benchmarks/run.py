@@ -49,7 +49,9 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
         for result in executor.map(compute, _tasks(plan, state, records)):
             _update(result, state)
             progress(total - state.left(chunks), total)
-            logger.info("clips %s: done", ", ".join(result.task.clips.values()))
+            clips = ", ".join(result.task.clips.values())
+            announce(f"after {clips}")  # other processes do not say what they do
+            logger.info("clips %s: done", clips)
     finally:
         for name in state.missing:
             _finish(plan, name, records[name], state)

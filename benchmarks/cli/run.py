@@ -115,6 +115,11 @@ def conclude(results: Results, cells: Sequence[Cell], with_report: bool, as_json
             report.write(results, progress)
         paths += [f"plots:  {results.plots}", f"report: {results.report}"]
     print(*([] if as_json else paths), sep="\n", end="" if as_json else "\n")
+    return _judge(cells)
+
+
+def _judge(cells: Sequence[Cell]) -> int:
+    """Say how the cells ended, and return the exit code."""
     count = len(cells)
     outdated = sum(cell.num_outdated > 0 for cell in cells)
     if outdated:
