@@ -28,7 +28,7 @@ docs: $(READY)  ## the documentation as a site in site/; a broken link or refere
 
 # The environment has the wheel, and the libraries of .venv beside it: nothing is downloaded.
 wheel-test: $(READY)  ## the wheel, built and tried in a clean environment from another folder
-	@rm -rf build; folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; set -e; \
+	@rm -rf build; folder=$$(mktemp -d); trap 'rm -rf "$$folder" build' EXIT; set -e; \
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir "$$folder" .; \
 	$(BIN)/python -m venv --without-pip "$$folder/venv"; \
 	$(BIN)/python -m pip --python "$$folder/venv/bin/python" install --quiet --no-deps "$$folder"/*.whl; \
