@@ -6,10 +6,14 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 TESTS ?=
 
-.PHONY: demo test lint docs setup clean
+VERSIONS ?= oldest newest
+VERSION_TESTS ?= tests/geovp_classic/geometry tests/geovp_classic/odometry tests/geovp_classic/metrics tests/geovp_classic/render \
+  tests/geovp_classic/test_exports.py tests/benchmarks/test_run.py tests/benchmarks/test_tables.py
+
+.PHONY: demo test lint docs wheel-test test-versions setup clean
 
 demo: $(READY)  ## the demo matrix on the synthetic street: table, plots, pictures and report
-	$(BIN)/geovp run --fresh benchmarks/configs/demo.toml
+	$(BIN)/geovp run --fresh demo
 
 test: $(READY)  ## the whole test suite; with GEOVP_TEST_DATA=FOLDER also on real data
 	$(BIN)/python -m pytest -n auto --dist worksteal -q $(TESTS)
@@ -22,10 +26,35 @@ lint: $(READY)  ## format, lint rules and types
 docs: $(READY)  ## the documentation as a site in site/; a broken link or reference is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
+# The environment has the wheel, and the libraries of .venv beside it: nothing is downloaded.
+wheel-test: $(READY)  ## the wheel, built and tried in a clean environment from another folder
+	@rm -rf build; folder=$$(mktemp -d); trap 'rm -rf "$$folder" build' EXIT; set -e; \
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir "$$folder" .; \
+	$(BIN)/python -m venv --without-pip "$$folder/venv"; \
+	$(BIN)/python -m pip --python "$$folder/venv/bin/python" install --quiet --no-deps "$$folder"/*.whl; \
+	beside=$$($(BIN)/python -c 'import os, numpy; print(os.path.dirname(os.path.dirname(numpy.__file__)))'); \
+	echo "$$beside" > "$$(echo "$$folder"/venv/lib/python3*/site-packages)/beside.pth"; \
+	cd "$$folder"; unset PYTHONPATH; \
+	venv/bin/geovp --version; \
+	venv/bin/geovp list > list.txt; grep -qx '  depth-fusion' list.txt; \
+	venv/bin/python -c 'import geovp_benchmarks, geovp_classic, sys; assert geovp_classic.__file__.startswith(sys.prefix)'; \
+	venv/bin/geovp run demo --quiet --limit 1 --no-report --set 'metrics.frame=["psnr"]' --set 'predictors={}' \
+	  --set 'pose_sources={gt-3d={name="ground-truth"}}' --set 'renderers={plane={name="ground-far-plane"}}'; \
+	test -f results/demo/gt-3d--plane/scores/part-00000.parquet
+
+test-versions:  ## a part of the suite with the oldest and the newest libraries allowed, each in an environment of its own
+	@set -e; for which in $(VERSIONS); do \
+	  echo "With the $$which versions:"; \
+	  venv=.venv-$$which; pins=""; [ $$which = newest ] || pins="--constraint constraints-$$which.txt"; \
+	  [ -x $$venv/bin/python ] || $(PYTHON) -m venv $$venv; \
+	  $$venv/bin/python -m pip install --quiet --upgrade $$pins '.[volume,video]' pytest hypothesis; \
+	  $$venv/bin/python -m pytest -q $(VERSION_TESTS); \
+	done
+
 setup: $(READY)  ## only the virtual environment
 
 clean:  ## remove the virtual environment and everything derived
-	rm -rf $(VENV) build dist site *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest .venv-newest build dist site *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
 # torch first, by its exact pin: unpinned it would draw in gigabytes that nothing here needs.
 $(READY): pyproject.toml constraints.txt
@@ -35,7 +64,7 @@ $(READY): pyproject.toml constraints.txt
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV) (once; some minutes, about 4 GB) ..."
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=compat --editable '.[learned,cluster,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=compat --editable '.[learned,volume,video,cluster,completion,dev]'
 	@$(BIN)/python -c 'import open3d' 2>/dev/null || \
 	  { echo "Open3D cannot be imported: install the Debian package libusb-1.0-0 (as root: apt-get install libusb-1.0-0)"; exit 1; }
 	@touch $@

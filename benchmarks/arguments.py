@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import glob
 import tomllib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from geovp_classic.errors import BadData
+
+CONFIGS = Path(__file__).parent / "configs"  # the built-in matrix files
 
 
 def positive(text: str) -> int:
@@ -33,6 +37,22 @@ def settings(chosen: argparse.Namespace, option: str = "set") -> dict[str, Any]:
         raise BadData(f"--{option} {' '.join(given)!r} is not FIELD=VALUE with a value as in TOML ({error})") from error
 
 
+def add_matrix(parser: argparse.ArgumentParser, help_text: str) -> None:
+    """Ask for a matrix file, by its path or the name of a built-in one."""
+    given = parser.add_argument("matrix", type=Path, metavar="MATRIX", help=help_text)
+    complete_with(given, lambda: [path.stem for path in CONFIGS.glob("*.toml")] + glob.glob("*.toml"))
+
+
+def complete_with(argument: argparse.Action, words: Callable[[], Iterable[str]]) -> None:
+    """Offer words for an argument where the shell completes it (argcomplete asks its attribute `completer`)."""
+    argument.completer = lambda **_: words()  # type: ignore[attr-defined]
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Let the results be printed as JSON."""
+    parser.add_argument("--json", action="store_true", help="print the results as JSON, and nothing else")
+
+
 def add_results_folder(parser: argparse.ArgumentParser) -> None:
     """Ask for a results folder."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="a results folder that `geovp run` wrote")
@@ -48,7 +68,7 @@ def add_division(parser: argparse.ArgumentParser) -> None:
 
 def add_row(parser: argparse.ArgumentParser, out: str) -> None:
     """Ask for a row of a matrix, and on which clips and into which folder it is studied."""
-    parser.add_argument("matrix", type=Path, metavar="MATRIX.toml", help="a matrix file; its metrics are measured")
+    add_matrix(parser, "a matrix file, or a built-in one's name; its metrics are measured")
     help_text = 'the row, as tables name it: "vo+prior + fusion" (needed where there are several)'
     parser.add_argument("--row", metavar="ROW", help=help_text)
     parser.add_argument("--root", type=Path, metavar="DIR", help="the data's root, in place of the file's")

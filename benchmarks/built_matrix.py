@@ -16,6 +16,7 @@ from geovp_benchmarks.components import Failure, build, code_hash
 from geovp_benchmarks.matrix import CellPlan, Matrix
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.profiling import StageProfiler
+from geovp_benchmarks.progress import announce
 from geovp_benchmarks.scoring import ScoringContext, check, score
 from geovp_benchmarks.store import Part, Results
 from geovp_classic.errors import BadData
@@ -111,10 +112,12 @@ def compute(task: Task) -> TaskResult:
         facts[name] = context.facts
         cache = Cache()
         for plan in (plan for plan in task.cells if plan.name not in failures):
+            announce(f"{name}, {plan.label}")
             try:
                 _predict_and_score(built, plan, context, cache, outputs[plan.name], task)
             except Exception as error:  # scoring failed for any prediction: the matrix goes on without the cell
                 failures[plan.name] = Failure.of(error)
+            announce(f"{name}, {plan.label}", done=1)
     specs = built.metrics.describe(task.columns)
     for name, output in outputs.items():
         if name in failures:

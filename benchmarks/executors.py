@@ -16,6 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError, MissingExtra
 
 Task = TypeVar("Task")
@@ -82,7 +83,7 @@ class Dask:
         try:
             import distributed
         except ModuleNotFoundError as error:
-            raise MissingExtra("a Dask cluster needs dask: pip install 'geovp-classic[cluster]'") from error
+            raise MissingExtra(f"a Dask cluster needs dask: {registry.install_command('cluster')}") from error
         try:
             client = distributed.Client(self.address, timeout=CONNECT_TIMEOUT_S)
         except (OSError, ValueError) as error:

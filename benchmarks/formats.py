@@ -6,6 +6,8 @@ import csv
 import datetime
 import io
 import itertools
+import json
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from geovp_benchmarks import tables
+from geovp_benchmarks.arguments import CONFIGS
 from geovp_benchmarks.latex import latex
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.table_model import Column, Row, Table
 from geovp_classic.data.atomic import write_bytes
 
 NOTES = "## Notes\n"  # from this line on, a page is written by hand
-CONFIGS = Path(__file__).parent / "configs"
-SUFFIXES = ("", "_low", "_high", "_standard_error", "_clips", "_effective_clips")
+NUMBERS = ("mean", "low", "high", "standard_error", "clips", "effective_clips")
 
 
 def write_all(results: Results) -> list[Path]:
@@ -34,15 +36,41 @@ def write_all(results: Results) -> list[Path]:
     return written
 
 
-def markdown(table: Table) -> str:
-    """GitHub's Markdown, columns aligned so that it reads well in a terminal, too."""
+def markdown(table: Table, width: int | None = None) -> str:
+    """GitHub's Markdown, columns aligned so that it reads well in a terminal, too.
+
+    On a terminal of so many columns long names are shortened, and metrics that don't fit stand in blocks below.
+    """
     lines = [["method", "clips", *(column.heading for column in table.columns)]]
     for row in table.rows:
         marks = f" [{row.marks}]" if row.marks else ""
         values = [value(table, row, column) for column in table.columns]
         lines.append([row.name + marks, table.clips(row), *values])
     notes = [f"- {note}" for note in table.notes]
-    return "\n".join([f"## {table.title}", "", *grid(lines), "", *notes, ""])
+    if width is not None:
+        notes = [line for note in notes for line in textwrap.wrap(note, width, subsequent_indent="  ")]
+    return "\n".join([f"## {table.title}", "", *blocks(lines, width), "", *notes, ""])
+
+
+def blocks(lines: Sequence[Sequence[str]], width: int | None, num_shared: int = 2) -> list[str]:
+    """One grid, or as many below each other as no wider ones need; all begin with the first, shared columns."""
+    if width is None:
+        return grid(lines)
+    lines = [[_shortened(name, width // 3), *texts] for name, *texts in lines]
+    shared, parts = list(range(num_shared)), [list[int]()]
+    for column in range(num_shared, len(lines[0])):
+        wider = [*shared, *parts[-1], column]
+        if parts[-1] and len(grid([[line[i] for i in wider] for line in lines])[0]) > width:
+            parts.append([])
+        parts[-1].append(column)
+    grids = [grid([[line[i] for i in (*shared, *part)] for line in lines]) for part in parts]
+    return [line for number, one in enumerate(grids) for line in [*([""] if number else []), *one]]
+
+
+def _shortened(name: str, width: int) -> str:
+    """The name with its middle left out where it is longer."""
+    half = (width - 1) // 2
+    return name if len(name) <= width else f"{name[:half]}…{name[-half:]}"
 
 
 def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
@@ -67,19 +95,19 @@ def default_command(protocol: Mapping[str, Any]) -> str:
     """The command that computes the rows of a matrix, which lies among ours or in the current folder."""
     name, _, label = protocol["name"].partition("/")  # a matrix of one of several data sets is FILE/LABEL
     root = " --root path/to/data" if "root" in protocol["dataset"] and not label else ""
-    file = f"{name}.toml"
-    return f"geovp run {f'benchmarks/configs/{file}' if (CONFIGS / file).exists() else file}{root}"
+    return f"geovp run {name if (CONFIGS / f'{name}.toml').exists() else f'{name}.toml'}{root}"
 
 
 def comma_separated(table: Table) -> str:
     """Unrounded numbers of each column: mean, interval, standard error, number of clips, effective number."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    names = [f"{column.key}{suffix}" for column in table.columns for suffix in SUFFIXES]
+    suffixes = ["", *(f"_{number}" for number in NUMBERS[1:])]
+    names = [f"{column.key}{suffix}" for column in table.columns for suffix in suffixes]
     writer.writerow(["method", "grants", "clips", "protocol", *names])
     for row in table.rows:
-        numbers = [_numbers(row, column.key) for column in table.columns]
-        texts = (text for group in numbers for text in group)
+        numbers = [number for column in table.columns for number in _numbers(row, column.key).values()]
+        texts = ("" if number is None else repr(number) for number in numbers)
         writer.writerow([row.name, row.marks, row.num_clips, row.protocol, *texts])
     return stream.getvalue()
 
@@ -90,12 +118,34 @@ def value(table: Table, row: Row, column: Column) -> str:
     return (f"**{mean}**" if table.is_best(row, column) else mean) + error
 
 
-def _numbers(row: Row, key: str) -> list[str]:
+def as_json(tables: Sequence[Table]) -> str:
+    """Unrounded numbers of all columns; null for what is not known."""
+    return json.dumps([_plain(table) for table in tables], indent=2, ensure_ascii=False)
+
+
+def _plain(table: Table) -> dict[str, Any]:
+    rows = [
+        {
+            "method": row.name,
+            "grants": row.marks,
+            "clips": row.num_clips,
+            "protocol": row.protocol,
+            "values": {column.key: _numbers(row, column.key) for column in table.columns},
+            "best": [column.key for column in table.columns if table.is_best(row, column)],
+        }
+        for row in table.rows
+    ]
+    columns = {one.key: {"heading": one.heading, "higher_is_better": one.higher_is_better} for one in table.columns}
+    return {"name": table.name, "title": table.title, "columns": columns, "rows": rows, "notes": list(table.notes)}
+
+
+def _numbers(row: Row, key: str) -> dict[str, float | int | None]:
+    """The numbers of a value by NUMBERS, None for those that are not known."""
     if key not in row.estimates or int(row.estimates[key].count) == 0:
-        return ["", "", "", "", "0", ""]
+        return {**dict.fromkeys(NUMBERS), "clips": 0}
     one, found = row.estimates[key], row.intervals[key]
     numbers = [float(one.mean), found.low, found.high, float(one.error), int(one.count), found.effective]
-    return ["" if np.isnan(number) else repr(number) for number in numbers]
+    return {name: None if np.isnan(number) else number for name, number in zip(NUMBERS, numbers, strict=True)}
 
 
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:

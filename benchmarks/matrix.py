@@ -6,13 +6,12 @@ import dataclasses
 import json
 import os
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import protocols
+from geovp_benchmarks import matrix_files, protocols
 from geovp_benchmarks.store import NOT_CELLS
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
@@ -146,21 +145,12 @@ class Matrix:
         return registry.build("datasets", {**self.dataset, **ours}, "protocol.dataset")
 
 
-def read(path: Path) -> Matrix:
-    """The matrix of a TOML file; BadData or UnknownComponent names the line's table and the nearest known word."""
-    return parse(path.stem, load(path))
+def read(given: Path, settings: Sequence[str] = ()) -> Matrix:
+    """The matrix of a TOML file, or of a built-in one by name, with settings such as "protocol.stride=20" in it.
 
-
-def load(path: Path) -> dict[str, Any]:
-    """The content of a TOML file."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BadData(f"{path} does not exist: give a matrix file such as benchmarks/configs/demo.toml") from None
-    except IsADirectoryError:
-        raise BadData(f"{path} is a folder: give a matrix file such as benchmarks/configs/demo.toml") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadData(f"{path} is not TOML: {error}") from error
+    BadData or UnknownComponent names the line's table and the nearest known word.
+    """
+    return parse(*matrix_files.read(given, settings))
 
 
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:

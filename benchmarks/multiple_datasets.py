@@ -5,11 +5,11 @@ Each data set has a matrix of its own, and a results folder below that of the fi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import formats, matrix, tables
+from geovp_benchmarks import formats, matrix, matrix_files, tables
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.store import NOT_CELLS, Results
 from geovp_classic.errors import BadData, GeovpError
@@ -18,9 +18,9 @@ from geovp_classic.types import Grant
 ONE = ""  # the label of a file's only data set
 
 
-def read(path: Path, root: Path | None = None) -> dict[str, Matrix]:
-    """The matrices of a file by the label of their data set, with roots as `Matrix.with_root`."""
-    return parse(path.stem, matrix.load(path), root)
+def read(path: Path, root: Path | None = None, settings: Sequence[str] = ()) -> dict[str, Matrix]:
+    """The matrices of a file by the label of their data set, with settings of the command line and roots in them."""
+    return parse(*matrix_files.read(path, settings), root)
 
 
 def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> dict[str, Matrix]:
@@ -49,7 +49,7 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
     return found
 
 
-def side_by_side(results: Results) -> str:
+def side_by_side(results: Results, width: int | None = None) -> str:
     """One Markdown table with a group of columns for each data set, all rows in the order of the file."""
     parts = {label: tables.build(part)[0] for label, part in results.by_dataset().items()}
     columns = [(label, column) for label, table in parts.items() for column in table.columns]
@@ -64,4 +64,6 @@ def side_by_side(results: Results) -> str:
     for label, part in results.by_dataset().items():
         lost = (cell for cell in part.cells() if cell.status in ("skipped", "failed"))
         notes += [f"- {label}: {cell.label}: {cell.status}: {cell.reason}." for cell in lost]
-    return "\n".join([f"## {results.root.resolve().name}: all data sets", "", *formats.grid(lines), "", *notes, ""])
+    return "\n".join(
+        [f"## {results.root.resolve().name}: all data sets", "", *formats.blocks(lines, width, 1), "", *notes, ""]
+    )

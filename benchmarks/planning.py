@@ -61,6 +61,16 @@ class Plan:
 
 def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     """Build everything once, choose the clips and write protocol.json."""
+    plan = look(matrix, results, options)
+    before = results.protocol() if results.begun else {}
+    if before.get("fingerprint") != plan.shared:
+        results.swap("clips", before.get("fingerprint", ""), plan.shared)
+    results.write_protocol(_protocol(plan))
+    return plan
+
+
+def look(matrix: Matrix, results: Results, options: Options) -> Plan:
+    """The same, but nothing is written."""
     built = build_matrix(matrix.to_json())
     clips = built.clip_names(options.limit)
     if not clips:
@@ -73,15 +83,12 @@ def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     unavailable = built.metrics.unavailable(matrix.size_px)
     plan = Plan(built, results, clips, kept, unavailable, _shared(built), options.fresh, selection)
     before = results.protocol() if results.begun else {}
-    if before.get("fingerprint") == plan.shared:
-        if options.limit is not None and len(before["clips"]) > len(clips):
-            raise BadData(
-                f"{results.root} holds {len(before['clips'])} clips, more than --limit {options.limit} would leave: "
-                "give another folder with --out"
-            )
-    else:
-        results.swap("clips", before.get("fingerprint", ""), plan.shared)
-    results.write_protocol(_protocol(plan))
+    is_same = before.get("fingerprint") == plan.shared
+    if is_same and options.limit is not None and len(before["clips"]) > len(clips):
+        raise BadData(
+            f"{results.root} holds {len(before['clips'])} clips, more than --limit {options.limit} would leave: "
+            "give another folder with --out"
+        )
     return plan
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -69,7 +70,8 @@ def _write_videos(predicted: Predicted, folder: Path) -> None:
     _write_png(folder / "strip.png", video.strip(rows, ["(last seen)", *(f"+{k + 1}" for k in shown)]))
     film = video.side_by_side(predicted.context.frames, frames, actual)
     rate_hz = 1 / float(np.mean(np.diff(predicted.context.times_s)))
-    video.write_mp4(folder / "film.mp4", film, rate_hz)
+    if importlib.util.find_spec("av"):  # an extra; the gif shows the same
+        video.write_mp4(folder / "film.mp4", film, rate_hz)
     (folder / "film.gif").write_bytes(video.gif(film, rate_hz))
 
 

@@ -91,7 +91,7 @@ def write(results: Results, name: str, rows: Sequence[str] = (), path: Path | No
     try:
         import rerun as rr
     except ModuleNotFoundError as error:
-        remedy = f"pip install 'geovp-classic[{registry.EXTRA_OF_MODULE['rerun']}]'"
+        remedy = registry.install_command(registry.EXTRA_OF_MODULE["rerun"])
         raise MissingExtra(f"recordings need rerun, which is not installed: {remedy}") from error
     kept = KeptClip.read(results, name, rows)
     into = path or results.recording(name)

@@ -13,6 +13,7 @@ import numpy as np
 
 from geovp_benchmarks import matrix as matrices
 from geovp_benchmarks import protocols, provenance, statistics, tables, thesis
+from geovp_benchmarks.arguments import CONFIGS
 from geovp_benchmarks.formats import grid
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.protocols import Protocol
@@ -29,8 +30,7 @@ def read_matrix(name: str) -> Matrix:
     protocols.load(name)
     if name not in TABLES:
         raise BadData(f"protocol {name!r} cannot be reproduced by one command yet, only {', '.join(TABLES)}")
-    with resources.as_file(resources.files("geovp_benchmarks") / "configs" / f"{name}.toml") as path:
-        return matrices.read(path)
+    return matrices.read(CONFIGS / f"{name}.toml")
 
 
 def chosen_rows(matrix: Matrix, split: str | None, samples: int | None, rows: Sequence[str] | None) -> Matrix:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,11 +12,13 @@ from geovp_benchmarks.components import Failure, weights_of
 from geovp_benchmarks.executors import Executor
 from geovp_benchmarks.matrix import CellPlan, Matrix
 from geovp_benchmarks.planning import Options, Plan, prepare
-from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.progress import Progress, announce
 from geovp_benchmarks.provenance import content_hash
 from geovp_benchmarks.store import Cell, Part, Results
 from geovp_classic import registry
 from geovp_classic.types import Grant
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class _State:
 
 def run(matrix: Matrix, results: Results, options: Options, executor: Executor, progress: Progress) -> list[Cell]:
     """Compute missing results and return all cells; BadData when the matrix or the data set is wrong."""
+    announce("looking at components, metrics and clips")
     plan = prepare(matrix, results, options)
     plans = {cell.name: cell for cell in matrix.cells}
     records = {name: _begin(plan, cell) for name, cell in plans.items()}
@@ -40,10 +44,14 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
     chunks = plan.chunks
     total = state.left(chunks)
     progress(0, total)
+    announce("first prediction: reading a clip, loading or compiling code")
     try:
         for result in executor.map(compute, _tasks(plan, state, records)):
             _update(result, state)
             progress(total - state.left(chunks), total)
+            clips = ", ".join(result.task.clips.values())
+            announce(f"after {clips}")  # other processes do not say what they do
+            logger.info("clips %s: done", clips)
     finally:
         for name in state.missing:
             _finish(plan, name, records[name], state)
@@ -54,18 +62,10 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     """Write and return a cell's record, without a fingerprint when it cannot be built; stale rows are set aside."""
     own = plan.built.components_of(cell)
     before = plan.results.cell(cell.name)
-    names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
-    record: dict[str, Any] = {"label": cell.label, "kind": cell.kind, **names, "num_samples": cell.num_samples}
-    asked = {role: plan.built.matrix.specs[key] for role, key in cell.components.items()}
-    record |= {"asked": asked, "protocol": plan.shared}
-    failures = [each for each in own.values() if isinstance(each, Failure)]
-    if failures:
-        _begin_without(plan, cell.name, record, failures[0])
+    failure, record = record_of(plan, cell)
+    if failure is not None:
+        _begin_without(plan, cell.name, record, failure)
         return record
-    components = {role: registry.describe(each) for role, each in own.items()}
-    needs = plan.built.needs(cell)
-    record |= {"components": components, "grants": [str(grant.name) for grant in Grant if grant in needs]}
-    record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
     if before is None or before.fingerprint != record["fingerprint"]:
         plan.results.swap(cell.name, before.fingerprint if before else "", record["fingerprint"])
     record |= {"about": weights_of(own.values()), "protocol_id": plan.results.protocol()["id"]}
@@ -73,6 +73,23 @@ def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
     tally = _tally(plan.results.parts(cell.name), record["code"])
     plan.results.write_cell(cell.name, {**record, "status": "partial", **tally})
     return record
+
+
+def record_of(plan: Plan, cell: CellPlan) -> tuple[Failure | None, dict[str, Any]]:
+    """Why a cell cannot be built here, if so, and its record, which then has no fingerprint."""
+    own = plan.built.components_of(cell)
+    names = {"pose_source": cell.pose_source, "renderer": cell.renderer} if cell.predictor is None else {}
+    record: dict[str, Any] = {"label": cell.label, "kind": cell.kind, **names, "num_samples": cell.num_samples}
+    asked = {role: plan.built.matrix.specs[key] for role, key in cell.components.items()}
+    record |= {"asked": asked, "protocol": plan.shared}
+    failures = [each for each in own.values() if isinstance(each, Failure)]
+    if failures:
+        return failures[0], record
+    components = {role: registry.describe(each) for role, each in own.items()}
+    needs = plan.built.needs(cell)
+    record |= {"components": components, "grants": [str(grant.name) for grant in Grant if grant in needs]}
+    record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
+    return None, record
 
 
 def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Failure) -> None:
@@ -87,20 +104,28 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
 
 def _missing(plan: Plan, name: str, code: str) -> set[int]:
     """The chunks that a cell lacks; parts that no longer fit are removed, those of other code only with `fresh`."""
+    kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
+    missing, unfit = lacking(plan, plan.results.parts(name), kept, code)
+    for part in unfit:
+        plan.results.remove_part(name, part.index)
+    return missing
+
+
+def lacking(plan: Plan, parts: Iterable[Part], kept: Set[str], code: str) -> tuple[set[int], list[Part]]:
+    """The chunks that a cell with these parts and kept clips lacks, and the parts that no longer fit."""
     chunks = plan.chunks
     specs = plan.built.metrics.describe(plan.columns)
-    kept = {clip for clip, _ in plan.results.predictions(name)} & {clip for clip, _ in plan.results.clips()}
-    missing = set(range(len(chunks)))
-    for part in plan.results.parts(name):
-        unfit = part.index >= len(chunks) or part.clips != tuple(chunks[part.index].values())
-        if unfit or (plan.fresh and part.code != code):
-            plan.results.remove_part(name, part.index)
+    missing, unfit = set(range(len(chunks))), []
+    for part in parts:
+        fits = part.index < len(chunks) and part.clips == tuple(chunks[part.index].values())
+        if not fits or (plan.fresh and part.code != code):
+            unfit.append(part)
             continue
         measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
         broken = any(status == "failed" for status, *_ in part.failures.values())  # may have been mended
         if measured and not broken and plan.kept.intersection(part.clips) <= kept:
             missing.discard(part.index)
-    return missing
+    return missing, unfit
 
 
 def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) -> Iterator[Task]:
@@ -148,6 +173,8 @@ def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> 
         parts = []
     elif failures and verdict["status"] == "done":
         verdict["traceback"] = next((trace for *_, trace in failures if trace), "")
+    if verdict.get("traceback"):
+        logger.info("%s: %s\n%s", record["label"], verdict.get("reason", ""), verdict["traceback"].rstrip())
     plan.results.write_cell(name, {**record, **verdict, **_tally(parts, record["code"])})
 
 

@@ -259,6 +259,20 @@ class Results:
         if kept.exists():
             kept.rename(current)
 
+    def with_rows_of(self, cell: str, fingerprint: str) -> Results:
+        """The folder that holds a cell's rows of a fingerprint: this one, or that of earlier settings."""
+        now = self.cell(cell)
+        return self if now and now.fingerprint == fingerprint else Results(self._earlier(fingerprint))
+
+    def with_clips_of(self, fingerprint: str) -> Results:
+        """The folder that holds the kept clips of a protocol's fingerprint: this one, or that of earlier settings."""
+        is_now = self.begun and self.protocol()["fingerprint"] == fingerprint
+        return self if is_now else Results(self._earlier(fingerprint))
+
+    def size_bytes(self, cell: str, folder: str) -> int:
+        """What the files of a cell take in its folder `scores` or `predictions`."""
+        return sum(path.stat().st_size for path in (self.root / cell / folder).glob("*"))
+
     def set_aside(self) -> set[Path]:
         """What is kept of other settings."""
         return set((self.root / EARLIER).glob("*/*"))

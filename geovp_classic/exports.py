@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -29,8 +28,6 @@ def cloud(
     camera: Intrinsics,
 ) -> tuple[FloatArray, ByteArray]:
     """Points [N, 3] in the world and colours [N, 3] of all that the views cover, thinned out; no sky."""
-    import open3d as o3d
-
     known = views.covered & np.isfinite(views.depths) & (views.depths > 0)
     if not known.any():
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
@@ -40,18 +37,31 @@ def cloud(
     for good, depth, pose in zip(known, views.depths, world_from_cam, strict=True):
         points_cam = pinhole.unproject(grid[good], depth[good].astype(np.float64), camera)
         parts.append(se3.transform(pose, points_cam))
-    dense = _point_cloud(np.concatenate(parts), np.concatenate([views.frames[i][known[i]] for i in range(len(known))]))
-    thinned: o3d.geometry.PointCloud = dense.voxel_down_sample(median / POINTS_PER_MEDIAN)
-    colours = np.clip(255 * np.asarray(thinned.colors) + 0.5, 0, 255).astype(np.uint8)
-    return np.asarray(thinned.points).copy(), colours
+    colours = np.concatenate([frame[good] for frame, good in zip(views.frames, known, strict=True)])
+    return _thinned(np.concatenate(parts), colours, median / POINTS_PER_MEDIAN)
+
+
+def _thinned(points: FloatArray, colours: ByteArray, voxel: float) -> tuple[FloatArray, ByteArray]:
+    """The mean point [M, 3] and the mean colour [M, 3] of each voxel that holds some of the points [N, 3]."""
+    cells = np.floor((points - points.min(axis=0)) / voxel).astype(np.int64)
+    keys = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    _, voxels, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    columns = [*points.T, *colours.T]
+    means = np.stack([np.bincount(voxels, column) / counts for column in columns], axis=1)
+    return means[:, :3], np.rint(means[:, 3:]).astype(np.uint8)
 
 
 def write_ply(path: Path, points: FloatArray, colours: ByteArray) -> None:
     """A binary PLY file of coloured points [N, 3]."""
-    import open3d as o3d
-
-    if not o3d.io.write_point_cloud(path, _point_cloud(points, colours)):
-        raise BadData(f"{path} cannot be written: give a folder that exists and has room")
+    names = [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    rows = np.rec.fromarrays([*points.T, *colours.T], dtype=names)
+    kinds = {"<f8": "double", "u1": "uchar"}
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    lines += [*(f"property {kinds[kind]} {name}" for name, kind in names), "end_header", ""]
+    try:
+        path.write_bytes("\n".join(lines).encode() + rows.tobytes())
+    except OSError as error:
+        raise BadData(f"{path} cannot be written: give a folder that exists and has room") from error
 
 
 def write_colmap(
@@ -103,11 +113,3 @@ def write_depth(path: Path, depth: FloatArray, scale: float) -> None:
     values = np.clip(np.rint(np.where(depth > 0, depth, 0) * scale), 1, FARTHEST_VALUE)
     values = np.where(depth > 0, values, 0).astype(np.uint16)
     path.write_bytes(cv2.imencode(".png", values)[1].tobytes())
-
-
-def _point_cloud(points: FloatArray, colours: ByteArray) -> Any:  # open3d.geometry.PointCloud
-    import open3d as o3d
-
-    made = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points, dtype=np.float64)))
-    made.colors = o3d.utility.Vector3dVector(np.ascontiguousarray(colours / 255.0))
-    return made

@@ -9,12 +9,15 @@ import contextlib
 import dataclasses
 import difflib
 import functools
+import json
 import pathlib
 import types
 import typing
 from collections.abc import Iterable, Mapping
 from importlib import metadata
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from geovp_classic import interfaces
 from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
@@ -36,6 +39,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
 ROLES = (*PROTOCOL_OF_ROLE, "executors")
 NO_PART = "none"  # TOML has no None: this leaves a part out
 EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster", "rerun": "viz"}
+EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion"}
 
 
 def names(role: str) -> list[str]:
@@ -53,11 +57,21 @@ def load(role: str, name: str) -> type:
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
-        remedy = f"pip install 'geovp-classic[{extra}]'" if extra else f"install {module or 'the missing module'}"
+        remedy = install_command(extra) if extra else f"install {module or 'the missing module'}"
         raise MissingExtra(f"{_singular(role)} {name!r} needs {module}, which is not installed: {remedy}") from error
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, OSError) as error:
         raise MissingExtra(f"{_singular(role)} {name!r} cannot be loaded ({error}): mend or reinstall it") from error
     return component
+
+
+def install_command(extra: str) -> str:
+    """The pip command that adds an extra, from the clone or the file that GeoVP itself was installed from (PEP 610)."""
+    about = json.loads(metadata.distribution("geovp-classic").read_text("direct_url.json") or "{}")
+    url = urlsplit(about.get("url", ""))
+    origin = url2pathname(url.path) if url.scheme == "file" else ""
+    known = origin if origin and pathlib.Path(origin).exists() else "geovp-classic"
+    edited = "--editable " if about.get("dir_info", {}).get("editable") and known == origin else ""
+    return f"pip install {edited}'{known}[{extra}]'"
 
 
 def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:

@@ -12,7 +12,7 @@ FLOORS = [
     {"types"},
     {"geometry", "interfaces", "parallel"},
     {"odometry", "forecasting", "pose_refinement", "depth", "dynamic_objects", "render", "data", "metrics", "registry"},
-    {"pose_sources", "refined", "renderers", "exports"},
+    {"pose_sources", "refined", "renderers", "volume_fusion", "exports"},
     {"predictors", "contracts"},
     {"api"},  # `geovp_classic/__init__.py` names what it exports, and imports nothing until it is used
 ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
+import os
 import signal
 import sys
 import threading
@@ -16,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.cli.messages import messages, say
 from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError
 
@@ -23,6 +25,10 @@ DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
 VERBS += ("view", "metrics", "study", "data", "list", "check")
 STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
+AMOUNTS = (
+    ("q", "quiet", "say nothing but errors and results"),
+    ("v", "verbose", "log what is done, with the tracebacks of what failed"),
+)
 
 
 class ModuleParser(argparse.ArgumentParser):
@@ -36,14 +42,26 @@ class ModuleParser(argparse.ArgumentParser):
         """A parser of a module's arguments."""
         super().__init__(**options)
         self._module = module
+        amount = self.add_mutually_exclusive_group()
+        for letter, word, text in AMOUNTS:
+            names, default = (f"-{letter}", f"--{word}"), argparse.SUPPRESS
+            amount.add_argument(*names, dest="amount", action="store_const", const=word, default=default, help=text)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         """Parse, with the module's arguments."""
+        self.fill()
+        return super().parse_known_args(args, namespace)
+
+    def fill(self, words: Sequence[str] = ()) -> None:
+        """Add the module's arguments, once, and those of the parsers below that are named by the words of a line."""
         if self._module:
             module = importlib.import_module(self._module)
             module.add_arguments(self)
             self.set_defaults(**{"study" if ".studies." in self._module else "verb": module.run})
-        return super().parse_known_args(args, namespace)
+            self._module = ""
+        choices = [action.choices for action in self._actions if isinstance(action.choices, dict)]
+        for below in [parsers[word] for parsers in choices for word in words if word in parsers]:
+            below.fill(words)
 
 
 def add_modules(parser: argparse.ArgumentParser, modules: Mapping[str, str], metavar: str) -> None:
@@ -79,30 +97,50 @@ class PrintVersion(argparse.Action):
         parser.exit()
 
 
-def main(given: Sequence[str] | None = None) -> int:
-    """Run the chosen verb and return the exit code."""
-    parser = argparse.ArgumentParser(prog="geovp", description="Geometry-based video prediction: run, measure, look.")
+def command_line() -> ModuleParser:
+    """The parser of all verbs."""
+    parser = ModuleParser(prog="geovp", description="Geometry-based video prediction: run, measure, look.")
+    parser.set_defaults(amount="normal")
     parser.add_argument("--version", action=PrintVersion, help="print the version and exit")
     parser.epilog = "Exit code: 0 all done, 1 something failed or was skipped, 2 bad input."
     studies = {verb: f"geovp_benchmarks.studies.{study}" for verb, study in STUDY_OF_VERB.items()}
     add_modules(parser, {verb: studies.get(verb, f"geovp_benchmarks.cli.{verb}") for verb in VERBS}, "VERB")
+    return parser
+
+
+def main(given: Sequence[str] | None = None) -> int:
+    """Run the chosen verb and return the exit code."""
+    parser = command_line()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what may stand next
+        import argcomplete
+
+        parser.fill(os.environ.get("COMP_LINE", "").split())  # argcomplete knows only what is there before it looks
+        argcomplete.autocomplete(parser)
     chosen = parser.parse_args(given)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)
+    with messages(chosen.amount):
+        return _run(chosen)
+
+
+def _run(chosen: argparse.Namespace) -> int:
+    """Run the verb; what can be said in a sentence is."""
     try:
         return int(getattr(chosen, "verb", print_study)(chosen))
     except GeovpError as error:
-        print(f"geovp: {' '.join(str(error).split())}", file=sys.stderr)
+        say.info("where it was found", exc_info=True)
+        say.error(" ".join(str(error).split()))
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("\ngeovp: interrupted; what was done is kept, the same command goes on from there", file=sys.stderr)
+        print(file=sys.stderr)
+        say.error("interrupted; what was done is kept, the same command goes on from there")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough
         sys.stderr.close()
         return DONE
     except OSError as error:
         advice = "mend the path, or the disk behind it, and give the command again: what was done is kept"
-        print(f"geovp: {error.strerror or error}: {error.filename or 'a file'}: {advice}", file=sys.stderr)
+        say.error(f"{error.strerror or error}: {error.filename or 'a file'}: {advice}")
         return BAD_INPUT
 
 

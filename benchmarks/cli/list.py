@@ -4,39 +4,91 @@ from __future__ import annotations
 
 import argparse
 import ast
+import dataclasses
 import functools
 import importlib.util
+import json
 import sys
 from collections.abc import Iterator
 from importlib import metadata
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
+from geovp_benchmarks.arguments import add_json, complete_with
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which roles."""
-    parser.add_argument("role", nargs="?", metavar="ROLE", help="only this role, such as renderers; or `protocols`")
+    """Which roles, or which component."""
+    which = "only this role, such as renderers, or all about a component of this name; or `protocols`"
+    complete_with(parser.add_argument("what", nargs="?", metavar="ROLE|NAME", help=which), role_and_component_names)
+    add_json(parser)
+
+
+def role_and_component_names() -> list[str]:
+    """What the argument may be, without any import."""
+    groups = [group for group in metadata.entry_points().groups if group.startswith("geovp.")]
+    names = [entry.name for group in groups for entry in metadata.entry_points(group=group)]
+    return ["protocols", *(group.removeprefix("geovp.") for group in groups), *names]
 
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a line for every name, with the package that provides it and the package that it lacks."""
     from geovp_classic import registry
 
-    if chosen.role == "protocols":
-        from geovp_benchmarks import protocols
-
-        print("\n".join(protocol.about for protocol in protocols.ALL.values()))
+    if chosen.what == "protocols":
+        return _list_protocols(chosen.json)
+    if chosen.what and chosen.what not in registry.ROLES:
+        return _show(chosen.what, chosen.json)
+    roles = {role: _entries(role) for role in ([chosen.what] if chosen.what else registry.ROLES)}
+    if chosen.json:
+        print(json.dumps(roles, indent=2))
         return 0
-    for role in [chosen.role] if chosen.role else registry.ROLES:
-        registry.names(role)  # UnknownComponent with the nearest role
+    for role, entries in roles.items():
         print(role)
-        for entry in sorted(metadata.entry_points(group=f"geovp.{role}"), key=lambda entry: entry.name):
-            package = entry.dist.name if entry.dist is not None else ""
-            provider = f"[{package}]" if package != "geovp-classic" else ""
-            lacks = missing_import(entry.value.partition(":")[0])
-            extra = registry.EXTRA_OF_MODULE.get(lacks.partition(".")[0])
-            remark = f"(needs extra: {extra})" if extra else f"(needs {lacks})" if lacks else ""
-            print("  " + " ".join(filter(None, (entry.name, provider, remark))))
+        for entry in entries:
+            provider = f"[{entry['package']}]" if entry["package"] != "geovp-classic" else ""
+            lacks = f"(needs {entry['lacks']})" if entry["lacks"] else ""
+            remark = f"(needs extra: {entry['extra']})" if entry["extra"] else lacks
+            print("  " + " ".join(filter(None, (entry["name"], provider, remark))))
+    return 0
+
+
+def _entries(role: str) -> list[dict[str, str]]:
+    """Name, package, the module that it lacks and the extra that has it, "" where nothing is to be said."""
+    from geovp_classic import registry
+
+    found = []
+    for entry in sorted(metadata.entry_points(group=f"geovp.{role}"), key=lambda entry: entry.name):
+        lacks = missing_import(entry.value.partition(":")[0])
+        extra = registry.EXTRA_OF_MODULE.get(lacks.partition(".")[0], "")
+        package = entry.dist.name if entry.dist is not None else ""
+        found.append({"name": entry.name, "package": package, "lacks": lacks, "extra": extra})
+    return found
+
+
+def _show(name: str, as_json: bool) -> int:
+    """Print all about the components of a name, in every role that has one."""
+    from geovp_benchmarks import component_page
+    from geovp_classic import registry
+    from geovp_classic.errors import UnknownComponent
+
+    known = {role: registry.names(role) for role in registry.ROLES}
+    pages = [component_page.page(role, name) for role, names in known.items() if name in names]
+    if not pages:
+        words = {*known, *(one for names in known.values() for one in names)}
+        raise UnknownComponent(f"there is no role or component {name!r}{registry.nearest(name, words)}")
+    if as_json:
+        print(json.dumps([dataclasses.asdict(page) for page in pages], indent=2, default=str))
+    else:
+        print("\n\n".join("\n".join(component_page.lines(page)) for page in pages))
+    return 0
+
+
+def _list_protocols(as_json: bool) -> int:
+    from geovp_benchmarks import protocols
+
+    abouts = {name: protocol.about for name, protocol in protocols.ALL.items()}
+    print(json.dumps(abouts, indent=2) if as_json else "\n".join(abouts.values()))
     return 0
 
 

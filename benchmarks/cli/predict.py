@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.messages import say
 from geovp_benchmarks.progress import progress_bar
 
 MIN_SIDE_PX = 16
@@ -71,6 +72,7 @@ def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
     from geovp_benchmarks import prediction, prediction_files
     from geovp_benchmarks.prediction_request import PredictionRequest
+    from geovp_classic import registry
 
     if chosen.out is not None:
         prediction_files.check_free(chosen.out)
@@ -81,6 +83,9 @@ def run(chosen: argparse.Namespace) -> int:
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
         written = prediction_files.write(predicted, chosen.out or Path("results/predict") / name)
         progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
-    print(*predicted.summary(), sep="\n", file=sys.stderr)
+    if chosen.amount != "quiet":
+        print(*predicted.summary(), sep="\n", file=sys.stderr)
+    if not any(path.suffix == ".mp4" for path in written):
+        say.warning(f"the film is a gif alone; for H.264: {registry.install_command('video')}")
     print(*written, sep="\n")
     return 0

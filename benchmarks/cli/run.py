@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import positive
-from geovp_benchmarks.progress import progress_bar
+from geovp_benchmarks.arguments import add_matrix, positive
+from geovp_benchmarks.cli.messages import say, width
+from geovp_benchmarks.progress import Progress, announce, progress_bar
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.executors import Executor
     from geovp_benchmarks.matrix import Matrix
+    from geovp_benchmarks.planning import Options
     from geovp_benchmarks.selection import Ranking, Selection
     from geovp_benchmarks.store import Cell, Results
 
@@ -26,12 +27,16 @@ worst:METRIC:ROW. Chosen clips are known after the run: all rows are computed on
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What to run, where, and how much of it."""
-    parser.add_argument("matrix", type=Path, metavar="MATRIX.toml")
+    add_matrix(parser, "a matrix file, or the name of a built-in one such as demo")
     parser.add_argument("--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the file's")
     parser.add_argument("--out", type=Path, metavar="DIR", help="results folder (default: results/<name of the file>)")
     parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
     parser.add_argument("--keep", default="3", metavar="WHICH", help=KEEP)
     parser.add_argument("--fresh", action="store_true", help="compute anew what another version of the code computed")
+    set_help = "a setting of the file, such as protocol.stride=20 or renderers.fusion.fill.name=telea; again for more"
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=set_help)
+    dry_help = "say what is to do, how long and how large it would be, and write nothing"
+    parser.add_argument("--dry-run", action="store_true", help=dry_help)
     parser.add_argument("--no-report", action="store_true", help="no plots and no report")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--workers", type=positive, metavar="N", help="processes on this machine (default: this one)")
@@ -40,37 +45,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Compute, then write all views of the results; of several data sets one after the other."""
-    from geovp_benchmarks import multiple_datasets
-    from geovp_benchmarks.store import Results
-    from geovp_classic.data.atomic import write_bytes
+    with progress_bar(chosen.matrix.stem, "predictions"):
+        announce("starting")
+        from geovp_benchmarks import multiple_datasets
+        from geovp_benchmarks.store import Results
+        from geovp_classic.data.atomic import write_bytes
 
-    matrices = multiple_datasets.read(chosen.matrix, chosen.root)
+        matrices = multiple_datasets.read(chosen.matrix, chosen.root, chosen.set)
     whole = Results(chosen.out or Path("results") / chosen.matrix.stem)
-    whole.write_datasets([*matrices])
+    if not chosen.dry_run:
+        whole.write_datasets([*matrices])
     codes = [_fill(chosen, matrix, Results(whole.root / label)) for label, matrix in matrices.items()]
-    if len(codes) > 1:
+    if len(codes) > 1 and not chosen.dry_run:
         text = multiple_datasets.side_by_side(whole)
         write_bytes(whole.tables / "datasets.md", text.encode())
-        print(text)
+        print(multiple_datasets.side_by_side(whole, width()))
     return max(codes)
 
 
 def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
     """Compute the cells of one data set; the exit code."""
-    from geovp_benchmarks.planning import Options
-    from geovp_benchmarks.run import run as fill
-    from geovp_benchmarks.selection import Ranking
-
-    keep = keep_rule(chosen.keep, matrix)
-    options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh)
-    executor, before = _executor(chosen), results.set_aside()
     with progress_bar(matrix.name, "predictions") as progress:
+        announce("starting")
+        from geovp_benchmarks.planning import Options
+        from geovp_benchmarks.run import run as fill
+        from geovp_benchmarks.selection import Ranking
+
+        keep = keep_rule(chosen.keep, matrix)
+        options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh)
+        executor, before = _executor(chosen), results.set_aside()
+        if chosen.dry_run:
+            return _look(matrix, results, options, chosen.workers or 1, progress)
         cells = fill(matrix, results, options, executor, progress)
     if results.set_aside() - before:
-        print(
-            "geovp: the protocol or settings changed: earlier rows are kept in "
-            f"{results.root / 'earlier'} and come back with the old ones",
-            file=sys.stderr,
+        kept = results.root / "earlier"
+        say.warning(
+            f"the protocol or settings changed: earlier rows are kept in {kept} and come back with the old ones"
         )
     if isinstance(keep, Ranking):
         try:
@@ -83,34 +93,48 @@ def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
     return conclude(results, cells, with_report=not chosen.no_report)
 
 
-def conclude(results: Results, cells: Sequence[Cell], with_report: bool) -> int:
+def _look(matrix: Matrix, results: Results, options: Options, workers: int, progress: Progress) -> int:
+    """Print what would be done."""
+    from geovp_benchmarks import dry_run
+
+    plan, rows = dry_run.rows(matrix, results, options, progress)
+    print(*dry_run.describe(plan, rows, workers), sep="\n")
+    return 0
+
+
+def conclude(results: Results, cells: Sequence[Cell], with_report: bool, as_json: bool = False) -> int:
     """Print the table, write all views, and say how the cells ended."""
     from geovp_benchmarks import formats, report, tables
 
-    print(formats.markdown(tables.build(results)[0]))
+    main = tables.build(results)[0]
+    print(formats.as_json([main]) if as_json else formats.markdown(main, width()))
     formats.write_all(results)
-    print(f"tables: {results.tables}")
+    paths = [f"tables: {results.tables}"]
     if with_report and any(cell.num_clips for cell in cells):
         with progress_bar("plots", "figures") as progress:
             report.write(results, progress)
-        print(f"plots:  {results.plots}")
-        print(f"report: {results.report}")
+        paths += [f"plots:  {results.plots}", f"report: {results.report}"]
+    print(*([] if as_json else paths), sep="\n", end="" if as_json else "\n")
+    return _judge(cells)
+
+
+def _judge(cells: Sequence[Cell]) -> int:
+    """Say how the cells ended, and return the exit code."""
+    count = len(cells)
     outdated = sum(cell.num_outdated > 0 for cell in cells)
     if outdated:
-        print(
-            f"geovp: {outdated} of {len(cells)} cells hold rows that another version of the code computed (named "
-            "below the table): `geovp run --fresh` computes them anew",
-            file=sys.stderr,
+        say.warning(
+            f"{outdated} of {count} cells hold rows that another version of the code computed (named below the table): "
+            "`geovp run --fresh` computes them anew"
         )
     left = sum(cell.status != "done" for cell in cells)
     if left:
-        print(f"geovp: {left} of {len(cells)} cells are not done: see below the table", file=sys.stderr)
+        say.error(f"{left} of {count} cells are not done: see below the table")
     partly = sum(cell.num_failed > 0 for cell in cells if cell.status == "done")
     if partly:
-        print(
-            f"geovp: {partly} of {len(cells)} cells could not predict some clips, which are scored as copies of the "
-            "last frame: see below the table",
-            file=sys.stderr,
+        say.error(
+            f"{partly} of {count} cells could not predict some clips, which are scored as copies of the last frame: "
+            "see below the table"
         )
     return int(left + partly > 0)
 

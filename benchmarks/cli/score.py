@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.arguments import add_json, add_results_folder
 from geovp_benchmarks.cli.run import conclude
 from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import BadData
@@ -15,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which predictions, with which metrics, and where to."""
     add_results_folder(parser)
     parser.add_argument("--metrics", type=Path, metavar="MATRIX.toml", help="take [metrics] from this file")
+    add_json(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to (default: DIR-rescored)")
 
 
@@ -37,4 +38,4 @@ def run(chosen: argparse.Namespace) -> int:
         metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
     with progress_bar("score", "cells") as progress:
         cells = rescore(results, into, metrics, progress)
-    return conclude(into, cells, with_report=False)
+    return conclude(into, cells, with_report=False, as_json=chosen.json)

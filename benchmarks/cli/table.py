@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geovp_benchmarks.arguments import add_division, add_results_folder
+from geovp_benchmarks.arguments import add_division, add_json, add_results_folder
+from geovp_benchmarks.cli.messages import width
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results_folder(parser)
     add_division(parser)
     parser.add_argument("--format", choices=("md", "tex", "csv"), default="md", help="what is printed (default: md)")
+    add_json(parser)
     parser.add_argument("--against", metavar="ROW", help="print paired differences of all rows from this one")
     parser.add_argument("--strict", action="store_true", help="leave out clips that a method could not predict")
     parser.add_argument(
@@ -51,13 +53,19 @@ def run(chosen: argparse.Namespace) -> int:
 
     if chosen.page is not None and chosen.format != "md":
         raise BadData(f"--page is written as md alone, not as {chosen.format}: leave --format out")
+    if chosen.json and (chosen.page is not None or chosen.format != "md" or chosen.style != "suite"):
+        raise BadData("--json prints numbers alone: leave --page, --format and --style out")
     results = Results(chosen.folder)
     parts = results.by_dataset()
     if len(parts) > 1 and chosen.page is not None:
         raise BadData(f"--page is of one data set, {chosen.folder} holds {', '.join(parts)}: give the folder of one")
-    text = "\n".join(_text(chosen, part) for part in parts.values())
+    if chosen.json:
+        print(formats.as_json([table for part in parts.values() for table in _tables(chosen, part)]))
+        return 0
+    columns = None if chosen.page is not None else width()
+    text = "\n".join(_text(chosen, part, columns) for part in parts.values())
     if len(parts) > 1 and chosen.format == "md" and chosen.by is None and chosen.against is None:
-        text = f"{text}\n{multiple_datasets.side_by_side(results)}"
+        text = f"{text}\n{multiple_datasets.side_by_side(results, columns)}"
     print(text)
     if chosen.page is not None:
         before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""
@@ -66,23 +74,34 @@ def run(chosen: argparse.Namespace) -> int:
     return 0
 
 
-def _text(chosen: argparse.Namespace, results: Results) -> str:
-    from geovp_benchmarks import formats, strata, tables, thesis
-    from geovp_benchmarks.table_choice import Choice
+def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> str:
+    """What is printed, in Markdown no wider than so many columns."""
+    from geovp_benchmarks import formats, strata, thesis
 
     _check(chosen)
-    parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.style == "thesis":
+        parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
         return "\n".join(map(thesis.FORMATS[chosen.format], parts))
+    shown = _labelled(_tables(chosen, results), chosen.label, chosen.caption)
+    if chosen.format == "md":
+        return "\n".join(formats.markdown(table, columns) for table in shown)
+    return "\n".join(map(formats.FORMATS[chosen.format], shown))
+
+
+def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
+    """The tables of one data set; where nothing else is asked for, they are written as well."""
+    from geovp_benchmarks import formats, strata, tables
+    from geovp_benchmarks.table_choice import Choice
+
     choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
+    parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
     if chosen.against is not None:
-        found = [tables.against(part, chosen.against, strict=chosen.strict, choice=choice) for part in parts]
-    else:
-        built = [tables.build(part, chosen.spread, strict=chosen.strict, choice=choice) for part in parts]
-        found = built[0] if chosen.by is None else [main for main, *_ in built]
-        if chosen.by is None:
-            formats.write_all(results)
-    return "\n".join(map(formats.FORMATS[chosen.format], _labelled(found, chosen.label, chosen.caption)))
+        return [tables.against(part, chosen.against, strict=chosen.strict, choice=choice) for part in parts]
+    built = [tables.build(part, chosen.spread, strict=chosen.strict, choice=choice) for part in parts]
+    if chosen.by is not None:
+        return [main for main, *_ in built]
+    formats.write_all(results)
+    return built[0]
 
 
 def _check(chosen: argparse.Namespace) -> None:

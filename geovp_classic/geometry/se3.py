@@ -103,7 +103,9 @@ def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray
 
 
 def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
-    flat = Rotation.from_rotvec(rotation_vector.reshape(-1, 3)).as_matrix()
+    flat = Rotation.from_rotvec(
+        np.array(rotation_vector).reshape(-1, 3)
+    ).as_matrix()  # a copy: SciPy 1.15 wants to write
     return np.asarray(flat).reshape(*rotation_vector.shape[:-1], 3, 3)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import open3d as o3d
 
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Fill
@@ -56,8 +57,6 @@ class Volume:
         step_px: int = FRAGMENT_STEP,
     ) -> tuple[FloatArray, FloatArray]:
         """Colour [H, W, 3] in [0, 1], 0 for none, and inverse depth [H, W] of the nearest surface, NaN for none."""
-        import open3d as o3d
-
         volume_from_cam = _scaled(se3.inverse(self.world_from_volume) @ world_from_cam, 1 / self.unit)
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             seen = self.grid.ray_cast(
@@ -151,8 +150,6 @@ def integrate(
     reach: float,  # the farthest depth that goes into the volume, in median depths
 ) -> Volume:
     """The volume of all known pixels nearer than `reach`."""
-    import open3d as o3d
-
     core = o3d.core
     near = inverse_depths[-1][known[-1] & (inverse_depths[-1] > 0)]
     unit = 1 / float(np.median(near)) if len(near) else 1.0

@@ -16,6 +16,12 @@ from geovp_classic.types import Clip
 TOYS = Path(__file__).parent / "toys"
 
 
+@pytest.fixture(autouse=True)
+def _any_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables of any width: pytest-xdist sets COLUMNS."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+
 @pytest.fixture
 def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder that has to be on the path for the toys to be found, already on ours."""

@@ -207,7 +207,7 @@ class TestList:
 
     def test_an_unknown_role_is_2(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert cli.main(["list", "renderer"]) == 2
-        assert capsys.readouterr().err == "geovp: there is no role 'renderer': did you mean 'renderers'?\n"
+        assert capsys.readouterr().err == "geovp: there is no role or component 'renderer': did you mean 'renderers'?\n"
 
 
 class TestCheck:

@@ -4,7 +4,8 @@ import time
 
 import pytest
 
-from geovp_benchmarks.progress import progress_bar, tracked
+from geovp_benchmarks.cli.messages import messages
+from geovp_benchmarks.progress import announce, progress_bar, tracked
 
 
 def test_an_item_is_done_when_the_next_is_asked_for() -> None:
@@ -25,3 +26,27 @@ def test_the_bar_is_on_standard_error_and_takes_a_new_total(capsys: pytest.Captu
     captured = capsys.readouterr()
     assert not captured.out
     assert "2/2" in captured.err
+
+
+def test_the_bar_is_there_before_the_first_step_is_done_and_says_what_is_done(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with progress_bar("letters", "steps") as progress:
+        progress(0, 4)
+        announce("compiling")
+        time.sleep(0.7)
+        assert "letters:   0%|" in (shown := capsys.readouterr().err)
+        assert "compiling" in shown
+        announce("a", done=1)
+        announce("b", done=9)  # never more than all
+        assert "5/4" not in capsys.readouterr().err
+        progress(2, 4)
+    assert "2/4" in capsys.readouterr().err
+
+
+def test_quiet_work_has_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    with messages("quiet"), progress_bar("letters", "steps") as progress:
+        progress(0, 4)
+        time.sleep(0.7)
+        progress(4, 4)
+    assert capsys.readouterr() == ("", "")

@@ -168,7 +168,7 @@ class TestPage:
     ) -> None:
         assert cli.main(["table", str(results.root), "--page", str(page), "--strict"]) == 0
         text = page.read_text()
-        assert text.startswith("# demo\n\n```sh\ngeovp run benchmarks/configs/demo.toml\n")
+        assert text.startswith("# demo\n\n```sh\ngeovp run demo\n")
         assert f"geovp table results/{results.root.name} --strict\n```" in text
         assert f"Written on {datetime.date.today().isoformat()} by" in text
         assert "computed with geovp-classic 0.1.0, numpy 2.4.6." in text

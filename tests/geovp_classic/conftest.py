@@ -34,17 +34,20 @@ SETTINGS: dict[tuple[str, str], dict[str, Any]] = {
     ("datasets", "synthetic"): {"num_clips": 1, "num_frames": 2, "size_px": [32, 32]},
     ("executors", "dask"): {"address": "tcp://127.0.0.1:8786"},
 }
+POSED = {("datasets", name) for name in ("tum", "euroc", "colmap")}
 
 
 @pytest.fixture
-def build_component(tmp_path: Path, write_kitti_raw: Callable[..., Path]) -> Callable[[str, str], Any]:
+def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[[str, str], Any]:
     """Build a component of a role by name; the test is skipped when an extra or weights are missing."""
 
     def build(role: str, name: str) -> Any:
         try:
             kind = registry.load(role, name)
             if (role, name) == ("datasets", "kitti-raw"):
-                write_kitti_raw(tmp_path, 1, street.clip())
+                request.getfixturevalue("write_kitti_raw")(tmp_path, 1, street.clip())
+            if (role, name) in POSED:
+                request.getfixturevalue(f"write_{name}")(tmp_path, "00", street.clip())
             settings = {"name": name, **SETTINGS.get((role, name), {}), **_on_disk(role, name, tmp_path)}
             for field, part in _parts(kind).items():
                 settings.setdefault(field, part)
@@ -75,8 +78,9 @@ def _on_disk(role: str, name: str, folder: Path) -> dict[str, Any]:
         return {"path": str(folder)}
     if (role, name) == ("datasets", "synthetic"):
         return {"cache": str(folder)}
-    if (role, name) == ("datasets", "kitti-raw"):
-        return {"root": str(folder), "num_frames": 3, "size_px": [32, 32]}
+    if (role, name) in {("datasets", "kitti-raw"), *POSED}:
+        calibration = {"intrinsics": [150.0, 150.0, 63.5, 63.5]} if name == "tum" else {}
+        return {"root": str(folder), "num_frames": 3, "size_px": [32, 32], **calibration}
     if (role, name) in (("datasets", "kitti"), ("datasets", "folder")):
         _write_kitti(folder)
         images = {"path": str(folder / "sequences" / "00" / "image_2"), "intrinsics": [150.0, 150.0, 63.5, 63.5]}

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+from geovp_benchmarks.arguments import add_json
 from geovp_benchmarks.progress import Progress
 
 TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
@@ -27,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     evaluate.add_argument(
         "--scale-error", type=float, default=0.0, metavar="X", help="odometry errors: lengths off by X as a share"
     )
+    add_json(evaluate)
     evaluate.set_defaults(lines=_evaluate)
     kalman = verbs.add_parser("fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood")
     prior = verbs.add_parser("fit-prior", help="the motion prior")
@@ -63,6 +65,10 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     if chosen.noise > 0 or chosen.scale_error > 0:
         corruption = evaluation.OdometryNoise(0.02 * chosen.noise, 0.05 * chosen.noise, chosen.scale_error)
     windows = evaluation.read_windows(chosen.poses, chosen.sequences, chosen.num_past, chosen.num_future, chosen.stride)
+    if chosen.json:
+        scores = evaluation.evaluate(windows, rows, corruption, progress)
+        yield evaluation.as_json(scores, chosen.sequences)
+        return
     yield f"{len(windows)} windows of {', '.join(chosen.sequences)}"
     yield from evaluation.as_lines(evaluation.evaluate(windows, rows, corruption, progress))
 

@@ -6,6 +6,7 @@ Errors are taken on the x-z plane of the last observed camera: (x, z, yaw_rad) o
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,6 +173,16 @@ def as_lines(table: Mapping[str, Scores]) -> Iterator[str]:
     yield "| --- |" + " ---: |" * len(heads)
     for name, row in rows.items():
         yield f"| {name} | " + " | ".join("-" if np.isnan(row[head]) else f"{row[head]:.3f}" for head in heads) + " |"
+
+
+def as_json(table: Mapping[str, Scores], sequences: Sequence[str]) -> str:
+    """The same numbers, null for what cannot be measured."""
+    rows = {name: columns(scores) for name, scores in table.items()}
+    known = {name: {key: None if np.isnan(x) else x for key, x in row.items()} for name, row in rows.items()}
+    turned_deg = next(iter(table.values())).turned_deg
+    turning = int((np.abs(turned_deg) > TURNING_DEG).sum())
+    about = {"sequences": list(sequences), "windows": len(turned_deg), "turning_windows": turning}
+    return json.dumps({**about, "forecasters": known}, indent=2)
 
 
 @dataclass(frozen=True)

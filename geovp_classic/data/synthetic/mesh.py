@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numba
 import numpy as np
 import numpy.typing as npt
-import open3d as o3d
 
 from geovp_classic.data.synthetic.images import TILE_M, IntArray, Texture
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.ray_casting import TriangleTree
 from geovp_classic.types import BoolArray, FloatArray
 
 Colour = npt.ArrayLike  # [3], 0 to 1
@@ -125,10 +125,7 @@ class Surfaces:
 
     def __init__(self, mesh: TriangleMesh) -> None:
         """Index the triangles; those without area get constant values."""
-        vertices = o3d.core.Tensor(mesh.corners.reshape(-1, 3))  # type: ignore[call-overload]
-        faces = o3d.core.Tensor(np.arange(mesh.texture.size * 3, dtype=np.uint32).reshape(-1, 3))  # type: ignore[call-overload]
-        self.scene = o3d.t.geometry.RaycastingScene()
-        self.scene.add_triangles(vertices, faces)
+        self.tree = TriangleTree.of(mesh.corners)
         a, b = mesh.corners[:, 1] - mesh.corners[:, 0], mesh.corners[:, 2] - mesh.corners[:, 0]
         cross = np.cross(a, b)
         area = np.linalg.norm(cross, axis=-1, keepdims=True)
@@ -142,12 +139,11 @@ class Surfaces:
 
     def cast(self, eye: FloatArray, rays: FloatArray) -> tuple[FloatArray, IntArray]:
         """Depths [N] (inf for nothing) and triangles [N] that rays [N, 3] of z-depth 1 hit."""
-        answer = self.scene.cast_rays(_lines(eye, rays))
-        return answer["t_hit"].numpy(), answer["primitive_ids"].numpy().astype(np.int64)
+        return self.tree.cast(*_lines(eye, rays))
 
     def blocks(self, points: FloatArray, to_sun: FloatArray) -> BoolArray:
         """Whether something is between the points [N, 3] and the sun."""
-        blocked: BoolArray = self.scene.test_occlusions(_lines(points, to_sun)).numpy()
+        blocked: BoolArray = self.tree.cast(*_lines(points, to_sun))[1] >= 0
         return blocked
 
     def hits(
@@ -191,6 +187,6 @@ def _dot(a, b):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _lines(origins: FloatArray, directions: FloatArray) -> o3d.core.Tensor:
+def _lines(origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
     both = np.broadcast_arrays(origins.astype(np.float32), directions.astype(np.float32))
-    return o3d.core.Tensor(np.concatenate(both, axis=-1))  # type: ignore[call-overload]
+    return np.ascontiguousarray(both[0]), np.ascontiguousarray(both[1])

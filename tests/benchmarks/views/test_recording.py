@@ -11,6 +11,7 @@ import pytest
 from geovp_benchmarks import cli
 from geovp_benchmarks.recording import KeptClip
 from geovp_benchmarks.store import Results
+from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import Motion, Trajectory
@@ -98,4 +99,4 @@ def test_without_rerun_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     assert cli.main(["view", str(results.root), KEPT]) == 2
-    assert "which is not installed: pip install 'geovp-classic[viz]'" in capsys.readouterr().err
+    assert f"which is not installed: {registry.install_command('viz')}" in capsys.readouterr().err

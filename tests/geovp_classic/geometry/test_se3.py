@@ -103,3 +103,10 @@ def test_a_turn_leads_from_one_rotation_to_the_other_and_leaves_the_position(a: 
     led = se3.turned(c_from_a, se3.turn(c_from_a, c_from_b))
     np.testing.assert_allclose(led[:3, :3], c_from_b[:3, :3], atol=1e-9)
     np.testing.assert_array_equal(led[:3, 3], c_from_a[:3, 3])
+
+
+def test_vectors_that_nobody_may_write_to() -> None:
+    vectors = np.array([[0.0, 0, 0, 0, 0, np.pi / 2]])
+    vectors.flags.writeable = False
+    quarter_turn = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    np.testing.assert_allclose(se3.exp(vectors)[0, :3, :3], quarter_turn, atol=1e-12)

@@ -8,8 +8,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import volume
 from geovp_classic.render.fill import Blank
-from geovp_classic.renderers import VolumeFusion
 from geovp_classic.types import Context, FloatArray, Intrinsics, Trajectory
+from geovp_classic.volume_fusion import VolumeFusion
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 RENDERER = VolumeFusion(Given(), fill=Blank())
