@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from geovp_classic.depth.multiview import Multiview
-from geovp_classic.geometry import se3, wide_frames
+from geovp_classic.geometry import frame_screening, se3, wide_frames
 from geovp_classic.geometry.ground_plane import fit_ground
 from geovp_classic.interfaces import DepthSource, PoseRefinement, PoseSource
 from geovp_classic.parallel import single_threaded_blas
@@ -36,12 +36,13 @@ class RoadHeight:
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other future heights; unchanged where no road is visible."""
         recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        inverse_depth = self.depth.inverse_depths(recent, motion.past[-self.num_frames :])[0][-1]
+        recent, past = frame_screening.screened(recent, motion.past[-self.num_frames :])
+        inverse_depth = self.depth.inverse_depths(recent, past)[0][-1]
         ground = fit_ground(inverse_depth, recent.intrinsics)
         if ground is None:
             return motion
         profile = RoadProfile.of(inverse_depth, recent.intrinsics, ground)
-        world_from_last = motion.past.world_from_cam[-1]
+        world_from_last = past.world_from_cam[-1]
         last_from_cam = se3.inverse(world_from_last) @ motion.futures
         futures = np.stack([profile.correct_heights(future) for future in last_from_cam])
         return motion.refined(motion.past, world_from_last @ futures)

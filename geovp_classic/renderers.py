@@ -11,7 +11,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.dynamic_objects import sprites as moving_sprites
 from geovp_classic.dynamic_objects.detection import DynamicObjects
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import pinhole, wide_frames
+from geovp_classic.geometry import frame_screening, pinhole, wide_frames
 from geovp_classic.geometry.ground_plane import fit_ground
 from geovp_classic.interfaces import DepthSource, Fill, Scene
 from geovp_classic.parallel import single_threaded_blas
@@ -80,7 +80,7 @@ class DepthFusion:
 
     def _recent(self, context: Context, past: Trajectory) -> tuple[Context, Trajectory]:
         recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        return recent, past[-self.num_frames :]
+        return frame_screening.screened(recent, past[-self.num_frames :])
 
     def _sprites(
         self, recent: Context, past: Trajectory, inverse_depth: FloatArray

@@ -120,8 +120,8 @@ class Trajectory(_ShortRepr):
         """T, the number of steps."""
         return self.world_from_cam.shape[0]
 
-    def __getitem__(self, steps: slice) -> Trajectory:
-        """The steps of a slice, in the same world frame."""
+    def __getitem__(self, steps: slice | BoolArray) -> Trajectory:
+        """The steps of a slice or a mask [T], in the same world frame."""
         return Trajectory(self.world_from_cam[steps].copy(), self.times_s[steps].copy(), self.is_metric)
 
     def then(self, later: Trajectory) -> Trajectory:
@@ -167,8 +167,8 @@ class ExtraView(_ShortRepr):
         _store(self, "frames", _frames("extra view", self.frames, self.intrinsics))
         _store(self, "view_from_cam", _rigid("view_from_cam", np.asarray(self.view_from_cam)[None])[0])
 
-    def __getitem__(self, steps: slice) -> ExtraView:
-        """The steps of a slice."""
+    def __getitem__(self, steps: slice | BoolArray) -> ExtraView:
+        """The steps of a slice or a mask [T]."""
         return replace(self, frames=self.frames[steps].copy())
 
 
@@ -261,10 +261,13 @@ class Context(_ShortRepr):
 
     def recent(self, num_frames: int) -> Context:
         """The same context with only the last `num_frames` observed frames; all of them when there are fewer."""
-        skipped = max(self.num_past - num_frames, 0)
-        kept = slice(skipped, self.num_past)
+        return self.observed(np.arange(self.num_past) >= self.num_past - num_frames)
+
+    def observed(self, kept: BoolArray) -> Context:
+        """The same context with only some of the observed frames, as a mask [P] says."""
         cut = {field: _cut(getattr(self, field), kept) for field in ("frames", "past", "past_depths", "wide", "right")}
-        return replace(self, times_s=self.times_s[skipped:], **cut)
+        times_s = np.concatenate([self.times_s[: self.num_past][kept], self.times_s[self.num_past :]])
+        return replace(self, times_s=times_s, **cut)
 
     def only(self, grant: Grant) -> Context:
         """The same context with everything removed that the grant does not name."""
@@ -323,7 +326,7 @@ def _store(owner: object, field: str, value: object) -> None:
     object.__setattr__(owner, field, value)
 
 
-def _cut(value: Any, steps: slice) -> Any:
+def _cut(value: Any, steps: slice | BoolArray) -> Any:
     """value[steps], or None; arrays are copied, because the base of a slice would show the other steps."""
     part = None if value is None else value[steps]
     return part.copy() if isinstance(part, np.ndarray) else part

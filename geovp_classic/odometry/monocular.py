@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import frame_screening, se3
 from geovp_classic.interfaces import Scale
+from geovp_classic.odometry import consistency
 from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.scale import GroundPlane
@@ -66,9 +67,10 @@ class Monocular:
 
         The trajectory is metric when the scale is and could be found, or when the camera never moved.
         """
-        view = _view(context, self.frames)
+        view, all_times_s = _view(context, self.frames), context.times_s[: context.num_past]
+        kept = frame_screening.usable(view.frames)
+        view, times_s = view[kept], all_times_s[kept]
         estimator = self.scale.estimator(view.intrinsics, context.camera_height_m)
-        times_s = context.times_s[: context.num_past]
         policy = KeyframePolicy(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
         lens = Lens(view.intrinsics, self.radial)
         tracker = Tracker(CornerTracker(self.num_features), lens, policy, self.seed)
@@ -77,6 +79,8 @@ class Monocular:
             tracker.push(grey, float(time_s))
         tracker.adjust_all()
         poses, tracked = tracker.take_final(all_of_them=True)
+        known = consistency.driven(poses, times_s)
+        poses, tracked = frame_screening.bridged(poses, times_s, known), tracked & known
         stride = min(2, len(poses) - 1)  # a longer baseline says more about the road
         for now in range(stride, len(poses), stride) if stride else ():
             before = now - stride
@@ -84,7 +88,11 @@ class Monocular:
                 before_from_now = se3.inverse(poses[before]) @ poses[now]
                 estimator.update(greys[before], greys[now], before_from_now, tracker.radial.mean)
         poses[:, :3, 3] *= estimator.unit
-        return _trajectory(poses, times_s, self.scale.is_metric, estimator.confidence), tracked
+        found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
+        marks = np.zeros(len(kept), dtype=bool)
+        found[kept], marks[kept] = poses, tracked
+        found = frame_screening.bridged(found, all_times_s, kept)
+        return _trajectory(found, all_times_s, self.scale.is_metric, estimator.confidence), marks
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
         """A tracker for images that come one by one."""

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import pinhole, se3, wide_frames
+from geovp_classic.geometry import frame_screening, pinhole, se3, wide_frames
 from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.pose_refinement.local_bundle import Corners, adjust
 from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
@@ -55,11 +55,13 @@ class Registration:
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with registered past poses, its futures turned about the last one."""
         recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        images = np.stack([pinhole.grey(frame) for frame in recent.frames])
-        given, count = motion.past.world_from_cam, len(recent.frames)
-        found = registered(images, recent.intrinsics, given[-count:], count - 1)
-        earlier = found.world_from_cam[0] @ se3.inverse(given[-count]) @ given[:-count]
-        past = np.concatenate([earlier, found.world_from_cam])
+        kept = np.flatnonzero(frame_screening.usable(recent.frames)) - len(recent.frames)  # steps from the end
+        images = np.stack([pinhole.grey(recent.frames[step]) for step in kept])
+        given, first = motion.past.world_from_cam, kept[0]
+        found = registered(images, recent.intrinsics, given[kept], len(kept) - 1)
+        past = given.copy()
+        past[:first] = found.world_from_cam[0] @ se3.inverse(given[first]) @ given[:first]
+        past[kept] = found.world_from_cam
         last_from_cam = se3.inverse(given[-1]) @ motion.futures
         futures = given[-1] @ se3.compose(
             last_from_cam[..., :3, :3], last_from_cam[..., :3, 3] @ found.direction_correction.T

@@ -27,6 +27,8 @@ DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside are not compared
 MIN_SHARE = 0.02  # of the image that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
 STEADY_LOG_GAIN = 0.008  # RMS log gain from frame to frame at which the confidence in an active control is one half
+LARGEST_RATE_HZ = 1.5  # log gain per second; what is faster is a jump, not a control
+HELD = 0.3  # log step of the mean from its level beyond which the level counts for little
 LARGEST_LOG_GAIN = np.log(2)
 SATURATED = 235.0  # grey values above this one are partly saturated
 SATURATED_SHARE = 0.3  # of a darkening (in log steps) that saturated pixels show
@@ -57,8 +59,11 @@ class Exposure:
         before = slice(-1 - TREND_STEPS, -1)
         span = float((seconds[before] ** 2).sum())
         rate = -float((seconds[before] * gains[before]).sum()) / span if span > 0 else 0.0
+        rate = float(np.clip(rate, -LARGEST_RATE_HZ, LARGEST_RATE_HZ))
         variance = float((np.diff(gains) ** 2).mean()) if len(gains) > 1 else 0.0
-        level = float(np.mean([_log_mean(source.frame) for source in sources]))
+        levels = np.array([_log_mean(source.frame) for source in sources])
+        off = float(np.mean(levels)) - levels[-1]  # a level that the camera left for good is no longer held
+        level = float(levels[-1] + off / (1 + (off / HELD) ** 4))
         return cls(seconds, gains, rate, level, variance / (variance + STEADY_LOG_GAIN**2))
 
     def match(self, sources: Sequence[patches.Source]) -> list[patches.Source]:

@@ -1,0 +1,42 @@
+"""Steps of a path that no vehicle drove: frames that were swapped, or stand where the next ones should."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from geovp_classic.geometry import se3
+from geovp_classic.types import BoolArray, FloatArray
+
+TOLERANCE = 0.3  # of a median step
+LEAST_SHARE = 0.6  # of the frames that must agree, or nothing is said
+NUM_TRIALS = 300
+SEED = 0
+
+
+def driven(
+    world_from_cam: FloatArray,  # [P, 4, 4], in any unit
+    times_s: FloatArray,  # [P]
+) -> BoolArray:
+    """Which poses [P] lie where a constant acceleration that most of them agree with puts them along the path.
+
+    A least median of squares (Rousseeuw 1984) over parabolas through three poses. All, where no step goes backwards
+    among others that go forwards, or no parabola fits most of them.
+    """
+    count = len(times_s)
+    everyone = np.ones(count, dtype=bool)
+    ahead = (se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])[:, 2, 3]
+    progress, step = np.concatenate([[0.0], np.cumsum(ahead)]), float(np.median(np.abs(ahead))) if count > 1 else 0.0
+    if count < 5 or not (ahead < -TOLERANCE * step).any():
+        return everyone
+    triples = np.array(list(combinations(range(count), 3)))
+    if len(triples) > NUM_TRIALS:
+        triples = np.random.default_rng(SEED).choice(triples, NUM_TRIALS, replace=False)
+    seconds = times_s - times_s[0]
+    powers = np.stack([np.ones(count), seconds, seconds**2], axis=-1)
+    parabolas = np.linalg.solve(powers[triples], progress[triples][..., None])
+    errors = np.abs(progress - (powers @ parabolas)[..., 0])  # [trials, P]
+    best = errors[np.median(errors, axis=1).argmin()]
+    agree = best <= TOLERANCE * step
+    return agree if agree.mean() >= LEAST_SHARE else everyone

@@ -1,0 +1,59 @@
+"""Frames that say nothing are found, and poses without a frame lie on the way between their neighbours."""
+
+import numpy as np
+import pytest
+
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.frame_screening import bridged, screened, usable
+from geovp_classic.types import ByteArray, Context, Intrinsics, Trajectory
+
+
+@pytest.fixture
+def film() -> ByteArray:
+    """Eight frames of a texture that moves by two pixels a step."""
+    texture = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
+    return np.stack([np.repeat(texture[:, 2 * step : 2 * step + 32, None], 3, axis=2) for step in range(8)])
+
+
+@pytest.mark.parametrize(("value", "steps"), [(0, [3]), (255, [0, 7]), (90, [4, 5])])
+def test_frames_without_texture(film: ByteArray, value: int, steps: list[int]) -> None:
+    film[steps] = value
+    assert np.flatnonzero(~usable(film)).tolist() == steps
+
+
+@pytest.mark.parametrize("steps", [[3], [7], [4, 5]])
+def test_a_repetition_while_the_camera_moves(film: ByteArray, steps: list[int]) -> None:
+    film[steps] = film[steps[0] - 1]
+    assert np.flatnonzero(~usable(film)).tolist() == steps
+
+
+def test_a_camera_that_stands_starts_or_stops_repeats_nothing(film: ByteArray) -> None:
+    assert usable(np.repeat(film[:1], 8, axis=0)).all()
+    assert usable(np.concatenate([film[:1], film[:1], film[:6]])).all()
+    rolling_out = np.concatenate([film[:5], np.clip(film[4:5], 1, 254), np.clip(film[4:5], 1, 254)])
+    assert usable(rolling_out)[:5].all()
+
+
+def test_nothing_is_left_out_where_nothing_would_remain(film: ByteArray) -> None:
+    film[1:] = 7
+    assert usable(film).all()
+
+
+def test_context_and_past_lose_the_same_steps(film: ByteArray) -> None:
+    film[2] = 0
+    poses = se3.exp(np.arange(8.0)[:, None] * [0, 0, 1.0, 0, 0.1, 0])
+    past = Trajectory(poses, np.arange(8.0), True)
+    camera = Intrinsics(30.0, 30.0, 15.5, 15.5, 32, 32)
+    context, kept = screened(Context(film, np.arange(10.0), camera, past=past), past)
+    assert context.times_s.tolist() == [*kept.times_s.tolist(), 8, 9] == [0, 1, 3, 4, 5, 6, 7, 8, 9]
+    np.testing.assert_array_equal(context.frames[2], film[3])
+    assert context.past is not None
+    np.testing.assert_array_equal(context.past.world_from_cam, poses[[0, 1, 3, 4, 5, 6, 7]])
+
+
+def test_bridges_follow_the_screw_motion_between_and_beyond() -> None:
+    poses = se3.exp(np.arange(6.0)[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
+    known = np.array([False, True, False, True, True, False])
+    broken = np.where(known[:, None, None], poses, np.eye(4))
+    np.testing.assert_allclose(bridged(broken, np.arange(6.0), known), poses, atol=1e-12)
+    np.testing.assert_array_equal(bridged(broken, np.arange(6.0), known & False), broken)
