@@ -18,6 +18,7 @@ from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.render import fusion, patches
 from geovp_classic.render.exposure import ExposedScene, Exposure, ExposureControl
 from geovp_classic.render.fill import BorrowedDetail
+from geovp_classic.render.standing import StandingScene
 from geovp_classic.types import Context, FloatArray, Grant, Trajectory
 
 
@@ -68,6 +69,10 @@ class DepthFusion:
         cloud, used = fusion.fuse(exposure.match(sources), inverse_depths, confidence, self.agreement)
         static = fusion.remove_masked(cloud, 0, cut[-1])
         scene: Scene = fusion.CloudScene(static, used, self.fill, self.crack_px, self.detail_strength)
+        if self.frames == "wide" and not moving:
+            crop = context.frames[np.searchsorted(context.times_s[: context.num_past], last_s)]
+            place = patches.Source(crop, context.intrinsics, past.world_from_cam[-1])
+            scene = StandingScene(scene, place, float(np.max(inverse_depths[-1])))
         scene = moving_sprites.DynamicScene(scene, moving, last_s) if moving else scene
         if self.exposure is None:
             return scene

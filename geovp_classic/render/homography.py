@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from geovp_classic.errors import Incompatible
-from geovp_classic.geometry import pinhole, planar, se3
+from geovp_classic.geometry import frame_screening, pinhole, planar, se3
 from geovp_classic.interfaces import Fill
 from geovp_classic.render import patches
 from geovp_classic.render.fill import Blank
@@ -38,6 +38,7 @@ class GroundFarPlane:
 
     def reconstruct(self, context: Context, past: Trajectory) -> GroundFarScene:
         """The two planes; Incompatible without a camera height or without metric poses."""
+        context, past = frame_screening.screened(context, past)
         if context.camera_height_m is None:
             raise Incompatible("ground-far-plane needs the camera's height, the clip has none: set camera_height_m")
         if not past.is_metric:
