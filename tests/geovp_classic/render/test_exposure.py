@@ -167,6 +167,14 @@ def test_the_level_is_the_mean_of_what_was_observed() -> None:
     assert Exposure.of(sources, inverse_depth, seconds).log_level == pytest.approx(np.mean(np.log(means)), abs=0.01)
 
 
+@pytest.mark.parametrize("jump", [1, 4, 7])
+def test_a_jump_pulls_neither_level_nor_speed(jump: int) -> None:
+    sources, inverse_depth, seconds = drive(np.where(np.arange(8) < jump, 1.0, 0.25))
+    found = Exposure.of(sources, inverse_depth, seconds)
+    assert abs(found.log_level - np.log(sources[-1].frame.mean())) < 0.1
+    assert abs(found.log_rate_hz) <= exposure.LARGEST_RATE_HZ
+
+
 def test_a_control_without_inertia_is_refused() -> None:
     with pytest.raises(BadData, match="must be positive"):
         ExposureControl(inertia_s=0)
