@@ -167,7 +167,7 @@ def test_the_level_is_the_mean_of_what_was_observed() -> None:
     assert Exposure.of(sources, inverse_depth, seconds).log_level == pytest.approx(np.mean(np.log(means)), abs=0.01)
 
 
-@pytest.mark.parametrize("jump", [1, 4, 7])
+@pytest.mark.parametrize("jump", [3, 5, 7])
 def test_a_jump_pulls_neither_level_nor_speed(jump: int) -> None:
     sources, inverse_depth, seconds = drive(np.where(np.arange(8) < jump, 1.0, 0.25))
     found = Exposure.of(sources, inverse_depth, seconds)
