@@ -14,6 +14,7 @@ import json
 import os
 import re
 import stat
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +35,7 @@ LAST = "is-sealed"  # the last key of a JSON file that has a checksum at its beg
 _SEALED = re.compile(rb'"file-sha256": ?"([0-9a-f]{64})"')
 _DAMAGED = "it was damaged or edited since it was written"
 _BROKEN = (ValueError, OSError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, OverflowError, SyntaxError)
-_BROKEN_ZIP = (*_BROKEN, zipfile.BadZipFile, zlib.error)
+_BROKEN_ZIP = (*_BROKEN, zipfile.BadZipFile, zlib.error, tokenize.TokenError)
 
 
 @contextlib.contextmanager
@@ -96,7 +97,8 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def json_bytes(value: Mapping[str, Any]) -> bytes:
     """The JSON file of an object, with its own checksum, which `read_json` checks."""
-    text = json.dumps({SEAL: ZEROS, **value, LAST: True}, indent=2, ensure_ascii=False, allow_nan=False)
+    own = {key: each for key, each in value.items() if key not in (SEAL, LAST)}
+    text = json.dumps({SEAL: ZEROS, **own, LAST: True}, indent=2, ensure_ascii=False, allow_nan=False)
     return sealed(f"{text}\n".encode())
 
 

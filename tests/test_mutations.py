@@ -138,6 +138,10 @@ def results(folder: Path, file: str) -> Path:
     return folder / file
 
 
+def read_part(folder: Results) -> Any:
+    return folder.scores("x").to_pylist(), [part.seconds for part in folder.parts("x")]
+
+
 def kept(file: str, read: Callable[[Results], Any]) -> Reader:
     above = file.count("/")
     return Reader(functools.partial(results, file=file), lambda path: read(Results(path.parents[above])), guarded=True)
@@ -271,14 +275,13 @@ READERS: dict[str, Reader] = {
     "body motion": Reader(packaged("body_motion.npz"), body_motion.load.__wrapped__, guarded=True),
     "kept clip": kept("clips/a.npz", lambda folder: folder.clip("a")),
     "kept prediction": kept("x/predictions/a.npz", lambda folder: folder.prediction("x", "a")),
-    "part": kept(
-        "x/scores/part-00000.parquet", lambda folder: (folder.scores("x").to_pylist(), folder.parts("x")[0].seconds)
-    ),
+    "part": kept("x/scores/part-00000.parquet", read_part),
     "cell.json": kept("x/cell.json", lambda folder: folder.cells()),
     "protocol.json": kept("protocol.json", lambda folder: dict(folder.protocol())),
     "datasets.json": kept("datasets.json", lambda folder: list(folder.by_dataset())),
     "colmap images.bin": Reader(colmap_model("images.bin"), read_colmap),
     "colmap cameras.bin": Reader(colmap_model("cameras.bin"), read_colmap),
+    "colmap frames.bin": Reader(colmap_model("frames.bin"), read_colmap),
     "colmap images.txt": Reader(colmap_model("images.txt"), read_colmap),
     "weights": Reader(weights, read_weights, guarded=True),
 }

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_classic.data import posed_sequences
+from geovp_classic.data import colmap_sizes, posed_sequences
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import SUFFIXES, natural_order
 from geovp_classic.data.pose_files import FARTHEST
@@ -105,6 +105,7 @@ def _registered(model: Path) -> dict[str, tuple[FloatArray, DistortedCamera]]:
     """world_from_cam [4, 4] and camera of every registered image by its name; BadData when the files are damaged."""
     import pycolmap
 
+    colmap_sizes.check(model)
     try:
         return _posed(model, pycolmap.Reconstruction(str(model)))
     except (ValueError, RuntimeError, LookupError, MemoryError, OverflowError) as problem:
