@@ -178,7 +178,8 @@ def parse_row(path: Path, line: int, text: str) -> Row | Finding:
         except ValueError:
             return error(path, line, f"{word[:40]!r} is not a number")
         if not abs(numbers[-1]) < LARGEST:
-            return error(path, line, f"{word[:40]!r} is not finite or too large: every number must be known")
+            problem = "too large" if word[-1].isdigit() else "not finite"
+            return error(path, line, f"{word[:40]!r} is {problem}: every number must be known")
     return Row(line, tuple(numbers))
 
 
