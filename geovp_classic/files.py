@@ -32,7 +32,7 @@ SUMS = "SHA256SUMS"
 MAX_NAME_BYTES = 255  # of one name in a path, on every file system in use
 SEAL, ZEROS = "file-sha256", "0" * 64  # the key of a file's own checksum, and what stands there while it is taken
 LAST = "is-sealed"  # the last key of a JSON file that has a checksum at its beginning
-_SEALED = re.compile(rb'"file-sha256": ?"([0-9a-f]{64})"')
+_SEALED = re.compile(rb'"file-sha256": ?"([^"]{64})"')
 _DAMAGED = "it was damaged or edited since it was written"
 _BROKEN = (ValueError, OSError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, OverflowError, SyntaxError)
 _BROKEN_ZIP = (*_BROKEN, zipfile.BadZipFile, zlib.error, tokenize.TokenError)
@@ -110,6 +110,8 @@ def read_npz(path: Path, limit_bytes: int = ARRAYS_LIMIT) -> dict[str, npt.NDArr
             total = sum(member.file_size for member in archive.infolist())
             if total > min(limit_bytes, 1100 * len(content)):  # more than deflate can pack
                 raise ValueError(f"{total / MIB:.0f} MiB once unpacked")
+            if content[-22:-18] == b"PK\5\6" and len(archive.infolist()) != int.from_bytes(content[-12:-10], "little"):
+                raise ValueError("an array is lost")  # zipfile does not compare the number in the file's last record
             return {name.removesuffix(".npy"): _array(archive, name) for name in archive.namelist()}
     except _BROKEN_ZIP as problem:
         raise BadData(f"{path} cannot be read ({_first_line(problem)}): it is no whole npz file") from problem

@@ -50,7 +50,7 @@ def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: P
 
 
 def test_numbers_are_what_they_look_like(tmp_path: Path) -> None:
-    for word in ("1_0", "１０", "0x10", "1e999", "nan", "9" * 400):
+    for word in ("1_0", "\uff11\uff10", "0x10", "1e999", "nan", "9" * 400):
         assert isinstance(pose_files.parse_row(tmp_path, 1, word), pose_files.Finding), word
     row = pose_files.parse_row(tmp_path, 1, "-.5 1. 2E+3 7")
     assert isinstance(row, pose_files.Row)
