@@ -33,7 +33,7 @@ def settings(chosen: argparse.Namespace, option: str = "set") -> dict[str, Any]:
     given = getattr(chosen, option)
     try:
         return tomllib.loads("\n".join(given))
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise BadData(f"--{option} {' '.join(given)!r} is not FIELD=VALUE with a value as in TOML ({error})") from error
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import matrix_files, protocols
+from geovp_benchmarks import matrix_files, matrix_limits, protocols
 from geovp_benchmarks.store import NOT_CELLS
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
@@ -155,6 +155,7 @@ def read(given: Path, settings: Sequence[str] = ()) -> Matrix:
 
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     """The matrix of a TOML file's content."""
+    matrix_limits.check_values(content)
     _only(content, TABLES, "the matrix file", "table")
     content = protocols.expanded(content)
     protocol = _table(content, "protocol")
@@ -188,9 +189,8 @@ def _check_cells(matrix: Matrix) -> None:
     names = [cell.name for cell in matrix.cells]
     if not names:
         raise BadData("the matrix file has no cell: give [pose_sources] and [renderers], or [predictors]")
-    for name in names:
-        if name in NOT_CELLS or names.count(name) > 1:
-            raise BadData(f"two folders of the results would be called {name!r}: rename an entry of the matrix file")
+    matrix_limits.check_names(names, NOT_CELLS)
+    matrix_limits.check_clip(matrix.size_px, matrix.num_past + matrix.num_future)
     both = set(matrix.frame_metrics) & set(matrix.trajectory_metrics)
     if both:
         raise BadData(f"metrics: {min(both)!r} is a frame metric and a trajectory metric: rename one of them")

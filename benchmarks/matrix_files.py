@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.arguments import CONFIGS
+from geovp_classic import files
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
 
@@ -31,10 +32,8 @@ def read(given: Path, settings: Iterable[str] = ()) -> tuple[str, dict[str, Any]
     """The name of a matrix and its file's content with the settings in it; BadData when one of them is not TOML."""
     path = locate(given)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except IsADirectoryError:
-        raise BadData(f"{path} is a folder: give a matrix file, or the name of a built-in one such as demo") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = tomllib.loads(files.read_text(path))
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError, 5,000 digits are another
         raise BadData(f"{path} is not TOML: {error}") from error
     return path.stem, changed(content, settings)
 
@@ -85,7 +84,7 @@ def _value(text: str, setting: str) -> Any:
     """A value as in TOML; a bare word is a text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         if not text or text[0] in "\"'[{":
             raise BadData(f"--set {setting!r}: {text!r} is not a value as in TOML ({error})") from error
         return text

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks.built_matrix import BuiltMatrix, build_matrix
+from geovp_benchmarks.locking import Claim, unclaimed
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.provenance import content_hash, protocol_id
 from geovp_benchmarks.selection import Selection
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.store import Results, check_clip_name
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 
@@ -32,6 +33,7 @@ class Options:
     limit: int | None = None  # only the first clips
     keep: int | Selection | None = KEPT_BY_DEFAULT  # clips whose predictions are kept, or their number; None for all
     fresh: bool = False  # recompute what another version of the code computed
+    claim: Claim = unclaimed  # called before anything is written, see `locking`
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,7 @@ class Plan:
 def prepare(matrix: Matrix, results: Results, options: Options) -> Plan:
     """Build everything once, choose the clips and write protocol.json."""
     plan = look(matrix, results, options)
+    options.claim(content_hash([plan.shared, matrix.to_json(), plan.clips]))
     before = results.protocol() if results.begun else {}
     if before.get("fingerprint") != plan.shared:
         results.swap("clips", before.get("fingerprint", ""), plan.shared)
@@ -75,6 +78,8 @@ def look(matrix: Matrix, results: Results, options: Options) -> Plan:
     clips = built.clip_names(options.limit)
     if not clips:
         raise BadData("the data set has no clip of that length: give a longer sequence or fewer frames a clip")
+    for clip in clips:
+        check_clip_name(clip)
     selection = options.keep if isinstance(options.keep, Selection) else None
     if isinstance(options.keep, Selection):
         kept = options.keep.among(clips)

@@ -77,7 +77,7 @@ def _recording(request: PredictionRequest) -> Recording:
     spec = {
         "name": "folder",
         "path": request.path,
-        "intrinsics": request.intrinsics or (1.0, 1.0, 0.0, 0.0),  # found later, from the frames
+        "intrinsics": request.intrinsics or (1000.0, 1000.0, 0.0, 0.0),  # found later, from the frames
         "frame_rate_hz": request.rate_hz,
         "camera_height_m": request.camera_height_m,
         "num_frames": 2,

@@ -38,6 +38,9 @@ def run(matrix: Matrix, results: Results, options: Options, executor: Executor, 
     """Compute missing results and return all cells; BadData when the matrix or the data set is wrong."""
     announce("looking at components, metrics and clips")
     plan = prepare(matrix, results, options)
+    for name in (None, *(cell.name for cell in matrix.cells)):
+        for path in results.set_damaged_aside(name):
+            logger.warning("%s was damaged: it is set aside as %s.damaged and computed again", path, path.name)
     plans = {cell.name: cell for cell in matrix.cells}
     records = {name: _begin(plan, cell) for name, cell in plans.items()}
     state = _State({name: _missing(plan, name, record["code"]) for name, record in records.items() if "code" in record})

@@ -9,16 +9,16 @@
     <root>/tables  plots  recordings  report.html     views of the above
     <root>/datasets.json                  of several data sets: their labels, each with a folder <root>/<label> as above
 
-Every file is written beside its place and renamed into it. A part holds all rows of its clips or does not exist, and
+Every file is written beside its place and renamed into it, and has a checksum: npz files zip's, the others one of
+their own. A part holds all rows of its clips or does not exist, and
 holds in its metadata the clips, the fingerprint, the code hash, the times and the peak memory.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
+import io
 import shutil
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,9 +27,10 @@ from urllib.parse import quote, unquote
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from geovp_classic.data.atomic import atomic_write, write_bytes
+from geovp_benchmarks import part_files, record_files
+from geovp_classic import files
+from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
@@ -42,8 +43,8 @@ SCORES = pa.schema(
         ("value", pa.float64()),  # null: not defined there, e.g. no covered pixel
     ]
 )
-METADATA_KEY = b"geovp"
 EARLIER = "earlier"
+MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
 NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
 
 
@@ -108,12 +109,12 @@ class Results:
         """
         if "" not in (apart := self.by_dataset()):
             raise BadData(f"{self.root} holds several data sets: give one, such as {self.root / min(apart)}")
-        return _read_json(self.root / "protocol.json", "not a results folder: give one that `geovp run` wrote")
+        return record_files.protocol(self.root / "protocol.json")
 
     def by_dataset(self) -> dict[str, Results]:
         """The results of each data set by its label; of one alone, these with the label ""."""
         path = self.root / "datasets.json"
-        labels = _read_json(path, "mend or remove it")["datasets"] if path.exists() else []
+        labels = record_files.labels(path) if path.exists() else []
         return {label: Results(self.root / label) for label in labels} or {"": self}
 
     @property
@@ -128,12 +129,15 @@ class Results:
     def cell(self, name: str) -> Cell | None:
         """One cell, None when it has not been begun."""
         path = self.root / name / "cell.json"
-        return Cell.of(name, _read_json(path, "mend or remove it")) if path.exists() else None
+        return Cell.of(name, record_files.cell(path)) if path.exists() else None
 
     def scores(self, cell: str) -> pa.Table:
-        """The rows of one cell, columns as SCORES."""
+        """The rows of one cell, columns as SCORES; BadData when a part is damaged."""
+        damaged = self.damaged_parts(cell)
+        if damaged:
+            raise BadData(f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again")
         paths = [self._part(cell, part.index) for part in self.parts(cell)]
-        return pa.concat_tables([SCORES.empty_table(), *(pq.read_table(path, schema=SCORES) for path in paths)])
+        return pa.concat_tables([SCORES.empty_table(), *(part_files.rows(path, SCORES) for path in paths)])
 
     def failures(self, cell: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of the last frame."""
@@ -150,7 +154,7 @@ class Results:
 
     def prediction(self, cell: str, clip: str) -> Prediction:
         """One kept prediction: frames [S, F, H, W, 3], covered [S, F, H, W] or None, motion or None."""
-        arrays = _read_npz(self.root / cell / "predictions" / _file(clip))
+        arrays = record_files.arrays(self.root / cell / "predictions" / _file(clip), record_files.PREDICTION, "frames")
         return Prediction(arrays["frames"], arrays.get("covered"), _motion(arrays))
 
     def clips(self) -> list[tuple[str, Path]]:
@@ -159,7 +163,8 @@ class Results:
 
     def clip(self, name: str) -> Clip:
         """One kept clip, past and future: frames, camera, trajectory, depths, moving; never wide or right frames."""
-        arrays = _read_npz(self.root / "clips" / _file(name))
+        needed = ("frames", "times_s", "intrinsics")
+        arrays = record_files.arrays(self.root / "clips" / _file(name), record_files.CLIP, *needed)
         fx, fy, cx, cy, width, height = arrays["intrinsics"].tolist()
         trajectory = None
         if "world_from_cam" in arrays:
@@ -179,8 +184,15 @@ class Results:
     def parts(self, cell: str) -> list[Part]:
         """The parts on disk that belong to the cell as it is now, by index; an unreadable file counts as absent."""
         now = self.cell(cell)
-        parts = [_part(path) for path in sorted((self.root / cell / "scores").glob("part-*.parquet"))]
+        parts = [_part(path) for path in self._part_files(cell)]
         return [part for part in parts if part and now and part.fingerprint == now.fingerprint]
+
+    def damaged_parts(self, cell: str) -> list[Path]:
+        """The part files that are not as they were written."""
+        return [path for path in self._part_files(cell) if _part(path) is None]
+
+    def _part_files(self, cell: str) -> list[Path]:
+        return sorted((self.root / cell / "scores").glob("part-*.parquet"))
 
     @property
     def tables(self) -> Path:
@@ -206,23 +218,22 @@ class Results:
     def write_datasets(self, labels: Sequence[str]) -> None:
         """Write the labels of several data sets; of one, remove what was written of several."""
         if any(labels):
-            write_bytes(self.root / "datasets.json", _json({"datasets": list(labels)}))
+            write_bytes(self.root / "datasets.json", files.json_bytes({"datasets": list(labels)}))
         else:
             (self.root / "datasets.json").unlink(missing_ok=True)
 
     def write_protocol(self, protocol: Mapping[str, Any]) -> None:
         """Write protocol.json."""
-        write_bytes(self.root / "protocol.json", _json(protocol))
+        write_bytes(self.root / "protocol.json", files.json_bytes(protocol))
 
     def write_cell(self, name: str, record: Mapping[str, Any]) -> None:
         """Write a cell's cell.json."""
-        write_bytes(self.root / name / "cell.json", _json(record))
+        write_bytes(self.root / name / "cell.json", files.json_bytes(record))
 
     def write_part(self, cell: str, rows: pa.Table, part: Part) -> None:
         """Write all rows of the part's clips at once."""
         facts = {key: value for key, value in dataclasses.asdict(part).items() if key != "index"}
-        with atomic_write(self._part(cell, part.index)) as scratch:
-            pq.write_table(rows.replace_schema_metadata({METADATA_KEY: json.dumps(facts)}), scratch)
+        write_bytes(self._part(cell, part.index), part_files.content(rows, facts))
 
     def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
@@ -280,6 +291,15 @@ class Results:
     def _earlier(self, fingerprint: str) -> Path:
         return self.root / EARLIER / (fingerprint[:16] or "unknown")
 
+    def set_damaged_aside(self, cell: str | None) -> list[Path]:
+        """Rename a cell's damaged parts and predictions, or of None the damaged clips: they are computed again."""
+        kept = self.clips() if cell is None else self.predictions(cell)
+        parts = [] if cell is None else self.damaged_parts(cell)
+        damaged = [*parts, *(path for _, path in kept if not record_files.is_whole(path))]
+        for path in damaged:
+            path.rename(path.with_name(f"{path.name}.damaged"))
+        return damaged
+
     def remove_part(self, cell: str, index: int) -> None:
         """Remove a part that is stale."""
         self._part(cell, index).unlink(missing_ok=True)
@@ -293,11 +313,12 @@ class Results:
 
 
 def _part(path: Path) -> Part | None:
+    """The part of a file; None where it is damaged."""
     try:
-        facts = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
+        facts = part_files.facts(path)
         index = int(path.stem.removeprefix("part-"))
         return Part(index, **{**facts, "clips": tuple(facts["clips"])})
-    except (OSError, KeyError, TypeError, ValueError):  # pa.ArrowInvalid is a ValueError
+    except (BadData, KeyError, TypeError, ValueError):
         return None
 
 
@@ -313,34 +334,19 @@ def _file(clip: str) -> str:
     return quote(clip, safe="+@=, ") + ".npz"
 
 
+def check_clip_name(clip: str) -> None:
+    """BadData for a name of a clip that its kept files cannot have."""
+    files.check_name(clip, "the clip")
+    if len(_file(clip)) > MAX_NAME_BYTES:
+        size = f"{len(_file(clip))} bytes as a file's name, where letters beyond English count 3 to 12"
+        raise BadData(f"the clip {clip[:40]!r}... takes {size}: give its sequence a name of {MAX_NAME_BYTES} at most")
+
+
 def _named(folder: Path) -> list[tuple[str, Path]]:
     return [(unquote(path.stem), path) for path in sorted(folder.glob("[!.]*.npz"))]
 
 
-def _json(value: Mapping[str, Any]) -> bytes:
-    return (json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
-
-
-def _read_json(path: Path, remedy: str) -> dict[str, Any]:
-    try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BadData(f"{path.parent} has no {path.name}: {remedy}") from None
-    except ValueError as error:
-        raise BadData(f"{path} is not JSON ({error}): mend or remove it") from error
-    return content
-
-
-def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return dict(archive)
-    except FileNotFoundError:
-        raise BadData(f"{path} does not exist: only the predictions of a few clips are kept, see --keep") from None
-    except (ValueError, OSError, zipfile.BadZipFile) as error:
-        raise BadData(f"{path} cannot be read ({error}): remove it and run again") from error
-
-
 def _write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    with atomic_write(path) as scratch, scratch.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    stream = io.BytesIO()  # a zip file that cannot be finished on a full disk complains once more when it is closed
+    np.savez_compressed(stream, **arrays)
+    write_bytes(path, stream.getvalue())

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
@@ -128,11 +128,10 @@ class Recorded:
 
 def _read_npz(path: Path) -> tuple[ByteArray, BoolArray | None]:
     """The arrays `frames` and, where there is one, `covered`."""
-    try:
-        with np.load(path) as arrays:
-            return arrays["frames"], arrays.get("covered")
-    except (KeyError, ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise BadData(f"{path} cannot be read ({error}): expected an npz file with an array 'frames'") from error
+    arrays = files.read_npz(path)
+    if "frames" not in arrays:
+        raise BadData(f"{path} holds {', '.join(arrays) or 'nothing'}: expected an npz file with an array 'frames'")
+    return arrays["frames"], arrays.get("covered")
 
 
 def _read_images(path: Path) -> ByteArray:

@@ -10,6 +10,7 @@ import dataclasses
 import difflib
 import functools
 import json
+import logging
 import pathlib
 import types
 import typing
@@ -21,6 +22,8 @@ from urllib.request import url2pathname
 
 from geovp_classic import interfaces
 from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
+
+logger = logging.getLogger(__name__)
 
 PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
@@ -52,8 +55,10 @@ def load(role: str, name: str) -> type:
     entry_points = _entry_points(role)
     if name not in entry_points:
         raise UnknownComponent(f"no {_singular(role)} is called {name!r}{nearest(name, entry_points)}")
+    entry_point = entry_points[name]
+    logger.info("importing %s, %s %r of %s", entry_point.value, _singular(role), name, _package(entry_point))
     try:
-        component: type = entry_points[name].load()
+        component: type = entry_point.load()
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
@@ -148,6 +153,10 @@ def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
     if role not in ROLES:
         raise UnknownComponent(f"there is no role {role!r}{nearest(role, ROLES)}")
     return {entry_point.name: entry_point for entry_point in metadata.entry_points(group=f"geovp.{role}")}
+
+
+def _package(entry_point: metadata.EntryPoint) -> str:
+    return "an unknown package" if entry_point.dist is None else f"{entry_point.dist.name} {entry_point.dist.version}"
 
 
 def _singular(role: str) -> str:

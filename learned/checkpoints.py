@@ -18,14 +18,16 @@ from typing import Any, ClassVar
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load as loaded
+from safetensors.torch import save
 from torch import Tensor, nn
 
-from geovp_classic import registry
+from geovp_classic import files, registry
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Grant
 from geovp_learned import methods
 
+LIMIT_BYTES = 16384 * files.MIB
 FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
 
 
@@ -136,8 +138,8 @@ def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
 def fingerprint(file: Path, wanted: str = "") -> str:
     """The first 12 digits of a file's SHA-256; BadData when they are not those wanted."""
     try:
-        digits = hashlib.sha256(file.read_bytes()).hexdigest()[:12]
-    except OSError as error:
+        digits = hashlib.sha256(files.read_bytes(file, LIMIT_BYTES)).hexdigest()[:12]
+    except BadData as error:
         raise BadData(f"weights {file} do not exist or cannot be read ({error}): give a safetensors file") from error
     if wanted not in ("", digits):
         raise BadData(f"{file} has the fingerprint {digits}, expected {wanted}: give the weights that are asked for")
@@ -185,7 +187,10 @@ def read_state(file: Path) -> dict[str, Any]:
             return value
         return tensors[value["tensor"]] if "tensor" in value else {key: unpack(part) for key, part in value["items"]}
 
-    return {name: unpack(part) for name, part in metadata["state"].items()}
+    try:
+        return {name: unpack(part) for name, part in metadata["state"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise BadData(f"{file} is no whole training state ({error}): remove it") from error
 
 
 def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
@@ -194,7 +199,8 @@ def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        save_file(contiguous, part, {key: json.dumps(value) for key, value in metadata.items()})
+        texts = {key: json.dumps(value) for key, value in metadata.items()}
+        part.write_bytes(files.sealed(save(contiguous, {**texts, files.SEAL: files.ZEROS})))
         os.replace(part, file)
     except (OSError, SafetensorError) as error:
         raise BadData(f"{file} cannot be written ({error}): make room there or choose another folder") from error
@@ -203,19 +209,25 @@ def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
 def read_metadata(file: Path) -> dict[str, Any]:
     """Only the metadata of a file that could be loaded before."""
     with safe_open(file, framework="pt") as stored:
-        return {key: json.loads(value) for key, value in (stored.metadata() or {}).items()}
+        return _metadata(stored)
 
 
 def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Metadata and tensors; BadData when the file is missing or damaged."""
-    if not file.is_file():
+    if not file.exists():
         raise BadData(f"weights {file} do not exist: give a safetensors file")
+    content = files.read_bytes(file, LIMIT_BYTES)
+    files.check_seal(file, content)
     try:
         with safe_open(file, framework="pt") as stored:
-            metadata = {key: json.loads(value) for key, value in (stored.metadata() or {}).items()}
-            return metadata, {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError, ValueError) as error:
+            return _metadata(stored), loaded(content)
+    except (SafetensorError, OSError, ValueError, KeyError, RecursionError, OverflowError) as error:
         raise BadData(f"{file} is not a whole safetensors file ({error}): train or get it anew") from error
+
+
+def _metadata(stored: Any) -> dict[str, Any]:
+    texts = {key: value for key, value in (stored.metadata() or {}).items() if key != files.SEAL}
+    return {key: json.loads(value) for key, value in texts.items()}
 
 
 def plain(settings: Any) -> dict[str, Any]:

@@ -61,6 +61,7 @@ BATCH = 10  # frames
 CACHED_BATCHES = 4  # of target features; 26 MB each at 256x256
 TIMEOUT_S = 20.0
 
+MAX_BYTES = 2**30  # VGG-16 has 528 MiB
 logger = logging.getLogger(__name__)
 
 
@@ -227,7 +228,7 @@ def _downloaded(url: str, sha256: str) -> Mapping[str, Tensor]:
     """The tensors of a .pth file; it is opened only when its hash is right, and nothing in it is executed."""
     logger.info("downloading %s", url)
     with urllib.request.urlopen(url, timeout=TIMEOUT_S) as response:
-        content = response.read()
+        content = response.read(MAX_BYTES)
     digest = hashlib.sha256(content).hexdigest()
     if digest != sha256:
         raise BadData(f"{url} has SHA-256 {digest[:8]}..., expected {sha256[:8]}...")

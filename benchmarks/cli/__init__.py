@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import argparse
 import ast
+import errno
 import importlib
+import io
 import os
 import signal
 import sys
+import textwrap
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,6 +24,8 @@ from geovp_benchmarks.cli.messages import messages, say
 from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import GeovpError
 
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota, a file's largest size
+LONGEST = 2000  # of a sentence, which may quote a number of 5,000 digits
 DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
 VERBS += ("view", "metrics", "study", "data", "list", "check")
@@ -116,6 +121,9 @@ def main(given: Sequence[str] | None = None) -> int:
 
         parser.fill(os.environ.get("COMP_LINE", "").split())  # argcomplete knows only what is there before it looks
         argcomplete.autocomplete(parser)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that is no text in the terminal's encoding is printed escaped
+            stream.reconfigure(errors="backslashreplace")
     chosen = parser.parse_args(given)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)
@@ -129,7 +137,7 @@ def _run(chosen: argparse.Namespace) -> int:
         return int(getattr(chosen, "verb", print_study)(chosen))
     except GeovpError as error:
         say.info("where it was found", exc_info=True)
-        say.error(" ".join(str(error).split()))
+        say.error(textwrap.shorten(str(error), LONGEST, placeholder=" ..."))
         return BAD_INPUT
     except KeyboardInterrupt:
         print(file=sys.stderr)
@@ -140,6 +148,8 @@ def _run(chosen: argparse.Namespace) -> int:
         return DONE
     except OSError as error:
         advice = "mend the path, or the disk behind it, and give the command again: what was done is kept"
+        if error.errno in FULL:
+            advice = "finished parts are kept: make room there and give the same command again, it goes on from there"
         say.error(f"{error.strerror or error}: {error.filename or 'a file'}: {advice}")
         return BAD_INPUT
 

@@ -13,7 +13,7 @@ from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.cli.messages import say
 from geovp_benchmarks.progress import progress_bar
 
-MIN_SIDE_PX = 16
+MIN_SIDE_PX, MAX_SIDE_PX = 16, 8192
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,8 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _size(text: str) -> int | tuple[int, int]:
     """One side of a square, or a width and a height."""
     sides = [positive(side) for side in text.lower().split("x")]
-    if len(sides) > 2 or min(sides) < MIN_SIDE_PX:
-        raise argparse.ArgumentTypeError(f"{text} is not a size such as 640x360 or 256, of {MIN_SIDE_PX} or more")
+    if len(sides) > 2 or not MIN_SIDE_PX <= min(sides) <= max(sides) <= MAX_SIDE_PX:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a size such as 640x360 or 256, of {MIN_SIDE_PX} to {MAX_SIDE_PX}"
+        )
     return sides[0] if len(sides) == 1 else (sides[0], sides[1])
 
 
@@ -63,7 +65,7 @@ def _spec(text: str) -> dict[str, Any] | str:
         return text
     try:
         table: dict[str, Any] = tomllib.loads(f"spec = {text}")["spec"]
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise argparse.ArgumentTypeError(f"{text} is not a table as in TOML ({error})") from error
     return table
 

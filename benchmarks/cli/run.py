@@ -15,6 +15,7 @@ from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.executors import Executor
+    from geovp_benchmarks.locking import Claim
     from geovp_benchmarks.matrix import Matrix
     from geovp_benchmarks.planning import Options
     from geovp_benchmarks.selection import Ranking, Selection
@@ -64,7 +65,16 @@ def run(chosen: argparse.Namespace) -> int:
 
 
 def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
-    """Compute the cells of one data set; the exit code."""
+    """Compute the cells of one data set while no other protocol's run may; the exit code."""
+    from geovp_benchmarks.locking import results_lock, unclaimed
+
+    if chosen.dry_run:
+        return _filled(chosen, matrix, results, unclaimed)
+    with results_lock(results.root) as claim:
+        return _filled(chosen, matrix, results, claim)
+
+
+def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim: Claim) -> int:
     with progress_bar(matrix.name, "predictions") as progress:
         announce("starting")
         from geovp_benchmarks.planning import Options
@@ -72,7 +82,7 @@ def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
         from geovp_benchmarks.selection import Ranking
 
         keep = keep_rule(chosen.keep, matrix)
-        options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh)
+        options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh, claim)
         executor, before = _executor(chosen), results.set_aside()
         if chosen.dry_run:
             return _look(matrix, results, options, chosen.workers or 1, progress)

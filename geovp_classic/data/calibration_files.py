@@ -6,6 +6,7 @@ EXIF data of photos give a focal length alone. Distortion is not undone: `distor
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from geovp_classic import files
 from geovp_classic.data.kitti_layout import PREFERRED_CAMERAS, scan_calibration
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
@@ -20,7 +22,10 @@ from geovp_classic.types import Intrinsics
 FILM_DIAGONAL_MM = 43.27  # of 36 x 24 mm, to which an equivalent focal length refers (CIPA DCG-001)
 EXIF_TABLE, EXIF_EQUIVALENT_MM = 0x8769, 0xA405
 EXPECTED = "KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
+MAX_EQUIVALENT_MM = 5000.0
 MAX_ASPECT_CHANGE = 0.01
+MAX_DISTORTION = 1e4  # of any coefficient
+SIZE_LIMIT = files.MIB
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,13 @@ class Calibration:
     numbers: tuple[float, float, float, float]  # fx, fy, cx, cy in pixels, (0, 0) the top-left one's centre
     size_px: tuple[int, int] | None = None
     distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raise BadData unless the numbers are a camera's."""
+        width, height = self.size_px or (1, 1)
+        if not np.isfinite(self.distortion).all() or max(map(abs, self.distortion), default=0) > MAX_DISTORTION:
+            raise BadData(f"the calibration's distortion is {list(self.distortion)}: give {EXPECTED}")
+        Intrinsics(*self.numbers, width, height)
 
     def of_size(self, path: Path, width_px: int, height_px: int) -> Intrinsics:
         """The camera of images of that size; BadData when the file is about images of another shape."""
@@ -44,10 +56,7 @@ class Calibration:
 
 def read_calibration(path: Path, images: Path) -> Calibration:
     """The camera of a file; of several in KITTI's, the one of the folder `images`/.../image_K, else the usual one."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadData(f"{path} cannot be read as a text: give {EXPECTED}") from error
+    text = files.read_text(path, SIZE_LIMIT)
     if path.suffix.lower() in (".yaml", ".yml"):
         return from_yaml(path, load_yaml(path))
     return _kitti(path, images) if re.search(r"^P\w*:", text, re.MULTILINE) else _colmap(path, text)
@@ -57,9 +66,13 @@ def exif_focal_px(photo: Path) -> float | None:
     """The focal length in pixels by the 35 mm equivalent in a photo's EXIF data; None where there is none."""
     from PIL import Image
 
-    with Image.open(photo) as image:
-        equivalent_mm = float(image.getexif().get_ifd(EXIF_TABLE).get(EXIF_EQUIVALENT_MM, 0))
-        return equivalent_mm * float(np.hypot(*image.size)) / FILM_DIAGONAL_MM if equivalent_mm > 0 else None
+    try:
+        with files.opened(photo) as file, Image.open(file) as image:
+            equivalent_mm = float(image.getexif().get_ifd(EXIF_TABLE).get(EXIF_EQUIVALENT_MM, 0))
+            diagonal_px = float(np.hypot(*image.size))
+    except (OSError, ValueError, TypeError, KeyError, SyntaxError, struct.error):  # EXIF data of many programs are bad
+        return None
+    return equivalent_mm * diagonal_px / FILM_DIAGONAL_MM if 0 < equivalent_mm < MAX_EQUIVALENT_MM else None
 
 
 def _kitti(path: Path, images: Path) -> Calibration:
@@ -86,7 +99,7 @@ def _colmap(path: Path, text: str) -> Calibration:
         if not camera.verify_params():
             raise ValueError("its parameters are too few or too many")
         shared, centre = list(camera.focal_length_idxs()), list(camera.principal_point_idxs())
-    except (ValueError, RuntimeError, IndexError) as error:
+    except (ValueError, RuntimeError, IndexError, TypeError, OverflowError) as error:
         raise BadData(f"{path}: {' '.join(rows[0])[:80]!r} is not a camera ({error}): give {EXPECTED}") from error
     focal, (cx, cy) = [camera.params[i] for i in shared], (camera.params[i] for i in centre)
     others = [float(p) for i, p in enumerate(camera.params) if i not in (*shared, *centre)]
@@ -99,10 +112,10 @@ def load_yaml(path: Path) -> Mapping[str, Any]:
     import yaml
 
     try:
-        read = yaml.safe_load(re.sub(r"^%YAML.*$", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE))
+        read = yaml.safe_load(re.sub(r"^%YAML.*$", "", files.read_text(path, SIZE_LIMIT), flags=re.MULTILINE))
         first = read.get("cam0", read)
         first.keys()
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, AttributeError) as error:
+    except (ValueError, TypeError, RecursionError, yaml.YAMLError, AttributeError) as error:
         reason = str(error).partition("\n")[0]
         raise BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}") from error
     return first
@@ -128,7 +141,7 @@ def from_yaml(path: Path, read: Mapping[str, Any]) -> Calibration:
         numbers = (float(fx), float(fy), float(cx), float(cy))
         size_px = None if None in size else (int(size[0]), int(size[1]))
         return Calibration(numbers, size_px, tuple(float(each) for each in lens))
-    except (ValueError, TypeError, AttributeError, KeyError) as error:
+    except (ValueError, TypeError, AttributeError, KeyError, OverflowError, IndexError) as error:
         reason = str(error).partition("\n")[0]
         raise BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}") from error
 

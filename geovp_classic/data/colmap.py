@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from geovp_classic.data import posed_sequences
+from geovp_classic.data import colmap_sizes, posed_sequences
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.data.frames import SUFFIXES, natural_order
+from geovp_classic.data.pose_files import FARTHEST
 from geovp_classic.data.posed_sequences import PosedSequences, Scanned
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
@@ -104,20 +105,24 @@ def _registered(model: Path) -> dict[str, tuple[FloatArray, DistortedCamera]]:
     """world_from_cam [4, 4] and camera of every registered image by its name; BadData when the files are damaged."""
     import pycolmap
 
+    colmap_sizes.check(model)
     try:
-        read = pycolmap.Reconstruction(str(model))
-    except (ValueError, RuntimeError, IndexError) as problem:
+        return _posed(model, pycolmap.Reconstruction(str(model)))
+    except (ValueError, RuntimeError, LookupError, MemoryError, OverflowError) as problem:
         reason = str(problem).strip().partition("\n")[0]
         raise BadData(
             f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one"
         ) from problem
+
+
+def _posed(model: Path, read: Any) -> dict[str, tuple[FloatArray, DistortedCamera]]:
     found = {}
     for image in (each for each in read.images.values() if each.has_pose):
         camera = read.cameras[image.camera_id]
         params = tuple(float(value) for value in camera.params)
         lens = DistortedCamera(camera.model.name, params, camera.width, camera.height)
         cam_from_world = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
-        if not np.isfinite([*cam_from_world.ravel(), *params]).all():
+        if not (np.abs([*cam_from_world.ravel(), *params]) <= FARTHEST).all():
             raise BadData(f"{model}: image {image.name} has a pose or camera that is not finite: run COLMAP again")
         found[image.name] = (se3.inverse(cam_from_world), lens)
     return found

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import io
 import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
+from geovp_classic import files
+from geovp_classic.data import decoding
 from geovp_classic.data.findings import Finding, error
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"})
 CACHE_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
-LAST_BYTES = {"PNG": b"IEND\xaeB`\x82", "JPEG": b"\xff\xd9", "MPO": b"\xff\xd9"}  # by Pillow's name of the format
-TAIL_BYTES = 4096  # where the last bytes are looked for first
 
 
 class FrameReader(Protocol):
@@ -44,14 +42,7 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
     `bits` says how many bits of an image of 16 bits a channel are used; the upper 8 of them are kept. Without it, such
     an image is refused: 12 bits in 16 and a dark image of 16 bits look alike.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as problem:
-        raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
-    _header_size(path, io.BytesIO(data))
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    if image is None:
-        raise BadData(f"{path} cannot be decoded as an image: restore the file")
+    image = decoding.decoded(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     image = _eight_bits(path, image, bits)
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
@@ -80,26 +71,8 @@ def image_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
     if deep:
         height_px, width_px = read_image(path).shape[:2]
         return width_px, height_px
-    try:
-        file = path.open("rb")
-    except OSError as problem:
-        raise BadData(f"{path} cannot be read ({problem.strerror})") from problem
-    with file:
-        return _header_size(path, file)
-
-
-def _header_size(path: Path, file: BinaryIO) -> tuple[int, int]:
-    """(width, height); BadData when the end is missing: OpenCV 4 decodes such a file without an error, partly grey."""
-    try:
-        image = Image.open(file)
-    except (OSError, Image.DecompressionBombError) as problem:
-        raise BadData(f"{path} cannot be decoded as an image: restore the file") from problem
-    header_end, file_end = file.tell(), file.seek(0, io.SEEK_END)
-    for start in (max(header_end, file_end - TAIL_BYTES), header_end):  # a phone's JPEG may be followed by a film
-        file.seek(start)
-        if LAST_BYTES.get(image.format or "", b"") in file.read():
-            return image.size
-    raise BadData(f"{path} is cut short: its end is missing: restore the file")
+    with files.opened(path) as file:
+        return decoding.header_size(path, file)
 
 
 @dataclass(frozen=True)
@@ -167,16 +140,21 @@ class VideoFrames:
     @classmethod
     def open(cls, path: Path) -> VideoFrames:
         """The video of a file; BadData when it cannot be decoded. Frames are counted where the container is silent."""
+        files.check_file(path)
         capture = cv2.VideoCapture(str(path))
         size_px = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         if not capture.isOpened() or min(size_px) < 1:
             raise BadData(f"{path} cannot be decoded as a video: give a folder of images or another video file")
+        if size_px[0] * size_px[1] > decoding.MAX_PIXELS:
+            raise BadData(f"{path} is {size_px[0]}x{size_px[1]} pixels, more than {decoding.MAX_PIXELS:,}: shrink it")
         count, rate_hz = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), float(capture.get(cv2.CAP_PROP_FPS))
         if count < 1:
             count = 0
             while capture.grab():
                 count += 1
             capture = cv2.VideoCapture(str(path))
+        if not 0 < count <= path.stat().st_size:  # a frame takes at least a byte
+            raise BadData(f"{path} says that it has {count} frames, which its size cannot hold: restore the file")
         known = np.isfinite(rate_hz) and 0 < rate_hz < 1000
         return cls(path, count, size_px, rate_hz if known else None, capture)
 
@@ -198,7 +176,7 @@ class VideoFrames:
         while self._next < index and self._capture.grab():
             self._next += 1
         good, image = self._capture.read() if self._next == index else (False, None)
-        if not good or image is None:
+        if not good or image is None or image.shape[1::-1] != self.size_px:
             raise BadData(f"{self.path}: frame {index} of {self.count} cannot be decoded: leave it out of the range")
         self._next += 1
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -7,7 +7,7 @@ returns the good rows and a finding for every bad line; a `read_` function raise
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from geovp_classic import files
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.findings import Finding, error, raise_first
 from geovp_classic.errors import BadData
@@ -23,6 +24,9 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
 ROTATION_TOLERANCE = 1e-3  # of R R' - I and of a quaternion's length; the nearest rotation is taken within it
+LARGEST = 2.0**63  # times in nanoseconds are below it
+FARTHEST = 1e9  # a position; the Earth is 1.3e7 m wide
+_WORD = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 IndexArray = npt.NDArray[np.int64]
 
 
@@ -110,7 +114,7 @@ def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
     expected = "12 (KITTI) or 13 (with a frame index), the same on every line"
     rows, findings = _scan_rows(path, "poses", (12, 13), expected)
     entries = np.array([row.numbers[-12:] for row in rows]).reshape(-1, 3, 4)
-    rotation = entries[:, :, :3]
+    rotation = np.clip(entries[:, :, :3], -1e3, 1e3)  # whose products do not overflow
     defect = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
     problems = [f"not a rotation matrix: R R' is off the identity by {value:.2g}" for value in defect]
     for number in np.flatnonzero(defect < ROTATION_TOLERANCE):
@@ -155,11 +159,10 @@ def scan_times(path: Path) -> tuple[FloatArray, tuple[int, ...], list[Finding]]:
 def read_lines(path: Path) -> tuple[list[tuple[int, str]], list[Finding]]:
     """(line number, text) of every line that is not empty once comments (#) are removed."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return [], [error(path, None, "does not exist")]
-    except (OSError, UnicodeDecodeError) as problem:
-        return [], [error(path, None, f"cannot be read as text ({problem})")]
+        text = files.read_text(path)
+    except BadData as problem:
+        missing = not path.exists()
+        return [], [error(path, None, "does not exist" if missing else str(problem).removeprefix(f"{path} "))]
     lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(text.splitlines(), start=1)]
     return [(number, line) for number, line in lines if line], []
 
@@ -169,11 +172,14 @@ def parse_row(path: Path, line: int, text: str) -> Row | Finding:
     numbers = []
     for word in text.split():
         try:
+            if not _WORD.fullmatch(word):  # float also takes 1_0 for 10, and digits of other scripts
+                raise ValueError
             numbers.append(float(word))
         except ValueError:
-            return error(path, line, f"{word!r} is not a number")
-        if not math.isfinite(numbers[-1]):
-            return error(path, line, f"{word!r} is not finite: every number must be known")
+            return error(path, line, f"{word[:40]!r} is not a number")
+        if not abs(numbers[-1]) < LARGEST:
+            problem = "too large" if word[-1].isdigit() else "not finite"
+            return error(path, line, f"{word[:40]!r} is {problem}: every number must be known")
     return Row(line, tuple(numbers))
 
 
@@ -222,6 +228,11 @@ def _pose_table(
     problems: list[str],  # N, empty for a good row
     findings: list[Finding],
 ) -> tuple[PoseTable, list[Finding]]:
+    far = np.abs(entries[:, :, 3]).max(axis=1, initial=0.0)
+    problems = [
+        problem or ("" if distance <= FARTHEST else f"a position of {distance:.3g}, expected at most {FARTHEST:g}")
+        for problem, distance in zip(problems, far, strict=True)
+    ]
     findings += [error(path, row.line, problem) for row, problem in zip(rows, problems, strict=True) if problem]
     good = [number for number, problem in enumerate(problems) if not problem]
     world_from_cam = se3.compose(entries[good][:, :, :3], entries[good][:, :, 3])

@@ -20,6 +20,7 @@ from geovp_classic.data.sequences import Load, SequenceDataset
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths, UndistortedFrames, common_pinhole
 from geovp_classic.data.windows import Fit, Recording
 from geovp_classic.errors import BadData
+from geovp_classic.files import is_file, leads_inside
 from geovp_classic.types import ByteArray, FloatArray, IntArray, Trajectory
 
 
@@ -159,10 +160,11 @@ def scan_list(path: Path, folder: Path, separator: str = " ") -> tuple[FloatArra
         row = pose_files.parse_row(path, number, time)
         if isinstance(row, Finding):
             findings.append(row)
-        elif not (folder / file.strip()).is_file():
-            message = (
-                f"there is no file {file.strip()!r}, expected 'time{separator}file': restore it or remove the line"
-            )
+        elif not leads_inside(file.strip()):
+            findings.append(error(path, number, f"{file.strip()!r} leads out of the folder: give a path inside it"))
+        elif not is_file(folder / file.strip()):
+            expected = f"expected 'time{separator}file': restore it or remove the line"
+            message = f"there is no file {file.strip()[:200]!r}, {expected}"
             findings.append(error(path, number, message))
         elif times_s and row.numbers[0] <= times_s[-1]:
             findings.append(error(path, number, f"time {row.numbers[0]!r} is not after {times_s[-1]!r} before it"))

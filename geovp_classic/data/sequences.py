@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from geovp_classic import files
 from geovp_classic.data import splits, windows
 from geovp_classic.data.frames import FrameCache, read_image
 from geovp_classic.data.windows import Fit, FrameRange, Recording
@@ -35,6 +36,7 @@ class SequenceDataset:
         """Raise BadData unless every sequence that is named can be used."""
         windows.check_protocol(self.num_frames, self.stride, self.size_px, self.fit)
         for name, count in Counter(self.clip_names).items():
+            files.check_name(name, "the clip")
             if count > 1:
                 raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
 

@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
+from geovp_classic import files
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 
@@ -32,8 +33,8 @@ def load(name: str) -> tuple[FrameRange, ...]:
         hint = f"did you mean {close[0]!r}?" if close else f"known are {', '.join(names())}, or give a .toml file"
         raise BadData(f"no split is called {name!r}: {hint}")
     try:
-        table = tomllib.loads(path.read_text("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        table = tomllib.loads(files.read_text(path))
+    except (ValueError, RecursionError) as problem:  # TOMLDecodeError is a ValueError, 5,000 digits are another
         raise BadData(f"{path} is not TOML: {problem}") from problem
     ranges = table.get("ranges")
     if not isinstance(ranges, list) or not ranges or not all(isinstance(text, str) for text in ranges):

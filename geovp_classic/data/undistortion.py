@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from geovp_classic.data import decoding
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -123,9 +124,9 @@ class UndistortedDepths:
         path = self.paths[index]
         if path is None:
             return np.zeros((self.view.height_px, self.view.width_px), np.float32)
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if image is None or image.dtype != np.uint16 or image.ndim != 2:
-            found = "cannot be decoded" if image is None else f"holds {image.dtype} in {image.ndim} dimensions"
+        image = decoding.decoded(path, cv2.IMREAD_UNCHANGED)
+        if image.dtype != np.uint16 or image.ndim != 2:
+            found = f"holds {image.dtype} in {image.ndim} dimensions"
             raise BadData(f"{path} {found}, expected a depth image of one channel of 16 bits: restore the file")
         _check_size(path, image.shape, self.cameras[index])
         values = undistorted(image, self.cameras[index], self.view, cv2.INTER_NEAREST)

@@ -17,7 +17,11 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, Clip, ExtraView, FloatArray, Intrinsics, Trajectory
 
 Fit = Literal["crop", "stretch"]  # how a frame becomes one of size_px
-_RANGE = re.compile(r"(?P<sequence>[^\[\]\s]+?)(\[(?P<first>\d+):(?P<last>\d+)\))?")
+_RANGE = re.compile(r"(?P<sequence>[^\[\]\s]+?)(\[(?P<first>\d{1,9}):(?P<last>\d{1,9})\))?")
+MIN_FOCAL, MAX_FOCAL = 0.05, 100.0  # in lengths of the longer side: 1 : 0.05 is 169 degrees wide, 1 : 100 half a degree
+MAX_OFF_CENTRE = 2.5  # of the principal point, in widths or heights of the image
+MAX_HEIGHT_M = 1e4
+LATEST_S = 1e11  # 3,000 years since 1970
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,25 @@ class Recording:
         for what, given in (("times", self.times_s), ("poses", self.trajectory), ("right frames", right)):
             if given is not None and len(given) != len(self.frames):
                 raise BadData(f"{self.name}: {len(given)} {what} for {len(self.frames)} frames, expected one each")
+        _check_camera(self.name, self.intrinsics)
+        if self.right is not None:
+            _check_camera(self.name, self.right.intrinsics)
+        if self.camera_height_m is not None and not 0 < self.camera_height_m < MAX_HEIGHT_M:
+            raise BadData(f"{self.name}: camera_height_m is {self.camera_height_m}, expected 0 to {MAX_HEIGHT_M:g} m")
+        if len(self.times_s) and not np.abs(self.times_s).max() < LATEST_S:
+            raise BadData(f"{self.name}: a time beyond {LATEST_S:g} s: give times in seconds")
+
+
+def _check_camera(name: str, camera: Intrinsics) -> None:
+    """BadData for focal lengths and principal points that no camera of images of that size has."""
+    sizes_px = np.array([camera.width_px, camera.height_px])
+    focal = np.array([camera.fx_px, camera.fy_px]) / sizes_px.max()
+    centre = np.array([camera.cx_px, camera.cy_px]) / sizes_px
+    if not (focal.min() > MIN_FOCAL and focal.max() < MAX_FOCAL and np.abs(centre - 0.5).max() < MAX_OFF_CENTRE):
+        raise BadData(
+            f"{name}: no camera of {camera.width_px}x{camera.height_px} pixels has {camera}: check the calibration, "
+            "which is in pixels of the images as they are stored"
+        )
 
 
 def check_protocol(num_frames: int, stride: int, size_px: tuple[int, int], fit: Fit = "crop") -> None:

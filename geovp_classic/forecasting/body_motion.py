@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_network import FORWARD
@@ -82,10 +83,10 @@ def over_plane(world_from_cam: FloatArray, past: Trajectory) -> FloatArray:
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """The coefficients of a file (None: the packaged one), read once; BadData when it does not hold them."""
-    source = path or resources.files("geovp_classic.poses") / "body_motion.npz"
+    source = path or Path(str(resources.files("geovp_classic.poses") / "body_motion.npz"))
     try:
-        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-            scale, weights = (np.asarray(arrays[name], np.float64) for name in ("scale", "weights"))
-            return Coefficients(float(arrays["step_s"]), scale, weights)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        arrays = files.finite_arrays(source)
+        scale, weights = (np.asarray(arrays[name], np.float64) for name in ("scale", "weights"))
+        return Coefficients(float(arrays["step_s"]), scale, weights)
+    except (ValueError, KeyError, TypeError) as error:
         raise BadData(f"{source} holds no body motion ({error}): write one with fit-body-motion") from error

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, past_motion
 from geovp_classic.forecasting.body_motion import BodyMotion
@@ -133,11 +134,12 @@ def path_mixture(
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """The coefficients of a file (None: the packaged one), read once; BadData when it does not hold them."""
-    source = path or resources.files("geovp_classic.poses") / "motion_prior.npz"
+    source = path or Path(str(resources.files("geovp_classic.poses") / "motion_prior.npz"))
     try:
-        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-            return unpacked(dict(arrays))
-    except (OSError, ValueError, KeyError) as error:
+        fitted = unpacked(files.finite_arrays(source))
+        path_mixture(fitted, np.zeros((1, NUM_PAST_STEPS, 6)), np.ones(1))  # shapes that do not fit show here
+        return fitted
+    except (ValueError, KeyError, TypeError, IndexError) as error:
         raise BadData(f"{source} holds no motion prior ({error}): write one with fit-prior") from error
 
 

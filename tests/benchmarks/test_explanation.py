@@ -8,6 +8,7 @@ import pytest
 
 from geovp_benchmarks import cli
 from geovp_benchmarks.store import Results
+from geovp_classic import files
 from tests.benchmarks.test_run import content, go
 
 pytestmark = pytest.mark.usefixtures("toys")
@@ -75,7 +76,7 @@ def test_two_rows_of_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def edited(path: Path, **changes: Any) -> None:
-    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+    path.write_bytes(files.json_bytes({**json.loads(path.read_text()), **changes}))
 
 
 def test_definitions_versions_and_weights_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from geovp_benchmarks.store import METADATA_KEY, SCORES, Part, Results, write_bytes
+from geovp_benchmarks.part_files import METADATA_KEY
+from geovp_benchmarks.store import SCORES, Part, Results, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
@@ -95,14 +96,20 @@ def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Pa
     ]
 
 
-def test_parts_of_an_older_cell_and_half_a_file_do_not_count(tmp_path: Path) -> None:
+def test_parts_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: Path) -> None:
     results = begun(tmp_path, fingerprint="new")
     results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, {}, 0.0))
     results.write_part("x", rows(2.0), Part(1, ("b",), "new", {}, {}, 0.0))
     whole = (tmp_path / "x/scores/part-00001.parquet").read_bytes()
     (tmp_path / "x/scores/part-00002.parquet").write_bytes(whole[: len(whole) // 2])
     assert [part.index for part in results.parts("x")] == [1]
+    with pytest.raises(
+        BadData, match=r"part-00002.parquet is damaged: `geovp run` sets it aside and computes it again"
+    ):
+        results.scores("x")
+    assert [path.name for path in results.set_damaged_aside("x")] == ["part-00002.parquet"]
     assert results.scores("x")["value"].to_pylist() == [2.0]
+    assert (tmp_path / "x/scores/part-00002.parquet.damaged").exists()
 
 
 def test_a_peak_is_the_cells_own_only_where_its_part_says_so(tmp_path: Path) -> None:
@@ -113,6 +120,31 @@ def test_a_peak_is_the_cells_own_only_where_its_part_says_so(tmp_path: Path) -> 
     pq.write_table(stored, tmp_path / "x/scores/part-00001.parquet")
     told = [(part.clips, part.peak_memory_mb, part.peak_is_own) for part in results.parts("x")]
     assert told == [(("a",), 10.0, True), (("b",), 11.0, False)]
+
+
+def test_one_other_bit_in_the_middle_of_a_part_is_noticed(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_part("x", rows(*np.linspace(1, 2, 200)), Part(0, ("a",), "f", {}, {}, 0.0))
+    path = tmp_path / "x/scores/part-00000.parquet"
+    whole = path.read_bytes()
+    path.write_bytes(whole[:700] + bytes([whole[700] ^ 4]) + whole[701:])
+    with pytest.raises(BadData, match="is damaged"):
+        results.scores("x")
+    path.write_bytes(whole)
+    assert results.scores("x").num_rows == 200
+
+
+def test_an_edited_record_is_refused_and_one_without_a_checksum_is_not(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    path = tmp_path / "x/cell.json"
+    path.write_text(path.read_text().replace('"num_samples": 1', '"num_samples": 7'))
+    with pytest.raises(BadData, match=r"cell\.json does not match its own checksum"):
+        results.cell("x")
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps({key: value for key, value in record.items() if "seal" not in key and "sha" not in key}))
+    found = results.cell("x")
+    assert found is not None
+    assert found.num_samples == 7
 
 
 def test_nothing_begun_is_no_rows(tmp_path: Path) -> None:

@@ -266,7 +266,7 @@ def test_a_truncated_state_is_refused(tmp_path: Path) -> None:
     training.train(config(), tmp_path)
     file = tmp_path / training.STATE
     file.write_bytes(file.read_bytes()[:-50])
-    with pytest.raises(BadData, match="is not a whole safetensors file"):
+    with pytest.raises(BadData, match=r"is not a whole safetensors file|does not match its own checksum"):
         training.train(config(), tmp_path)
 
 

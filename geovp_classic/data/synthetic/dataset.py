@@ -8,7 +8,6 @@ import hashlib
 import json
 import os
 import tempfile
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from geovp_classic import files
 from geovp_classic.data.synthetic import drive
 from geovp_classic.data.synthetic.drive import Manoeuvre
 from geovp_classic.data.synthetic.render import render_drive
@@ -163,9 +163,8 @@ _street = functools.lru_cache(maxsize=2)(build_street)
 def _read(file: Path) -> Arrays | None:
     """The arrays of a file whose parts have the checksums that zip keeps; None when it is missing or damaged."""
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return files.read_npz(file)
+    except BadData:
         return None
 
 

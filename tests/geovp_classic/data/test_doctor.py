@@ -131,7 +131,8 @@ def test_damage_inside_an_image_is_found_only_by_decoding_it(kitti_root: Path) -
     image.write_bytes(bytes(content))
     assert told(kitti_root) == []
     assert told(kitti_root, deep=True) == [
-        "error sequences/01/image_0/000003.png: cannot be decoded as an image: restore the file"
+        "error sequences/01/image_0/000003.png: cannot be decoded as an image, the checksum at byte 102 is wrong: "
+        "restore the file"
     ]
 
 

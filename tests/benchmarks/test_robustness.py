@@ -1,0 +1,228 @@
+"""Paths, names and values that cannot be used end in one sentence and exit code 2, and nothing hangs."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from geovp_benchmarks import cli, locking
+from geovp_benchmarks.store import Results
+from geovp_classic.errors import BadData
+
+MATRIX = """
+[protocol]
+dataset = { name = "folder", path = "IMAGES", intrinsics = [40, 40, 19.5, 19.5], times = "TIMES" }
+num_past = 3
+num_future = 2
+size_px = [32, 32]
+stride = 3
+[predictors]
+copy-last = { name = "copy-last" }
+[metrics]
+frame = ["psnr"]
+"""
+
+
+@pytest.fixture
+def street(tmp_path: Path) -> Path:
+    """A matrix file beside eleven images."""
+    import cv2
+    import numpy as np
+
+    (tmp_path / "images").mkdir()
+    for number in range(11):
+        image = np.random.default_rng(number).integers(0, 256, (40, 40, 3), dtype=np.uint8)
+        cv2.imwrite(str(tmp_path / f"images/{number}.png"), image)
+    (tmp_path / "times.txt").write_text("".join(f"{number / 10}\n" for number in range(11)))
+    path = tmp_path / "m.toml"
+    path.write_text(MATRIX.replace("IMAGES", str(tmp_path / "images")).replace("TIMES", str(tmp_path / "times.txt")))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def no_hang() -> None:
+    signal.alarm(60)
+
+
+def sentence(capsys: pytest.CaptureFixture[str], *given: str | Path) -> str:
+    """What is said on standard error by a run that ends with exit code 2."""
+    assert cli.main(["run", *map(str, given), "--no-report"]) == 2
+    said = capsys.readouterr().err.replace("\r", "\n").splitlines()
+    [line] = [line for line in said if line.startswith("geovp: ")]
+    return line
+
+
+def looped(folder: Path) -> Path:
+    (folder / "loop").symlink_to(folder / "loop")
+    return folder / "loop"
+
+
+OUTS: dict[str, Callable[[Path], Path]] = {
+    "a file": lambda folder: folder / "times.txt",
+    "below a file": lambda folder: folder / "times.txt" / "out",
+    "too long": lambda folder: folder / ("x" * 300),
+    "in /proc": lambda folder: Path("/proc/geovp-results"),
+    "a loop of links": looped,
+}
+
+
+@pytest.mark.parametrize("kind", OUTS)
+def test_a_results_folder_that_cannot_be(street: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
+    assert "geovp: " in sentence(capsys, street, "--out", OUTS[kind](street.parent))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
+        ("copy-last = {", '"Report.HTML" = {', "would be called 'Report.HTML'"),
+        ("copy-last = {", f"{'x' * 300} = {{", "has a name of 300 bytes: 200 at most"),
+        ("[32, 32]", "[30000, 30000]", "at most 8192 pixels on a side"),
+        ("[32, 32]", "[1000000000, 1000000000]", "at most 8192 pixels on a side"),
+        ("num_past = 3", "num_past = 1000000000", "a clip would have 1000000002 frames"),
+        ("intrinsics = [40", "intrinsics = [nan", "protocol.dataset.intrinsics[0] is nan, expected a finite number"),
+        ("intrinsics = [40", "intrinsics = [1e18", "no camera of 40x40 pixels has"),
+        ('name = "folder"', 'name = "folder", is_metric = 1979-05-27', "is 1979-05-27, a date or time"),
+        ("stride = 3", f"stride = {'9' * 5000}", "is not TOML"),
+        ("stride = 3", f"stride = {'9' * 30}", "a number of more than 63 bits"),
+        ("stride = 3", f"stride = {'[' * 5000}{']' * 5000}", "is not TOML"),
+        ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "nested more than 32 tables deep"),
+    ],
+)
+def test_what_a_matrix_cannot_say(
+    street: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, says: str
+) -> None:
+    content = street.read_text()
+    assert old in content
+    street.write_text(content.replace(old, new))
+    said = sentence(capsys, street, "--out", street.parent / "out")
+    assert says in said
+    assert len(said) < 3000
+
+
+def test_pipes_devices_and_folders_are_no_files(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = street.parent / "out"
+    times = street.parent / "times.txt"
+    times.unlink()
+    os.mkfifo(times)
+    assert "times.txt: is a pipe or device, expected a file" in sentence(capsys, street, "--out", out)
+    image = street.parent / "images/4.png"
+    times.unlink()
+    times.write_text("".join(f"{number / 10}\n" for number in range(11)))
+    image.unlink()
+    image.symlink_to("/dev/zero")
+    assert "4.png is a pipe or device" in sentence(capsys, street, "--out", out)
+    image.unlink()
+    image.symlink_to(image)
+    assert "4.png cannot be read (Too many levels of symbolic links)" in sentence(capsys, street, "--out", out)
+
+
+@pytest.mark.parametrize(("name", "says"), [("路" * 80, "as a file's name"), ("street\udcff", "is not text in UTF-8")])
+def test_names_that_results_cannot_have(street: Path, capsys: pytest.CaptureFixture[str], name: str, says: str) -> None:
+    renamed = (street.parent / "images").rename(street.parent / name)
+    link = street.parent / "images"
+    link.symlink_to(renamed)
+    assert says in sentence(capsys, street, "--out", street.parent / "out")
+
+
+def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
+    """A file may have 3 kB: protocol.json fits, a kept clip of 15 kB does not."""
+    command = [sys.executable, "-m", "geovp_benchmarks.cli", "run", str(street), "--out", str(street.parent / "out")]
+    ended = subprocess.run(command, preexec_fn=_small_files, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "Traceback" not in ended.stderr
+    assert "File too large" in ended.stderr
+    assert "finished parts are kept: make room there and give the same command again" in ended.stderr
+    assert subprocess.run([*command, "--no-report"], capture_output=True, check=False).returncode == 0
+    assert Results(street.parent / "out").scores("copy-last").num_rows == 3 * 2  # clips, steps
+
+
+def _small_files() -> None:
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from geovp_benchmarks import locking
+with locking.results_lock(Path(sys.argv[1])) as claim:
+    claim("one protocol")
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
+    other = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        with locking.results_lock(tmp_path) as claim:
+            claim("one protocol")  # joins
+        with (
+            locking.results_lock(tmp_path) as claim,
+            pytest.raises(BadData, match=rf"being filled by process {other.pid} on .* with another protocol"),
+        ):
+            claim("another")
+    finally:
+        other.kill()
+        other.wait()
+    with locking.results_lock(tmp_path) as claim:
+        claim("another")  # the lock ended with its process
+
+
+def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left = tmp_path / f"cell/scores/.part-00004.parquet.{ended.pid}.part"
+    living = tmp_path / "cell/.cell.json.1.part"
+    for path in (left, living):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"half")
+    (tmp_path / f".folder.{ended.pid}.part").mkdir()
+    with locking.results_lock(tmp_path) as claim:
+        claim("a protocol")
+    assert sorted(path.name for path in tmp_path.rglob(".*.part")) == [living.name]
+
+
+def test_what_was_damaged_is_named_set_aside_and_computed_again(
+    street: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    out = street.parent / "out"
+    run = ["run", str(street), "--out", str(out), "--no-report"]
+    assert cli.main(run) == 0
+    rows = Results(out).scores("copy-last")
+    damaged = [out / "copy-last/scores/part-00000.parquet", *(out / "copy-last/predictions").glob("*.npz")]
+    for path in damaged:
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    assert cli.main(["table", str(out)]) == 2
+    assert "part-00000.parquet is damaged: `geovp run` sets it aside" in capsys.readouterr().err
+    assert cli.main(run) == 0
+    for path in damaged:
+        assert f"{path} was damaged: it is set aside" in caplog.text
+        assert path.exists()
+        assert path.with_name(f"{path.name}.damaged").exists()
+    assert Results(out).scores("copy-last").equals(rows)
+
+
+def test_a_protocol_of_half_its_keys_names_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "protocol.json").write_text(json.dumps({"cells": ["../../etc"], "clips": []}))
+    assert cli.main(["table", str(tmp_path)]) == 2
+    assert "'../../etc' leads out of its folder" in capsys.readouterr().err
+    (tmp_path / "protocol.json").write_text(json.dumps({"cells": [], "clips": []}))
+    assert cli.main(["table", str(tmp_path)]) == 2
+    assert "protocol.json has no '" in capsys.readouterr().err
+    (tmp_path / "protocol.json").write_text('{"cells": ' + "[" * 100_000)
+    assert cli.main(["table", str(tmp_path)]) == 2
+    assert "protocol.json is not JSON" in capsys.readouterr().err

@@ -1,0 +1,85 @@
+"""The door for files: what is no file, too large, or not what its checksum says is refused by name."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geovp_benchmarks.latex import tex_escaped
+from geovp_benchmarks.report.markup import tag
+from geovp_classic import files
+from geovp_classic.data import frames, pose_files
+from geovp_classic.errors import BadData
+
+
+def test_a_file_is_what_sha256sums_beside_it_says(tmp_path: Path) -> None:
+    path = tmp_path / "times.txt"
+    path.write_text("0.0\n0.1\n")
+    digest = hashlib.sha256(b"0.0\n0.1\n").hexdigest()
+    (tmp_path / "SHA256SUMS").write_text(f"{digest}  times.txt\n")
+    assert pose_files.read_times(path).tolist() == [0.0, 0.1]
+    path.write_text("0.0\n0.3\n")
+    with pytest.raises(BadData, match=r"times\.txt: does not match SHA256SUMS beside it"):
+        pose_files.read_times(path)
+
+
+def test_pipes_folders_and_large_files_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "large").write_bytes(bytes(3 * files.MIB))
+    for name, says in (("pipe", "is a pipe or device"), (".", "is a folder"), ("large", "has more than 2 MiB")):
+        with pytest.raises(BadData, match=says):
+            files.read_bytes(tmp_path / name, 2 * files.MIB)
+
+
+def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "wide.png"), np.zeros((1, 2**16), np.uint8))
+    assert frames.read_image(tmp_path / "wide.png").shape == (1, 2**16, 3)
+    content = bytearray((tmp_path / "wide.png").read_bytes())
+    content[20:24] = (2**16).to_bytes(4, "big")  # the height in IHDR
+    (tmp_path / "tall.png").write_bytes(content)
+    with pytest.raises(BadData, match=r"tall\.png (is 65536x65536 pixels|cannot be decoded)"):
+        frames.read_image(tmp_path / "tall.png")
+
+
+def test_numbers_are_what_they_look_like(tmp_path: Path) -> None:
+    for word in ("1_0", "\uff11\uff10", "0x10", "1e999", "nan", "9" * 400):
+        assert isinstance(pose_files.parse_row(tmp_path, 1, word), pose_files.Finding), word
+    row = pose_files.parse_row(tmp_path, 1, "-.5 1. 2E+3 7")
+    assert isinstance(row, pose_files.Row)
+    assert row.numbers == (-0.5, 1.0, 2000.0, 7.0)
+
+
+@given(st.text(max_size=60))
+def test_texts_are_escaped_in_html_and_latex(text: str) -> None:
+    element = tag("p", text, title=text)
+    assert element.count("<") == 2, "the element's own"
+    assert html.unescape(element.partition(">")[2].removesuffix("</p>")) == text
+    plain = tex_escaped(text)
+    for command in (
+        r"\textbackslash{}",
+        r"\textasciitilde{}",
+        r"\textasciicircum{}",
+        r"\textless{}",
+        r"\textgreater{}",
+    ):
+        plain = plain.replace(command, "")
+    for command in (r"\textbar{}", r"$\pm$", r"$\uparrow$", r"$\downarrow$", *(f"\\{letter}" for letter in "&%_#${}")):
+        plain = plain.replace(command, "")
+    assert not set(plain) & set("\\&%_#${}~^")
+
+
+@given(st.text(max_size=40), st.sampled_from(["", "/", "../", "a/../../"]))
+def test_names_in_data_stay_inside_their_folder(name: str, before: str) -> None:
+    if files.leads_inside(before + name):
+        assert Path("/root/folder") in (Path("/root/folder") / before / name / "x").parents
+        assert ".." not in Path(before + name).parts
+    else:
+        assert before or ".." in name or "\0" in name or name.startswith("/")
