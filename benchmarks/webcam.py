@@ -46,5 +46,5 @@ def record(number: int, num_frames: int) -> Recording:
     finally:
         capture.release()
     height_px, width_px = frames[0].shape[:2]
-    unknown = Intrinsics(1.0, 1.0, 0.0, 0.0, width_px, height_px)
+    unknown = Intrinsics(width_px, width_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px)
     return Recording(f"webcam-{number}", HeldFrames(tuple(frames)), np.array(times_s) - times_s[0], unknown)
