@@ -43,7 +43,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
 ROLES = (*PROTOCOL_OF_ROLE, "executors")
 NO_PART = "none"  # TOML has no None: this leaves a part out
 EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster", "rerun": "viz"}
-EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion"}
+EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion", "onnx": "onnx"}
 
 _DEFAULTS: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
 

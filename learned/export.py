@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from geovp_classic.errors import BadData, MissingExtra
-from geovp_classic.registry import nearest
+from geovp_classic.registry import install_command, nearest
 from geovp_learned import checkpoints, lpips
 
 NAMES = ("deepvo", "lpips")
@@ -91,7 +91,7 @@ def exportable(
 def write_onnx(file: Path, exported: Exportable) -> None:
     """Write an ONNX file with its weights inside; MissingExtra without the packages that write it."""
     if lacking := [module for module in NEEDS if importlib.util.find_spec(module) is None]:
-        raise MissingExtra(f"export needs {lacking[0]}, which is not installed: pip install 'geovp-classic[onnx]'")
+        raise MissingExtra(f"export needs {lacking[0]}, which is not installed: {install_command('onnx')}")
     if not file.parent.is_dir():
         raise BadData(f"{file.parent} is no folder: make it, or give another --onnx")
     axes: Any = [dict.fromkeys(exported.free, torch.export.Dim.DYNAMIC) for _ in exported.inputs]

@@ -53,8 +53,8 @@ class Architecture:
 
     def __post_init__(self) -> None:
         fixed = [each.name for each in fields(self)][3:] if self.variant == "published" else []
-        if given := [name for name in fixed if getattr(self, name) != getattr(Architecture, name, Splatter())]:
-            raise BadData(f"variant 'published' has its own {given[0]}: leave it out, or choose 'residual'")
+        if others := [name for name in fixed if getattr(self, name) != getattr(Architecture, name, Splatter())]:
+            raise BadData(f"variant 'published' has its own {others[0]}: leave it out, or choose 'residual'")
         if self.features <= COLOURS:
             raise BadData(f"features is {self.features}, expected more than the {COLOURS} colours")
         if not self.depth_channels or self.depth_px % 2 ** len(self.depth_channels):

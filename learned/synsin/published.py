@@ -26,6 +26,7 @@ REFINEMENT = (1, 2, 4, 4, 2, 2, 2)
 RESAMPLED: tuple[Resample, ...] = ("keep", "down", "down", "keep", "up", "up", "keep", "keep")
 DEPTH = (0.5, 1, 2, 4, 4, 4, 4, 4)  # of the U-Net, after each halving
 NUM_BLOCKS = len(RESAMPLED)
+KEPT: Sequence[Resample] = ["keep"] * NUM_BLOCKS
 NOISE_SIZE = 2 * NOISE * NUM_BLOCKS  # of all normalisations of a network of blocks
 DISC_SHARE = 4 / 256  # radius of a point in heights of the image: 4 pixels of 256
 POINTS_PER_PIXEL = 128
@@ -117,7 +118,7 @@ class Block(nn.Module):
 class Blocks(nn.Module):
     """Residual blocks one after the other: the feature network keeps the size, the refinement network works at 1/4."""
 
-    def __init__(self, channels: Sequence[int], resampled: Sequence[Resample] = ("keep",) * NUM_BLOCKS) -> None:
+    def __init__(self, channels: Sequence[int], resampled: Sequence[Resample] = KEPT) -> None:
         """Blocks between consecutive numbers of channels."""
         super().__init__()
         pairs = zip(itertools.pairwise(channels), resampled, strict=True)
@@ -144,7 +145,9 @@ class DepthNetwork(nn.Module):
         self.up = nn.ModuleList(_convolution(a, b) for a, b in zip(into, up, strict=True))
         self.up_norms = nn.ModuleList(nn.BatchNorm2d(size) for size in up[:-1])
         share = (1 / INITIAL_M - MIN_INVERSE_DEPTH) / (MAX_INVERSE_DEPTH - MIN_INVERSE_DEPTH)
-        nn.init.constant_(self.up[-1].bias, float(torch.logit(torch.tensor(share))))
+        last = self.up[-1].bias
+        assert isinstance(last, nn.Parameter)
+        nn.init.constant_(last, float(torch.logit(torch.tensor(share))))
 
     def forward(self, frames: Tensor) -> Tensor:
         """Inverse depths [B, H, W] 1/m of frames [B, 3, H, W] in [-1, 1], computed in full precision."""
