@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import glob
+import re
 import tomllib
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 from geovp_classic.errors import BadData
 
 CONFIGS = Path(__file__).parent / "configs"  # the built-in matrix files
+DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
 
 def positive(text: str) -> int:
@@ -56,6 +58,18 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 def add_results_folder(parser: argparse.ArgumentParser) -> None:
     """Ask for a results folder."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="a results folder that `geovp run` wrote")
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Let the device of networks be chosen."""
+    help_text = "of networks and LPIPS: cpu, cuda, cuda:N, or auto (a GPU if there is one); a part's own comes first"
+    parser.add_argument("--device", type=_device, metavar="DEVICE", help=help_text)
+
+
+def _device(text: str) -> str:
+    if not DEVICE.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not cpu, cuda, cuda:N or auto")
+    return text
 
 
 def add_division(parser: argparse.ArgumentParser) -> None:

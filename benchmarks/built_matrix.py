@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from geovp_benchmarks.caching import Cache, scene_key
-from geovp_benchmarks.components import Failure, build, code_hash
+from geovp_benchmarks.components import Failure, build, code_hash, on_device
 from geovp_benchmarks.matrix import CellPlan, Matrix
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.profiling import StageProfiler
@@ -79,10 +79,11 @@ class TaskResult:
 def build_matrix(matrix_json: str) -> BuiltMatrix:
     """Build all components; a missing package gives a Failure, a wrong name or setting is raised."""
     matrix = Matrix.from_json(matrix_json)
-    components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
+    with on_device(matrix.device):
+        components = {key: build(*key, spec) for key, spec in matrix.specs.items()}
+        metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
     needs = [each.needs for each in components.values() if not isinstance(each, Failure)]
     dataset = matrix.build_dataset(functools.reduce(Grant.__or__, needs, Grant.NONE))
-    metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
     return BuiltMatrix(matrix, dataset, components, metrics)
 
 

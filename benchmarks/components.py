@@ -8,6 +8,7 @@ import hashlib
 import sys
 import traceback
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,11 @@ def build(role: str, name: str, spec: Spec) -> Any:
     except Exception as error:  # a plug-in's own: its rows fail, the others go on
         return Failure.of(error)
     return component
+
+
+def on_device(device: str | None) -> AbstractContextManager[None]:
+    """Within it, networks are built for this device unless they name one themselves; None: for their own default."""
+    return registry.defaults() if device is None else registry.defaults(device=device)
 
 
 def code_hash(components: Iterable[object]) -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks import matrix_files, matrix_limits, protocols
+from geovp_benchmarks.arguments import DEVICE
 from geovp_benchmarks.store import NOT_CELLS
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
@@ -20,7 +21,7 @@ from geovp_classic.types import Grant
 Spec = Mapping[str, Any]  # {"name": ..., **fields}, as `registry.build` takes it
 
 TABLES = ("protocol", "pose_sources", "renderers", "predictors", "metrics")
-PROTOCOL_KEYS = ("dataset", "num_past", "num_future", "size_px", "stride", "num_samples")
+PROTOCOL_KEYS = ("dataset", "num_past", "num_future", "size_px", "stride", "num_samples", "device")
 FROM_PROTOCOL = ("num_frames", "stride", "size_px", "with_wide", "with_right")  # fields that the protocol sets
 DEFAULT_METRICS = {
     "frame": ["psnr", "ssim", "lpips"],
@@ -86,6 +87,7 @@ class Matrix:
     predictors: Mapping[str, Entry]
     frame_metrics: Mapping[str, Spec]
     trajectory_metrics: Mapping[str, Spec]
+    device: str | None = None  # of networks that do not name one; None: each network's own default
 
     @property
     def cells(self) -> tuple[CellPlan, ...]:
@@ -130,6 +132,10 @@ class Matrix:
                     f"protocol.dataset.root is {given!r}, but {variable} is not set: set it, or give --root FOLDER"
                 )
         return replace(self, dataset={**self.dataset, "root": os.path.expandvars(given)})
+
+    def with_device(self, device: str | None) -> Matrix:
+        """The same matrix with its device replaced, where one is given."""
+        return self if device is None else replace(self, device=device)
 
     def build_dataset(self, needs: Grant) -> Any:
         """The data set with the protocol's clip length, stride and size, and with the views that someone needs."""
@@ -177,6 +183,7 @@ def parse(name: str, content: Mapping[str, Any]) -> Matrix:
         predictors=_entries(content, "predictors", num_samples),
         frame_metrics=_stabilised(_metrics(metrics["frame"], "metrics.frame"), metrics["stabilised"]),
         trajectory_metrics=_metrics(metrics["trajectory"], "metrics.trajectory"),
+        device=_device(protocol),
     )
     _check_cells(matrix)
     return matrix
@@ -282,6 +289,13 @@ def _size(protocol: Mapping[str, Any]) -> tuple[int, int]:
     if not isinstance(value, list) or len(value) != 2 or not all(type(n) is int and n > 0 for n in value):
         raise BadData(f"protocol.size_px is {value!r}, expected [width, height] in pixels, such as [256, 256]")
     return value[0], value[1]
+
+
+def _device(protocol: Mapping[str, Any]) -> str | None:
+    value = protocol.get("device")
+    if value is None or (isinstance(value, str) and DEVICE.fullmatch(value)):
+        return value
+    raise BadData(f"protocol.device is {value!r}, expected cpu, cuda, cuda:N or auto")
 
 
 def _only(table: Mapping[str, Any], known: Sequence[str], where: str, what: str) -> None:

@@ -71,4 +71,6 @@ def _meaning(metric: Any) -> dict[str, Any]:
         return {}
     definition = getattr(metric, "protocol", "")  # which of the usual definitions it follows
     direction, ends = metric.higher_is_better, metric_facts.stored_bounds(metric)
-    return {"unit": metric.unit, "higher_is_better": direction, "definition": definition, "bounds": ends}
+    meaning = {"unit": metric.unit, "higher_is_better": direction, "definition": definition, "bounds": ends}
+    device = getattr(metric, "device", "")  # of a network; None is the CPU
+    return meaning if device == "" else {**meaning, "device": device or "cpu"}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from geovp_benchmarks import plausibility
+from geovp_benchmarks.components import on_device
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FramePredictor
@@ -39,9 +40,14 @@ class PredictionRequest:
     renderer: Spec | None = None
     predictor: Spec | None = None  # in place of both
     num_samples: int = 1
+    device: str | None = None  # of networks that do not name one
 
     def build(self) -> FramePredictor:
         """The predictor asked for; by default odometry and forecast, refined, and depth fusion."""
+        with on_device(self.device):
+            return self._build()
+
+    def _build(self) -> FramePredictor:
         if self.predictor is not None:
             if self.pose_source is not None or self.renderer is not None:
                 raise BadData("--predictor takes the place of --pose-source and --renderer: give it alone")

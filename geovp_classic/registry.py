@@ -6,6 +6,7 @@ Components register under entry-point groups `geovp.<role>` and are imported onl
 from __future__ import annotations
 
 import contextlib
+import contextvars
 import dataclasses
 import difflib
 import functools
@@ -14,7 +15,7 @@ import logging
 import pathlib
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
 from typing import Any
 from urllib.parse import urlsplit
@@ -42,7 +43,9 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
 ROLES = (*PROTOCOL_OF_ROLE, "executors")
 NO_PART = "none"  # TOML has no None: this leaves a part out
 EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster", "rerun": "viz"}
-EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion"}
+EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion", "onnx": "onnx"}
+
+_DEFAULTS: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
 
 
 def names(role: str) -> list[str]:
@@ -92,6 +95,16 @@ def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:
     return construct(load(role, table["name"]), given, where, table["name"])
 
 
+@contextlib.contextmanager
+def defaults(**fields: Any) -> Iterator[None]:
+    """Within it, components that have one of these fields and are not given it get this value, nested ones too."""
+    token = _DEFAULTS.set(fields)
+    try:
+        yield
+    finally:
+        _DEFAULTS.reset(token)
+
+
 def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") -> Any:
     """The dataclass of a table of its fields, checked against their types; `name` is what messages call it.
 
@@ -99,6 +112,7 @@ def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") 
     of another type and for a required field that is not given.
     """
     name, hints = name or kind.__name__, _field_types(kind)
+    given = {key: value for key, value in _DEFAULTS.get({}).items() if key in hints} | dict(given)
     for key in given:
         if key not in hints:
             raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}")

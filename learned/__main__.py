@@ -1,4 +1,4 @@
-"""The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, and model cards."""
+"""The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, model cards, export."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """0 when the training is finished, 1 when it was interrupted, 2 for bad input."""
     options = _parser().parse_args(arguments)
     try:
-        return _card(options) if options.verb == "card" else _train(options)
+        return {"card": _card, "export": _export, "train": _train}[options.verb](options)
     except GeovpError as error:
         print(f"python -m geovp_learned: {error}", file=sys.stderr)
         return 2
@@ -37,7 +37,24 @@ def _parser() -> argparse.ArgumentParser:
         "--config", "--recipe", type=Path, metavar="CONFIG.toml", help="its training config; adds the command"
     )
     card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log; adds its curves")
+    export = verbs.add_parser("export", help="write a network as an ONNX file")
+    export.add_argument("name", help="deepvo, lpips")
+    export.add_argument("--onnx", type=Path, required=True, metavar="FILE.onnx")
+    export.add_argument("--weights", type=Path, metavar="FILE", help="in place of those that come with the package")
+    export.add_argument("--past", type=int, default=10, metavar="P", help="observed images of deepvo (10)")
+    export.add_argument("--future", type=int, default=20, metavar="F", help="predicted steps of deepvo (20)")
+    export.add_argument("--size", type=int, default=256, metavar="PX", help="sides of the images of lpips (256)")
     return parser
+
+
+def _export(options: argparse.Namespace) -> int:
+    from geovp_learned import export
+
+    exported = export.exportable(options.name, options.weights, options.past, options.future, options.size)
+    export.write_onnx(options.onnx, exported)
+    shapes = ", ".join(f"{name} {list(tensor.shape)}" for name, tensor in exported.inputs.items())
+    print(f"{options.onnx}: {shapes} to {' and '.join(exported.outputs)}")
+    return 0
 
 
 def _card(options: argparse.Namespace) -> int:

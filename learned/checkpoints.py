@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from geovp_classic import files, registry
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Grant
-from geovp_learned import methods
+from geovp_learned import devices, methods
 
 LIMIT_BYTES = 16384 * files.MIB
 FORMAT, STATE_FORMAT = "geovp-weights-1", "geovp-training-2"
@@ -37,7 +37,7 @@ class Pretrained:
 
     `checkpoint` is a weights file of `python -m geovp_learned train`; without one, the weights that come with the
     package.
-    `fingerprint` identifies the weights in results; when given, other weights are refused.
+    `fingerprint` identifies the weights in results; when given, other weights are refused. `device` is as in `devices`.
     """
 
     checkpoint: Path | None = None
@@ -48,6 +48,7 @@ class Pretrained:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fingerprint", fingerprint(self.file, self.fingerprint))
+        object.__setattr__(self, "device", devices.resolved(self.device))
         self.load()
 
     @property
@@ -75,7 +76,7 @@ class Pretrained:
         history = read_metadata(self.file).get("history", {})
         count = sum(parameter.numel() for parameter in self.load()[0].parameters())
         name = f"{self.method} weights {self.file.name} {self.fingerprint}"
-        facts = [*filter(None, (name, self.input_note)), f"{count:,} parameters"]
+        facts = [*filter(None, (name, self.input_note)), f"{count:,} parameters on {devices.described(self.device)}"]
         if "step" in history:
             planned, minutes = history["training"]["num_steps"], history["seconds"] / 60
             facts.append(f"{history['step']} of {planned} training steps, {minutes:.1f} minutes")
@@ -100,11 +101,7 @@ def load(method: str, file: Path, fingerprint: str, device: str) -> tuple[nn.Mod
     name = settings.kept[0]
     network: nn.Module = settings.build()[name]
     restore(file, network, tensors, f"{name}.")
-    try:
-        return network.eval().to(device), settings
-    except (RuntimeError, AssertionError) as error:
-        given = f"device {device!r} cannot be used ({str(error).splitlines()[0]})"
-        raise BadData(f"{given}: give 'cpu', or 'cuda' where there is a GPU") from error
+    return network.eval().to(device), settings
 
 
 def write(

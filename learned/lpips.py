@@ -26,11 +26,12 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.metrics.image import check_frames
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from geovp_learned import devices
+from geovp_learned.lpips_masks import masked_mean
 from geovp_learned.lpips_networks import Weights, alex_features, squeeze_features
 
 Net = Literal["alex", "squeeze"]
@@ -57,8 +58,8 @@ CHECK_SCORES = {"alex": 0.389235, "squeeze": 0.443713}  # of `check_images`, und
 CHECK_TOLERANCE = 1e-4
 SHIFT, SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)  # of RGB in [-1, 1]: ImageNet's mean and deviation
 MIN_SIZE_PX = 32  # below it the deepest layers have no pixel left
-BATCH = 10  # frames
-CACHED_BATCHES = 4  # of target features; 26 MB each at 256x256
+BATCH = 5  # frames, on one thread of the CPU: threads share frames, since sharing a layer's work costs them more
+CACHED_BATCHES = 8  # of target features; 13 MB each at 256x256
 TIMEOUT_S = 20.0
 
 MAX_BYTES = 2**30  # VGG-16 has 528 MiB
@@ -72,12 +73,18 @@ class Lpips:
     `channels = "bgr"` hands the network the channels in the wrong order, as evaluation code does that reads with OpenCV
     and forgets to swap them (DMVFN's, for one): for comparison with such published numbers alone.
     With a mask, each layer's map of differences is averaged with the share of masked pixels in each cell as the weight.
-    Receptive fields cross the mask's border, so pixels outside still have some influence.
+    Receptive fields cross the mask's border, so pixels outside still have some influence. `device` is as in `devices`;
+    the CPU, where nothing is given.
     """
 
     net: Net = "alex"
     weights: Path | None = None
     channels: Literal["rgb", "bgr"] = "rgb"
+    device: str | None = None
+
+    def __post_init__(self) -> None:
+        device = devices.resolved(self.device or "cpu")
+        object.__setattr__(self, "device", None if device == "cpu" else device)  # as in results without the field
 
     unit: ClassVar[str] = ""
     higher_is_better: ClassVar[bool] = False
@@ -104,36 +111,36 @@ class Lpips:
             raise BadData(f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: use larger")
         if self.channels == "bgr":
             predicted, target = predicted[..., ::-1], target[..., ::-1]
-        file = find_weights(self.net, self.weights)
-        weights = load_weights(self.net, file)
-        scores = np.empty((len(masks), len(target)))
-        for start in range(0, len(target), BATCH):
+        file, device = find_weights(self.net, self.weights), self.device or "cpu"
+        weights = _weights_on(self.net, file, device)
+
+        def distances(start: int) -> FloatArray:
             part = slice(start, start + BATCH)
             parts = [None if mask is None else mask[part] for mask in masks]
-            real = _target_features(self.net, file, target[part].shape, target[part].tobytes())
-            scores[:, part] = _distances(weights, _features(self.net, weights, predicted[part]), real, parts)
-        return list(scores)
+            real = _target_features(self.net, file, device, target[part].shape, target[part].tobytes())
+            return _distances(weights, _features(self.net, weights, predicted[part]), real, parts)
+
+        return [*np.concatenate(devices.on_one_thread_each(distances, range(0, len(target), BATCH)), axis=1)]
 
 
 def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
     """Features [N, C, h, w] of each layer, normalised over channels, of images [N, 3, H, W] in [-1, 1]."""
     shift, scale = (images.new_tensor(values)[:, None, None] for values in (SHIFT, SCALE))
     layers = {"alex": alex_features, "squeeze": squeeze_features}[net](weights, (images - shift) / scale)
-    return [layer / (layer.norm(dim=1, keepdim=True) + 1e-10) for layer in layers]
+    return [layer / (torch.linalg.vector_norm(layer, dim=1, keepdim=True) + 1e-10) for layer in layers]
 
 
 @torch.inference_mode()
 def _features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
-    """The same of frames [N, H, W, 3]."""
-    return unit_features(
-        net, weights, torch.tensor(np.ascontiguousarray(frames)).permute(0, 3, 1, 2).float() / 127.5 - 1.0
-    )
+    """The same of frames [N, H, W, 3], channels last in memory."""
+    pixels = torch.tensor(np.ascontiguousarray(frames)).to(weights["lin0.weight"].device)
+    return unit_features(net, weights, pixels.permute(0, 3, 1, 2).float() / 127.5 - 1.0)
 
 
 @functools.lru_cache(maxsize=CACHED_BATCHES)
-def _target_features(net: Net, file: Path, shape: tuple[int, ...], pixels: bytes) -> list[Tensor]:
+def _target_features(net: Net, file: Path, device: str, shape: tuple[int, ...], pixels: bytes) -> list[Tensor]:
     """Features of target frames, which many predictions are compared with."""
-    return _features(net, load_weights(net, file), np.frombuffer(pixels, np.uint8).reshape(shape))
+    return _features(net, _weights_on(net, file, device), np.frombuffer(pixels, np.uint8).reshape(shape))
 
 
 @torch.inference_mode()
@@ -144,21 +151,15 @@ def _distances(
     masks: Sequence[BoolArray | None],  # of [N, H, W]
 ) -> FloatArray:
     """The distance of every pair under every mask [M, N] (Zhang et al. 2018, eq. 1); NaN where a mask is empty."""
-    shares = [None if mask is None else torch.tensor(mask, dtype=torch.float32)[:, None] for mask in masks]
-    total = torch.zeros(len(masks), len(predicted[0]), dtype=torch.float64)
+    device = predicted[0].device
+    shares = [None if mask is None else torch.tensor(mask, dtype=torch.float32, device=device) for mask in masks]
+    total = torch.zeros(len(masks), len(predicted[0]), dtype=torch.float64, device=device)
     for index, (ours, real) in enumerate(zip(predicted, target, strict=True)):
-        difference = functional.conv2d((ours - real) ** 2, weights[f"lin{index}.weight"][None, :, None, None])
+        squares = (ours - real).square_().movedim(1, -1)  # [N, h, w, C]
+        difference = (squares @ weights[f"lin{index}.weight"]).double()
         for number, share in enumerate(shares):
-            total[number] += _masked_mean(difference, share)  # of [N, 1, h, w]
-    return np.asarray(total.numpy())
-
-
-def _masked_mean(values: Tensor, share: Tensor | None) -> Tensor:
-    """Mean [N] of maps [N, 1, h, w], weighted by how much of the mask [N, 1, H, W] lies under each cell."""
-    cells = (values.shape[2], values.shape[3])
-    cell_share = torch.ones(1) if share is None else functional.adaptive_avg_pool2d(share, cells)
-    counted = cell_share.double().expand_as(values)
-    return (values * counted).sum(dim=(1, 2, 3)) / counted.sum(dim=(1, 2, 3))
+            total[number] += masked_mean(difference, share)
+    return np.asarray(total.cpu().numpy())
 
 
 def find_weights(net: Net, named: Path | None) -> Path:
@@ -199,6 +200,16 @@ def load_weights(net: Net, file: Path) -> Weights:
             f"expected {CHECK_SCORES[net]:.6f}: get them anew"
         )
     return weights
+
+
+@functools.cache
+def _weights_on(net: Net, file: Path, device: str) -> Weights:
+    """The tensors on a device, those of convolutions with channels last, which is faster."""
+    weights = load_weights(net, file)
+    ordered = {
+        name: w.contiguous(memory_format=torch.channels_last) if w.ndim == 4 else w for name, w in weights.items()
+    }
+    return {name: tensor.to(device) for name, tensor in ordered.items()}
 
 
 def check_images() -> tuple[ByteArray, ByteArray]:

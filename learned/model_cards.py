@@ -69,7 +69,8 @@ def _command(weights: Path, metadata: Mapping[str, Any], config: Path) -> str:
     name = str(metadata.get("method"))
     method, training, _ = training_config.settings(name, config)
     wanted = {"method": checkpoints.plain(method), "training": training.decisive}
-    given = {"method": metadata.get("settings"), "training": metadata.get("history", {}).get("training")}
+    stored = checkpoints.read(weights, name, type(method))[0]  # with defaults for fields that are newer than the file
+    given = {"method": checkpoints.plain(stored), "training": metadata.get("history", {}).get("training")}
     for table in wanted:
         if wanted[table] != given[table]:
             raise BadData(f"{weights} was trained with another [{table}] than {config} has: give its own config")

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.arguments import add_device, positive
 from geovp_benchmarks.cli.messages import say
 from geovp_benchmarks.progress import progress_bar
 
@@ -46,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, role in (("--pose-source", "pose_sources"), ("--renderer", "renderers"), ("--predictor", "predictors")):
         parser.add_argument(name, type=_spec, metavar="SPEC", help=f"{spec}; see `geovp list {role}`")
     parser.add_argument("--samples", dest="num_samples", type=positive, default=1, metavar="N", help="futures (1)")
+    add_device(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
 
 

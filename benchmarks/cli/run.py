@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import add_matrix, positive
+from geovp_benchmarks.arguments import add_device, add_matrix, positive
 from geovp_benchmarks.cli.messages import say, width
 from geovp_benchmarks.progress import Progress, announce, progress_bar
 from geovp_classic.errors import BadData
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the file's")
     parser.add_argument("--out", type=Path, metavar="DIR", help="results folder (default: results/<name of the file>)")
     parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
+    add_device(parser)
     parser.add_argument("--keep", default="3", metavar="WHICH", help=KEEP)
     parser.add_argument("--fresh", action="store_true", help="compute anew what another version of the code computed")
     set_help = "a setting of the file, such as protocol.stride=20 or renderers.fusion.fill.name=telea; again for more"
@@ -75,6 +76,7 @@ def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
 
 
 def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim: Claim) -> int:
+    matrix = matrix.with_device(chosen.device)
     with progress_bar(matrix.name, "predictions") as progress:
         announce("starting")
         from geovp_benchmarks.planning import Options

@@ -14,12 +14,18 @@ Features = list[Tensor]  # of one scale: feature maps from fine to coarse, then 
 
 
 class MultiScaleDiscriminator(nn.Module):
-    """Patch networks at full size, at half of it, and so on; convolutions with spectral normalisation."""
+    """Patch networks at full size, at half of it, and so on; convolutions with spectral normalisation.
 
-    def __init__(self, width: int = 64, num_levels: int = 3, num_scales: int = 2) -> None:
+    With instance normalisation, as SynSin's repository has it, first and last convolution have no normalisation at all.
+    """
+
+    def __init__(
+        self, width: int = 64, num_levels: int = 3, num_scales: int = 2, *, with_instance_norm: bool = False
+    ) -> None:
         """Patch networks of `num_levels` strided convolutions, the first with `width` channels."""
         super().__init__()
-        self.scales = nn.ModuleList(_PatchNetwork(width, num_levels) for _ in range(num_scales))
+        kind = _InstanceNormPatchNetwork if with_instance_norm else _PatchNetwork
+        self.scales = nn.ModuleList(kind(width, num_levels) for _ in range(num_scales))
 
     def forward(self, frames: Tensor) -> list[Features]:
         """Features and scores of frames [B, 3, H, W] in [0, 1] at each scale."""
@@ -47,6 +53,19 @@ class _PatchNetwork(nn.Module):
             now = functional.leaky_relu(layer(now), 0.2)
             maps.append(now)
         return [*maps, self.head(now)]
+
+
+class _InstanceNormPatchNetwork(_PatchNetwork):
+    def __init__(self, width: int, num_levels: int) -> None:
+        nn.Module.__init__(self)
+        channels = [3, *(width * min(2**level, 8) for level in range(num_levels + 1))]
+        layers: list[nn.Module] = [nn.Conv2d(3, width, 4, stride=2, padding=2)]
+        for level, (a, b) in enumerate(itertools.pairwise(channels[1:]), 1):
+            stride = 2 if level < num_levels else 1
+            convolution = spectral_norm(nn.Conv2d(a, b, 4, stride, padding=2, bias=False))
+            layers.append(nn.Sequential(convolution, nn.InstanceNorm2d(b)))
+        self.layers = nn.ModuleList(layers)
+        self.head: nn.Module = nn.Conv2d(channels[-1], 1, 4, padding=2)
 
 
 def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:

@@ -1,6 +1,6 @@
 """SynSin's losses: colour, content, depth where it is known, and two self-supervised losses of depth.
 
-The paper's content loss compares features of VGG-19; LPIPS's features replace them, by default SqueezeNet's, since
+The paper's content loss compares features of VGG-19 (`vgg`); by default LPIPS's on SqueezeNet replace them, since
 tables report LPIPS on AlexNet. The reprojection loss and the smoothness loss (Garg et al. 2016; Godard et al. 2019)
 are not in SynSin, whose depth network learns from the splatter's gradient alone. That gradient reaches about a pixel
 and is drowned by the content loss: on the synthetic street it is a hundred times as long as the true depth's gradient
@@ -9,23 +9,29 @@ and points another way (cosine -0.1).
 
 from __future__ import annotations
 
+from typing import Literal
+
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from geovp_learned import lpips
+from geovp_learned import lpips, vgg
 from geovp_learned.synsin import splatting
 from geovp_learned.tensors import sample_images
+
+ContentNet = Literal["alex", "squeeze", "vgg19"]
 
 SSIM_SHARE = 0.85  # Godard et al. 2019, eq. 2
 C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]
 
 
-def content_loss(predicted: Tensor, target: Tensor, net: lpips.Net) -> Tensor:
-    """Mean LPIPS distance of frames [B, 3, H, W] in [0, 1], differentiable in `predicted`.
+def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
+    """Mean LPIPS or VGG-19 distance of frames [B, 3, H, W] in [0, 1], differentiable in `predicted`.
 
-    MissingExtra when there are no LPIPS weights.
+    MissingExtra when there are no weights.
     """
+    if net == "vgg19":
+        return vgg.content_loss(predicted, target)
     stored = lpips.load_weights(net, lpips.find_weights(net, None))
     weights = {name: tensor.to(predicted.device) for name, tensor in stored.items()}
     with torch.no_grad():

@@ -1,15 +1,25 @@
 """SynSin's generator: features and inverse depths of one frame, splatted into other cameras and refined to images.
 
-Three differences from Wiles et al. 2020. The first three features of a point are its colours, and the refinement
-network corrects the splatted colours: with little training, images are sharp that would be blurred otherwise. The depth
-network also gets every pixel's ray and always sees `depth_px` rows, so that focal length and frame size do not matter.
-With `patch_px` = 2 the residual blocks work on 2x2 pixels, four times cheaper; 1 is as in the paper.
+One setting, `variant`, chooses between the networks of Wiles et al. 2020 (`published`) and ours (`residual`), which
+differ from them in this:
+
+- The first three features of a point are its colours, and the refinement network corrects the splatted colours instead
+  of painting new ones: an untrained network already shows the frame, and with little training images are sharp that
+  would be blurred otherwise. Holes are filled by pull-push before it, and it sees the opacity.
+- The depth network also gets every pixel's ray and always sees `depth_px` rows, so that focal length and frame size do
+  not matter; it has six levels, not eight, and no spectral normalisation.
+- Points have a radius of 1 pixel and 8 of them count, instead of 4 of 256 and 128: about 16 times fewer pairs.
+- The feature network has no noise; blocks have BigGAN's order, resampling before or after the convolutions.
+- With `patch_px` = 2 the residual blocks work on 2x2 pixels, four times cheaper.
+- The content loss compares SqueezeNet's features by LPIPS (3 MB), not VGG-19's (575 MB); `losses` has more of depth.
+
+What each gains apart from the others has not been measured beyond what is said here.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -30,9 +40,10 @@ INITIAL_M = 20.0  # the untrained network's depth
 class Architecture:
     """Sizes of the three networks, and the splatter; stored with the weights."""
 
-    features: int = 64  # of a point, its three colours included
+    variant: Literal["residual", "published"] = "residual"
+    features: int = 64  # of a point, its three colours included in `residual`
     width: int = 64  # channels of a residual block at the finest level
-    feature_blocks: int = 8
+    feature_blocks: int = 8  # from here on of `residual` alone
     inner_blocks: int = 4  # of the refinement network at its coarsest level
     noise_size: int = 16
     patch_px: int = 1
@@ -41,6 +52,9 @@ class Architecture:
     splatter: Splatter = field(default_factory=Splatter)
 
     def __post_init__(self) -> None:
+        fixed = [each.name for each in fields(self)][3:] if self.variant == "published" else []
+        if others := [name for name in fixed if getattr(self, name) != getattr(Architecture, name, Splatter())]:
+            raise BadData(f"variant 'published' has its own {others[0]}: leave it out, or choose 'residual'")
         if self.features <= COLOURS:
             raise BadData(f"features is {self.features}, expected more than the {COLOURS} colours")
         if not self.depth_channels or self.depth_px % 2 ** len(self.depth_channels):
@@ -76,9 +90,14 @@ class Generator(nn.Module):
         """With new weights; untrained, it renders a cloud at INITIAL_M in its own colours."""
         super().__init__()
         self.architecture = architecture
-        self.feature_network = FeatureNetwork(architecture)
-        self.depth_network = DepthNetwork(architecture)
-        self.refinement_network = RefinementNetwork(architecture)
+        self.feature_network: nn.Module = FeatureNetwork(architecture)
+        self.depth_network: nn.Module = DepthNetwork(architecture)
+        self.refinement_network: nn.Module = RefinementNetwork(architecture)
+
+    @property
+    def noise_size(self) -> int:
+        """How many numbers of noise a rendering takes."""
+        return self.architecture.noise_size
 
     def forward(
         self,
@@ -93,36 +112,49 @@ class Generator(nn.Module):
         """
         size_px = (frames.shape[2], frames.shape[3])
         if cam_from_last is None:
-            return None, self.depth_network(frames, splatting.rays(intrinsics, size_px))
+            return None, self.depths(frames, splatting.rays(intrinsics, size_px))
         cloud = self.encode(frames, intrinsics)
         inverse_depths, views = cloud.inverse_depths, cam_from_last.shape[1]
         cloud = cloud._replace(
             inverse_depths=depth_share * inverse_depths + (1 - depth_share) * inverse_depths.detach()
         )
-        noise = torch.randn(len(frames) * views, self.architecture.noise_size, device=frames.device)
+        noise = torch.randn(len(frames) * views, self.noise_size, device=frames.device)
         cameras = intrinsics.repeat_interleave(views, dim=0)
         images = self.render(cloud.repeated(views), cam_from_last.flatten(0, 1), cameras, size_px, noise)
         return images, inverse_depths.unflatten(1, size_px)
 
-    def encode(self, frames: Tensor, intrinsics: Tensor) -> FeatureCloud:
-        """Frames [B, 3, H, W] of cameras [B, 4] as clouds."""
+    def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
+        """Inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
+        inverse_depths: Tensor = self.depth_network(frames, rays)
+        return inverse_depths
+
+    def encode(self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None) -> FeatureCloud:
+        """Frames [B, 3, H, W] of cameras [B, 4] as clouds; the noise [B, noise_size] is for the published variant."""
         rays = splatting.rays(intrinsics, (frames.shape[2], frames.shape[3]))
         features = torch.cat([frames, self.feature_network(frames).float()], dim=1).flatten(2).transpose(1, 2)
-        return FeatureCloud(rays, self.depth_network(frames, rays).flatten(1), features)
+        return FeatureCloud(rays, self.depths(frames, rays).flatten(1), features)
 
     def render(
         self, cloud: FeatureCloud, cam_from_last: Tensor, intrinsics: Tensor, size_px: tuple[int, int], noise: Tensor
     ) -> Images:
         """Clouds from the poses [B, 4, 4] of cameras [B, 4], in images of (height, width)."""
+        blended, opacities = self.splat(cloud, cam_from_last, intrinsics, size_px, self.architecture.splatter)
+        with torch.autocast(cloud.rays.device.type, enabled=False):
+            filled = pull_push(blended, opacities)
+        maps = torch.cat([filled[:, :-1], (SOLID_FACTOR * opacities).clamp(max=1)], dim=1)
+        return Images(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
+
+    @staticmethod
+    def splat(
+        cloud: FeatureCloud, cam_from_last: Tensor, intrinsics: Tensor, size_px: tuple[int, int], splatter: Splatter
+    ) -> tuple[Tensor, Tensor]:
+        """Blended features with the inverse depth last [B, C + 1, H, W], and opacities [B, 1, H, W]."""
         with torch.autocast(cloud.rays.device.type, enabled=False):
             positions, inverse_depths, visible = splatting.project(
                 cloud.rays, cloud.inverse_depths, cam_from_last, intrinsics
             )
             points = torch.cat([cloud.features, inverse_depths[..., None]], dim=2)
-            blended, opacities = self.architecture.splatter(positions, inverse_depths, visible, points, size_px)
-            filled = pull_push(blended, opacities)
-        maps = torch.cat([filled[:, :-1], (SOLID_FACTOR * opacities).clamp(max=1)], dim=1)
-        return Images(self.refinement_network(maps, noise).float(), opacities, filled[:, -1:])
+            return splatter(positions, inverse_depths, visible, points, size_px)
 
 
 class DepthNetwork(nn.Module):

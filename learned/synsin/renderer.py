@@ -24,7 +24,8 @@ MIN_OPACITY = 0.1  # of covered pixels
 class SynSin(checkpoints.Pretrained):
     """New views of one frame by learned depth, splatted features and a refinement network (Wiles et al. 2020).
 
-    Frames may have any size. `seed` draws the refinement network's noise, the same for all views.
+    Frames may have any size. The weights say which variant they are of; those that come with the package are
+    `residual`. `seed` draws the networks' noise, the same for all views.
     """
 
     seed: int = 0
@@ -34,9 +35,9 @@ class SynSin(checkpoints.Pretrained):
     @property
     def input_note(self) -> str:
         """One frame of any size; its depth network's own size."""
-        return (
-            f"works at the frames' own size on the last frame, its depth at {self.load()[1].architecture.depth_px} rows"
-        )
+        architecture = self.load()[1].architecture
+        size = f"works at the frames' own size on the last frame, its depth at {architecture.depth_px} rows"
+        return size if architecture.variant == "residual" else f"{architecture.variant} variant; {size}"
 
     def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
         """The cloud of the last frame; Incompatible when the poses are not metric, as those in training were."""
@@ -45,8 +46,9 @@ class SynSin(checkpoints.Pretrained):
         generator, _ = self.load()
         assert isinstance(generator, Generator)
         with torch.inference_mode():
+            noise = drawn(generator.noise_size, self.seed).to(self.device)
             frame = images_from_frames(context.frames[-1:]).to(self.device)
-            cloud = generator.encode(frame, intrinsics_tensor(context.intrinsics).to(self.device))
+            cloud = generator.encode(frame, intrinsics_tensor(context.intrinsics).to(self.device), noise)
         return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
 
 
@@ -68,10 +70,15 @@ class FeatureScene:
     @torch.inference_mode()
     def _view(self, cam_from_last: Tensor, intrinsics: Intrinsics) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Frame [1, H, W, 3], coverage [1, H, W] and depth [1, H, W] of the pose [1, 4, 4]."""
-        device, noise_size = self.cloud.rays.device, self.generator.architecture.noise_size
-        noise = torch.randn(1, noise_size, generator=torch.Generator().manual_seed(self.seed)).to(device)
+        device = self.cloud.rays.device
+        noise = drawn(self.generator.noise_size, self.seed).to(device)
         camera, size_px = intrinsics_tensor(intrinsics).to(device), (intrinsics.height_px, intrinsics.width_px)
         images = self.generator.render(self.cloud, cam_from_last.to(device), camera, size_px, noise)
         covered = images.opacities[:, 0] > MIN_OPACITY
         depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
         return frames_from_images(images.frames), covered.cpu().numpy(), depths.cpu().numpy()
+
+
+def drawn(noise_size: int, seed: int) -> Tensor:
+    """Noise [1, noise_size]."""
+    return torch.randn(1, noise_size, generator=torch.Generator().manual_seed(seed))

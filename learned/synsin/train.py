@@ -14,12 +14,12 @@ from torch.optim import Adam, Optimizer
 
 from geovp_classic.types import Clip
 from geovp_learned import methods
-from geovp_learned.lpips import Net
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.synsin import discriminator, losses, pairs
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
 from geovp_learned.synsin.network import Architecture, Generator
 from geovp_learned.synsin.pairs import Example, FramePairs
+from geovp_learned.synsin.published import PublishedGenerator
 from geovp_learned.tensors import psnr_db
 
 
@@ -42,7 +42,7 @@ class SynSinTraining:
 
     architecture: Architecture = field(default_factory=Architecture)
     weights: Weights = field(default_factory=Weights)
-    content_net: Net = "squeeze"
+    content_net: losses.ContentNet = "squeeze"
     max_horizon: int = 20
     views: int = 2
     near_share: float = 0.5  # of examples with one view in the nearest quarter of horizons, which helps depth
@@ -61,9 +61,13 @@ class SynSinTraining:
 
     def build(self) -> dict[str, nn.Module]:
         """A new generator, and a discriminator when the adversarial loss has a weight."""
-        networks: dict[str, nn.Module] = {"generator": Generator(self.architecture)}
+        is_published = self.architecture.variant == "published"
+        generator = (PublishedGenerator if is_published else Generator)(self.architecture)
+        networks: dict[str, nn.Module] = {"generator": generator}
         if self.weights.adversarial:
-            networks["discriminator"] = MultiScaleDiscriminator(self.discriminator_width)
+            networks["discriminator"] = MultiScaleDiscriminator(
+                self.discriminator_width, with_instance_norm=is_published
+            )
         return networks
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:

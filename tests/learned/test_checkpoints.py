@@ -146,8 +146,8 @@ def test_a_row_can_say_what_its_shipped_weights_are() -> None:
         begin,
     )
     assert end == (
-        " parameters; 500 of 800 training steps, 6.5 minutes; trained on kitti split train (64x64) and synthetic "
-        "(128x128)"
+        " parameters on cpu; 500 of 800 training steps, 6.5 minutes; trained on kitti split train (64x64) and "
+        "synthetic (128x128)"
     )
 
 
@@ -167,4 +167,4 @@ def test_weights_without_a_history_say_so(tmp_path: Path) -> None:
     checkpoints.write(tmp_path / "own.safetensors", "svg", settings, settings.build(), {})
     note = registry.build("predictors", {"name": "svg", "checkpoint": str(tmp_path / "own.safetensors")}).weights_note
     assert note.startswith("svg weights own.safetensors ")
-    assert note.endswith("parameters; the file does not say on what it was trained")
+    assert note.endswith("parameters on cpu; the file does not say on what it was trained")

@@ -21,7 +21,7 @@ from geovp_classic import registry  # noqa: E402
 from geovp_classic.errors import BadData, MissingExtra  # noqa: E402
 from geovp_classic.interfaces import FrameMetric  # noqa: E402
 from geovp_classic.types import ByteArray, FloatArray  # noqa: E402
-from geovp_learned import lpips  # noqa: E402
+from geovp_learned import lpips, lpips_masks  # noqa: E402
 from geovp_learned.lpips import Lpips, Net  # noqa: E402
 
 NETS = get_args(Net)
@@ -253,6 +253,23 @@ def test_features_are_computed_once_for_all_masks_and_the_targets_once_for_all_p
     target = target.copy()
     target[0, 0, 0, 0] ^= 255
     assert metric(noise(3), target)[0] != scores[0][0]  # another target is not mistaken for the one before
+
+
+def test_on_two_threads_the_same_values_come_out(folder: Path) -> None:
+    predicted, target = noise(1, (13, 32, 40, 3)), noise(2, (13, 32, 40, 3))
+    masks = [None, np.random.default_rng(0).random((13, 32, 40)) < 0.3]
+    expected = Lpips("alex", folder).over(predicted, target, masks)
+    torch.set_num_threads(2)
+    np.testing.assert_allclose(Lpips("alex", folder).over(predicted, target, masks), expected, rtol=1e-6)
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(1)
+
+
+@pytest.mark.parametrize(("size", "cells"), [(256, 63), (37, 5), (8, 8)])
+def test_masks_are_shared_out_to_cells_as_torch_pools(size: int, cells: int) -> None:
+    rows = torch.rand(1, 4, size)
+    pooled = rows @ lpips_masks._pooling(size, cells).T
+    torch.testing.assert_close(pooled, nn.functional.adaptive_avg_pool1d(rows, cells))
 
 
 def test_frames_that_do_not_fit_are_refused(folder: Path) -> None:

@@ -129,7 +129,7 @@ def test_settings_that_train_nothing_are_refused() -> None:
         SynSinTraining(views=0)
 
 
-@pytest.mark.parametrize("name", ["synsin-tiny", "synsin-small", "synsin-thesis"])
+@pytest.mark.parametrize("name", ["synsin-tiny", "synsin-small", "synsin-thesis", "synsin-published-tiny"])
 def test_configs_that_come_with_the_package_are_sound(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

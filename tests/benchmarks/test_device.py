@@ -1,0 +1,71 @@
+"""`device` of a matrix and `--device`: every network is built for it, rows say it, and the protocol stays the same."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from geovp_benchmarks import cli, matrix
+from geovp_benchmarks.prediction_request import PredictionRequest
+from geovp_classic.errors import BadData
+
+pytest.importorskip("torch", reason="torch is not installed: devices need the extra 'learned'")
+
+MATRIX = """
+[protocol]
+dataset = { name = "synthetic", num_clips = 1 }
+num_past = 3
+num_future = 2
+size_px = [64, 64]
+stride = 10
+device = "auto"
+
+[predictors]
+svg = "svg"
+
+[metrics]
+frame = ["psnr", { name = "lpips", weights = "nowhere.npz" }]
+trajectory = []
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "one.toml"
+    path.write_text(MATRIX.replace('device = "auto"\n', ""))
+    return path
+
+
+def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(file: Path, tmp_path: Path) -> None:
+    told = {}
+    for device in ("cpu", "auto"):
+        out = tmp_path / device
+        cli.main(["run", str(file), "--out", str(out), "--no-report", "--device", device])
+        told[device] = json.loads((out / "protocol.json").read_text())
+        cell = json.loads((out / "svg/cell.json").read_text())
+        assert cell["status"] == "done"
+        assert cell["components"]["predictor"]["device"] in ("cpu", "cuda")
+        assert "parameters on " in cell["about"][0]
+    assert told["cpu"]["metrics"]["lpips"]["device"] == "cpu"
+    assert "device" not in told["cpu"]["metrics"]["psnr"]
+    assert told["cpu"]["id"] == told["auto"]["id"]
+    assert cli.main(["score", str(tmp_path / "cpu"), "--device", "cpu", "--out", str(tmp_path / "again")]) == 0
+
+
+def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", str(file), "--device", "cuda:99"]) == 2
+    assert "predictors.svg: device 'cuda:99' cannot be used" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(["run", str(file), "--device", "abacus"])
+    with pytest.raises(BadData, match="--predictor: device 'cuda:99' cannot be used"):
+        PredictionRequest(Path("clip.mp4"), predictor="svg", device="cuda:99").build()
+
+
+def test_the_file_names_a_device_and_the_command_line_another(file: Path) -> None:
+    file.write_text(MATRIX)
+    read = matrix.read(file)
+    assert (read.device, read.with_device(None).device, read.with_device("cpu").device) == ("auto", "auto", "cpu")
+    assert matrix.Matrix.from_json(read.to_json()) == read
+    file.write_text(MATRIX.replace('"auto"', '"abacus"'))
+    with pytest.raises(BadData, match=r"protocol\.device is 'abacus', expected cpu, cuda, cuda:N or auto"):
+        matrix.read(file)

@@ -1,0 +1,201 @@
+"""The published variant against the channels and layers of the authors' repository, written out as numbers here."""
+
+import dataclasses
+import hashlib
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from geovp_classic.errors import BadData, MissingExtra
+from geovp_classic.types import Clip, Grant
+from geovp_learned import checkpoints, training_config, vgg
+from geovp_learned.synsin import losses, pairs
+from geovp_learned.synsin.network import Architecture
+from geovp_learned.synsin.published import PublishedGenerator
+from geovp_learned.synsin.renderer import SynSin
+from geovp_learned.synsin.splatting import Splatter
+from geovp_learned.synsin.train import SynSinTraining
+
+FEATURE_CHANNELS = (3, 32, 32, 32, 64, 64, 64, 64, 64)
+REFINEMENT_CHANNELS = (64, 64, 128, 256, 256, 128, 128, 128, 3)
+RESAMPLED_BLOCKS = (1, 2, 4, 5)  # two halve, two double
+DOWN = (3, 32, 64, 128, 256, 256, 256, 256, 256)
+UP = ((256, 256), (512, 256), (512, 256), (512, 256), (512, 128), (256, 64), (128, 32), (64, 1))
+
+
+def numbers_of_blocks(channels: tuple[int, ...], resampled: tuple[int, ...] = ()) -> int:
+    total = 0
+    for index, (a, b) in enumerate(pairwise(channels)):
+        total += 9 * a * b + b + 9 * b * b + b  # two 3x3 convolutions
+        total += 2 * 20 * (a + b)  # gain and bias of two normalisations from 20 numbers of noise
+        total += a * b + b if a != b or index in resampled else 0  # 1x1 beside them
+    return total
+
+
+@pytest.fixture(scope="module")
+def networks() -> dict[str, nn.Module]:
+    torch.manual_seed(0)
+    return {name: network.eval() for name, network in SynSinTraining(Architecture("published")).build().items()}
+
+
+@pytest.fixture(scope="module")
+def tiny() -> SynSinTraining:
+    method = training_config.settings("synsin", Path("synsin-published-tiny"))[0]
+    assert isinstance(method, SynSinTraining)
+    return method
+
+
+def count(network: nn.Module) -> int:
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+def test_one_setting_gives_the_papers_layers(networks: dict[str, nn.Module]) -> None:
+    generator = networks["generator"]
+    assert isinstance(generator, PublishedGenerator)
+    assert count(generator.feature_network) == numbers_of_blocks(FEATURE_CHANNELS) == 431_064
+    assert count(generator.refinement_network) == numbers_of_blocks(REFINEMENT_CHANNELS, RESAMPLED_BLOCKS)
+    convolutions = sum(16 * a * b + b for a, b in pairwise(DOWN)) + sum(9 * a * b + b for a, b in UP)
+    normalised = sum(DOWN[2:-1]) + sum(b for _, b in UP[:-1])  # not the U-Net's first, innermost and last layer
+    assert count(generator.depth_network) == convolutions + 2 * normalised
+    scale = (48 * 64 + 64) + 16 * (64 * 128 + 128 * 256 + 256 * 512) + (16 * 512 + 1)  # no bias before a normalisation
+    assert count(networks["discriminator"]) == 2 * scale
+
+
+def test_sizes_within_the_networks_are_the_papers(networks: dict[str, nn.Module]) -> None:
+    generator = networks["generator"]
+    sizes: list[tuple[int, ...]] = []
+    note: Callable[..., None] = lambda _, __, output: sizes.append(tuple(output.shape[1:]))  # noqa: E731
+    watched = [*generator.refinement_network.blocks, *generator.depth_network.down]
+    handles = [module.register_forward_hook(note) for module in watched]
+    with torch.no_grad():
+        generator.refinement_network(torch.rand(1, 64, 256, 256), torch.zeros(1, generator.noise_size))
+        inverse_depths = generator.depth_network(torch.rand(1, 3, 256, 256))
+    for handle in handles:
+        handle.remove()
+    sides = (256, 128, 64, 64, 128, 256, 256, 256)
+    assert sizes[:8] == [(c, side, side) for c, side in zip(REFINEMENT_CHANNELS[1:], sides, strict=True)]
+    assert sizes[8:] == [(c, 256 >> k, 256 >> k) for k, c in enumerate(DOWN[1:], 1)]  # down to 1x1
+    assert 1 / 60 < float(inverse_depths.min()) <= float(inverse_depths.max()) < 1 / 5  # about 20 m before training
+
+
+def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(tiny: SynSinTraining, clip: Clip) -> None:
+    generator = tiny.build()["generator"].eval()
+    frames, camera = torch.rand(1, 3, 34, 30), pairs.intrinsics_tensor(clip.intrinsics)
+    one, other = (generator.encode(frames, c, torch.zeros(1, generator.noise_size)) for c in (camera, 2 * camera))
+    assert one.features.shape == (1, 34 * 30, 8)  # learned ones alone
+    torch.testing.assert_close(one.inverse_depths, other.inverse_depths)
+    splatters: list[Splatter] = []
+    splat, maps = generator.splat, []
+    generator.splat = lambda *given: (splatters.append(given[-1]), splat(*given))[1]
+    generator.refinement_network.register_forward_hook(lambda _, given, __: maps.append(given[0]))
+    away = torch.eye(4)[None]
+    away[0, 0, 3] = 1e4  # everything leaves the image
+    images = generator.render(one, away, camera, (34, 30), torch.zeros(1, generator.noise_size))
+    assert splatters == [Splatter(radius_px=34 * 4 / 256, points_per_pixel=128, sharpness=1.0, blending="alpha")]
+    assert not maps[0].any()
+    assert not images.opacities.any()
+    assert images.frames.shape == (1, 3, 34, 30)
+    assert (images.frames - 0.5).abs().max() <= 0.5  # a tanh, not the frame with corrections
+
+
+def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
+    tiny: SynSinTraining, clip: Clip, tmp_path: Path
+) -> None:
+    networks, examples = tiny.build(), tiny.examples([clip], training=True)
+    before = [{name: p.clone() for name, p in network.named_parameters()} for network in networks.values()]
+    optimisers, rng = tiny.optimisers(networks), np.random.default_rng(0)
+    for step in range(2):
+        for turn, parts in tiny.training_step(networks, tiny.batch(examples, [0, 1], rng), step):
+            optimisers[turn].zero_grad()
+            parts["total"].backward()
+            optimisers[turn].step()
+    for network, old in zip(networks.values(), before, strict=True):
+        still = [name for name, p in network.named_parameters() if torch.equal(p, old[name])]
+        assert not [name for name in still if "bias" not in name]  # of those before a normalisation it does not matter
+    file = tmp_path / "published.safetensors"
+    checkpoints.write(file, "synsin", tiny, {"generator": networks["generator"]}, {})
+    context, target = clip.split(6, Grant.FUTURE_POSES | Grant.PAST_POSES)
+    assert target.trajectory is not None
+    renderer = SynSin(checkpoint=file)
+    assert renderer.input_note.startswith("published variant; ")
+    first, second = (
+        renderer.reconstruct(context, context.past).view(
+            target.trajectory.world_from_cam, target.trajectory.times_s, clip.intrinsics
+        )
+        for _ in range(2)
+    )
+    assert first.frames.shape == (4, 32, 32, 3)
+    np.testing.assert_array_equal(first.frames, second.frames)  # noise is drawn from the seed
+
+
+def test_settings_of_the_other_variant_are_refused() -> None:
+    with pytest.raises(BadData, match="variant 'published' has its own noise_size: leave it out"):
+        Architecture("published", noise_size=8)
+    with pytest.raises(BadData, match="has its own splatter"):
+        Architecture("published", splatter=Splatter(radius_px=2.0))
+
+
+@pytest.fixture
+def vgg_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
+    """VGG-19 with two channels a layer, in a file that passes for the real one."""
+    network = nn.Sequential(*(nn.Identity() for _ in range(30)))
+    torch.manual_seed(0)
+    for index, layer in enumerate([0, 2, 5, 7, 10, 12, 14, 16, 19, 21, 23, 25, 28]):
+        network[layer] = nn.Conv2d(3 if index == 0 else 2, 2, 3, padding=1)
+    weights = {f"features.{name}": tensor for name, tensor in network.state_dict().items()}
+    file = tmp_path / "vgg.pth"
+    torch.save({**weights, "classifier.0.weight": torch.zeros(1)}, file)
+    monkeypatch.setenv(vgg.WEIGHTS_VARIABLE, str(file))
+    monkeypatch.setattr(vgg, "SHA256", hashlib.sha256(file.read_bytes()).hexdigest())
+    return weights
+
+
+def test_content_is_compared_in_five_layers_of_vgg(vgg_weights: dict[str, Tensor]) -> None:
+    frames = torch.rand(2, 2, 3, 32, 32, generator=torch.Generator().manual_seed(0))
+    shares, stages, expected = iter((1 / 32, 1 / 16, 1 / 8, 1 / 4, 1)), (0, 5, 10, 19, 28), 0.0
+    now = 2 * frames.flatten(0, 1) - 1
+    for layer in range(29):
+        if layer in (4, 9, 18, 27):
+            now = nn.functional.max_pool2d(now, 2)
+        if f"features.{layer}.weight" in vgg_weights:
+            kernel, bias = (vgg_weights[f"features.{layer}.{part}"] for part in ("weight", "bias"))
+            now = nn.functional.conv2d(now, kernel, bias, padding=1).relu()
+        if layer in stages:
+            expected += next(shares) * float((now[:2] - now[2:]).abs().mean())
+    given = frames[0].requires_grad_()
+    loss = losses.content_loss(given, frames[1], "vgg19")
+    assert float(loss.detach()) == pytest.approx(expected, rel=1e-5)
+    loss.backward()
+    assert given.grad is not None
+    assert given.grad.abs().max() > 0
+
+
+def test_weights_that_are_missing_or_others_are_said_in_one_sentence(
+    vgg_weights: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    frame = torch.zeros(1, 3, 32, 32)
+    monkeypatch.setattr(vgg, "SHA256", "0" * 64)
+    with pytest.raises(MissingExtra, match=r"has SHA-256 \w{8}\.\.\., expected 00000000\.\.\.: name torchvision's"):
+        vgg.content_loss(frame, frame)
+    monkeypatch.setenv(vgg.WEIGHTS_VARIABLE, str(tmp_path / "none.pth"))
+    with pytest.raises(MissingExtra, match=r"none\.pth cannot be read \(No such file or directory\)"):
+        vgg.content_loss(frame, frame)
+    monkeypatch.delenv(vgg.WEIGHTS_VARIABLE)
+    with pytest.raises(MissingExtra, match=f"set {vgg.WEIGHTS_VARIABLE} to torchvision's vgg19-dcbb9e9d.pth"):
+        vgg.content_loss(frame, frame)
+
+
+def test_the_recipe_is_the_papers() -> None:
+    method = training_config.settings("synsin", Path("synsin-published-thesis"))[0]
+    assert isinstance(method, SynSinTraining)
+    assert method.architecture == Architecture("published")
+    assert method.content_net == "vgg19"
+    assert dataclasses.asdict(method.weights) == {
+        **{"colour": 2.0, "content": 10.0, "adversarial": 1.0, "feature_matching": 40.0},
+        **{"depth": 0.0, "reprojection": 0.0, "roughness": 0.0},
+    }

@@ -1,0 +1,113 @@
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: the adapter needs the extra 'learned'")
+from safetensors.torch import save_file  # noqa: E402
+from torch import Tensor, nn  # noqa: E402
+
+from geovp_benchmarks import built_matrix, cli  # noqa: E402
+from geovp_benchmarks.store import Results  # noqa: E402
+from geovp_classic import contracts, registry  # noqa: E402
+from geovp_classic.contracts import street  # noqa: E402
+from geovp_classic.errors import BadData  # noqa: E402
+from geovp_classic.types import Grant  # noqa: E402
+from geovp_learned.adapter import TorchPredictor  # noqa: E402
+
+
+class Darker(nn.Module):
+    """Two more images, each with half the light of the one before, and noise."""
+
+    def __init__(self, noise: float) -> None:
+        super().__init__()
+        self.share, self.noise = nn.Parameter(torch.tensor(0.5)), noise
+
+    def forward(self, images: Tensor) -> Tensor:
+        last = images[:, -1] + self.noise * torch.randn(1)
+        return torch.stack([self.share * last, self.share**2 * last], dim=1)
+
+
+@dataclass(frozen=True)
+class Dusk(TorchPredictor):
+    noise: float = 0.0
+
+    def network(self) -> nn.Module:
+        return Darker(self.noise)
+
+
+@dataclass(frozen=True)
+class Sideways(TorchPredictor):
+    def network(self) -> nn.Module:
+        return nn.Flatten()
+
+
+def test_a_network_goes_on_from_its_own_images_as_long_as_is_asked_for() -> None:
+    context, _ = street.clip().split(7, Grant.NONE)
+    frames = Dusk().predict(context).frames  # three steps from a network that makes two at a time
+    assert frames.shape == (1, 3, *context.frames.shape[1:])
+    for step, frame in enumerate(frames[0], 1):
+        np.testing.assert_allclose(frame, context.frames[-1] / 2**step, atol=0.51)
+
+
+def test_samples_differ_and_the_first_do_not_depend_on_how_many_follow() -> None:
+    context, _ = street.clip().split(7, Grant.NONE)
+    torch.manual_seed(5)
+    expected = torch.rand(1)
+    torch.manual_seed(5)
+    three, one = (Dusk(noise=0.1, num_past=2).predict(context, count).frames for count in (3, 1))
+    assert torch.equal(torch.rand(1), expected)  # the caller's random numbers go on as they were
+    np.testing.assert_array_equal(three[:1], one)
+    assert not np.array_equal(three[0], three[1])
+    assert not np.array_equal(one, Dusk(noise=0.1, num_past=2, seed=1).predict(context).frames)
+
+
+@pytest.mark.parametrize("suffix", ["safetensors", "pt"])
+def test_weights_are_read_and_identified(suffix: str, tmp_path: Path) -> None:
+    context, _ = street.clip().split(7, Grant.NONE)
+    file, state = tmp_path / f"weights.{suffix}", {"share": torch.tensor(1.0)}
+    save_file(state, file) if suffix == "safetensors" else torch.save(state, file)
+    predictor = Dusk(checkpoint=file)
+    np.testing.assert_array_equal(predictor.predict(context).frames[0, 2], context.frames[-1])
+    assert len(predictor.fingerprint) == 12
+    with pytest.raises(BadData, match="expected 123456789abc: give the weights that are asked for"):
+        Dusk(checkpoint=file, fingerprint="123456789abc")
+    file.write_bytes(b"nothing of use")
+    with pytest.raises(BadData, match=r"is no state dict|is not a whole safetensors file"):
+        Dusk(checkpoint=file).predict(context)
+
+
+def test_images_of_another_shape_are_refused() -> None:
+    context, _ = street.clip().split(7, Grant.NONE)
+    with pytest.raises(BadData, match=r"Flatten gives images \[1, \d+\], expected \[1, 1 or more, 3, "):
+        Sideways().predict(context)
+    with pytest.raises(BadData, match="num_past is -1"):
+        Dusk(num_past=-1)
+
+
+def test_it_keeps_the_contract_and_joins_a_matrix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known, own = registry._entry_points("predictors"), EntryPoint("dusk", f"{__name__}:Dusk", "geovp.predictors")
+    found = registry._entry_points
+    both = {**known, "dusk": own}
+    monkeypatch.setattr(registry, "_entry_points", lambda role: both if role == "predictors" else found(role))
+    monkeypatch.setattr(EntryPoint, "load", lambda self: Dusk if self is own else LOAD(self))
+    assert [finding.detail for finding in contracts.check("predictors", Dusk()) if not finding.passed] == []
+    built_matrix.build_matrix.cache_clear()
+    (tmp_path / "dusk.toml").write_text(
+        '[protocol]\ndataset = { name = "synthetic", num_clips = 1 }\nnum_past = 3\nnum_future = 2\n'
+        'size_px = [32, 32]\nstride = 10\ndevice = "auto"\n[predictors]\ndusk = { name = "dusk", noise = 0.1 }\n'
+        '[metrics]\nframe = ["psnr"]\ntrajectory = []\n'
+    )
+    out = tmp_path / "out"
+    assert cli.main(["run", str(tmp_path / "dusk.toml"), "--out", str(out), "--no-report"]) == 0
+    built_matrix.build_matrix.cache_clear()
+    cell = Results(out).cell("dusk")
+    assert cell is not None
+    assert cell.status == "done"
+    assert cell.components["predictor"]["noise"] == 0.1
+    assert cell.components["predictor"]["device"] in ("cpu", "cuda")
+
+
+LOAD = EntryPoint.load

@@ -1,0 +1,48 @@
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed: devices need the extra 'learned'")
+
+from geovp_classic import registry  # noqa: E402
+from geovp_classic.errors import BadData  # noqa: E402
+from geovp_learned import devices  # noqa: E402
+
+
+@pytest.mark.parametrize(("is_there", "expected"), [(True, "cuda"), (False, "cpu")])
+def test_auto_is_a_gpu_where_there_is_one(is_there: bool, expected: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: is_there)
+    assert devices.resolved("auto") == expected
+
+
+@pytest.mark.parametrize("device", ["abacus", "cuda:99"])
+def test_a_device_that_is_not_here_is_refused_in_one_sentence(device: str) -> None:
+    with pytest.raises(BadData, match=rf"device '{device}' cannot be used \(.*\): give 'cpu' or 'auto'"):
+        devices.resolved(device)
+
+
+def test_learned_parts_say_what_they_compute_on() -> None:
+    with registry.defaults(device="auto"):
+        chained = registry.build("pose_sources", {"name": "chained", "odometry": "deepvo", "forecaster": "hold"})
+    here = "cuda" if torch.cuda.is_available() else "cpu"
+    assert chained.odometry.device == registry.describe(chained)["odometry"]["device"] == here
+    assert f"parameters on {here}" in chained.odometry.weights_note
+
+
+def test_what_a_part_says_itself_comes_first() -> None:
+    with registry.defaults(device="abacus"):
+        assert registry.build("predictors", {"name": "svg", "device": "cpu"}).device == "cpu"
+        assert registry.describe(registry.build("predictors", "copy-last")) == {"name": "copy-last"}  # it has none
+        with pytest.raises(BadData, match=r"frame_metrics: device 'abacus' cannot be used"):
+            registry.build("frame_metrics", "lpips")
+    assert registry.build("frame_metrics", "lpips").device is None  # as in results of before
+
+
+def test_tasks_run_on_one_thread_each_and_the_number_of_threads_stays() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        assert devices.on_one_thread_each(lambda task: (task, torch.get_num_threads()), range(5)) == [
+            (task, 1) for task in range(5)
+        ]
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
