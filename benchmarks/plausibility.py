@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from geovp_classic.geometry import se3
+from geovp_classic.odometry.speed_prior import LEAST_SPREAD
 from geovp_classic.types import Context, Motion, Views
 
 MIN_TRACKED_SHARE = 0.7
@@ -65,7 +66,10 @@ def warnings(context: Context, motion: Motion, share: float | None) -> list[str]
     if angle_deg is not None and angle_deg > MAX_OFF_AXIS_DEG:
         travels = f"the camera travels {angle_deg:.0f} degrees off its optical axis"
         found.append(f"{travels}: unless it is mounted like that, the principal point is wrong")
-    if context.camera_height_m is not None and not motion.past.is_metric:
+    uncertainty = motion.past.scale_uncertainty or 0.0
+    if uncertainty >= LEAST_SPREAD:
+        found.append(f"no road was found below the camera: scale from a prior of driving speeds, +- {uncertainty:.0%}")
+    elif context.camera_height_m is not None and not motion.past.is_metric:
         found.append("no road was found below the camera, so lengths are not in metres in spite of --camera-height")
     if stands(motion):
         found.append("the camera stands still: the prediction does too, and there is no cloud.ply")

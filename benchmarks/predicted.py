@@ -90,6 +90,7 @@ class Predicted:
             "frames": {"first": self.first, "observed": self.context.num_past, "predicted": self.context.num_future},
             "tracked_frames": None if motion is None else int(motion.tracked.sum()),
             "is_metric": motion is not None and motion.past.is_metric,
+            "scale_uncertainty": motion and motion.past.scale_uncertainty,
             "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "warnings": self.warnings,
@@ -105,6 +106,8 @@ class Predicted:
         lines = [f"camera: {source}, focal length {focal_px:.1f} px{sure}, {fov_deg:.0f} degrees wide"]
         if motion is not None:
             unit = "metres" if motion.past.is_metric else "an unknown unit (--camera-height gives metres)"
+            if motion.past.scale_uncertainty is not None:
+                unit += f" +- {motion.past.scale_uncertainty:.0%}"
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
         means = [f"{name} {np.mean(values):.3f}" for name, values in self.scores.items()]

@@ -22,6 +22,7 @@ CELL_MAY_HAVE |= {"peak_memory_mb": NUMBER, "peak_is_own": bool}
 POSES = {"world_from_cam": ("f", 3), "past": ("f", 3), "futures": ("f", 4)}
 TIMES = {"times_s": ("f", 1), "past_times_s": ("f", 1), "is_metric": ("b", 0)}
 PREDICTION = {"frames": ("u1", 5), "covered": ("b", 4), "tracked": ("b", 1), **POSES, **TIMES}
+PREDICTION |= {"scale_uncertainty": ("f", 0)}
 CLIP = {"frames": ("u1", 4), "intrinsics": ("f", 1), "depths": ("f", 3), "moving": ("b", 3), **POSES, **TIMES}
 CLIP |= {"camera_height_m": ("f", 0)}
 

@@ -244,6 +244,8 @@ class Results:
             past = prediction.motion.past
             arrays |= {"past": past.world_from_cam, "past_times_s": past.times_s, "is_metric": past.is_metric}
             arrays |= {"futures": prediction.motion.futures, "tracked": prediction.motion.tracked}
+            if past.scale_uncertainty is not None:
+                arrays["scale_uncertainty"] = past.scale_uncertainty
         _write_npz(self.root / cell / "predictions" / _file(clip), arrays)
 
     def write_clip(self, clip: Clip) -> None:
@@ -325,7 +327,8 @@ def _part(path: Path) -> Part | None:
 def _motion(arrays: Mapping[str, Any]) -> Motion | None:
     if "futures" not in arrays:
         return None
-    past = Trajectory(arrays["past"], arrays["past_times_s"], bool(arrays["is_metric"]))
+    uncertainty = float(arrays["scale_uncertainty"]) if "scale_uncertainty" in arrays else None
+    past = Trajectory(arrays["past"], arrays["past_times_s"], bool(arrays["is_metric"]), uncertainty)
     return Motion(past, arrays["futures"], arrays["tracked"])
 
 

@@ -51,6 +51,18 @@ class ScaleEstimator(Protocol):
         """How well the unit is known, from 0 (not at all) to 1."""
         ...
 
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the unit; infinite while unknown."""
+        ...
+
+    def settle(self, length: float, duration_s: float) -> None:
+        """The clip is over: so long a path, in units of the odometry, took so many seconds.
+
+        Where nothing could be measured the unit may be assumed from that.
+        """
+        ...
+
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry.
 

@@ -110,11 +110,15 @@ class Trajectory(_ShortRepr):
     world_from_cam: FloatArray  # [T, 4, 4]
     times_s: FloatArray  # [T], increasing
     is_metric: bool  # True: lengths are metres; False: an unknown but constant unit
+    scale_uncertainty: float | None = None  # relative standard deviation of these metres, where they were estimated
 
     def __post_init__(self) -> None:
         """Raise BadData unless poses are finite and rigid and times increase."""
         _store(self, "world_from_cam", _rigid("world_from_cam", self.world_from_cam))
         _store(self, "times_s", _times("times_s", self.times_s, self.world_from_cam.shape[0]))
+        uncertainty = self.scale_uncertainty
+        if uncertainty is not None and not (self.is_metric and 0 <= uncertainty < np.inf):
+            raise BadData(f"scale_uncertainty is {uncertainty}, expected 0 or more of a metric trajectory, else None")
 
     def __len__(self) -> int:
         """T, the number of steps."""
@@ -122,14 +126,14 @@ class Trajectory(_ShortRepr):
 
     def __getitem__(self, steps: slice | BoolArray) -> Trajectory:
         """The steps of a slice or a mask [T], in the same world frame."""
-        return Trajectory(self.world_from_cam[steps].copy(), self.times_s[steps].copy(), self.is_metric)
+        return replace(self, world_from_cam=self.world_from_cam[steps].copy(), times_s=self.times_s[steps].copy())
 
     def then(self, later: Trajectory) -> Trajectory:
         """These steps followed by later ones of the same world frame and unit."""
         if self.is_metric != later.is_metric:
             raise BadData("a metric and a scale-free trajectory cannot be joined: give both the same unit")
         poses = np.concatenate([self.world_from_cam, later.world_from_cam])
-        return Trajectory(poses, np.concatenate([self.times_s, later.times_s]), self.is_metric)
+        return replace(self, world_from_cam=poses, times_s=np.concatenate([self.times_s, later.times_s]))
 
 
 @dataclass(frozen=True, repr=False)

@@ -95,6 +95,24 @@ class FinalDisplacement:
         return _at_last_step(len(target), TranslationError()(predicted, target)[-1])
 
 
+@dataclass(frozen=True)
+class ScaleUncertainty:
+    """The predictor's own relative standard deviation of its metres: what errors in metres rest on.
+
+    0 for metres that are given, NaN without metres.
+    """
+
+    unit: ClassVar[str] = "%"
+    higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
+
+    def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
+        """Per cent [F], the same at every step; BadData when the trajectories are not of the same instants."""
+        _check_instants(predicted, target)
+        percent = 100 * (predicted.scale_uncertainty or 0.0) if predicted.is_metric else np.nan
+        return np.full(len(target), percent)
+
+
 def relative_to_last_observed(
     past: Trajectory,
     futures: FloatArray,  # [F, 4, 4], world_from_cam in the past's world frame and unit
@@ -102,7 +120,7 @@ def relative_to_last_observed(
 ) -> Trajectory:
     """The futures as seen from the last observed camera: a world frame that any prediction shares with the truth."""
     last_from_world = se3.inverse(past.world_from_cam[-1])
-    return Trajectory(last_from_world @ futures, times_s, past.is_metric)
+    return Trajectory(last_from_world @ futures, times_s, past.is_metric, past.scale_uncertainty)
 
 
 def _target_from_predicted(predicted: Trajectory, target: Trajectory) -> FloatArray:

@@ -65,7 +65,8 @@ class Monocular:
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory [P] and which steps were tracked [P]; Incompatible when the clip lacks what it needs.
 
-        The trajectory is metric when the scale is and could be found, or when the camera never moved.
+        The trajectory is metric when the scale is and could be found or assumed, or when the camera never moved; its
+        `scale_uncertainty` says how well it is known.
         """
         view, all_times_s = _view(context, self.frames), context.times_s[: context.num_past]
         kept = frame_screening.usable(view.frames)
@@ -87,12 +88,13 @@ class Monocular:
             if tracked[now] and tracked[before]:
                 before_from_now = se3.inverse(poses[before]) @ poses[now]
                 estimator.update(greys[before], greys[now], before_from_now, tracker.radial.mean)
+        estimator.settle(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
         poses[:, :3, 3] *= estimator.unit
         found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
         marks = np.zeros(len(kept), dtype=bool)
         found[kept], marks[kept] = poses, tracked
         found = frame_screening.bridged(found, all_times_s, kept)
-        return _trajectory(found, all_times_s, self.scale.is_metric, estimator.confidence), marks
+        return _trajectory(found, all_times_s, self.scale.is_metric, estimator.uncertainty), marks
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
         """A tracker for images that come one by one."""
@@ -118,7 +120,7 @@ class Monocular:
             poses.append(settled)
             marks.append(tracked)
         settled, tracked = stream.take_final(all_of_them=True)
-        trajectory = _trajectory(np.concatenate([*poses, settled]), times_s, self.scale.is_metric, stream.confidence)
+        trajectory = _trajectory(np.concatenate([*poses, settled]), times_s, self.scale.is_metric, stream.uncertainty)
         return trajectory, np.concatenate([*marks, tracked])
 
 
@@ -139,6 +141,11 @@ class Stream:
     def confidence(self) -> float:
         """Of the scale, from 0 (unknown) to 1."""
         return self._estimator.confidence
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the scale; infinite while unknown."""
+        return self._estimator.uncertainty
 
     @single_threaded_blas
     def push(self, frame: ByteArray, time_s: float) -> Step:
@@ -200,11 +207,15 @@ def _view(context: Context, which: str) -> ExtraView:
     return context.wide
 
 
-def _trajectory(poses: FloatArray, times_s: FloatArray, is_scaled: bool, confidence: float) -> Trajectory:
-    """The trajectory in metres when the scale was found or nothing moved, else with steps of mean length 1."""
-    lengths = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    is_metric = is_scaled and (confidence > 0 or not (lengths > 0).any())
+def _step_lengths(poses: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))
+
+
+def _trajectory(poses: FloatArray, times_s: FloatArray, is_scaled: bool, uncertainty: float) -> Trajectory:
+    """The trajectory in metres when the scale is known or nothing moved, else with steps of mean length 1."""
+    lengths, is_known = _step_lengths(poses), is_scaled and np.isfinite(uncertainty)
+    is_metric = bool(is_known or (is_scaled and not (lengths > 0).any()))
     mean = float(lengths.mean()) if len(lengths) else 0.0
     scaled = poses.copy()
     scaled[:, :3, 3] /= mean if mean > 1e-9 and not is_metric else 1.0
-    return Trajectory(scaled, np.asarray(times_s), is_metric)
+    return Trajectory(scaled, np.asarray(times_s), is_metric, uncertainty if is_known else None)

@@ -1,4 +1,4 @@
-"""Metres per unit of the odometry: from the road and the camera's height above it, or not at all."""
+"""Metres per unit of the odometry: from the road and the camera's height above it, from a prior, or not at all."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from geovp_classic.odometry.road import (
     sample,
     smoothed,
 )
+from geovp_classic.odometry.speed_prior import SpeedPrior
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 
 COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the images while the height is searched, and once it is known
@@ -62,6 +63,8 @@ class GroundPlane:
     Height above the road in units of the odometry, pitch and roll are measured together at every keyframe and smoothed
     over time; the smoothing assumes that the unit drifts by `drift` a keyframe, more while turning, and that one
     measurement has an error of `error`, more while turning, because then the road ahead is not the one driven on.
+    Where no road is found in a clip, its mean speed is assumed from `prior`, and the trajectory's `scale_uncertainty`
+    is the spread of that; with none the clip has no metres.
     """
 
     drift: float = 0.002
@@ -69,6 +72,7 @@ class GroundPlane:
     error: float = 0.06
     error_per_rad: float = 12.0
     wobble_rad: float = 0.02  # of pitch and roll from image to image
+    prior: SpeedPrior | None = field(default_factory=SpeedPrior)
 
     @property
     def needs(self) -> Grant:
@@ -96,6 +100,10 @@ class UnitScale:
 
     unit: float = 1.0
     confidence: float = 0.0
+    uncertainty: float = np.inf
+
+    def settle(self, length: float, duration_s: float) -> None:
+        """Nothing to assume."""
 
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Nothing to learn."""
@@ -140,7 +148,19 @@ class GroundPlaneEstimator:
     @property
     def confidence(self) -> float:
         """From 0 (unknown) to 1: one minus the relative standard deviation of the unit, times five."""
-        return float(np.clip(1 - 5 * np.sqrt(self.variance), 0, 1)) if np.isfinite(self.variance) else 0.0
+        return float(np.clip(1 - 5 * self.uncertainty, 0, 1))
+
+    @property
+    def uncertainty(self) -> float:
+        """Relative standard deviation of the unit; infinite while unknown."""
+        return float(np.sqrt(self.variance))
+
+    def settle(self, length: float, duration_s: float) -> None:
+        """Assume the prior's median speed where no road was found on a path of that length."""
+        prior = self.settings.prior
+        if prior is not None and self.confidence == 0 and length > 0:
+            metres_per_unit = prior.median_m_s * duration_s / length
+            self.log_height, self.variance = float(np.log(self.camera_height_m / metres_per_unit)), prior.spread**2
 
     def restart(self) -> None:
         """The odometry's unit has changed: forget the height, keep pitch and roll."""

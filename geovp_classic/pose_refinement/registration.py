@@ -8,7 +8,7 @@ poses (Triggs 2000). The given poses are the prior, which also fixes the scale.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -18,7 +18,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import frame_screening, pinhole, se3, wide_frames
 from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.pose_refinement.local_bundle import Corners, adjust
-from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
+from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsics, Motion
 
 TALL_PX = 256  # rows of an image up to which windows keep their size
 MAX_CORNERS = 400  # in a square image
@@ -66,7 +66,7 @@ class Registration:
         futures = given[-1] @ se3.compose(
             last_from_cam[..., :3, :3], last_from_cam[..., :3, 3] @ found.direction_correction.T
         )
-        return motion.refined(Trajectory(past, motion.past.times_s, motion.past.is_metric), futures)
+        return motion.refined(replace(motion.past, world_from_cam=past), futures)
 
 
 @dataclass(frozen=True)

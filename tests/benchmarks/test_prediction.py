@@ -1,5 +1,6 @@
 """`geovp predict`: everything is there and can be read back, mistakes get one sentence and leave nothing behind."""
 
+import dataclasses
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +20,7 @@ from geovp_classic import exports
 from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, FloatArray
+from geovp_classic.types import ByteArray, FloatArray, Grant, Motion
 
 CAMERA = street.clip().intrinsics
 INTRINSICS = ["--intrinsics", *map(str, (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px))]
@@ -242,6 +243,15 @@ def test_every_frame_of_a_film_says_what_it_is() -> None:
     assert (film[3, :40, 120:] == 0).all()
 
 
+@pytest.mark.parametrize(("uncertainty", "is_assumed"), [(0.05, False), (0.51, True)])
+def test_an_assumed_scale_is_said(uncertainty: float, is_assumed: bool) -> None:
+    context, _ = street.clip().split(8, Grant.CAMERA_HEIGHT | Grant.PAST_POSES)
+    past = dataclasses.replace(context.past, scale_uncertainty=uncertainty)
+    motion = Motion(past, past.world_from_cam[None, -1:], np.ones(8, bool))
+    said = "no road was found below the camera: scale from a prior of driving speeds, +- 51%"
+    assert (said in plausibility.warnings(context, motion, None)) == is_assumed
+
+
 def test_a_film_of_odd_frames_is_made_even(tmp_path: Path) -> None:
     frames = np.random.default_rng(0).integers(0, 255, (3, 31, 45, 3), np.uint8)
     video.write_mp4(tmp_path / "film.mp4", frames, 29.97)
@@ -260,6 +270,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert about["predictor"]["pose_source"]["name"] == "refined"
     assert {"python", "numpy", "geovp-classic"} <= about["versions"].keys()
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
+    assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
     assert about["photometric_residual"] < 0.5
     seen_two = cv2.imread(str(written / "frames" / "000008.png")), street.clip().frames[8][..., ::-1]
     real = cv2.resize(seen_two[1], (96, 96), interpolation=cv2.INTER_AREA)

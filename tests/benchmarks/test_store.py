@@ -1,5 +1,6 @@
 """What is written comes back, whole or not at all."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,8 @@ def test_a_clip_of_images_alone_comes_back(tmp_path: Path) -> None:
 def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None:
     frames = np.arange(2 * 3 * 4 * 5 * 3, dtype=np.uint8).reshape(2, 3, 4, 5, 3)
     covered = np.ones((2, 3, 4, 5), bool)
-    motion = Motion(trajectory(2), np.tile(np.eye(4), (2, 3, 1, 1)), np.array([True, False]))
+    past = dataclasses.replace(trajectory(2), scale_uncertainty=0.5)
+    motion = Motion(past, np.tile(np.eye(4), (2, 3, 1, 1)), np.array([True, False]))
     results = Results(tmp_path)
     results.write_prediction("x", NAME, Prediction(frames, covered, motion))
     results.write_prediction("y", NAME, Prediction(frames))
@@ -81,6 +83,7 @@ def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None
     assert back.covered is not None
     np.testing.assert_array_equal(back.motion.futures, motion.futures)
     np.testing.assert_array_equal(back.motion.tracked, [True, False])
+    assert back.motion.past.scale_uncertainty == 0.5
     plain = results.prediction("y", NAME)
     assert (plain.covered, plain.motion) == (None, None)
 

@@ -1,6 +1,6 @@
 """The nouns are checked at the door and read-only inside."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -77,6 +77,16 @@ def test_slices_and_joins_keep_the_frame() -> None:
         whole[:2].then(Trajectory(whole.world_from_cam[2:], whole.times_s[2:], False))
     with pytest.raises(BadData, match="not later"):
         whole[3:].then(whole[:3])
+
+
+def test_only_metres_have_an_uncertainty_and_slices_keep_it() -> None:
+    whole = replace(trajectory(4), scale_uncertainty=0.5)
+    assert whole[:2].then(whole[2:]).scale_uncertainty == 0.5
+    for wrong in (-0.1, np.nan, np.inf):
+        with pytest.raises(BadData, match="scale_uncertainty"):
+            replace(whole, scale_uncertainty=wrong)
+    with pytest.raises(BadData, match="of a metric trajectory"):
+        replace(whole, is_metric=False)
 
 
 def test_a_context_shows_only_what_was_granted() -> None:

@@ -37,6 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _add_input(fit, TRAIN)
         fit.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write")
         fit.set_defaults(lines=lines)
+    speeds = verbs.add_parser("fit-speeds", help="driving speeds, for clips in which no road is found")
+    _add_input(speeds, TRAIN)
+    speeds.add_argument("--others", nargs="*", default=VAL.split(), metavar="NN", help="count for the spread alone")
+    speeds.set_defaults(lines=_fit_speeds)
     prior.add_argument(
         "--calibrate", nargs="*", default=VAL.split(), metavar="NN", help="only the regions' size is set on these"
     )
@@ -99,6 +103,16 @@ def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     with chosen.out.open("wb") as stream:
         np.savez(stream, allow_pickle=False, **prior.packed(coefficients))
     yield f"written to {chosen.out}"
+
+
+def _fit_speeds(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_classic.odometry import speed_prior
+
+    drives, others = (read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.others))
+    found = speed_prior.fit(drives, others)
+    yield f"median_m_s = {found.median_m_s:.1f}"
+    yield f"spread = {found.spread:.2f}"
 
 
 def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -1,5 +1,7 @@
 """Pose errors per step: worked numbers, invariances, and what they refuse."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,6 +16,7 @@ from geovp_classic.metrics.trajectory import (
     AverageDisplacement,
     FinalDisplacement,
     RotationError,
+    ScaleUncertainty,
     TranslationError,
     YawError,
     relative_to_last_observed,
@@ -24,6 +27,7 @@ BY_NAME = {
     "translation-error": TranslationError(),
     "rotation-error": RotationError(),
     "yaw-error": YawError(),
+    "scale-uncertainty": ScaleUncertainty(),
     "average-displacement": AverageDisplacement(),
     "final-displacement": FinalDisplacement(),
 }
@@ -54,8 +58,17 @@ def test_it_comes_and_goes_through_the_registry(name: str) -> None:
     assert metric == BY_NAME[name]
     assert isinstance(metric, TrajectoryMetric)
     assert registry.describe(metric) == {"name": name}
-    assert metric.unit in ("m", "deg")
+    assert metric.unit in ("m", "deg", "%")
     assert not metric.higher_is_better
+
+
+def test_what_a_predictor_says_of_its_metres_is_handed_on() -> None:
+    truth = straight(1.0)
+    past = replace(truth, scale_uncertainty=0.5)
+    predicted = relative_to_last_observed(past, truth.world_from_cam, truth.times_s)
+    np.testing.assert_allclose(ScaleUncertainty()(predicted, truth), 50.0)
+    np.testing.assert_array_equal(ScaleUncertainty()(truth, truth), 0.0)
+    assert np.isnan(ScaleUncertainty()(straight(1.0, is_metric=False), truth)).all()
 
 
 def test_translation_error_grows_with_a_wrong_speed() -> None:

@@ -10,7 +10,8 @@ from geovp_classic import interfaces, registry
 from geovp_classic.errors import BadData, Incompatible, UnknownComponent
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.odometry.scale import UnitSpeed
+from geovp_classic.odometry.scale import GroundPlane, UnitSpeed
+from geovp_classic.odometry.speed_prior import SpeedPrior
 from geovp_classic.types import ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
@@ -41,6 +42,8 @@ def test_a_clip_comes_back_in_metres(
     trajectory, tracked = tracked_straight
     rotation_deg, translation = step_errors(trajectory, straight[1])
     assert trajectory.is_metric
+    assert trajectory.scale_uncertainty is not None
+    assert 0 < trajectory.scale_uncertainty < 0.1
     assert tracked.all()
     assert np.median(rotation_deg) < 0.05
     assert np.median(translation) < 0.02  # of 0.5 m
@@ -61,6 +64,20 @@ def test_without_metres_the_mean_step_is_one(straight: tuple[ByteArray, FloatArr
     np.testing.assert_allclose(lengths, 1, atol=0.05)
 
 
+def test_a_hidden_road_leaves_metres_with_a_stated_spread(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
+    frames = straight[0].copy()
+    frames[:, camera.height_px // 2 + 8 :] = 90  # a bonnet, or a car right ahead, from frame to frame the same
+    trajectory, _ = Monocular().track(context(frames, camera))
+    assert trajectory.is_metric
+    assert trajectory.scale_uncertainty == SpeedPrior().spread
+    lengths = np.linalg.norm(np.diff(trajectory.world_from_cam[:, :3, 3], axis=0), axis=1)
+    assert lengths.sum() / 0.9 == pytest.approx(SpeedPrior().median_m_s)  # the corridor's 5 m/s are within two spreads
+    alone, _ = Monocular(scale=GroundPlane(prior=None)).track(context(frames, camera))
+    assert (alone.is_metric, alone.scale_uncertainty) == (False, None)
+
+
 def test_a_turn_with_sideways_motion(drive: Film, camera: Intrinsics) -> None:
     frames, poses = drive(np.tile([0.1, 0, 0.4, 0, np.radians(1.5), 0], (9, 1)))
     trajectory, tracked = Monocular().track(context(frames, camera))
@@ -75,6 +92,7 @@ def test_standing_still_is_standing_still(straight: tuple[ByteArray, FloatArray]
     np.testing.assert_array_equal(trajectory.world_from_cam, np.tile(np.eye(4), (6, 1, 1)))
     assert tracked.all()
     assert trajectory.is_metric  # nothing moved, in any unit
+    assert trajectory.scale_uncertainty is None
 
 
 def test_turning_on_the_spot_moves_nowhere(drive: Film, camera: Intrinsics) -> None:

@@ -1,17 +1,21 @@
 """Metres from the road: the height of a camera above a plane, found from two images and smoothed over time."""
 
+import os
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geovp_classic import interfaces, registry
-from geovp_classic.errors import Incompatible
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry import road
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.scale import GroundPlane, GroundPlaneEstimator, UnitSpeed
-from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
+from geovp_classic.odometry.speed_prior import LEAST_SPREAD, SpeedPrior, fit
+from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics, Trajectory
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
@@ -142,7 +146,8 @@ def test_what_the_scales_ask_for_and_promise(camera: Intrinsics) -> None:
     assert (GroundPlane().needs, GroundPlane().is_metric) == (Grant.CAMERA_HEIGHT, True)
     assert (UnitSpeed().needs, UnitSpeed().is_metric) == (Grant.NONE, False)
     nothing = UnitSpeed().estimator(camera, None)
-    assert (nothing.unit, nothing.confidence) == (1.0, 0.0)
+    nothing.settle(length=4.0, duration_s=0.9)
+    assert (nothing.unit, nothing.confidence, nothing.uncertainty) == (1.0, 0.0, np.inf)
     with pytest.raises(Incompatible, match="unit-speed"):
         GroundPlane().estimator(camera, None)
 
@@ -152,3 +157,59 @@ def test_scales_come_by_name_and_go_back() -> None:
         scale = registry.build("scales", {"name": name})
         assert isinstance(scale, interfaces.Scale)
         assert registry.build("scales", registry.describe(scale)) == scale
+
+
+def test_a_road_that_is_not_found_leaves_the_prior(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+    estimator = GroundPlane(prior=SpeedPrior(median_m_s=8.0, spread=0.4)).estimator(camera, 1.65)
+    estimator.settle(length=4.0, duration_s=0.9)
+    assert estimator.unit == pytest.approx(8.0 * 0.9 / 4.0)  # 7.2 m for 4 units
+    assert (estimator.uncertainty, estimator.confidence) == (pytest.approx(0.4), 0.0)
+    found = estimator_of(camera)
+    show(found, *straight)
+    unit, uncertainty = found.unit, found.uncertainty
+    found.settle(length=4.0, duration_s=0.9)
+    assert (found.unit, found.uncertainty) == (unit, uncertainty)  # the road says more
+    assert uncertainty < 0.06
+
+
+def test_without_a_prior_or_a_path_nothing_is_assumed(camera: Intrinsics) -> None:
+    for prior, length in ((None, 4.0), (SpeedPrior(), 0.0)):
+        estimator = GroundPlane(prior=prior).estimator(camera, 1.65)
+        estimator.settle(length, duration_s=0.9)
+        assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)
+
+
+def line(speed_m_s: float, num_poses: int = 60) -> Trajectory:
+    times_s = 0.1 * np.arange(num_poses)
+    return Trajectory(se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, 0, 0])), times_s, True)
+
+
+def test_speeds_are_fitted_by_drives_and_spread_over_others() -> None:
+    drives = {"a": line(8.0), "b": line(8.0), "parked": line(0.0)}
+    assert fit(drives, {}).spread == LEAST_SPREAD  # the two agree, but how others drive is not known
+    prior = fit(drives, {"motorway": line(8.0 * np.e, num_poses=500)})
+    assert prior.median_m_s == pytest.approx(8.0)
+    assert prior.spread == pytest.approx(np.sqrt(1 / 3))  # one of three moving sequences is off by 1
+    with pytest.raises(BadData, match="nobody drives"):
+        fit({"parked": line(0.0)}, {})
+
+
+@pytest.mark.parametrize("wrong", [{"median_m_s": 0.0}, {"spread": 0.1}, {"spread": np.nan}])
+def test_a_prior_that_would_pass_for_a_measurement_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(BadData, match=r"spread of 0\.2 or more"):
+        SpeedPrior(**wrong)
+
+
+def test_the_packaged_prior_is_that_of_the_recorded_drives() -> None:
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None or not (Path(root) / "kitti_full_poses").is_dir():
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
+
+    def drives(names: str) -> dict[str, Trajectory]:
+        folder = Path(root) / "kitti_full_poses"
+        times = {name: pose_files.read_times(folder / f"{name}_times.txt") for name in names.split()}
+        return {name: pose_files.read_trajectory(folder / f"{name}.txt", times_s) for name, times_s in times.items()}
+
+    found = fit(drives("00 02 08 09"), drives("01 04"))
+    assert found.median_m_s == pytest.approx(SpeedPrior().median_m_s, abs=0.05)
+    assert found.spread == pytest.approx(SpeedPrior().spread, abs=0.005)

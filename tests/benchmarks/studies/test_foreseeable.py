@@ -1,0 +1,212 @@
+"""What can be foreseen: deviations and noise by hand, learners and cues on scenes whose answer is known."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_benchmarks import cli
+from geovp_benchmarks.progress import no_progress
+from geovp_benchmarks.studies.foreseeable import images, learners, windows
+from geovp_benchmarks.studies.foreseeable.windows import HORIZONS, Windows
+from geovp_classic.contracts import street
+from geovp_classic.data import pose_files
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.ground_plane import GroundPlane
+from geovp_classic.types import FloatArray, Intrinsics, Trajectory
+
+CAMERA = Intrinsics(200.0, 200.0, 127.5, 127.5, 256, 256)
+LEVEL = GroundPlane(np.array([0.0, 1.0, 0.0]), 1.65)
+AHEAD = np.outer(np.arange(21.0), [0.0, 0.0, 1.0])  # 1 m a step
+
+
+def drive(twists: FloatArray) -> Trajectory:
+    """Poses along twists [T, 6] per second, 10 a second."""
+    poses = [np.eye(4)]
+    for twist in twists:
+        poses.append(poses[-1] @ se3.exp(0.1 * twist))
+    return Trajectory(np.stack(poses), 0.1 * np.arange(len(poses)), True)
+
+
+def winding(count: int, seed: int) -> Trajectory:
+    """A drive at 8 m/s whose turn rate is a sine of a period of 6 s."""
+    turn = 0.3 * np.sin(np.arange(count) * 0.1 * 2 * np.pi / 6 + seed)
+    zero = np.zeros(count)
+    return drive(np.stack([zero, zero, np.full(count, 8.0), zero, turn, zero], axis=1))
+
+
+def scene(inverse_depth: FloatArray, ground: GroundPlane = LEVEL) -> images.Scene:
+    return images.Scene(inverse_depth, CAMERA, ground, AHEAD, np.array([0.0, 0.0, 1.0]), 10.0)
+
+
+def test_deviations_are_along_and_across_the_turn_and_over_its_plane() -> None:
+    past = drive(np.tile([0.0, 0, 10, 0, 0, 0], (30, 1)))
+    last = past.world_from_cam[-1]
+    right = np.array([[0.0, 0.0, np.pi / 2]])  # the baseline looks to the right, at the last camera's place
+    pose = last @ se3.exp(np.array([0.5, 0.1, 2.0, 0, 0, 0])) @ se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))
+    found = windows.deviations(pose[None], past, right)[0]
+    # 0.5 m to its right is along the baseline, 2 m ahead is to the baseline's left; 0.1 m lower
+    np.testing.assert_allclose(found, [0.5, -2.0, 0.1, 0, 0, 0], atol=1e-9)
+
+
+def test_a_steady_turn_leaves_nothing_and_a_braking_car_falls_behind() -> None:
+    assert np.abs(windows.read({"a": drive(np.tile([0.0, 0, 8, 0, 0.2, 0], (80, 1)))}, 10).truth).max() < 1e-6
+    speed = np.append(np.full(30, 10.0), 10 - 0.2 * np.arange(1, 30))  # brakes by 2 m/s^2 from the last pose on
+    braking = drive(np.stack([0 * speed, 0 * speed, speed, 0 * speed, 0 * speed, 0 * speed], axis=1))
+    found = windows.read({"a": braking}, 100)
+    assert found.truth[0, :, 0] == pytest.approx([-0.01 * k * (k + 1) for k in HORIZONS])  # 0.02 (1 + ... + k)
+
+
+def test_noise_of_poses_is_found_beside_smooth_motion() -> None:
+    count, deviation = 3000, np.array([0.003, 0.002, 0.004, 3e-4, 1e-4, 5e-4])
+    shaken = windows.with_noise(winding(count, 0), deviation, seed=1)
+    noisy = Trajectory(shaken, 0.1 * np.arange(count + 1), True)
+    np.testing.assert_allclose(windows.pose_noise(noisy), deviation, rtol=0.15)
+    assert windows.pose_noise(winding(count, 0)).max() < 1e-5
+
+
+def test_short_or_impossible_drives_have_no_window() -> None:
+    sliding = np.zeros((80, 6))
+    sliding[np.arange(80) % 20 > 9, 0] = 3.0  # sideways, by jerks
+    for undrivable in (winding(40, 0), drive(sliding)):
+        with pytest.raises(BadData, match="5 s that a car could have driven"):
+            windows.read({"a": undrivable}, 5)
+
+
+@pytest.fixture(scope="module")
+def known() -> Windows:
+    """400 windows of four sequences whose yaw follows the last turn rate and whose roll is chance."""
+    rng = np.random.default_rng(0)
+    twists = rng.standard_normal((400, windows.LONG_STEPS, 6))
+    truth = np.zeros((400, len(HORIZONS), 6))
+    truth[..., 5] = 0.1 * twists[:, -1, 4:5] * HORIZONS
+    truth[..., 4] = rng.standard_normal((400, 1))
+    return Windows(np.repeat(["a", "b", "c", "d"], 100), twists, truth, truth, truth, truth)
+
+
+@pytest.mark.parametrize("learner", [learners.Ridge(), learners.SmallNetwork(num_members=1, epochs=40)])
+def test_learners_explain_what_the_past_tells_and_nothing_else(
+    learner: learners.Ridge | learners.SmallNetwork, known: Windows
+) -> None:
+    answers = learners.held_out(learner, known, ["a", "b"], no_progress)
+    asked = np.isin(known.sequences, ["a", "b"])
+    assert np.isnan(answers[~asked]).all()
+    yaw, roll = (
+        learners.explained(known.truth[asked, 2, one], answers[asked, 2, one], known.sequences[asked]) for one in (5, 4)
+    )
+    assert yaw.low > 0.6
+    assert roll.mean < 0.05
+
+
+def test_the_asked_sequence_is_not_fitted_to(known: Windows) -> None:
+    other = known.truth.copy()
+    other[known.sequences == "a"] = 7.0
+    changed = Windows(known.sequences, known.twists, other, other, other, other)
+    before, after = (learners.held_out(learners.Ridge(), one, ["a"], no_progress) for one in (known, changed))
+    np.testing.assert_array_equal(before, after)
+
+
+def test_an_explained_share_by_hand() -> None:
+    truth, sequences = np.array([1.0, -1.0, 2.0, -2.0] * 10), np.repeat("a", 40)
+    share = learners.explained(truth, 0.5 * truth, sequences)
+    assert share.mean == pytest.approx(0.75)
+    assert (share.low, share.high) == (pytest.approx(0.75), pytest.approx(0.75))  # the same share of all
+    assert learners.explained(truth, -truth, sequences).mean == pytest.approx(-3.0)
+
+
+def test_the_scan_sees_a_wall_on_the_right_and_mirrors() -> None:
+    near = np.zeros((256, 256))
+    near[:, 128:] = 0.1
+    np.testing.assert_allclose(images.scan(scene(near)), 10.0 * 0.1)  # right less left, times 10 m/s
+    np.testing.assert_allclose(images.scan(scene(near[:, ::-1])), -1.0)
+
+
+def test_arcs_keep_clear_of_a_wall_on_the_right() -> None:
+    x = (np.arange(256) - CAMERA.cx_px) / CAMERA.fx_px
+    wall = np.tile(np.clip(x / 1.5, 0, 1), (256, 1))  # x = 1.5 m, inverse depth by column
+    assert images.clearance(scene(wall))[0] < np.radians(-0.3)
+    assert images.clearance(scene(wall[:, ::-1]))[0] > np.radians(0.3)
+    assert images.clearance(scene(np.zeros((256, 256))))[0] == 0
+
+
+def test_tilt_and_profile_of_the_road() -> None:
+    rise, roll = np.radians([2.0, 1.0])
+    up = GroundPlane(np.array([0.0, np.cos(rise), np.sin(rise)]), 1.65)  # its normal leans ahead where the road rises
+    assert images.plane_pitch(scene(np.zeros((256, 256)), up))[0] == pytest.approx(rise)
+    rolled = GroundPlane(np.array([np.sin(roll), np.cos(roll), 0.0]), 1.65)
+    assert images.plane_roll(scene(np.zeros((256, 256)), rolled))[0] == pytest.approx(roll)
+    raised = np.maximum(LEVEL.inverse_depth(CAMERA), 0) * 1.65 / 1.45  # a road 0.2 m higher than the plane
+    heights = images.profile(scene(raised))
+    np.testing.assert_allclose(heights[:5], 0.2, atol=1e-5)
+
+
+def test_a_cue_is_asked_about_blocks_that_it_was_not_fitted_to() -> None:
+    rng, count = np.random.default_rng(0), 400
+    roll = rng.standard_normal((count, 1))
+    residuals = np.zeros((count, len(HORIZONS), 6))
+    residuals[..., 4], residuals[..., 5] = -roll, rng.standard_normal((count, 1))
+    cues = {
+        name: roll + 5.0 if cue.is_centred else rng.standard_normal((count, 1)) for name, cue in images.CUES.items()
+    }
+    starts, sequences = 3 * np.tile(np.arange(count // 2), 2), np.repeat(["a", "b"], count // 2)
+    read = images.CueWindows(cues, residuals, sequences, starts)
+    truth, said = images.held_out(read, "roll of the road's plane")
+    assert learners.explained(truth[:, 4], said[:, 4], sequences).low > 0.8
+    truth, said = images.held_out(read, "clearance of arcs")
+    assert learners.explained(truth[:, 4], said[:, 4], sequences).mean < 0.02
+    assert images.correlations(read, "roll of the road's plane")["a"] == pytest.approx(-1, abs=0.02)
+
+
+def test_the_command_writes_its_page_and_keeps_the_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("01", "02"):
+        recorded = winding(150, int(name))
+        pose_files.write_kitti(tmp_path / f"{name}.txt", recorded)
+        (tmp_path / f"{name}_times.txt").write_text("\n".join(f"{time:.6f}" for time in recorded.times_s))
+    page = tmp_path / "page.md"
+    page.write_text("old\n\n## Notes\n\nStays.\n")
+    words = ["study", "foreseeable", str(tmp_path), "--sequences", "01", "--fit", "01", "02", "--stride", "10"]
+    assert cli.main([*words, "--page", str(page)]) == 0
+    text = page.read_text()
+    assert capsys.readouterr().out.strip() in text
+    assert text.startswith("# What can be foreseen\n\n```sh\ngeovp study foreseeable path/to/poses\n```\n")
+    assert text.endswith("## Notes\n\nStays.\n")
+    rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| yaw:")]
+    assert rows == [f"yaw: {one}" for one in ("constant velocity", *learners.LEARNERS, "motion prior, as shipped")]
+    assert "depth" not in text
+
+
+@pytest.fixture(scope="module")
+def street_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The level street of the contract tests as a KITTI folder of 31 images."""
+    root, clip = tmp_path_factory.mktemp("kitti"), street.clip(31)
+    folder = root / "sequences" / "04"
+    (folder / "image_2").mkdir(parents=True)
+    for number, frame in enumerate(clip.frames):
+        cv2.imwrite(str(folder / "image_2" / f"{number:06d}.png"), frame[..., ::-1])
+    eye = clip.intrinsics
+    row = f"{eye.fx_px} 0 {eye.cx_px} 0 0 {eye.fy_px} {eye.cy_px} 0 0 0 1 0"
+    (folder / "calib.txt").write_text("".join(f"P{camera}: {row}\n" for camera in range(4)))
+    (folder / "times.txt").write_text("\n".join(f"{time:.6f}" for time in clip.times_s))
+    (root / "poses").mkdir()
+    pose_files.write_kitti(root / "poses" / "04.txt", clip.trajectory)
+    return root
+
+
+def test_cues_of_a_level_street(street_root: Path) -> None:
+    read = images.read(street_root, {"04": 128}, 1, no_progress)
+    assert read.starts.tolist() == [0, 1]
+    assert read.residuals.shape == (2, len(HORIZONS), 6)
+    for name in ("pitch of the road's plane", "roll of the road's plane"):
+        assert np.abs(np.degrees(read.cues[name])).max() < 1.0
+    assert np.abs(read.cues["height profile of the road"]).max() < 0.3
+
+
+def test_images_without_poses_are_refused(street_root: Path, tmp_path: Path) -> None:
+    shutil.copytree(street_root / "sequences", tmp_path / "sequences")
+    with pytest.raises(Incompatible, match="no recorded poses to forecast from"):
+        images.read(tmp_path, {"04": 128}, 1, no_progress)
