@@ -29,6 +29,8 @@ DEFAULT_METRICS = {
     "stabilised": [],
 }
 COVERAGE = "coverage"  # the share of pixels that a prediction did not invent; scored without being asked for
+CONFIDENCE = "confidence"  # `Prediction.confidence`, likewise
+UNASKED = (COVERAGE, CONFIDENCE)
 ENTRY_NAME = re.compile(r"[A-Za-z0-9_+=,][A-Za-z0-9_+=,.-]*")
 
 
@@ -245,7 +247,7 @@ def named_specs(value: Any, where: str) -> dict[str, Spec]:
 def _metrics(value: Any, where: str) -> dict[str, Spec]:
     named = named_specs(value, where)
     for name in named:
-        if "@" in name or name == COVERAGE:
+        if "@" in name or name in UNASKED:
             raise BadData(f"{where}: a column cannot be called {name!r}: give another name")
     return named
 

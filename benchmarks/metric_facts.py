@@ -7,17 +7,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from geovp_benchmarks.intervals import UNBOUNDED, Bounds
-from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.matrix import UNASKED
 
 
 def is_directed(metric: str, about: Mapping[str, Any]) -> bool:
-    """Whether one of two values is the better one: not of a share of pixels, whatever older results say."""
-    return metric.partition("@")[0] != COVERAGE and about.get("higher_is_better") is not None
+    """Whether one of two values is the better one: not of coverage and confidence, whatever older results say."""
+    return metric.partition("@")[0] not in UNASKED and about.get("higher_is_better") is not None
 
 
 def bounds(metric: str, about: Mapping[str, Any]) -> Bounds:
     """The lowest and highest value that the metric can have; older results do not say."""
-    if metric == COVERAGE:
+    if metric in UNASKED:
         return 0.0, 1.0
     low, high = about.get("bounds") or (None, None)
     return UNBOUNDED[0] if low is None else float(low), UNBOUNDED[1] if high is None else float(high)

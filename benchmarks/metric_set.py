@@ -10,7 +10,7 @@ import numpy as np
 
 from geovp_benchmarks import metric_facts
 from geovp_benchmarks.components import Failure, build
-from geovp_benchmarks.matrix import COVERAGE, Spec
+from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE, Spec
 from geovp_benchmarks.scoring import Metrics
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -61,9 +61,10 @@ class MetricSet:
             for name, spec in specs.items():
                 entries[name] = {"role": role, "asked": spec, "unavailable": unavailable.get(name)}
                 entries[name] |= _meaning(self.built[name])
-        definition = "share of pixels that were not invented"
-        coverage = {"unit": "", "higher_is_better": None, "definition": definition, "unavailable": None}
-        return {**entries, COVERAGE: {"role": "frame", **coverage, "bounds": [0.0, 1.0]}}
+        shares = {"role": "frame", "unit": "", "higher_is_better": None, "unavailable": None, "bounds": [0.0, 1.0]}
+        entries[COVERAGE] = {**shares, "definition": "share of pixels that were not invented"}
+        definition = "coverage times tracked past frames over all frames up to the step; no probability"
+        return {**entries, CONFIDENCE: {**shares, "definition": definition}}
 
 
 def _meaning(metric: Any) -> dict[str, Any]:

@@ -22,7 +22,16 @@ from geovp_classic.errors import BadData
 
 CLIPS_PER_PART = 2
 KEPT_BY_DEFAULT = 3
-VERSIONS_OF = ("geovp-classic", "numpy", "scipy", "opencv-contrib-python-headless", "open3d", "pycolmap", "torch")
+VERSIONS_OF = (
+    "geovp-classic",
+    "numpy",
+    "scipy",
+    "numba",
+    "opencv-contrib-python-headless",
+    "open3d",
+    "pycolmap",
+    "torch",
+)
 NOT_HASHED = ("with_wide", "with_right")  # follow from the components' needs
 
 

@@ -68,6 +68,12 @@ class Predicted:
         return [*self.camera.warnings, *found]
 
     @cached_property
+    def confidence(self) -> list[float] | None:
+        """What the first sample's frames rest on, per step; see `Prediction.confidence`."""
+        steps = self.prediction.confidence
+        return None if steps is None else [round(float(value), 4) for value in steps[0]]
+
+    @cached_property
     def scores(self) -> dict[str, list[float]]:
         """Per step and metric, the first sample beside the recorded future; without LPIPS where it has no weights."""
         if self.actual is None:
@@ -93,6 +99,7 @@ class Predicted:
             "scale_uncertainty": motion and motion.past.scale_uncertainty,
             "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
+            "confidence": self.confidence,
             "warnings": self.warnings,
             "scores": self.scores,
         }
@@ -110,6 +117,10 @@ class Predicted:
                 unit += f" +- {motion.past.scale_uncertainty:.0%}"
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
+        if self.confidence is not None:
+            lines.append(
+                f"confidence: {self.confidence[0]:.2f} at the first step, {self.confidence[-1]:.2f} at the last"
+            )
         means = [f"{name} {np.mean(values):.3f}" for name, values in self.scores.items()]
         lines += (
             [f"scores: {', '.join(means)}, means over {len(self.actual)} recorded frames"]

@@ -12,6 +12,7 @@ from geovp_benchmarks.store import Cell
 DIGITS = 8
 SHARED = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")
 NOT_COUNTED = ("root", "with_wide", "with_right")  # a data set is the same in another folder; views follow from needs
+NOT_COMPARED = ("confidence",)  # of what a prediction rests on, not of how good it is; older results lack it
 OF_A_METRIC = ("asked", "unit", "definition")
 
 
@@ -24,7 +25,9 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
     """A short id of a protocol.json: another one when data set, clips, frames, sizes or metric definitions differ."""
     dataset = {key: value for key, value in protocol["dataset"].items() if key not in NOT_COUNTED}
     metrics = {
-        name: {key: about[key] for key in OF_A_METRIC if key in about} for name, about in protocol["metrics"].items()
+        name: {key: about[key] for key in OF_A_METRIC if key in about}
+        for name, about in protocol["metrics"].items()
+        if name not in NOT_COMPARED
     }
     shared = {key: protocol.get(key) for key in SHARED}
     return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]

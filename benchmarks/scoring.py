@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import pyarrow as pa
 
-from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE
 from geovp_benchmarks.profiling import release_free_memory
 from geovp_benchmarks.store import SCORES
 from geovp_classic.errors import BadData
@@ -109,6 +109,8 @@ def _values(
     if covered is not None:
         masks["@covered"] = covered
         yield COVERAGE, covered.mean(axis=(1, 2))
+    if prediction.confidence is not None:
+        yield CONFIDENCE, prediction.confidence[sample]
     masks.update({f"@{name}": mask for name, mask in context.pixel_sets.items()})
     images = hashlib.sha256(predicted.tobytes() + (b"" if covered is None else covered.tobytes())).digest()
     for name, frame_metric in metrics.frame.items():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_benchmarks import statistics, tables
-from geovp_benchmarks.matrix import COVERAGE, Matrix
+from geovp_benchmarks.matrix import UNASKED, Matrix
 from geovp_benchmarks.store import Cell, Results
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
@@ -47,7 +47,7 @@ class Ranking:
         """The rule in words; BadData when a word is not one of the matrix."""
         which, _, rest = text.partition(":")
         metric, _, row = rest.partition(":")
-        metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, COVERAGE]
+        metrics = [*matrix.frame_metrics, *matrix.trajectory_metrics, *UNASKED]
         rows = [name for cell in matrix.cells for name in (cell.label, cell.name)]
         for word, known in ((which, WHICH), (metric, metrics), (row, ["", *rows])):
             if word not in known:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from geovp_benchmarks import intervals, provenance, statistics
-from geovp_benchmarks.matrix import COVERAGE
+from geovp_benchmarks.matrix import COVERAGE, UNASKED
 from geovp_benchmarks.metric_facts import bounds, is_directed
 from geovp_benchmarks.statistics import Cube
 from geovp_benchmarks.store import Cell, Results
@@ -55,7 +55,7 @@ def build(
         rows = {name: _without(one, [*failures[name]]) for name, one in rows.items()}
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
-    main = choice.columns(metrics, keys) or [name for name in metrics if name != COVERAGE]
+    main = choice.columns(metrics, keys) or [name for name in metrics if name not in UNASKED]
     methods = [line for cell in cells if cell.name in rows for line in _lines(cell, rows[cell.name], protocol)]
     methods = choice.rows(methods)
     tables = [_table("scores", "whole frames and poses", {key: title(key) for key in main}, protocol, methods, cells)]
@@ -215,7 +215,7 @@ def _reductions(
         f", mean of {count}": statistics.mean_of_samples,
         f", best of {count}": statistics.best_of_samples,
     }
-    judges = [name for name in protocol["metrics"] if name in cubes and name != COVERAGE]
+    judges = [name for name in protocol["metrics"] if name in cubes and name not in UNASKED]
     if judges:
         judge = judges[0]
         reductions[f", best of {count} by {title(judge)}"] = statistics.best_by(cubes[judge], higher[judge])

@@ -321,6 +321,20 @@ class Prediction(_ShortRepr):
         if self.covered is not None:
             _store(self, "covered", _array("predicted coverage", self.covered, bool, frames.shape[:4]))
 
+    @property
+    def confidence(self) -> FloatArray | None:
+        """What each predicted frame [S, F] rests on, from 0 to 1; None without coverage or motion.
+
+        The share of pixels that are covered, times the number of tracked past frames over the number of all frames up
+        to the step, P + k. It ranks frames and is no probability.
+        """
+        if self.covered is None or self.motion is None:
+            return None
+        tracked = self.motion.tracked
+        frames_until = len(tracked) + np.arange(1, self.covered.shape[1] + 1)
+        confidence: FloatArray = self.covered.mean(axis=(2, 3)) * tracked.sum() / frames_until
+        return confidence
+
 
 def _store(owner: object, field: str, value: object) -> None:
     """Set a field of a frozen dataclass while it is being made, arrays read-only."""

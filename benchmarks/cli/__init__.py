@@ -28,7 +28,7 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota, a file's la
 LONGEST = 2000  # of a sentence, which may quote a number of 5,000 digits
 DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
-VERBS += ("view", "metrics", "study", "data", "list", "check")
+VERBS += ("view", "metrics", "verify", "study", "data", "list", "check")
 STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
 AMOUNTS = (
     ("q", "quiet", "say nothing but errors and results"),

@@ -21,6 +21,7 @@ def write(results: Results, progress: Progress = no_progress, against: str | Non
     chapters = {
         "Scores": sections.scores(tables.build(results), compared),
         "Over the horizon": sections.horizon(figures),
+        "Confidence": sections.confidence(results),
         "Clips": films.browser(Material.read(results), sections.paths(figures)),
         "Methods": sections.methods(cells, len(protocol["clips"])),
         "Protocol": sections.protocol(protocol),

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks import confidence as confidences
 from geovp_benchmarks import plots, tables
+from geovp_benchmarks.metric_facts import is_directed
 from geovp_benchmarks.report.markup import Html, fold, image, joined, table, tag
-from geovp_benchmarks.store import Cell
+from geovp_benchmarks.store import Cell, Results
 from geovp_benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
-FOLDED = ("Methods", "Protocol")
+FOLDED = ("Confidence", "Methods", "Protocol")
 MEMORY = (
     "memory: the process's highest resident memory while it predicted the row's clips, metrics not counted; what it "
     "held at that time because of other rows is in it (libraries, networks, memory not yet given back to the system)."
@@ -72,6 +74,18 @@ def horizon(figures: Sequence[EmbeddedFigure]) -> Html:
     apart = [figure.element for figure in curves if "@" in figure.subject]
     pairs = [tag("div", *elements, class_="pairs") for elements in (whole, apart) if elements]
     return joined((*pairs[: bool(whole)], fold("Over sets of pixels", *pairs[bool(whole) :])))
+
+
+def confidence(results: Results) -> Html:
+    """How well each row's confidence ranks its errors in the first frame metric; nothing without confidences."""
+    abouts = results.protocol()["metrics"]
+    metric = next((name for name, one in abouts.items() if one["role"] == "frame" and is_directed(name, one)), None)
+    found = [] if metric is None else confidences.rankings(results, metric)
+    if metric is None or not found:
+        return Html("")
+    words = f"Spearman correlation with {tables.title(metric)}. " + confidences.NOTE.format(tables.title(metric))
+    lines = [one.texts() for one in found]
+    return joined((table(confidences.HEAD, lines, [one.label for one in found]), _notes([words])))
 
 
 def paths(figures: Sequence[EmbeddedFigure]) -> dict[str, list[Html]]:

@@ -272,6 +272,9 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
     assert about["photometric_residual"] < 0.5
+    bounds = np.array([8 / 9, 8 / 10, 8 / 11])  # 8 tracked frames of all until then, where all is covered
+    assert (0.5 * bounds < about["confidence"]).all()
+    assert (about["confidence"] <= bounds.round(4)).all()
     seen_two = cv2.imread(str(written / "frames" / "000008.png")), street.clip().frames[8][..., ::-1]
     real = cv2.resize(seen_two[1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((seen_two[0].astype(float) - real) ** 2))

@@ -157,7 +157,10 @@ def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path) -> 
     [
         ("wurst:psnr", "has 'wurst', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you mean"),
         ("worst:psn", "has 'psn', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you mean 'psnr'"),
-        ("worst", "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are coverage, psnr,"),
+        (
+            "worst",
+            "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are confidence, coverage,",
+        ),
         ("best:psnr:copy-lst", "has 'copy-lst', expected N, all, clip names"),
         ("03/000180", "--keep: there is no clip '03/000180': they are called seed0/"),
     ],

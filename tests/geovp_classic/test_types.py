@@ -164,3 +164,14 @@ def test_motions_views_and_predictions_are_checked() -> None:
         Prediction(np.zeros((2, 4, 4, 3), np.uint8))
     with pytest.raises(BadData, match="coverage"):
         Prediction(np.zeros((1, 2, 4, 4, 3), np.uint8), covered)
+
+
+def test_confidence_is_what_was_seen_and_tracked_of_all_frames_until_then() -> None:
+    covered = np.ones((2, 3, 4, 4), bool)
+    covered[1, 2, :, 0] = False  # a quarter of the second sample's third frame is invented
+    motion = Motion(trajectory(4), np.tile(np.eye(4), (1, 3, 1, 1)), np.array([True, True, False, True]))
+    frames = np.zeros((2, 3, 4, 4, 3), np.uint8)
+    confidence = Prediction(frames, covered, motion).confidence
+    assert confidence is not None
+    np.testing.assert_allclose(confidence, [[3 / 5, 3 / 6, 3 / 7], [3 / 5, 3 / 6, 0.75 * 3 / 7]])
+    assert Prediction(frames).confidence is Prediction(frames, covered).confidence is None

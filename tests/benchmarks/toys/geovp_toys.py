@@ -155,6 +155,15 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Dice(Still):
+    """Frames of a grey level that nobody knows before."""
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        noise = np.random.default_rng().integers(0, 256, (1, context.num_future, *context.frames.shape[1:]))
+        return Prediction(noise.astype(np.uint8))
+
+
+@dataclass(frozen=True)
 class Broken(Still):
     """Fails on a clip whose last observed frame is as bright as this or brighter."""
 

@@ -1,0 +1,99 @@
+"""The confidence of stored predictions, and how well it ranks their errors."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from geovp_benchmarks import cli, confidence, tables
+from geovp_benchmarks.provenance import protocol_id
+from geovp_benchmarks.report import sections
+from geovp_benchmarks.store import SCORES, Results
+from geovp_classic.errors import BadData
+from tests.benchmarks.test_run import content, crossed, go, values
+
+METRIC = "toy-difference"
+
+
+def rewrite(results: Results, cell: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]) -> None:
+    """Change or drop stored rows."""
+    for part, rows in [(part, results.scores(cell).to_pylist()) for part in results.parts(cell)]:
+        kept = [new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None]
+        results.write_part(cell, pa.Table.from_pylist(kept, SCORES), part)
+
+
+@pytest.fixture
+def results(toys: Path, tmp_path: Path) -> Results:
+    """Four geometric rows of five clips and two steps, the left half invented, and the last frame."""
+    go(tmp_path / "out", content(predictors={"still": "toy-still"}, **crossed(tmp_path / "log")))
+    return Results(tmp_path / "out")
+
+
+def test_it_is_stored_per_step_and_shown_nowhere_as_a_score(results: Results) -> None:
+    # half of the pixels; three tracked frames out of four and five
+    assert values(results.root, "a--r", "confidence") == pytest.approx([0.5 * 3 / 4, 0.5 * 3 / 5] * 5)
+    assert values(results.root, "still", "confidence") == []
+    about = results.protocol()["metrics"]["confidence"]
+    assert (about["higher_is_better"], about["bounds"]) == (None, [0.0, 1.0])
+    assert [column.key for column in tables.build(results)[0].columns] == [METRIC, "toy-gap"]
+
+
+def test_results_with_and_without_it_have_the_same_protocol_id(results: Results) -> None:
+    protocol = results.protocol()
+    older = {name: about for name, about in protocol["metrics"].items() if name != "confidence"}
+    assert protocol_id({**protocol, "metrics": older}) == protocol["id"]
+
+
+def test_where_both_fall_with_the_step_the_ranking_is_perfect(results: Results) -> None:
+    found = {one.label: one for one in confidence.rankings(results, METRIC)}
+    assert list(found) == ["a + r", "a + q", "b + r", "b + q"]
+    one = found["a + r"]
+    assert (one.num_clips, one.by_confidence, one.by_step) == (5, pytest.approx(1), pytest.approx(1))
+    assert one.texts()[-1] == "-"  # all clips are alike
+
+
+def test_among_clips_it_is_apart_from_the_step(results: Results) -> None:
+    """Errors 0..4 by clip, confidences in the order 1 0 3 2 4 at both steps: -(1 - 6 * 4 / (5 * 24)) = -0.8."""
+
+    def change(row: dict[str, Any]) -> dict[str, Any]:
+        number = int(row["clip"][-1])
+        changed = {METRIC: float(number), "confidence": [0.1, 0.0, 0.3, 0.2, 0.4][number]}
+        return {**row, "value": changed.get(row["metric"], row["value"])}
+
+    rewrite(results, "a--r", change)
+    one = confidence.rankings(results, METRIC)[0]
+    assert (one.by_confidence, one.among_clips) == (pytest.approx(-0.8), pytest.approx(-0.8))
+    assert one.by_step == pytest.approx(0)
+
+
+def test_values_that_are_not_there_or_do_not_vary_are_left_out() -> None:
+    one, other = np.array([1.0, 2, 3, 4, np.nan]), np.array([2.0, 1, 4, 3, 9])
+    assert confidence.spearman(one, other) == pytest.approx(0.6)  # 1 - 6 * 4 / (4 * 15)
+    assert np.isnan(confidence.spearman(np.ones(5), other))
+
+
+def test_the_study_prints_it_and_the_report_has_it(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["study", "confidence", str(results.root), "--metric", METRIC]) == 0
+    head, line, *_ = capsys.readouterr().out.splitlines()
+    assert head.split("  ")[0] == "method"
+    assert line.split() == ["a", "+", "r", "5", "1.00", "1.00", "-"]
+    page = sections.confidence(results)
+    assert "<td>a + r</td><td>5</td><td>1.00</td><td>1.00</td><td>-</td>" in page
+    assert "Spearman correlation with toy difference." in page
+
+
+def test_older_results_and_unknown_metrics_are_one_sentence(
+    results: Results, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(BadData, match=r"cannot be ranked by 'confidence'"):
+        confidence.rankings(results, "confidence")
+    assert cli.main(["study", "confidence", str(results.root), "--metric", "toy-diference"]) == 2
+    assert "toy-difference" in capsys.readouterr().err
+    for cell in results.cells():
+        rewrite(results, cell.name, lambda row: None if row["metric"] == "confidence" else row)
+    assert sections.confidence(results) == ""
+    assert cli.main(["study", "confidence", str(results.root), "--metric", METRIC]) == 2
+    assert "`geovp run --fresh` computes its rows anew" in capsys.readouterr().err
