@@ -8,7 +8,6 @@ from typing import TypeVar
 import torch
 
 from geovp_classic.errors import BadData
-from geovp_classic.parallel import parallel_map
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -37,6 +36,8 @@ def on_one_thread_each(work: Callable[[Task], Result], tasks: Iterable[Task]) ->
     Threads that share a layer's work wait for one another after every layer, which on a busy machine takes longer than
     the work.
     """
+    from geovp_classic.parallel import parallel_map  # not above: training needs no numba
+
     num_threads = torch.get_num_threads()
     if num_threads == 1:
         return [work(task) for task in tasks]

@@ -163,8 +163,8 @@ def damaged(file: Path, how: str, method: SynSinTraining) -> Path:
     ("how", "message"),
     [
         ("missing", "do not exist"),
-        ("truncated", "is not a whole safetensors file"),
-        ("text", "is not a whole safetensors file"),
+        ("truncated", "does not match its own checksum"),
+        ("text", "does not match its own checksum"),
         ("method", "deepvo, expected geovp-weights-1, synsin"),
         ("size", "size mismatch"),
         ("infinite", "not finite"),
