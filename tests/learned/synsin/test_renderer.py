@@ -164,7 +164,7 @@ def damaged(file: Path, how: str, method: SynSinTraining) -> Path:
     [
         ("missing", "do not exist"),
         ("truncated", "does not match its own checksum"),
-        ("text", "does not match its own checksum"),
+        ("text", "is not a whole safetensors file"),
         ("method", "deepvo, expected geovp-weights-1, synsin"),
         ("size", "size mismatch"),
         ("infinite", "not finite"),
