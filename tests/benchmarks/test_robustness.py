@@ -8,7 +8,7 @@ import resource
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -48,8 +48,10 @@ def street(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def no_hang() -> None:
+def no_hang() -> Iterator[None]:
     signal.alarm(60)
+    yield
+    signal.alarm(0)  # else it ends whatever this process does a minute later
 
 
 def sentence(capsys: pytest.CaptureFixture[str], *given: str | Path) -> str:
