@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from geovp_learned.tensors import frames_from_images, images_from_frames
 
 
 @dataclass(frozen=True)
-class TorchPredictor:
+class TorchPredictor(ABC):
     """Subclass it, with your own settings as fields, and return your network from `network`.
 
     The network maps images [B, P, 3, H, W] in [0, 1] to the images after them [B, N, 3, H, W], for any N. It is shown
@@ -44,9 +45,9 @@ class TorchPredictor:
         """Only the frames."""
         return Grant.NONE
 
+    @abstractmethod
     def network(self) -> nn.Module:
         """A new network; its weights are read from the checkpoint afterwards."""
-        raise NotImplementedError(f"{type(self).__name__} lacks its network: define `network`")
 
     @torch.inference_mode()
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:

@@ -128,7 +128,7 @@ DISTURBANCES = {
     "swapped frames": Disturbance(
         order=_shown(lambda n: ({4: 5, 5: 4}, {7: 8, 8: 7}, {8: 9, 9: 8}, {2: 3, 3: 2, 8: 9, 9: 8})[n])
     ),
-    "another scene before": Disturbance(order=_shown(lambda n: {k: 29 - k for k in range((3, 5, 7, 8)[n])})),
+    "another scene before": Disturbance(lambda image, step, n: image[:, ::-1] if step < (3, 5, 7, 8)[n] else image),
     "one blurred frame": Disturbance(_blur),
     "noise": Disturbance(_noise),
     "rain": Disturbance(_rain),
@@ -216,8 +216,6 @@ def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[
     def images(frames: ByteArray) -> ByteArray:
         return np.stack([what.image(frames[shown], step, level) for step, shown in enumerate(order)])
 
-    past_only = [shown if step < NUM_PAST or what.poses_follow else step for step, shown in enumerate(order)]
-    order = past_only
     wide = clip.wide and ExtraView(images(clip.wide.frames), clip.wide.intrinsics, clip.wide.view_from_cam)
     changes: dict[str, Any] = {"frames": images(clip.frames), "wide": wide}
     if what.poses_follow and clip.trajectory is not None:

@@ -7,6 +7,7 @@ doctor lists all. Frames without a pose are left out where others have one, and 
 from __future__ import annotations
 
 import itertools
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,13 +94,13 @@ class PosedSequences(SequenceDataset):
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
         self._check()
 
+    @abstractmethod
     def _folders(self) -> dict[str, Path]:
         """The sequences of the root by name."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _scan(self, folder: Path) -> Scanned:
         """One of them."""
-        raise NotImplementedError
 
     def _names(self) -> list[str]:
         return list(self._folders())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from functools import cached_property
@@ -19,7 +20,7 @@ from geovp_classic.types import ByteArray, Clip
 Load = Callable[[Path], ByteArray]
 
 
-class SequenceDataset:
+class SequenceDataset(ABC):
     """What such data sets share; each is a frozen dataclass with these settings.
 
     `sequences` names sequences or frames of them ("06", "03[180:360)"); without it, all are used.
@@ -89,13 +90,13 @@ class SequenceDataset:
             raise BadData("no sequence is named: name some that the data set's folder holds")
         return found
 
+    @abstractmethod
     def _names(self) -> list[str]:
         """All sequences of the root."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _read(self, name: str, load: Load) -> Recording:
         """One sequence."""
-        raise NotImplementedError
 
     def _load(self, path: Path) -> ByteArray:
         return read_image(path)
