@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data.calibration_files import exif_focal_px, read_calibration
+from geovp_classic.data.calibration_files import Calibration, exif_focal_px, read_calibration
 from geovp_classic.data.frames import FrameFiles
+from geovp_classic.data.undistortion import UndistortedVideo, common_pinhole
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
@@ -25,10 +26,11 @@ BY_HAND = "give --fov, --calibration or --intrinsics if you know better"
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics of the images as they are stored, and where they came from."""
+    """Intrinsics of the images, at their stored size and without distortion, and where they came from."""
 
     intrinsics: Intrinsics
     source: str  # "given", "fov", "calibration", "exif", "motion" or "assumed"
+    undone: tuple[float, ...] = ()  # coefficients of the distortion that was taken out
     interval_px: tuple[float, float] | None = None  # 90 % interval of an estimated focal length
     warnings: tuple[str, ...] = ()
 
@@ -40,26 +42,41 @@ def find_camera(
     given: tuple[float, float, float, float] | None = None,
     fov_deg: float | None = None,
     calibration: Path | None = None,
-) -> Camera:
-    """The camera by the best source there is; BadData when more than one is given."""
+    distortion: tuple[float, ...] | None = None,
+) -> tuple[Camera, Recording]:
+    """The camera by the best source there is, and its images without distortion; BadData when two sources are given.
+
+    `distortion` are OpenCV's coefficients of a camera that is given by its intrinsics or its field of view.
+    """
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     if sum(each is not None for each in (given, fov_deg, calibration)) > 1:
         raise BadData("more than one of --intrinsics, --fov and --calibration is given: keep one")
+    if distortion is not None and given is None and fov_deg is None:
+        raise BadData("--distortion belongs to --intrinsics or --fov: give one of them, or --calibration alone")
     if given is not None:
-        return Camera(Intrinsics(*given, width_px, height_px), "given")
+        return _undistorted(recording, Calibration(given, None, distortion or ()), path, "given")
     if fov_deg is not None:
         if not 0 < fov_deg < 170:
             raise BadData(f"--fov {fov_deg:g} is not the angle of a pinhole camera: give degrees between 0 and 170")
-        return Camera(centred(focal_of_fov(fov_deg, width_px), width_px, height_px), "fov")
+        middle = centred(focal_of_fov(fov_deg, width_px), width_px, height_px)
+        numbers = (middle.fx_px, middle.fy_px, middle.cx_px, middle.cy_px)
+        return _undistorted(recording, Calibration(numbers, None, distortion or ()), path, "fov")
     if calibration is not None:
-        read = read_calibration(calibration, path)
-        bent = f"{calibration} has lens distortion, which is not undone: undistort the images first"
-        warnings = (bent,) if np.any(read.distortion) else ()
-        return Camera(read.of_size(calibration, width_px, height_px), "calibration", warnings=warnings)
+        return _undistorted(recording, read_calibration(calibration, path), calibration, "calibration")
     focal_px = exif_focal_px(recording.frames.paths[0]) if isinstance(recording.frames, FrameFiles) else None
-    if focal_px is not None:
-        return Camera(centred(focal_px, width_px, height_px), "exif")
-    return _by_motion(recording, num_seen)
+    exif = None if focal_px is None else Camera(centred(focal_px, width_px, height_px), "exif")
+    camera = exif or _by_motion(recording, num_seen)
+    return camera, replace(recording, intrinsics=camera.intrinsics)
+
+
+def _undistorted(recording: Recording, read: Calibration, file: Path, source: str) -> tuple[Camera, Recording]:
+    """The camera and the images as a pinhole camera of the same focal length sees them, zoomed until none is empty."""
+    camera = read.of_size(file, recording.intrinsics.width_px, recording.intrinsics.height_px)
+    if (lens := read.lens(camera)) is None:
+        return Camera(camera, source), replace(recording, intrinsics=camera)
+    view = common_pinhole([lens], file)
+    frames = UndistortedVideo(recording.frames, lens, view)
+    return Camera(view, source, read.distortion), replace(recording, frames=frames, intrinsics=view)
 
 
 def centred(focal_px: float, width_px: int, height_px: int) -> Intrinsics:
@@ -89,7 +106,7 @@ def _by_motion(recording: Recording, num_seen: int) -> Camera:
     found = estimate_focal(windows)
     if found is not None and found.is_sure:
         low, focal, high = (each / shrink for each in (found.low_px, found.focal_px, found.high_px))
-        return Camera(centred(focal, width_px, height_px), "motion", (low, high))
+        return Camera(centred(focal, width_px, height_px), "motion", interval_px=(low, high))
     why = "too few frames, or hardly any turn" if found is None else "the motion leaves too much room"
     words = f"the focal length cannot be told from the motion ({why}): {DEFAULT_FOV_DEG:g} degrees are assumed"
     focal_px = focal_of_fov(DEFAULT_FOV_DEG, width_px)

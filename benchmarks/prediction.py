@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from geovp_benchmarks import webcam
@@ -32,15 +30,15 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     first = _first(request, len(recording.frames))
     size_px = output_size(request.size_px, recording.intrinsics.width_px, recording.intrinsics.height_px)
     check_memory(size_px, request.num_past, request.num_future * request.num_samples)
-    camera = find_camera(
+    camera, recording = find_camera(
         recording,
         first + request.num_past,
         request.path,
         request.intrinsics,
         request.fov_deg,
         request.calibration,
+        request.distortion,
     )
-    recording = dataclasses.replace(recording, intrinsics=camera.intrinsics)
     context = _context(request, recording, first, size_px, with_wide=Grant.WIDE_FRAMES in predictor.needs)
     progress(1, NUM_STAGES)
     prediction, geometry = _run(predictor, context, request.num_samples, progress)

@@ -28,7 +28,8 @@ class PredictionRequest:
     path: Path  # a folder of images, a video, or the number of a webcam
     intrinsics: tuple[float, float, float, float] | None = None  # fx, fy, cx, cy of the images as they are stored
     fov_deg: float | None = None  # horizontal, in place of intrinsics
-    calibration: Path | None = None  # a file with the intrinsics
+    calibration: Path | None = None  # a file with the intrinsics, and the distortion if there is any
+    distortion: tuple[float, ...] | None = None  # k1, k2, p1, p2, k3, ... as OpenCV's, beside intrinsics or fov_deg
     rate_hz: float | None = None
     camera_height_m: float | None = None
     first: int | None = None  # the first observed frame; None: as late as possible

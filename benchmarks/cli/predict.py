@@ -22,8 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     of_images = "in pixels of the images as they are stored, (0, 0) the centre of the top-left one"
     parser.add_argument("--intrinsics", type=float, nargs=4, metavar=("FX", "FY", "CX", "CY"), help=of_images)
     parser.add_argument("--fov", dest="fov_deg", type=float, metavar="DEG", help="horizontal angle of view instead")
-    known = "a file of the intrinsics: KITTI's calib.txt, COLMAP's cameras.txt, a ROS or Kalibr yaml"
+    known = "a file of intrinsics and distortion: KITTI's calib.txt, COLMAP's cameras.txt, a ROS or Kalibr yaml"
     parser.add_argument("--calibration", type=Path, metavar="FILE", help=known)
+    lens = "lens distortion beside --intrinsics or --fov, as OpenCV's k1 k2 [p1 p2 [k3 [k4 k5 k6]]]; it is taken out"
+    parser.add_argument("--distortion", type=float, nargs="+", metavar="K", help=lens)
     parser.add_argument("--fps", dest="rate_hz", type=float, metavar="HZ", help="frames a second; needed for a folder")
     parser.add_argument(
         "--camera-height",
@@ -80,7 +82,8 @@ def run(chosen: argparse.Namespace) -> int:
     if chosen.out is not None:
         prediction_files.check_free(chosen.out)
     fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(PredictionRequest)}
-    request = PredictionRequest(**{**fields, "intrinsics": chosen.intrinsics and tuple(chosen.intrinsics)})
+    numbers = {name: fields[name] and tuple(fields[name]) for name in ("intrinsics", "distortion")}
+    request = PredictionRequest(**{**fields, **numbers})
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"

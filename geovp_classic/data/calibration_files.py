@@ -1,6 +1,6 @@
 """Intrinsics from the files that other programs write: KITTI's calib.txt, COLMAP's cameras.txt, ROS and Kalibr YAML.
 
-EXIF data of photos give a focal length alone. Distortion is not undone: `distortion` says what a file has of it.
+EXIF data of photos give a focal length alone.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from geovp_classic import files
 from geovp_classic.data.kitti_layout import PREFERRED_CAMERAS, scan_calibration
+from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
 from geovp_classic.types import Intrinsics
 
@@ -25,6 +26,8 @@ EXPECTED = "KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kali
 MAX_EQUIVALENT_MM = 5000.0
 MAX_ASPECT_CHANGE = 0.01
 MAX_DISTORTION = 1e4  # of any coefficient
+OPENCV_COEFFICIENTS = (2, 4, 5, 8)  # k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV, ROS's plumb_bob, Kalibr's radtan)
+FISHEYE = ("equidistant", "fisheye")  # ROS's and Kalibr's words for Kannala and Brandt's four coefficients
 SIZE_LIMIT = files.MIB
 
 
@@ -35,6 +38,9 @@ class Calibration:
     numbers: tuple[float, float, float, float]  # fx, fy, cx, cy in pixels, (0, 0) the top-left one's centre
     size_px: tuple[int, int] | None = None
     distortion: tuple[float, ...] = ()
+    model: str = (
+        "FULL_OPENCV"  # COLMAP's name of the distortion's model; fewer than its eight coefficients may be given
+    )
 
     def __post_init__(self) -> None:
         """Raise BadData unless the numbers are a camera's."""
@@ -52,6 +58,21 @@ class Calibration:
                 "give the file of this camera, or --intrinsics"
             )
         return Intrinsics(*self.numbers, width, height).resized(width_px, height_px)
+
+    def lens(self, camera: Intrinsics) -> DistortedCamera | None:
+        """`camera`, which is this one at some size, with its distortion; None without any."""
+        if not np.any(self.distortion):
+            return None
+        coefficients = self.distortion
+        if self.model == "FULL_OPENCV":
+            if len(coefficients) not in OPENCV_COEFFICIENTS:
+                raise BadData(
+                    f"the distortion {list(coefficients)} has {len(coefficients)} coefficients, expected k1, k2 [, p1, "
+                    "p2 [, k3 [, k4, k5, k6]]]"
+                )
+            coefficients += (0.0,) * (8 - len(coefficients))
+        numbers = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+        return DistortedCamera.of(self.model, numbers, coefficients, (camera.width_px, camera.height_px))
 
 
 def read_calibration(path: Path, images: Path) -> Calibration:
@@ -104,7 +125,7 @@ def _colmap(path: Path, text: str) -> Calibration:
     focal, (cx, cy) = [camera.params[i] for i in shared], (camera.params[i] for i in centre)
     others = [float(p) for i, p in enumerate(camera.params) if i not in (*shared, *centre)]
     numbers = (float(focal[0]), float(focal[-1]), float(cx) - 0.5, float(cy) - 0.5)
-    return Calibration(numbers, (camera.width, camera.height), tuple(others))
+    return Calibration(numbers, (camera.width, camera.height), tuple(others), camera.model.name)
 
 
 def load_yaml(path: Path) -> Mapping[str, Any]:
@@ -140,7 +161,8 @@ def from_yaml(path: Path, read: Mapping[str, Any]) -> Calibration:
         )
         numbers = (float(fx), float(fy), float(cx), float(cy))
         size_px = None if None in size else (int(size[0]), int(size[1]))
-        return Calibration(numbers, size_px, tuple(float(each) for each in lens))
+        model = "OPENCV_FISHEYE" if str(read.get("distortion_model")) in FISHEYE else "FULL_OPENCV"
+        return Calibration(numbers, size_px, tuple(float(each) for each in lens), model)
     except (ValueError, TypeError, AttributeError, KeyError, OverflowError, IndexError) as error:
         reason = str(error).partition("\n")[0]
         raise BadData(f"{path} is not a calibration ({reason}): give {EXPECTED}") from error

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.data import decoding
+from geovp_classic.data.frames import FrameReader
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
@@ -39,9 +40,12 @@ class DistortedCamera:
     def of(
         cls, model: str, numbers: tuple[float, float, float, float], distortion: Iterable[float], size_px: Size
     ) -> DistortedCamera:
-        """The camera of (fx, fy, cx, cy) with (0, 0) the top-left pixel's centre, of a model that has all four."""
+        """The camera of (fx, fy, cx, cy) with (0, 0) the top-left pixel's centre; fx where its model has one focal."""
+        import pycolmap
+
         fx, fy, cx, cy = numbers
-        return cls(model, (fx, fy, cx + 0.5, cy + 0.5, *distortion), *size_px)
+        focal = (fx, fy)[: len(pycolmap.Camera(model=model).focal_length_idxs())]
+        return cls(model, (*focal, cx + 0.5, cy + 0.5, *distortion), *size_px)
 
     @property
     def pinhole(self) -> Intrinsics:
@@ -108,6 +112,23 @@ class UndistortedFrames:
         image = self.load(self.paths[index])
         _check_size(self.paths[index], image.shape, self.cameras[index])
         return undistorted(image, self.cameras[index], self.view)
+
+
+@dataclass(frozen=True)
+class UndistortedVideo:
+    """The frames of one camera, shown as a pinhole camera sees them."""
+
+    frames: FrameReader
+    camera: DistortedCamera
+    view: Intrinsics
+
+    def __len__(self) -> int:
+        """The number of frames."""
+        return len(self.frames)
+
+    def read(self, index: int) -> ByteArray:
+        """One frame."""
+        return undistorted(self.frames.read(index), self.camera, self.view)
 
 
 @dataclass(frozen=True)

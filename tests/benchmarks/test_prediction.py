@@ -393,3 +393,58 @@ def test_a_webcam_is_a_video(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(recording.frames.read(1), street.clip().frames[3])
     with pytest.raises(BadData, match="webcam 1 gives no frames"):
         webcam.record(1, 3)
+
+
+LENS = (-0.2, 0.03, 0.002, -0.001)  # k1, k2, p1, p2: straight lines bulge outwards
+
+
+@pytest.fixture(scope="module")
+def bent(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The street through a lens: each pixel shows what OpenCV says a pinhole camera sees elsewhere."""
+    folder = tmp_path_factory.mktemp("lens") / "images"
+    folder.mkdir()
+    matrix = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1]])
+    grid = np.stack(np.meshgrid(np.arange(float(CAMERA.width_px)), np.arange(float(CAMERA.height_px))), axis=-1)
+    straight = cv2.undistortPoints(grid.reshape(-1, 1, 2), matrix, np.array(LENS), P=matrix).reshape(grid.shape)
+    for step, frame in enumerate(street.clip().frames):
+        seen = cv2.remap(frame, straight.astype(np.float32), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        cv2.imwrite(str(folder / f"{step:06d}.png"), seen[..., ::-1])
+    return folder
+
+
+def error_in_the_middle(out: Path, frames: Path) -> float:
+    """Mean grey-level difference of the last observed frame from that of another folder, without a border."""
+    ours = cv2.imread(str(out / "seen" / "000007.png")).astype(float)
+    theirs = cv2.imread(str(frames / "seen" / "000007.png")).astype(float)
+    return float(np.abs(ours - theirs)[12:-12, 12:-12].mean())
+
+
+@pytest.mark.parametrize("by_file", [False, True])
+def test_lens_distortion_is_taken_out(
+    bent: Path, written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], by_file: bool
+) -> None:
+    numbers = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px + 0.5, CAMERA.cy_px + 0.5, *LENS)
+    camera = tmp_path / "cameras.txt"
+    camera.write_text(f"1 OPENCV {CAMERA.width_px} {CAMERA.height_px} {' '.join(map(str, numbers))}\n")
+    said = ["--calibration", str(camera)] if by_file else [*INTRINSICS, "--distortion", *map(str, LENS)]
+    common = ["predict", str(bent), "--fps", "10", "--first", "0", *SHORT]
+    assert cli.main([*common, *said, "--out", str(tmp_path / "straight")]) == 0
+    assert "lens distortion taken out" in capsys.readouterr().err
+    assert json.loads((tmp_path / "straight" / "predict.json").read_text())["camera"]["undone"] == [*LENS]
+    assert cli.main([*common, *INTRINSICS, "--out", str(tmp_path / "bent")]) == 0
+    assert error_in_the_middle(tmp_path / "straight", written) < 0.3 * error_in_the_middle(tmp_path / "bent", written)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--distortion", "0.1", "0"], "belongs to --intrinsics or --fov"),
+        ([*INTRINSICS, "--distortion", "0.1"], "has 1 coefficients, expected k1, k2"),
+        ([*INTRINSICS, "--distortion", "nan", "0"], "the calibration's distortion is"),
+    ],
+)
+def test_distortion_that_says_no_lens_is_refused(
+    images: Path, arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["predict", str(images), "--fps", "10", *SHORT, *arguments]) == 2
+    assert sentence in capsys.readouterr().err
