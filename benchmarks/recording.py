@@ -17,7 +17,7 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import ByteArray, Clip, FloatArray, Grant, Motion, Prediction, Trajectory
 
 FARTHEST_M, LEAST_CONFIDENCE, EVERY_PX = 80.0, 0.5, 2  # of the cloud's points
-TRUTH, SEEN, CLOUD = [20, 20, 20], [150, 150, 150], 0.03  # colours; metres
+TRUTH, SEEN, CLOUD = [20, 20, 20], [150, 150, 150], -1.5  # colours; pixels of the screen, which Rerun takes negative
 COLOURS = ([0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [86, 180, 233], [230, 159, 0])
 JPEG_QUALITY = 90
 
