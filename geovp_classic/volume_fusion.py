@@ -11,7 +11,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.interfaces import DepthSource, Fill
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.render import patches, volume
-from geovp_classic.render.fill import NearestBackground
+from geovp_classic.render.fill import BorrowedDetail
 from geovp_classic.types import Context, Grant, Trajectory
 
 
@@ -25,7 +25,7 @@ class VolumeFusion:
     """
 
     depth: DepthSource = field(default_factory=Multiview)
-    fill: Fill = field(default_factory=NearestBackground)
+    fill: Fill = field(default_factory=BorrowedDetail)
     num_frames: int = 10  # how many of the last observed frames are used
     voxel_px: float = 2.5  # the edge of a voxel, as seen at the median depth
     reach: float = 5.0  # surfaces farther away lie on a far plane

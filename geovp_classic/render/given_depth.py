@@ -10,7 +10,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Fill
 from geovp_classic.render import patches
-from geovp_classic.render.fill import Blank
+from geovp_classic.render.fill import BorrowedDetail
 from geovp_classic.render.image_sampler import resampled, warp
 from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.types import (
@@ -34,7 +34,7 @@ NEAR = 1e-6  # the smallest z of a point that is projected
 class GivenDepth:
     """The recorded depth of the last frame, rasterised with a z-buffer; colours are sampled backward from the frame."""
 
-    fill: Fill = field(default_factory=Blank)
+    fill: Fill = field(default_factory=BorrowedDetail)
 
     needs = Grant.PAST_DEPTHS  # the recorded past depths
 

@@ -14,7 +14,7 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import frame_screening, pinhole, planar, se3
 from geovp_classic.interfaces import Fill
 from geovp_classic.render import patches
-from geovp_classic.render.fill import Blank
+from geovp_classic.render.fill import BorrowedDetail
 from geovp_classic.render.image_sampler import resampled, warp
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
@@ -30,7 +30,7 @@ class GroundFarPlane:
     move: a vehicle travels along its road. A pitch known from the mounting is better than one second of noisy heights.
     """
 
-    fill: Fill = field(default_factory=Blank)
+    fill: Fill = field(default_factory=BorrowedDetail)
     pitch_deg: float | None = None
     roll_deg: float = 0.0
 

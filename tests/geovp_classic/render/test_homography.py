@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import planar, se3
-from geovp_classic.render.fill import NearestBackground
+from geovp_classic.render.fill import Blank, NearestBackground
 from geovp_classic.render.homography import GroundFarPlane
 from geovp_classic.types import Clip, FloatArray, Grant, Intrinsics, Trajectory, Views
 
@@ -88,7 +88,7 @@ def test_a_straight_road_edge_stays_straight(camera: Intrinsics) -> None:
 def test_turning_away_uncovers_and_the_fill_invents(plain: Any, camera: Intrinsics) -> None:
     turn = se3.exp(np.outer(np.r_[np.zeros(8), [0.2, 0.5, 1.5, 3.0]], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]))
     clip = plain.clip(turn, camera)
-    blank, filled = (predict(clip, GroundFarPlane(fill=fill)) for fill in (GroundFarPlane().fill, NearestBackground()))
+    blank, filled = (predict(clip, GroundFarPlane(fill=fill)) for fill in (Blank(), NearestBackground()))
     shares = blank.covered.mean(axis=(1, 2))
     assert 0.7 < shares[0] < 0.9
     assert shares[2] == shares[3] == 0  # 86 degrees, and looking back
