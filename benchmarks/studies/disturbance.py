@@ -21,7 +21,7 @@ from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.ablation import NUM_FUTURE, NUM_PAST, SCORED, STRETCHES, dataset_specs
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
-from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Target
+from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Intrinsics, Target
 
 LIMIT_DB = 0.5
 NUM_STRENGTHS = 4
@@ -102,13 +102,26 @@ def _pattern(image: ByteArray, step: int, level: Level) -> ByteArray:
     return np.repeat(tiles[:, :, None], 3, axis=2)
 
 
-def _camera(name: str, *factors: float) -> Callable[[Context, Level], Context]:
-    def changed(view: Any, level: Level) -> Any:
-        names = ("fx_px", "fy_px") if name == "focal" else ("cx_px",)
-        new = {one: getattr(view.intrinsics, one) * factors[level] for one in names}
-        return replace(view, intrinsics=replace(view.intrinsics, **new))
+def _camera(change: Callable[[Intrinsics, Intrinsics, Level], Intrinsics]) -> Callable[[Context, Level], Context]:
+    """Crop and whole frame seen by a camera that was calibrated wrongly."""
 
-    return lambda context, level: replace(changed(context, level), wide=context.wide and changed(context.wide, level))
+    def changed(context: Context, level: Level) -> Context:
+        crop, wide = context.intrinsics, context.wide
+        if wide is not None:
+            wide = replace(wide, intrinsics=change(wide.intrinsics, crop, level))
+        return replace(context, intrinsics=change(crop, crop, level), wide=wide)
+
+    return changed
+
+
+def _focal(camera: Intrinsics, crop: Intrinsics, level: Level) -> Intrinsics:
+    factor = (1.05, 1.1, 1.2, 1.4)[level]
+    return replace(camera, fx_px=camera.fx_px * factor, fy_px=camera.fy_px * factor)
+
+
+def _centre(camera: Intrinsics, crop: Intrinsics, level: Level) -> Intrinsics:
+    off = (0.05, 0.1, 0.2, 0.4)[level] * crop.cx_px / crop.fx_px  # the tangent of one angle for both
+    return replace(camera, cx_px=camera.cx_px + off * camera.fx_px)
 
 
 def _jittered_times(context: Context, level: Level) -> Context:
@@ -139,8 +152,8 @@ DISTURBANCES = {
     "flicker": Disturbance(_flicker),
     "tilt": Disturbance(_tilt),
     "hood": Disturbance(_hood),
-    "wrong focal length": Disturbance(context=_camera("focal", 1.05, 1.1, 1.2, 1.4)),
-    "wrong principal point": Disturbance(context=_camera("centre", 1.05, 1.1, 1.2, 1.4)),
+    "wrong focal length": Disturbance(context=_camera(_focal)),
+    "wrong principal point": Disturbance(context=_camera(_centre)),
     "jittered times": Disturbance(context=_jittered_times),
     "standing": Disturbance(order=STANDING, poses_follow=True),
     "standing with noise": Disturbance(_noise, STANDING, poses_follow=True),

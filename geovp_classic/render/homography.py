@@ -16,6 +16,7 @@ from geovp_classic.interfaces import Fill
 from geovp_classic.render import patches
 from geovp_classic.render.fill import BorrowedDetail
 from geovp_classic.render.image_sampler import resampled, warp
+from geovp_classic.render.standing import StandingScene
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 
 MOVED_M = 0.1  # a shorter path does not tell the direction of travel
@@ -36,7 +37,7 @@ class GroundFarPlane:
 
     needs = Grant.CAMERA_HEIGHT  # the camera's height above the ground
 
-    def reconstruct(self, context: Context, past: Trajectory) -> GroundFarScene:
+    def reconstruct(self, context: Context, past: Trajectory) -> StandingScene:
         """The two planes; Incompatible without a camera height or without metric poses."""
         context, past = frame_screening.screened(context, past)
         if context.camera_height_m is None:
@@ -45,12 +46,11 @@ class GroundFarPlane:
             raise Incompatible("the camera's height is in metres, the poses are not: give the odometry a scale")
         roll_rad = float(np.deg2rad(self.roll_deg))
         pitch_rad = _travel_pitch_rad(past, roll_rad) if self.pitch_deg is None else float(np.deg2rad(self.pitch_deg))
-        return GroundFarScene(
-            last=patches.Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1]),
-            normal_last=planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3],
-            height_m=context.camera_height_m,
-            fill=self.fill,
-        )
+        last = patches.Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
+        normal_last = planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3]
+        scene = GroundFarScene(last, normal_last, context.camera_height_m, self.fill)
+        nearest = float((pinhole.rays(context.intrinsics) @ normal_last).max()) / context.camera_height_m
+        return StandingScene(scene, last, nearest)
 
 
 @dataclass(frozen=True)
