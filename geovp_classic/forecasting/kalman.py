@@ -129,7 +129,9 @@ class TurnRateKalman:
             means.append(belief[0][:3] * unit)
             covariances.append(belief[1][:3, :3] * unit[:, None] * unit)
         modes = (np.ones(1), np.stack(means)[None], np.stack(covariances)[None])
-        return PlanarForecast(*modes, past.world_from_cam[-1], plane)
+        motion = self.body_motion if len(past) > 1 else None
+        body = None if motion is None else motion.distribution(past, times_s)
+        return PlanarForecast(*modes, past.world_from_cam[-1], plane, body)
 
     @property
     def model(self) -> VehicleModel:

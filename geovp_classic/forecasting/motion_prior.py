@@ -68,7 +68,8 @@ class MotionPrior:
         means, covariances = paths.moments()
         plane = past_motion.vehicle_from_cam(past)
         scale = unit[:, None] * unit
-        return PlanarForecast(paths.weights, means * unit, covariances * scale, past.world_from_cam[-1], plane)
+        body = None if self.body_motion is None else self.body_motion.distribution(past, times_s)
+        return PlanarForecast(paths.weights, means * unit, covariances * scale, past.world_from_cam[-1], plane, body)
 
     def _paths(self, past: Trajectory, ahead_s: FloatArray) -> tuple[PathMixture, FloatArray]:
         """The mixture in metres, and (x, z, yaw) [3] of the past's unit for its 1."""

@@ -1,14 +1,37 @@
-"""The distribution of a forecast: a Gaussian mixture over (x, z, yaw) at every future time."""
+"""The distribution of a forecast: a Gaussian mixture over (x, z, yaw), and Student's t of heave, pitch and roll."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray
+
+
+@dataclass(frozen=True)
+class BodyForecast:
+    """Heave (m, downwards), pitch and roll (rad) over the plane at every future time, independent of each other."""
+
+    means: FloatArray  # [F, 3]
+    scales: FloatArray  # [F, 3], of Student's t
+    degrees: FloatArray  # [3], of freedom
+
+    def log_density(self, states: FloatArray) -> FloatArray:
+        """Log density [N, F] at states [N, F, 3]."""
+        return np.asarray(stats.t.logpdf(states, self.degrees, self.means, self.scales).sum(axis=-1))
+
+    def ranks(self, states: FloatArray) -> FloatArray:
+        """Probability [F, 3] of the central interval that each of the states [F, 3] bounds."""
+        return np.asarray(2 * stats.t.cdf(np.abs(states - self.means) / self.scales, self.degrees) - 1)
+
+    def sample(self, num_samples: int, seed: int) -> FloatArray:
+        """States [N, F, 3], independent from step to step."""
+        drawn = np.random.default_rng(seed).standard_t(self.degrees, (num_samples, *self.means.shape))
+        return self.means + self.scales * drawn
 
 
 @dataclass(frozen=True)
@@ -20,6 +43,7 @@ class PlanarForecast:
     covariances: FloatArray  # [K, F, 3, 3]
     world_from_reference: FloatArray  # [4, 4], the last observed camera
     vehicle_from_cam: FloatArray  # [4, 4]
+    body: BodyForecast | None = None  # what is over the plane, independent of the motion on it; None: nothing moves
 
     def states_of(self, world_from_cam: FloatArray) -> FloatArray:
         """(x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4] on this forecast's plane."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from geovp_benchmarks.arguments import add_json
 from geovp_benchmarks.progress import Progress
 
+FIGURES = (".png", ".pdf", ".svg")
 TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
 
 
@@ -28,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     evaluate.add_argument(
         "--scale-error", type=float, default=0.0, metavar="X", help="odometry errors: lengths off by X as a share"
     )
+    picture = "also draw a reliability diagram of the predictive distributions (.png, .pdf, .svg)"
+    evaluate.add_argument("--plot", type=Path, metavar="FILE", help=picture)
     add_json(evaluate)
     evaluate.set_defaults(lines=_evaluate)
     kalman = verbs.add_parser("fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood")
@@ -41,9 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_input(speeds, TRAIN)
     speeds.add_argument("--others", nargs="*", default=VAL.split(), metavar="NN", help="count for the spread alone")
     speeds.set_defaults(lines=_fit_speeds)
-    prior.add_argument(
-        "--calibrate", nargs="*", default=VAL.split(), metavar="NN", help="only the regions' size is set on these"
-    )
+    for verb in (prior, body):
+        verb.add_argument(
+            "--calibrate", nargs="*", default=VAL.split(), metavar="NN", help="only the regions' size is set on these"
+        )
 
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
@@ -57,9 +61,11 @@ def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
 
 
 def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.studies.forecasting import evaluation
-    from geovp_classic.errors import UnknownComponent
+    from geovp_benchmarks.studies.forecasting import evaluation, tables
+    from geovp_classic.errors import BadData, UnknownComponent
 
+    if chosen.plot is not None and not (chosen.plot.suffix in FIGURES and chosen.plot.parent.is_dir()):
+        raise BadData(f"--plot {chosen.plot}: expected a file {', '.join(FIGURES)} in a folder that exists")
     forecasters = evaluation.forecasters(chosen.coefficients)
     for name in chosen.only or ():
         if name not in forecasters:
@@ -69,12 +75,16 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     if chosen.noise > 0 or chosen.scale_error > 0:
         corruption = evaluation.OdometryNoise(0.02 * chosen.noise, 0.05 * chosen.noise, chosen.scale_error)
     windows = evaluation.read_windows(chosen.poses, chosen.sequences, chosen.num_past, chosen.num_future, chosen.stride)
+    scores = evaluation.evaluate(windows, rows, corruption, progress)
+    if chosen.plot is not None:
+        from geovp_benchmarks.plots.reliability import reliability_figure
+
+        reliability_figure(scores).savefig(chosen.plot, bbox_inches="tight")
     if chosen.json:
-        scores = evaluation.evaluate(windows, rows, corruption, progress)
-        yield evaluation.as_json(scores, chosen.sequences)
+        yield tables.as_json(scores, chosen.sequences)
         return
     yield f"{len(windows)} windows of {', '.join(chosen.sequences)}"
-    yield from evaluation.as_lines(evaluation.evaluate(windows, rows, corruption, progress))
+    yield from tables.as_lines(scores)
 
 
 def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
@@ -121,7 +131,8 @@ def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator
     from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
     from geovp_classic.forecasting.fitting import body_motion
 
-    coefficients = body_motion.fit(read_sequences(chosen.poses, chosen.sequences))
+    train, others = (read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate))
+    coefficients = body_motion.fit(train, others)
     with chosen.out.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **body_motion.packed(coefficients))
     yield f"written to {chosen.out}"

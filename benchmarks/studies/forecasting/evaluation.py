@@ -6,9 +6,8 @@ Errors are taken on the x-z plane of the last observed camera: (x, z, yaw_rad) o
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +25,6 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
 
-REGIONS = (0.5, 0.9)
-TURNING_DEG = 15.0  # a window that truly turns more than this is one of the turning ones
 Window = tuple[Trajectory, Trajectory]  # past and future of a piece of one sequence
 Corruption = Callable[[Trajectory], Trajectory]  # of the past, before the forecaster sees it
 
@@ -104,6 +101,8 @@ class Scores:
     energy_m: FloatArray  # [N], energy score of whole paths in the plane, averaged over steps
     turned_deg: FloatArray  # [N], true change of heading until the last step
     body: FloatArray  # [N, F, 3], errors of height (m), pitch and roll (degrees) over the plane
+    body_rank: FloatArray  # [N, F, 4], as `rank`: of height, pitch and roll, and of all six components together
+    body_energy: FloatArray  # [N, 3], energy score of one component (m, degrees), averaged over steps
 
 
 def measure(
@@ -111,12 +110,12 @@ def measure(
 ) -> Scores:
     """Scores of all windows."""
     rows = [_row(forecaster, window, num_samples, corruption) for window in windows]
-    return Scores(*(np.stack(column) for column in zip(*rows, strict=True)))
+    return Scores(**{field.name: np.stack([getattr(row, field.name) for row in rows]) for field in fields(Scores)})
 
 
 def energy_score(
-    samples: FloatArray,  # [S, F, 2]
-    truth: FloatArray,  # [F, 2]
+    samples: FloatArray,  # [S, F, C]
+    truth: FloatArray,  # [F, C]
 ) -> float:
     """E|X - y| - E|X - X'| / 2 with |.| the mean distance over the steps (Gneiting and Raftery 2007, eq. 21).
 
@@ -129,60 +128,25 @@ def energy_score(
     return distance - 0.5 * float(np.mean([pdist(samples[:, step]).mean() for step in range(samples.shape[1])]))
 
 
-def highest_density_rank(
-    forecast: PlanarForecast, states: FloatArray, num_samples: int = 400, seed: int = 0
+def highest_density_ranks(
+    forecast: PlanarForecast,
+    states: FloatArray,  # [F, 3], on the plane
+    body: FloatArray,  # [F, 3], over it
+    num_samples: int = 400,
+    seed: int = 0,
 ) -> FloatArray:
-    """Share [F] of the forecast's own samples that are likelier than the true state [F, 3] (Hyndman 1996).
+    """Share [F, 2] of the forecast's own samples that are likelier than the truth (Hyndman 1996), planar and whole.
 
-    For a Gaussian, "rank at most 0.9" is the 90 % ellipsoid; for a mixture the region may be in pieces.
+    For a Gaussian, "rank at most 0.9" is the 90 % ellipsoid; for a mixture the region may be in pieces. NaN in place of
+    the whole where the forecast says nothing of heave, pitch and roll.
     """
-    truth = forecast.log_density(states[None])[0]
-    return np.asarray((forecast.log_density(forecast.sample(num_samples, seed)) > truth).mean(0))
-
-
-def columns(scores: Scores) -> dict[str, float]:
-    """One row's numbers; NaN where there is nothing to measure."""
-    num_future = scores.position_m.shape[1]
-    steps = [step for step in (1, 10, 20) if step <= num_future]
-    row = {f"error @{step} m": float(scores.position_m[:, step - 1].mean()) for step in steps}
-    row["ADE m"] = float(scores.position_m.mean())
-    row["FDE m"] = float(scores.position_m[:, -1].mean())
-    row[f"yaw @{num_future} deg"] = float(scores.yaw_deg[:, -1].mean())
-    row["median"] = float(np.median(scores.yaw_deg[:, -1]))
-    for number, (name, unit) in enumerate((("height", "m"), ("pitch", "deg"), ("roll", "deg"))):
-        row[f"{name} @1 {unit}"] = float(scores.body[:, 0, number].mean())
-        row[f"{name} {unit}"] = float(scores.body[..., number].mean())
-    row["NLL nats"] = float(scores.negative_log_density.mean())
-    row["energy m"] = float(scores.energy_m.mean())
-    for region in REGIONS:
-        row[f"in {region:.0%}"] = _share(scores.rank, region)
-        row[f"in {region:.0%} @{num_future}"] = _share(scores.rank[:, -1], region)
-    turning = np.abs(scores.turned_deg) > TURNING_DEG
-    row["ADE m, turning"] = float(scores.position_m[turning].mean()) if turning.any() else np.nan
-    row[f"yaw @{num_future} deg, turning"] = float(scores.yaw_deg[turning, -1].mean()) if turning.any() else np.nan
-    return row
-
-
-def as_lines(table: Mapping[str, Scores]) -> Iterator[str]:
-    """The number of turning windows, and the table in Markdown."""
-    rows = {name: columns(scores) for name, scores in table.items()}
-    turned_deg = next(iter(table.values())).turned_deg
-    heads = list(next(iter(rows.values())))
-    yield f"turning: {(np.abs(turned_deg) > TURNING_DEG).sum()} windows, by more than {TURNING_DEG:g} degrees"
-    yield "| forecaster | " + " | ".join(heads) + " |"
-    yield "| --- |" + " ---: |" * len(heads)
-    for name, row in rows.items():
-        yield f"| {name} | " + " | ".join("-" if np.isnan(row[head]) else f"{row[head]:.3f}" for head in heads) + " |"
-
-
-def as_json(table: Mapping[str, Scores], sequences: Sequence[str]) -> str:
-    """The same numbers, null for what cannot be measured."""
-    rows = {name: columns(scores) for name, scores in table.items()}
-    known = {name: {key: None if np.isnan(x) else x for key, x in row.items()} for name, row in rows.items()}
-    turned_deg = next(iter(table.values())).turned_deg
-    turning = int((np.abs(turned_deg) > TURNING_DEG).sum())
-    about = {"sequences": list(sequences), "windows": len(turned_deg), "turning_windows": turning}
-    return json.dumps({**about, "forecasters": known}, indent=2)
+    truth, drawn = forecast.log_density(states[None])[0], forecast.log_density(forecast.sample(num_samples, seed))
+    plane = (drawn > truth).mean(0)
+    if forecast.body is None:
+        return np.stack([plane, np.full(len(plane), np.nan)], axis=1)
+    whole = truth + forecast.body.log_density(body[None])[0]
+    drawn += forecast.body.log_density(forecast.body.sample(num_samples, seed))
+    return np.stack([plane, (drawn > whole).mean(0)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -211,37 +175,40 @@ class OdometryNoise:
         return Trajectory(np.stack(poses[::-1]), past.times_s, past.is_metric)
 
 
-def _share(rank: FloatArray, region: float) -> float:
-    return float("nan") if np.isnan(rank).any() else float((rank <= region).mean())
-
-
-def _row(
-    forecaster: Forecaster, window: Window, num_samples: int, corruption: Corruption | None
-) -> tuple[FloatArray, ...]:
+def _row(forecaster: Forecaster, window: Window, num_samples: int, corruption: Corruption | None) -> Scores:
+    """The scores of one window, without the axis of the windows."""
     (past, future), reference = window, window[0].world_from_cam[-1]
     past = past if corruption is None else corruption(past)
     truth = _planar(future.world_from_cam, reference)
     centre = forecaster.forecast(past, future.times_s)[0]
     error = _planar(centre, reference) - truth
     yaw_deg = np.degrees(np.abs((error[:, 2] + np.pi) % (2 * np.pi) - np.pi))
-    body = np.abs(over_plane(centre, window[0]) - over_plane(future.world_from_cam, window[0]))
+    body_truth = over_plane(future.world_from_cam, window[0])
+    body = np.abs(over_plane(centre, window[0]) - body_truth)
     body[:, 1:] = np.degrees(body[:, 1:])
     position_m, turned_deg = np.linalg.norm(error[:, :2], axis=-1), np.degrees(np.unwrap(truth[:, 2])[-1:])[0]
+    errors = {"position_m": position_m, "yaw_deg": yaw_deg, "turned_deg": turned_deg, "body": body}
+    nothing = np.full(len(future), np.nan)
     if not isinstance(forecaster, TurnRateKalman | MotionPrior):
-        unknown = np.full(len(future), np.nan)
-        return position_m, yaw_deg, unknown, unknown, np.array(position_m.mean()), turned_deg, body
+        spread = {"negative_log_density": nothing, "rank": nothing, "energy_m": np.array(position_m.mean())}
+        return Scores(**errors, **spread, body_rank=np.tile(nothing[:, None], 4), body_energy=np.full(3, np.nan))
     forecast = forecaster.distribution(past, future.times_s)
     states = forecast.states_of(future.world_from_cam)
     samples = _planar(forecaster.forecast(past, future.times_s, num_samples), reference)[..., :2]
-    negative_log_density, rank = -forecast.log_density(states[None])[0], highest_density_rank(forecast, states)
-    return (
-        position_m,
-        yaw_deg,
-        negative_log_density,
-        rank,
-        np.array(energy_score(samples, truth[:, :2])),
-        turned_deg,
-        body,
+    ranks = highest_density_ranks(forecast, states, body_truth)
+    body_rank, body_energy = np.tile(nothing[:, None], 4), np.full(3, np.nan)
+    if forecast.body is not None:
+        body_rank = np.column_stack([forecast.body.ranks(body_truth), ranks[:, 1]])
+        drawn = forecast.body.sample(num_samples, seed=0)
+        energies = [energy_score(drawn[..., [one]], body_truth[:, [one]]) for one in range(3)]
+        body_energy = np.array(energies) * [1, *np.degrees([1, 1])]
+    return Scores(
+        **errors,
+        negative_log_density=-forecast.log_density(states[None])[0],
+        rank=ranks[:, 0],
+        energy_m=np.array(energy_score(samples, truth[:, :2])),
+        body_rank=body_rank,
+        body_energy=body_energy,
     )
 
 

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.studies.forecasting import evaluation
+from geovp_benchmarks.plots.reliability import reliability_figure
+from geovp_benchmarks.studies.forecasting import evaluation, tables
 from geovp_benchmarks.studies.forecasting.evaluation import (
     OdometryNoise,
     cut,
     energy_score,
-    highest_density_rank,
+    highest_density_ranks,
     measure,
 )
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, Hold
 from geovp_classic.forecasting.kalman import TurnRateKalman
-from geovp_classic.forecasting.sampling import PlanarForecast
+from geovp_classic.forecasting.sampling import BodyForecast, PlanarForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
 
@@ -70,11 +72,24 @@ def test_the_energy_score_of_two_samples() -> None:
 
 
 def test_ranks_are_the_ellipsoids_probability() -> None:
-    forecast = PlanarForecast(np.ones(1), np.zeros((1, 1, 3)), np.eye(3)[None, None], np.eye(4), np.eye(4))
-    # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %.
-    for square, share in ((2.366, 0.5), (6.251, 0.9)):
-        truth = np.array([[np.sqrt(square), 0.0, 0.0]])
-        assert highest_density_rank(forecast, truth, num_samples=20000)[0] == pytest.approx(share, abs=0.015)
+    body = BodyForecast(np.zeros((1, 3)), np.ones((1, 3)), np.full(3, 1e6))  # so many degrees of freedom are a Gaussian
+    forecast = PlanarForecast(np.ones(1), np.zeros((1, 1, 3)), np.eye(3)[None, None], np.eye(4), np.eye(4), body)
+    # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %; of six: 5.348 and 10.645.
+    for square, whole, share in ((2.366, 5.348, 0.5), (6.251, 10.645, 0.9)):
+        truth, over = np.array([[np.sqrt(square), 0.0, 0.0]]), np.array([[0.0, np.sqrt(whole - square), 0.0]])
+        ranks = highest_density_ranks(forecast, truth, over, num_samples=20000)[0]
+        assert ranks == pytest.approx([share, share], abs=0.015)
+    alone = highest_density_ranks(replace(forecast, body=None), truth, over)
+    assert np.isnan(alone[0, 1])
+
+
+def test_the_energy_of_one_component_is_in_its_unit() -> None:
+    scores = measure(TurnRateKalman(), cut(circle(40)))
+    row = tables.columns(scores)
+    assert scores.body_rank.shape == (len(scores.rank), 20, 4)
+    assert 0 < row["height energy m"] < 0.2  # nothing moves over the plane: half the spread that is foretold, or so
+    assert 0.01 < row["pitch energy deg"] < 0.3
+    assert row["pitch in 90%"] == 1.0
 
 
 def test_odometry_noise_keeps_the_last_pose_and_repeats() -> None:
@@ -100,9 +115,25 @@ def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, caps
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
     assert lines[1] == "turning: 0 windows, by more than 15 degrees"  # 2 s of 0.1 rad/s are 11.5
-    assert [line.split("|")[1].strip() for line in lines[4:]] == ["hold", "CTRV, extended"]
-    assert "-" in lines[4]
-    assert "in 90%" in lines[2]
+    names = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
+    head, rule = "forecaster", "---"
+    assert names == [head, rule, "hold", "CTRV, extended", head, rule, "CTRV, extended"]  # hold has no distribution
+    assert "in 90%" not in lines[3]
+    assert "all six in 90% @20" in lines[8]
+
+
+def test_a_reliability_diagram_has_a_line_for_each_distribution(folder: Path) -> None:
+    rows = ["--only", "hold", "CTRV, extended", "--sequences", "03", "--plot"]
+    assert cli.main(["forecast", "evaluate", str(folder), *rows, str(folder / "reliable.svg")]) == 0
+    drawn = (folder / "reliable.svg").read_text()
+    assert drawn.startswith("<?xml")
+    assert cli.main(["forecast", "evaluate", str(folder), *rows, str(folder / "reliable.txt")]) == 2
+    figure = reliability_figure(
+        {"hold": measure(Hold(), cut(circle(40))), "k": measure(TurnRateKalman(), cut(circle(40)))}
+    )
+    assert [len(axes.lines) for axes in figure.axes] == [2] * 5  # the diagonal and the one that has a distribution
+    (_, line) = figure.axes[2].lines
+    assert line.get_ydata() == pytest.approx(1.0)  # a body that never moves is inside every interval
 
 
 def test_a_mistyped_row_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,10 +146,10 @@ def test_turning_windows_have_columns_of_their_own() -> None:
     wide = next(cut(circle(30, 10.0, 0.1), 10, 20, 5))  # turns 11.5 degrees
     scores = measure(Hold(), [tight, wide])
     np.testing.assert_allclose(scores.turned_deg, np.degrees([0.4, 0.2]))
-    row = evaluation.columns(scores)
+    row = tables.columns(scores)
     assert row["ADE m, turning"] == pytest.approx(scores.position_m[0].mean())
     assert row["yaw @20 deg, turning"] == pytest.approx(np.degrees(0.4))
-    assert np.isnan(evaluation.columns(measure(Hold(), [wide]))["ADE m, turning"])
+    assert np.isnan(tables.columns(measure(Hold(), [wide]))["ADE m, turning"])
 
 
 def test_progress_counts_every_window() -> None:

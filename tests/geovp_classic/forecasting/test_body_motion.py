@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import body_motion
@@ -11,6 +12,7 @@ from geovp_classic.forecasting.body_motion import BodyMotion, Coefficients
 from geovp_classic.forecasting.fitting import body_motion as fitting
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
+from geovp_classic.forecasting.sampling import BodyForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
@@ -32,7 +34,7 @@ def bouncing(num_poses: int, phase_rad: float, speed_m_s: float = 10.0, roll_rad
 @pytest.fixture(scope="module")
 def fitted() -> Coefficients:
     drives = {f"{n}": bouncing(150, phase, 8.0 + n % 4, 0.005) for n, phase in enumerate(np.linspace(0, 6, 12))}
-    return fitting.fit(drives)
+    return fitting.fit(drives, {})
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +73,7 @@ def test_positions_on_the_plane_and_the_heading_stay(file: Path) -> None:
 
 def test_a_mirrored_past_has_the_mirrored_future(fitted: Coefficients) -> None:
     twists = np.random.default_rng(0).normal([0, 0, 9.0, 0, 0, 0], 0.1, (1, 9, 6))
-    fair = fitting.fit({"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)})
+    fair = fitting.fit({"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)}, {})
     ours, mirrored = fair(twists), fair(twists * fitting.MIRRORED_TWIST)
     np.testing.assert_allclose(mirrored, ours * fitting.MIRRORED_BODY, atol=2e-3)
 
@@ -104,3 +106,43 @@ def test_a_file_without_coefficients(tmp_path: Path) -> None:
     past = bouncing(10, 0.0)
     with pytest.raises(BadData, match=r"none\.npz cannot be read"):
         BodyMotion(path).added_to(np.eye(4)[None], past, past.times_s[-1:] + 0.1)
+
+
+def shaken(seed: int, pitch_rad: float) -> Trajectory:
+    """A straight drive whose pitch forgets itself within some steps, as on a bad road."""
+    rng, drive = np.random.default_rng(seed), bouncing(220, 0.0)
+    pitch = lfilter([1.0], [1.0, -0.6], pitch_rad * rng.standard_normal(220))
+    twists = np.zeros((220, 6))
+    twists[:, 3] = pitch
+    twists[:, 5] = 0.3 * pitch_rad * rng.standard_normal(220)
+    poses = se3.exp(twists)
+    poses[:, :3, 3] = drive.world_from_cam[:, :3, 3]
+    poses[:, 1, 3] += 0.01 * rng.standard_normal(220)
+    return Trajectory(poses, drive.times_s, is_metric=True)
+
+
+def test_intervals_hold_what_they_say_and_grow_with_the_shaking(tmp_path: Path) -> None:
+    amounts = np.radians([0.2, 0.4, 0.8, 0.3, 0.6])
+    drives = {f"{n}": shaken(n, amounts[n % 5]) for n in range(10)}
+    path = tmp_path / "body.npz"
+    np.savez(path, **fitting.packed(fitting.fit(drives, {})))  # type: ignore[arg-type]
+    ranks, scales = [], []
+    for n, drive in enumerate(shaken(100 + n, amounts[n % 5]) for n in range(10)):
+        for start in range(0, 180, 10):
+            past, future = drive[start : start + 10], drive[start + 10 : start + 30]
+            forecast = BodyMotion(path).distribution(past, future.times_s)
+            ranks.append(forecast.ranks(body_motion.over_plane(future.world_from_cam, past)))
+            scales.append((amounts[n % 5], forecast.scales[5, 1]))
+    shares = [(np.array(ranks) <= share).mean(axis=(0, 1)) for share in (0.5, 0.9)]
+    np.testing.assert_allclose(shares, [[0.5] * 3, [0.9] * 3], atol=0.08)
+    calm, wild = (np.mean([scale for amount, scale in scales if amount == one]) for one in (amounts[0], amounts[2]))
+    assert wild > 1.5 * calm
+
+
+def test_the_interval_of_students_t() -> None:
+    forecast = BodyForecast(np.array([[0.1, 0.0, 0.0]]), np.array([[0.5, 1.0, 2.0]]), np.array([4.0, 4.0, 4.0]))
+    ranks = forecast.ranks(np.array([[0.1 + 0.5 * 2.776, 0.741, 0.0]]))  # a table's 97.5 % and 75 % for 4 degrees
+    np.testing.assert_allclose(ranks, [[0.95, 0.5, 0.0]], atol=1e-3)
+    drawn = forecast.sample(40000, seed=0)[:, 0]
+    np.testing.assert_allclose(np.median(drawn, axis=0), [0.1, 0.0, 0.0], atol=0.03)
+    assert (np.abs(drawn[:, 2]) < 2 * 2.776).mean() == pytest.approx(0.95, abs=0.01)
