@@ -3,8 +3,6 @@
 EXIF data of photos give a focal length alone. Distortion is not undone: `distortion` says what a file has of it.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Mapping
@@ -37,7 +35,6 @@ class Calibration:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the numbers are a camera's."""
         width, height = self.size_px or (1, 1)
         if not np.isfinite(self.distortion).all() or max(map(abs, self.distortion), default=0) > MAX_DISTORTION:
             raise BadData(f"the calibration's distortion is {list(self.distortion)}: give {EXPECTED}")
