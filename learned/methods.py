@@ -1,7 +1,5 @@
 """The interface between the training loop and the methods, and the list of methods."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
@@ -37,31 +35,24 @@ class Method(Protocol):
     @property
     def kept(self) -> tuple[str, ...]:
         """The networks in the weights file; the first predicts, others (a discriminator) may be left out."""
-        ...
 
     def build(self) -> dict[str, nn.Module]:
         """New networks, initialised with torch's random numbers."""
-        ...
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         """One optimiser for each trained network, under that network's name."""
-        ...
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Any]:
         """Examples for training or validation, in memory; BadData when a clip lacks something."""
-        ...
 
     def batch(self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator) -> Batch:
         """Tensors of the chosen training examples, augmented with `rng`."""
-        ...
 
     def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
         """Each network to train with its losses; it takes its optimiser step before the next is yielded."""
-        ...
 
     def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
         """Numbers for the log; the weights with the lowest "score" are kept."""
-        ...
 
 
 def load(name: str) -> type[Method]:
@@ -69,8 +60,7 @@ def load(name: str) -> type[Method]:
     if name not in METHODS:
         raise UnknownComponent(f"no method is called {name!r}{nearest(name, METHODS)}")
     module, _, attribute = METHODS[name].partition(":")
-    method: type[Method] = getattr(importlib.import_module(module), attribute)
-    return method
+    return getattr(importlib.import_module(module), attribute)
 
 
 def check_counts(settings: Any, *names: str) -> None:

@@ -5,8 +5,6 @@ A root holds `DATE/{calib_cam_to_cam,calib_imu_to_velo,calib_velo_to_cam}.txt` a
 by its folder's name without `_sync`. Its world is the local Mercator plane of its first reading: x east, y north, z up.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +33,7 @@ def is_raw(root: Path) -> bool:
     return root.is_dir() and any(_DATE.fullmatch(path.name) for path in root.iterdir())
 
 
-def drive_names(root: Path) -> list[str]:
+def sequence_names(root: Path) -> list[str]:
     """The drives of a root, sorted; BadData says what a root must look like."""
     if not is_raw(root):
         raise BadData(f"{root} holds no folder such as 2011_09_26: give the folder that holds KITTI raw's dates")
@@ -57,7 +55,7 @@ def read_recording(
     with_right: bool,
 ) -> Recording:
     """One drive seen by one camera, everything but the images read and checked; BadData names what is wrong."""
-    if name not in (names := drive_names(root)):
+    if name not in (names := sequence_names(root)):
         raise BadData(f"drive {name!r} is not in {root}, which holds {', '.join(names) or 'none'} (folders *_sync)")
     folder = drive_folder(root, name)
     calibration = folder.parent / CAM_TO_CAM

@@ -1,7 +1,5 @@
 """What the files of a sequence may say and yet not be true: motion that no camera makes, dropped frames, odd images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -35,8 +33,7 @@ def jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Finding
 
 def steps_m(table: PoseTable) -> FloatArray:
     """The distance from each pose to the next [N - 1], in metres."""
-    steps_m: FloatArray = np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
-    return steps_m
+    return np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
 
 
 def late_frames(
@@ -51,6 +48,38 @@ def late_frames(
     for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * usual_s):
         message = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
         yield Finding(path, lines[int(step) + 1], "warning", message)
+
+
+def table_row(
+    name: str,
+    frames: str,
+    sizes_px: Iterable[tuple[int, int]],  # (width, height)
+    calibrated: str,
+    times_s: FloatArray,
+    table: PoseTable | None,
+    findings: Iterable[Finding],
+    *,
+    is_metric: bool = True,
+) -> dict[str, str]:
+    """What the doctor's table says of a sequence, by column."""
+    return {
+        "sequence": name,
+        "frames": frames,
+        "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes_px) or "-",
+        "calibrated": calibrated,
+        "times": str(len(times_s)),
+        "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
+        "poses": "none" if table is None else str(len(table.lines)),
+        "length_m": "-" if table is None or not is_metric else f"{steps_m(table).sum():.0f}",
+        **{f"{kind}s": str(sum(each.severity == kind for each in findings)) for kind in ("error", "warning")},
+    }
+
+
+def off_centre(centre_px: FloatArray, size_px: tuple[int, int]) -> str:
+    """Where an odd principal point lies; "" for a usual one."""
+    at = centre_px / size_px
+    usual = (at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])
+    return "" if usual.all() else f"the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
 
 
 def image_sizes(paths: Iterable[Path], deep: bool, findings: list[Finding]) -> tuple[tuple[int, int], ...]:

@@ -4,8 +4,6 @@
 doctor lists all. Frames without a pose are left out where others have one, and no clip spans them.
 """
 
-from __future__ import annotations
-
 import itertools
 from abc import abstractmethod
 from collections.abc import Callable
@@ -90,7 +88,6 @@ class PosedSequences(SequenceDataset):
     with_wide: bool = False
 
     def __post_init__(self) -> None:
-        """Raise BadData unless every sequence that is named can be used."""
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
         self._check()
 

@@ -4,11 +4,10 @@ A sequence is a folder with `rgb.txt` and, if they are known, `depth.txt` and `g
 `time file`, times in seconds; the poses `t x y z qx qy qz qw`. Depth images hold 5000 values a metre, 0 where unknown.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,14 +41,11 @@ class Tum(PosedSequences):
     whose time is nearest, at most `max_difference_s` away. Times are those of rgb.txt.
     """
 
+    name: ClassVar[str] = "tum"
+
     intrinsics: Numbers | None = None
     distortion: Distortion | None = None
     max_difference_s: float = MAX_DIFFERENCE_S
-
-    @property
-    def name(self) -> str:
-        """The data set's name in results."""
-        return "tum"
 
     def _folders(self) -> dict[str, Path]:
         return folders(self.root)

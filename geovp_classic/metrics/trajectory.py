@@ -6,8 +6,6 @@ one number for the whole future gives it at the last step and NaN before, so tha
 value prints it unchanged.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -35,8 +33,7 @@ class TranslationError:
         if not (predicted.is_metric and target.is_metric):
             return np.full(len(target), np.nan)
         offset = predicted.world_from_cam[:, :3, 3] - target.world_from_cam[:, :3, 3]
-        distance_m: FloatArray = np.linalg.norm(offset, axis=-1)
-        return distance_m
+        return np.linalg.norm(offset, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -53,15 +50,11 @@ class RotationError:
 
 
 @dataclass(frozen=True)
-class YawError:
+class YawError(RotationError):
     """Angle between the predicted and the real viewing direction within the real camera's x-z plane.
 
     The part of the rotation error that shifts a street view sideways: a pixel per 1 / fx radians.
     """
-
-    unit: ClassVar[str] = "deg"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Degrees per step [F], 0 to 180; BadData when the trajectories are not of the same instants."""
@@ -70,29 +63,21 @@ class YawError:
 
 
 @dataclass(frozen=True)
-class AverageDisplacement:
+class AverageDisplacement(TranslationError):
     """ADE: the mean of the translation errors of all steps, given at the last one; NaN before, NaN without metres."""
-
-    unit: ClassVar[str] = "m"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """[F]: NaN but for the last step; BadData when the trajectories are not of the same instants."""
-        return _at_last_step(len(target), TranslationError()(predicted, target).mean())
+        return _at_last_step(len(target), super().__call__(predicted, target).mean())
 
 
 @dataclass(frozen=True)
-class FinalDisplacement:
+class FinalDisplacement(TranslationError):
     """FDE: the translation error of the last step, given there; NaN before, NaN without metres."""
-
-    unit: ClassVar[str] = "m"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """[F]: NaN but for the last step; BadData when the trajectories are not of the same instants."""
-        return _at_last_step(len(target), TranslationError()(predicted, target)[-1])
+        return _at_last_step(len(target), super().__call__(predicted, target)[-1])
 
 
 @dataclass(frozen=True)

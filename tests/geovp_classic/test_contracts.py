@@ -1,7 +1,5 @@
 """Every registered component keeps its promises, and the checks find every promise that is broken."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
@@ -53,7 +51,6 @@ class Thief(GroundTruth):
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         if context.future is not None:
             return super().estimate(context, num_samples)
-        assert context.past is not None
         futures = np.tile(context.past.world_from_cam[-1], (1, context.num_future, 1, 1))
         return Motion(context.past, futures, np.ones(context.num_past, bool))
 
@@ -119,7 +116,7 @@ class UpsideDown(Psnr):
 
 
 @dataclass
-class Soft(CopyLast.__base__):  # type: ignore[misc, name-defined]
+class Soft(CopyLast.__base__):
     needs = Grant.NONE
     predict = CopyLast.predict
 
@@ -251,8 +248,6 @@ def test_an_unknown_role_is_answered_with_the_nearest() -> None:
 def test_the_street_is_what_it_says() -> None:
     """A point of the first frame lies, by its depth and the poses, where the last frame shows the same colour."""
     clip = street.clip()
-    assert clip.trajectory is not None
-    assert clip.depths is not None
     context, target = clip.split(1, ~Grant.NONE)
     views = (
         GivenDepth()

@@ -39,7 +39,6 @@ class Walk:
     needs: ClassVar[Grant] = Grant.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        assert context.past is not None
         futures = self.forecaster.forecast(context.past, context.times_s[context.num_past :], num_samples)
         return Motion(context.past, futures, np.ones(context.num_past, bool))
 
@@ -136,7 +135,7 @@ def test_wrong_field_types_are_named(fields: dict[str, Any], message: str) -> No
 def test_what_is_no_table_or_lacks_a_field_is_refused() -> None:
     for spec in (3, {}, {"name": 5}):
         with pytest.raises(BadData, match="expected a table"):
-            registry.build("forecasters", spec)  # type: ignore[arg-type]
+            registry.build("forecasters", spec)
     with pytest.raises(BadData, match="needs the field 'forecaster'"):
         registry.build("pose_sources", {"name": "walk"})
     with pytest.raises(BadData, match="not a dataclass"):

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from torch import nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: weights need the extra 'learned'")
-from torch import nn  # noqa: E402
-
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_learned import checkpoints, model_cards, training_log  # noqa: E402
-from geovp_learned.__main__ import main  # noqa: E402
+from geovp_classic.errors import BadData
+from geovp_learned import checkpoints, model_cards, training_log
+from geovp_learned.__main__ import main
 
 HISTORY = {
     "train": [{"name": "kitti", "split": "train", "split_hash": "abc123"}, {"name": "synthetic", "seed": 7}],
@@ -29,7 +27,7 @@ class Settings:
 
 def written(folder: Path, history: object) -> Path:
     file = folder / "weights.safetensors"
-    checkpoints.write(file, "toy", Settings(), {"net": nn.Linear(3, 2)}, history)  # type: ignore[arg-type]
+    checkpoints.write(file, "toy", Settings(), {"net": nn.Linear(3, 2)}, history)
     return file
 
 
@@ -51,7 +49,7 @@ def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path)
 
 def test_a_card_says_when_weights_are_a_mean(tmp_path: Path) -> None:
     assert "EMA" not in model_cards.model_card(written(tmp_path, HISTORY))
-    training = {**HISTORY["training"], "average_steps": 9}  # type: ignore[dict-item]
+    training = {**HISTORY["training"], "average_steps": 9}
     text = model_cards.model_card(written(tmp_path, {**HISTORY, "training": training}))
     assert "- exponential moving average (EMA) of the weights over 9 steps\n" in text
 

@@ -1,7 +1,5 @@
 """The synthetic data set: clips of a car driving through synthetic streets, rendered on first use and kept on disk."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib
@@ -10,7 +8,7 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +43,8 @@ class Synthetic:
     is mounted, `bounce` scales how the car shakes it.
     """
 
+    name: ClassVar[str] = "synthetic"  # in results
+
     seed: int = 0
     num_clips: int = 8
     num_frames: int = 30
@@ -64,7 +64,6 @@ class Synthetic:
     cache: Path | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that make no clip."""
         if min(self.num_clips, self.num_frames, self.stride, *self.size_px) < 1:
             raise BadData(
                 f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and "
@@ -73,13 +72,7 @@ class Synthetic:
         if self.seed < 0:
             raise BadData(f"synthetic: seed is {self.seed}, expected 0 or more")
 
-    @property
-    def name(self) -> str:
-        """What the results call it."""
-        return "synthetic"
-
     def __len__(self) -> int:
-        """The number of clips."""
         return self.num_clips
 
     def __getitem__(self, index: int) -> Clip:
@@ -88,8 +81,9 @@ class Synthetic:
             raise IndexError(f"synthetic clip {index} of {self.num_clips}")
         index %= self.num_clips
         file = self._folder() / f"{index:04d}.npz"
-        arrays = _read(file)
-        if arrays is None:
+        try:
+            arrays = files.read_npz(file)
+        except BadData:  # missing or damaged
             arrays = self._render(index)
             _write(file, arrays)
         wide = drive.wide_camera(self.size_px)
@@ -158,14 +152,6 @@ class Synthetic:
 
 
 _street = functools.lru_cache(maxsize=2)(build_street)
-
-
-def _read(file: Path) -> Arrays | None:
-    """The arrays of a file whose parts have the checksums that zip keeps; None when it is missing or damaged."""
-    try:
-        return files.read_npz(file)
-    except BadData:
-        return None
 
 
 def _write(file: Path, arrays: Arrays) -> None:

@@ -1,6 +1,5 @@
 """Outlines: the whole thing from a part of it, nothing where its motion explains nothing, no gaps inside."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,16 +9,6 @@ from geovp_classic.dynamic_objects import segmentation
 from geovp_classic.types import BoolArray
 
 STEPS = (1, 2, 3)
-
-
-@pytest.fixture(scope="module")
-def traffic(drive_behind: Callable[..., Any]) -> Any:
-    return drive_behind()
-
-
-@pytest.fixture(scope="module")
-def observed(traffic: Any) -> segmentation.Observations:
-    return segmentation.Observations(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
 
 
 def half_of(mask: BoolArray) -> BoolArray:
@@ -33,7 +22,6 @@ def half_of(mask: BoolArray) -> BoolArray:
 
 def test_half_of_a_car_leads_to_the_whole(traffic: Any, observed: segmentation.Observations) -> None:
     mask = segmentation.segment(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed)
-    assert mask is not None
     assert (mask & traffic.mask).sum() / traffic.mask.sum() > 0.9  # recall
     assert (mask & traffic.mask).sum() / mask.sum() > 0.7  # precision
 
@@ -50,7 +38,6 @@ def test_the_street_has_no_outline(traffic: Any, observed: segmentation.Observat
 
 def test_an_outline_has_no_gap_in_any_row_or_column(traffic: Any, observed: segmentation.Observations) -> None:
     mask = segmentation.segment(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed)
-    assert mask is not None
     for lines in (mask, mask.T):
         starts = (np.diff(lines.astype(int), axis=1, prepend=0) == 1).sum(axis=1)
         assert starts.max() == 1
