@@ -10,8 +10,8 @@ from scipy import stats
 
 from geovp_benchmarks import statistics
 from geovp_benchmarks.matrix import CONFIDENCE
-from geovp_benchmarks.metric_facts import is_directed
 from geovp_benchmarks.store import Results
+from geovp_benchmarks.stored_facts import is_directed
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 from geovp_classic.types import FloatArray

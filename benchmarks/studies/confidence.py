@@ -25,7 +25,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     from geovp_benchmarks import confidence
     from geovp_benchmarks.formats import columns
     from geovp_benchmarks.store import Results
-    from geovp_benchmarks.tables import title
+    from geovp_benchmarks.stored_facts import title
 
     for part in Results(chosen.folder).by_dataset().values():
         found = confidence.rankings(part, chosen.metric)

@@ -1,13 +1,13 @@
 """The error budget and the sensitivity curves: toy images by hand, and whole runs on the synthetic street."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli, matrix
+from geovp_benchmarks import matrix
 from geovp_benchmarks.intervals import Interval
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.studies.budget import offsets, stages
@@ -26,35 +26,28 @@ from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.render.homography import GroundFarPlane
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_matrix
 
-MATRIX = """
-[protocol]
-dataset = { name = "synthetic", num_clips = 2 }
-num_past = 6
-num_future = 6
-size_px = [96, 96]
-stride = 10
-[pose_sources]
-past = { name = "chained", odometry = { name = "ground-truth" }, forecaster = { name = "constant-velocity" } }
-[renderers]
-fusion = { name = "depth-fusion" }
-[predictors]
-copy-last = { name = "copy-last" }
-[metrics]
-frame = ["psnr", "ssim"]
-"""
+PAST = {"name": "chained", "odometry": {"name": "ground-truth"}, "forecaster": {"name": "constant-velocity"}}
+TABLES: dict[str, dict[str, Any]] = {
+    "protocol": {"dataset": {"name": "synthetic", "num_clips": 2}, "num_past": 6, "num_future": 6, "stride": 10},
+    "pose_sources": {"past": PAST},
+    "renderers": {"fusion": "depth-fusion"},
+    "predictors": {"copy-last": "copy-last"},
+    "metrics": {"frame": ["psnr", "ssim"]},
+}
+TABLES["protocol"]["size_px"] = [96, 96]
 
 
 @pytest.fixture
 def matrix_file(tmp_path: Path) -> Path:
-    path = tmp_path / "street.toml"
-    path.write_text(MATRIX)
-    return path
+    return write_matrix(tmp_path / "street.toml", TABLES)
 
 
 def subject_of(metric: Psnr) -> Subject:
     """A row of two parts that nothing is asked of, on one clip."""
-    read = matrix.parse("m", tomllib.loads(MATRIX))
+    read = matrix.parse("m", TABLES)
     dataset = Synthetic(num_clips=1, num_frames=12, size_px=(96, 96))
     return Subject("row", GeometricPredictor(StandStill(), Half()), read, dataset, 1, dataset[0], {"psnr": metric})
 
@@ -146,10 +139,9 @@ def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
     assert text(Interval(1.234, 1.0, -0.5, 4, 0.1), Psnr()) == "+1.23 [+1.00, -0.50]"
 
 
-def test_the_budget_of_the_street_adds_up(matrix_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
-    assert cli.main(["study", "budget", str(matrix_file), "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed("study", "budget", matrix_file, "--out", out).splitlines()
     assert lines[0] == "past + fusion: 2 clips of synthetic, every 10 frames, horizons 1, 5"
     rows = [line for line in lines if line.endswith("   2")]
     assert len(rows) == 24  # twelve stages in two metrics: depth and masks are exact here
@@ -186,26 +178,19 @@ def test_what_cannot_be_measured_is_named() -> None:
         ("copy-last", "'copy-last' is no pose source with a renderer"),
     ],
 )
-def test_a_wrong_row_gets_one_sentence(
-    row: str, says: str, matrix_file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["study", "budget", str(matrix_file), "--row", row]) == 2
-    told = capsys.readouterr().err
-    assert says in told
-    assert told.count("\n") == 1
+def test_a_wrong_row_gets_one_sentence(row: str, says: str, matrix_file: Path, refused: Says) -> None:
+    assert says in refused("study", "budget", matrix_file, "--row", row)
 
 
-def test_of_several_rows_one_must_be_chosen(matrix_file: Path) -> None:
-    several = matrix_file.read_text().replace("[renderers]", '[renderers]\nplanes = { name = "ground-far-plane" }')
-    matrix_file.write_text(several)
+def test_of_several_rows_one_must_be_chosen() -> None:
+    several = {**TABLES, "renderers": {"fusion": "depth-fusion", "planes": "ground-far-plane"}}
     with pytest.raises(BadData, match="expected one of them: known are copy-last, past \\+ fusion, past \\+ planes"):
-        find_row(matrix.read(matrix_file), None)
+        find_row(matrix.parse("m", several), None)
 
 
-def test_a_predictor_made_of_both_parts_is_a_row(matrix_file: Path) -> None:
-    parts = '{ name = "geometric", pose_source = { name = "stand-still" }, renderer = { name = "depth-fusion" } }'
-    matrix_file.write_text(MATRIX.replace('copy-last = { name = "copy-last" }', f"whole = {parts}"))
-    label, predictor = find_row(matrix.read(matrix_file), "whole")
+def test_a_predictor_made_of_both_parts_is_a_row() -> None:
+    whole = {"name": "geometric", "pose_source": {"name": "stand-still"}, "renderer": {"name": "depth-fusion"}}
+    label, predictor = find_row(matrix.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole")
     assert label == "whole"
     assert isinstance(predictor.renderer, DepthFusion)
 
@@ -223,10 +208,9 @@ def test_an_offset_is_a_turn_or_a_shift_of_the_camera(offset: Offset, axis: int,
     np.testing.assert_allclose(offsets.cam_from_offset(offset)[:3, axis], expected, atol=1e-12)
 
 
-def test_larger_errors_cost_more(matrix_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
-    assert cli.main(["study", "sensitivity", str(matrix_file), "--limit", "1", "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed("study", "sensitivity", matrix_file, "--limit", "1", "--out", out).splitlines()
     loss = {line[:28].strip(): float(line[28:].split()[0]) for line in lines if line.startswith(("pitch", "y 0"))}
     assert loss["pitch 2 deg"] < loss["pitch 0.5 deg"] < 0
     assert loss["y 0.5 m (30% of height)"] < loss["y 0.1 m (6% of height)"] < 0.05  # of 1.65 m
