@@ -126,7 +126,7 @@ def test_ground_is_clamped_up_to_twenty_camera_heights() -> None:
 def test_an_island_floats_between_a_third_and_one_and_a_half_camera_heights(
     lowest: float, highest: float, floats: bool
 ) -> None:
-    # all but a tenth at either end. Seen at depth z, the row d below the horizon is d z / 110 below the camera: so much less than 1 height above
+    # all but a tenth at either end; seen at depth z, the row d below the horizon is 1 - d z / 110 above the ground
     plane = ground_plane.GroundPlane(np.array([0.0, 1.0, 0.0]), 1.0)
     depth, rows = 4.0, 45 + np.rint(110 * (1 - np.array([highest, lowest])) / 4.0).astype(int)
     islands = np.zeros((96, 120), bool)

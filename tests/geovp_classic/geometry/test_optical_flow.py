@@ -1,4 +1,4 @@
-"""Points of a texture that is shifted by known pixels are found there, and points that cannot be are said to be lost."""
+"""A shifted texture: points are found where it went, and points that cannot be found are said to be lost."""
 
 import cv2
 import numpy as np
@@ -31,10 +31,10 @@ def test_without_a_pyramid_a_long_way_needs_a_prediction() -> None:
     images = TEXTURE, shifted(30, 12)
     _, lost, _ = track_points(images, PIXELS, PIXELS, 15, num_levels=(1, 1))
     assert lost.mean() < 0.2
-    found, kept, _ = track_points(images, PIXELS, PIXELS + [29.0, 13.0], 15, num_levels=(1, 4))
+    found, kept, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(1, 4))
     assert kept.all()
     assert errors_px(found, 30, 12).max() < 0.05
-    _, one_way, _ = track_points(images, PIXELS, PIXELS + [29.0, 13.0], 15, num_levels=(4, 1))
+    _, one_way, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(4, 1))
     assert one_way.all()  # the way back starts at the point itself
 
 
