@@ -117,6 +117,10 @@ class TestBounds:
                 assert metric.bounds[0] == 0.0  # type: ignore[attr-defined]
 
 
+def test_no_value_is_worth_none() -> None:
+    assert intervals.interval(np.array([np.nan]), np.zeros(1)).effective == 0
+
+
 class TestAutocorrelationTime:
     """Of patterns whose correlations can be counted."""
 

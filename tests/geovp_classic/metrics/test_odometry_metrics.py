@@ -142,3 +142,13 @@ def test_agreement_with_evo(tmp_path: Path) -> None:
     assert odometry.root_mean_square(translation) == pytest.approx(evo("evo_rpe", tmp_path, *steps), rel=1e-5)
     angle = evo("evo_rpe", tmp_path, *steps, "--pose_relation", "angle_deg")
     assert odometry.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
+
+
+def test_segments_are_those_of_the_development_kit() -> None:
+    # 901 poses a metre apart: of each length, from every tenth frame on, as many as end before the last metre does
+    poses = np.tile(np.eye(4), (901, 1, 1))
+    poses[:, 2, 3] = np.arange(901)
+    path = Trajectory(poses, np.arange(901) / 10, is_metric=True)
+    found = odometry.kitti_drift(path, path)
+    assert found.num_segments == sum((900 - length) // 10 for length in range(100, 801, 100)) == 360
+    assert (found.translation_percent, found.rotation_deg_per_100m) == (0.0, 0.0)
