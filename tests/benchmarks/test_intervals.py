@@ -157,7 +157,7 @@ class TestAutocorrelationTime:
             assert intervals.interval(np.arange(float(count)), np.zeros(count)).effective == 4
 
     def test_equal_alternating_or_few_values_are_independent(self) -> None:
-        for values in (np.full(30, 7.1), np.tile([1.0, -1.0], 15), np.arange(3.0)):
+        for values in (np.full(30, 0.1), np.tile([1.0, -1.0], 15), np.arange(3.0)):
             assert intervals.autocorrelation_time(values, [np.arange(len(values))]) == (1.0, 0)
 
 
@@ -187,6 +187,12 @@ def test_correlated_values_have_fewer_degrees_of_freedom() -> None:
     half = stats.t(299 / 3).ppf(0.975) * np.sqrt(tau / (300 - tau))  # variance 1 over 300 / tau, less what went with it
     assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.05)
     assert found.effective == pytest.approx(300 / tau)
+
+
+def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:
+    values = np.random.default_rng(8).normal(size=20)
+    found, shifted = (intervals.interval(values + more, np.zeros(20)) for more in (0.0, 100.0))
+    np.testing.assert_allclose([shifted.low, shifted.high], [found.low + 100, found.high + 100], atol=1e-9)
 
 
 def test_three_values_have_an_interval_of_at_least_three_degrees() -> None:

@@ -76,7 +76,9 @@ def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
 
 def test_too_few_or_random_points_are_no_motion() -> None:
     a, b = observations(se3.exp(np.array([0, 0, -1.0, 0, 0, 0])))
-    assert two_view.two_view(a[:7], b[:7], NOISE).kind == "unknown"
+    few = two_view.two_view(a[:7], b[:7], NOISE)
+    assert (few.kind, few.parallax) == ("unknown", 0.0)
+    np.testing.assert_array_equal(few.b_from_a, np.eye(4))
     rng = np.random.default_rng(0)
     found = two_view.two_view(rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), NOISE)
     assert found.kind == "unknown"

@@ -216,3 +216,9 @@ def test_settings_are_told_in_words() -> None:
     a, b = noise(0), noise(0) ^ (noise(1) // 8)
     constants = structural_similarity(a[0], b[0], channel_axis=-1, data_range=510)
     assert Ssim("uniform", 2.0)(a, b, None)[0] == pytest.approx(constants, abs=1e-9)
+
+
+def test_bounds_and_definitions_are_told() -> None:
+    assert (Psnr().bounds, Psnr(ceiling_db=60.0).bounds, Ssim().bounds) == ((0.0, 100.0), (0.0, 60.0), (-1.0, 1.0))
+    assert Psnr().protocol == "RGB jointly, 8 bit, per frame"
+    assert Psnr(channels="each").protocol == "mean over R, G and B, 8 bit, per frame"
