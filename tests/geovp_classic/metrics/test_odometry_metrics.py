@@ -22,8 +22,8 @@ seeds = st.integers(0, 2**32 - 1)
 def drive(twists: np.ndarray) -> Trajectory:
     """Steps of the given twists [T - 1, 6] from a world origin that is not the identity."""
     poses = [se3.exp(np.array([3.0, 1, -2, 0.1, 0.4, -0.2]))]
-    for twist in twists:
-        poses.append(poses[-1] @ se3.exp(twist))
+    for step in se3.exp(twists):
+        poses.append(poses[-1] @ step)
     return Trajectory(np.array(poses), np.arange(len(poses)) * 0.1, True)
 
 
