@@ -80,6 +80,7 @@ def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None
     assert left == pytest.approx(abs(scale - 1) * np.linalg.norm(spread), rel=1e-6, abs=1e-6)
 
 
+@settings(max_examples=25)
 @given(seeds)
 def test_drift_and_relative_error_do_not_see_the_world_frame(seed: int) -> None:
     truth, estimate = wobbly(seed, 130), wobbly(seed + 1, 130)
