@@ -5,18 +5,34 @@ PYTHON ?= python3
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 TESTS ?=
+MODULE ?= geometry
+MUTANTS ?= 60
+SEED ?= 1
 
 VERSIONS ?= oldest newest
 VERSION_TESTS ?= tests/geovp_classic/geometry tests/geovp_classic/odometry tests/geovp_classic/metrics tests/geovp_classic/render \
   tests/geovp_classic/test_exports.py tests/benchmarks/test_run.py tests/benchmarks/test_tables.py
 
-.PHONY: demo test lint docs wheel-test test-versions setup clean
+.PHONY: demo test mutation lint docs wheel-test test-versions setup clean
 
 demo: $(READY)  ## the demo matrix on the synthetic street: table, plots, pictures and report
 	$(BIN)/geovp run --fresh demo
 
 test: $(READY)  ## the whole test suite; with GEOVP_TEST_DATA=FOLDER also on real data
-	$(BIN)/python -m pytest -n auto --dist worksteal -q $(TESTS)
+	$(BIN)/python -m pytest -n auto --dist worksteal -q $(if $(CI),--randomly-seed=1) $(TESTS)
+
+# In a copy, since cosmic-ray changes the sources themselves, one mutant at a time.
+mutation: $(READY)  ## do the tests notice changed sources? MODULE=geometry|metrics|statistics|store|scoring MUTANTS=60 SEED=1
+	@set -e; $(BIN)/python -m pip install --quiet --constraint constraints.txt cosmic-ray; \
+	bin="$$PWD/$(BIN)"; copy=$$(mktemp -d); trap 'rm -rf "$$copy"' EXIT; \
+	git ls-files -z | xargs -0 cp --parents -P -t "$$copy"; cd "$$copy"; \
+	export PATH="$$bin:$$PATH" PYTHONPATH="$$copy/src" NUMBA_CACHE_DIR="$$copy/.numba" PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 CI=true; \
+	config=tests/mutation_testing/$(MODULE).toml; \
+	cosmic-ray init $$config session.sqlite; cr-filter-operators session.sqlite $$config; \
+	python tests/mutation_testing/sample.py session.sqlite --count $(MUTANTS) --seed $(SEED); \
+	cosmic-ray exec $$config session.sqlite; \
+	cr-report --surviving-only --show-diff session.sqlite | \
+	  sed '/^total jobs/d; /^complete/d; s/^\(surviving mutants: [0-9]*\).*/\1 of $(MUTANTS)/'
 
 lint: $(READY)  ## format, lint rules and types
 	$(BIN)/ruff format --check .

@@ -128,3 +128,16 @@ def test_no_import_cycles() -> None:
     for name in modules:
         visit(name, ())
     assert done == set(modules)
+
+
+def test_dataclasses_are_frozen() -> None:
+    # State that grows while images are read, tracked or learned from; everything else is a value or a component.
+    growing = {"GroundPlaneEstimator", "Progress", "RelativePose", "Results", "UnitScale", "VideoFrames"}
+    thawed = set()
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            for decorator in node.decorator_list if isinstance(node, ast.ClassDef) else ():
+                words = ast.unparse(decorator)
+                if "dataclass" in words and "frozen=True" not in words:
+                    thawed.add(node.name)
+    assert thawed == growing

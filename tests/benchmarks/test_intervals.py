@@ -1,5 +1,7 @@
 """Intervals of means over dependent clips: simulated coverage, and numbers that one can work out by hand."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -113,3 +115,104 @@ class TestBounds:
         for name, metric in found.items():
             if name.endswith(("-error", "-displacement")) or name == "lpips":
                 assert metric.bounds[0] == 0.0  # type: ignore[attr-defined]
+
+
+def test_no_value_is_worth_none() -> None:
+    assert intervals.interval(np.array([np.nan]), np.zeros(1)).effective == 0
+
+
+class TestAutocorrelationTime:
+    """Of patterns whose correlations can be counted."""
+
+    def test_one_visible_lag_goes_on_geometrically(self) -> None:
+        # Threes of ones of either sign: of 299 pairs of neighbours 200 are equal, so r = 101 / 299; pairs two apart
+        # correlate negatively. A mean taken out of 300 values adds (1 - r) tau / 300; tau is (1 + r) / (1 - r).
+        values = np.tile([1.0, 1, 1, -1, -1, -1], 50)
+        tau, visible = intervals.autocorrelation_time(values, [np.arange(300)])
+        correlation = 101 / 299 + 198 / 299 * tau / 300
+        assert tau == pytest.approx((1 + correlation) / (1 - correlation), rel=1e-4)
+        assert visible == 1
+
+    def test_at_most_half_of_the_variance_has_gone_with_the_means(self) -> None:
+        # Fifty sequences of six. One apart 4 of 5 pairs are equal: 3 / 5; two apart 2 of 4: 0. Half of what lacks to 1
+        # is added, .8 and .5, and .5 halves in two lags: 1 + 2 (.8 + .5 + .5 (1 / sqrt 2 + 1 / 2 + ...)).
+        groups = [np.arange(start, start + 6) for start in range(0, 300, 6)]
+        tau, visible = intervals.autocorrelation_time(
+            np.tile([1.0, 1, 1, -1, -1, -1], 50) + np.arange(300) // 6, groups
+        )
+        assert tau == pytest.approx(1 + 2 * (1.3 + 0.5 * (1 + np.sqrt(2))), rel=0.01)
+        assert visible == 2
+
+    @pytest.mark.parametrize(("plus", "least"), [([4, 4, 2, 2, 2, 2, 2], 1), ([4, 2, 2, 2, 2, 2, 2, 2], 0)])
+    def test_a_correlation_counts_from_one_and_a_half_standard_errors_on(self, plus: list[int], least: int) -> None:
+        # Runs of +-1, 36 in all: a standard error is 1 / 6, so .25 is the limit. With 13 changes of sign r = 9 / 35,
+        # with 14 7 / 35; the mean that was taken out adds (1 - r) / 36.
+        runs = itertools.zip_longest(plus, [-4, -4, -2, -2, -2, -2, -2], fillvalue=0)
+        values = np.concatenate([np.full(abs(run), np.sign(run)) for run in itertools.chain(*runs)]).astype(float)
+        assert (len(values), values.sum()) == (36, 0)
+        assert min(intervals.autocorrelation_time(values, [np.arange(36)])[1], 1) == least
+
+    def test_a_trend_is_worth_four_values(self) -> None:
+        for count in (16, 40, 400):
+            assert intervals.interval(np.arange(float(count)), np.zeros(count)).effective == 4
+
+    def test_equal_alternating_or_few_values_are_independent(self) -> None:
+        for values in (np.full(30, 0.1), np.tile([1.0, -1.0], 15), np.arange(3.0)):
+            assert intervals.autocorrelation_time(values, [np.arange(len(values))]) == (1.0, 0)
+
+
+@pytest.mark.parametrize("value", [0.0, 2.0, -1.0])
+def test_equal_values_have_an_interval_without_width(value: float) -> None:
+    found = intervals.interval(np.full(8, value), np.zeros(8))
+    assert (found.mean, found.low, found.high, found.effective) == (value, value, value, 8)
+    assert found.p_zero == float(value == 0)
+
+
+@pytest.mark.parametrize(("count", "level"), [(10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
+def test_the_width_is_students_with_the_degrees_that_there_are(count: int, level: float) -> None:
+    values = np.tile([1.0, -1.0, -1.0, 1.0, 0.5, -0.5], count)[:count]  # neighbours do not correlate
+    tau, visible = intervals.autocorrelation_time(values, [np.arange(count)])
+    assert (tau, visible) == (1.0, 0)
+    found = intervals.interval(values, np.zeros(count), level)
+    # one mean is out of `count` values: the variance of the mean is s^2 / count with n - 1 in its denominator
+    low, high = stats.t.interval(level, count - 1, values.mean(), values.std(ddof=1) / np.sqrt(count))
+    assert found.high - found.low == pytest.approx(high - low, rel=0.06)
+    assert intervals.block_interval(values, np.zeros(count), level) == (found.low, found.high)
+
+
+def test_correlated_values_have_fewer_degrees_of_freedom() -> None:
+    values = np.tile([1.0, 1, 1, -1, -1, -1], 50)  # tau about 2 with one visible lag, so a third of 299 degrees
+    found = intervals.interval(values, np.zeros(300))
+    tau, _ = intervals.autocorrelation_time(values, [np.arange(300)])
+    half = stats.t(299 / 3).ppf(0.975) * np.sqrt(tau / (300 - tau))  # variance 1 over 300 / tau, less what went with it
+    assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.05)
+    assert found.effective == pytest.approx(300 / tau)
+
+
+def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:
+    values = np.random.default_rng(8).normal(size=20)
+    found, shifted = (intervals.interval(values + more, np.zeros(20)) for more in (0.0, 100.0))
+    np.testing.assert_allclose([shifted.low, shifted.high], [found.low + 100, found.high + 100], atol=1e-9)
+
+
+def test_three_values_have_an_interval_of_at_least_three_degrees() -> None:
+    found = intervals.interval(np.array([-1.0, 0.0, 1.0]), np.zeros(3))
+    # resampled sums of three reach 1 at most, so that the quantile is that of few values: wider than one s / sqrt 3
+    assert found.low < -1 / np.sqrt(3)
+    assert found.high > 1 / np.sqrt(3)
+    assert found.effective == 3
+
+
+def test_sequences_of_two_stand_together_and_of_three_alone() -> None:
+    def sizes(names: list[int]) -> list[list[int]]:
+        return [group.tolist() for group in intervals._groups(np.array(names))]
+
+    assert sizes([1, 1, 2, 3, 3, 3]) == [[3, 4, 5], [0, 1, 2]]
+    assert sizes([1, 1, 1, 2, 2, 2]) == [[0, 1, 2], [3, 4, 5]]
+
+
+def test_another_seed_gives_another_interval_about_as_wide() -> None:
+    values = np.random.default_rng(3).normal(size=36)
+    first, other = (intervals.interval(values, np.zeros(36), seed=seed) for seed in (0, 1))
+    assert first.low != other.low
+    assert other.high - other.low == pytest.approx(first.high - first.low, rel=0.1)

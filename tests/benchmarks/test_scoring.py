@@ -1,6 +1,7 @@
-"""The stabilised columns: beside the plain ones, by each row's own rotation, and absent where a row has none."""
+"""Which numbers a prediction gets; the stabilised columns: by each row's own rotation, absent where it has none."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,16 @@ import pyarrow.compute as pc
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geovp_benchmarks import matrix
+from geovp_benchmarks import matrix, scoring
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.scoring import Metrics, ScoringContext, score
 from geovp_benchmarks.stored_facts import title
-from geovp_classic.errors import GeovpError
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.metrics.stabilised import Stabilised
-from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics, Motion, Prediction, Trajectory
+from geovp_classic.metrics.trajectory import TranslationError
+from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Intrinsics, Motion, Prediction, Trajectory
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 31.5, 64, 64)
 PAST, FUTURE = 3, 2
@@ -127,3 +129,120 @@ def test_a_matrix_asks_for_them_by_the_names_of_its_frame_metrics() -> None:
 def test_a_wrong_word_is_one_sentence(metrics: dict[str, Any], says: str) -> None:
     with pytest.raises(GeovpError, match=says):
         matrix.parse("m", content(**metrics))
+
+
+@dataclass(frozen=True)
+class Brightness:
+    """The mean grey value of the predicted pixels; remembers how often it was asked."""
+
+    unit: str = "grey"
+    higher_is_better: bool = True
+    asked: list[str] = field(default_factory=list)
+
+    def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+        self.asked.append("one")
+        chosen = np.ones(predicted.shape[:3], bool) if mask is None else mask
+        return np.array(
+            [frame[pixels].mean() if pixels.any() else np.nan for frame, pixels in zip(predicted, chosen, strict=True)]
+        )
+
+
+@dataclass(frozen=True)
+class Masked(Brightness):
+    """The same with all masks at once."""
+
+    def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
+        self.asked.append("many")
+        return [Brightness()(predicted, target, mask) for mask in masks]
+
+
+def standing() -> Clip:
+    """A camera that stands in front of a wall at one metre, before whose upper quarter something moves."""
+    clip, count = drive(), PAST + FUTURE
+    moving = np.zeros((count, 64, 64), bool)
+    moving[:, :16] = True
+    path = Trajectory(np.tile(np.eye(4), (count, 1, 1)), clip.times_s, is_metric=True)
+    return replace(clip, trajectory=path, depths=np.ones((count, 64, 64), np.float32), moving=moving)
+
+
+def halves(samples: int, sideways_m: Sequence[float] | None = None) -> Prediction:
+    """Sample s at step k: grey 10 s + k, 100 more in the left half and 40 more above; only step 1 has a left half."""
+    frames = np.zeros((samples, FUTURE, 64, 64, 3), np.uint8)
+    frames += (10 * np.arange(samples)[:, None] + np.arange(1, FUTURE + 1)).astype(np.uint8)[..., None, None, None]
+    frames[:, :, :, :32] += 100
+    frames[:, :, :16] += 40
+    covered = np.zeros(frames.shape[:4], bool)
+    covered[:, 0, :, :32] = True
+    if sideways_m is None:
+        return Prediction(frames, covered)
+    own_from_world = se3.compose(Rotation.from_euler("y", 90, degrees=True).as_matrix(), np.array([5.0, 0, 7]))
+    futures = np.tile(own_from_world, (len(sideways_m), FUTURE, 1, 1))
+    futures[..., :3, 3] += np.multiply.outer(sideways_m, own_from_world[:3, 0])[:, None]
+    past = Trajectory(np.tile(own_from_world, (PAST, 1, 1)), 0.1 * np.arange(PAST), is_metric=True)
+    return Prediction(frames, covered, Motion(past, futures, np.array([True, False, True])))
+
+
+@pytest.mark.parametrize("metric", [Brightness(), Masked()])
+def test_every_set_of_pixels_has_a_column_and_every_step_a_row(metric: Brightness) -> None:
+    rows = score(ScoringContext(standing(), PAST), halves(2), Metrics({"grey": metric}, {}))
+    assert rows.schema == scoring.SCORES
+    base = {"grey": 60, "grey@covered": 110, "grey@moving": 90, "grey@static": 50, "grey@seen": 50}
+    for sample in (0, 1):
+        for name, value in base.items():
+            late = None if name == "grey@covered" else value + 10.0 * sample + 2
+            assert values(rows, name, sample) == [value + 10.0 * sample + 1, late]
+        assert values(rows, "grey@disoccluded", sample) == [None, None]
+        assert values(rows, "coverage", sample) == [0.5, 0.0]
+    assert rows["step"].to_pylist() == [1, 2] * 14
+    assert rows["sample"].to_pylist() == [0] * 14 + [1] * 14
+    assert set(rows["clip"].to_pylist()) == {"drive"}
+    assert set(metric.asked) == {"many" if isinstance(metric, Masked) else "one"}
+
+
+def test_facts_are_shares_of_the_futures_pixels_and_of_the_path() -> None:
+    facts = ScoringContext(standing(), PAST).facts
+    assert (facts["moving"], facts["static"], facts["seen"], facts["disoccluded"]) == (0.25, 0.75, 0.75, 0.0)
+    assert facts["speed_m_s"] == 0.0
+
+
+def test_equal_images_are_scored_once_unless_other_pixels_are_covered() -> None:
+    metric, context = Masked(), ScoringContext(standing(), PAST)
+    for prediction, asked in ((halves(2), 2), (halves(2), 2), (replace(halves(1), covered=None), 3)):
+        score(context, prediction, Metrics({"grey": metric}, {}))
+        assert len(metric.asked) == asked
+
+
+@pytest.mark.parametrize(("sideways_m", "expected"), [([0.0, 1.0, 2.5], [0.0, 1.0, 2.5]), ([2.0], [2.0, 2.0, 2.0])])
+def test_every_sample_has_its_future_or_all_share_one(sideways_m: list[float], expected: list[float]) -> None:
+    metrics = Metrics({}, {"off": TranslationError()})
+    rows = score(ScoringContext(standing(), PAST), halves(3, sideways_m), metrics)
+    for sample, distance_m in enumerate(expected):
+        np.testing.assert_allclose(values(rows, "off", sample), distance_m, atol=1e-12)
+        # half of the pixels, or none; two of three past frames tracked, four or five frames until there
+        np.testing.assert_allclose(values(rows, "confidence", sample), [0.5 * 2 / 4, 0.0])
+
+
+@pytest.mark.parametrize("shape", [(1, 64, 64), (3, 64, 64), (2, 32, 64), (2, 64, 128)])
+def test_a_prediction_of_another_size_is_refused(shape: tuple[int, ...]) -> None:
+    prediction = Prediction(np.zeros((1, *shape, 3), np.uint8))
+    with pytest.raises(BadData, match=r"frames have shape \(1, \d.*, 3\), expected \(S, 2, 64, 64, 3\)$"):
+        score(ScoringContext(drive(), PAST), prediction, METRICS)
+
+
+@pytest.mark.parametrize("futures", [2, 4])
+def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) -> None:
+    with pytest.raises(BadData, match=f"{futures} predicted futures for 3 samples, expected one each or one for all"):
+        score(ScoringContext(drive(), PAST), halves(3, [0.0] * futures), METRICS)
+
+
+@pytest.mark.parametrize(("samples", "times"), [(4, 0), (5, 1), (12, 2)])
+def test_memory_is_released_after_every_fifth_sample(samples: int, times: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    released: list[int] = []
+    monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(1))
+    score(ScoringContext(drive(), PAST), halves(samples), Metrics({}, {}))
+    assert len(released) == times
+
+
+def test_no_samples_and_no_metrics_are_no_rows() -> None:
+    rows = score(ScoringContext(drive(), PAST), Prediction(drive().frames[None, PAST:]), Metrics({}, {}))
+    assert (rows.num_rows, rows.schema) == (0, scoring.SCORES)

@@ -123,3 +123,25 @@ def test_frames_without_an_error_are_infinitely_good() -> None:
     estimate = statistics.overall(np.array([[np.inf, 20.0], [10.0, 20.0]]))
     assert float(estimate.mean) == np.inf
     assert np.isnan(estimate.error)
+
+
+def test_every_step_counts_the_clips_that_have_a_value() -> None:
+    estimate = statistics.over_clips(np.array([[1.0, 2.0, 3.0], [3.0, NAN, 7.0]]))
+    np.testing.assert_array_equal(estimate.count, [2, 1, 2])
+    np.testing.assert_array_equal(estimate.mean, [2.0, 2.0, 5.0])
+    np.testing.assert_allclose(estimate.error, [1.0, NAN, 2.0])  # half of the difference
+
+
+def test_samples_and_steps_that_no_row_names_are_undefined() -> None:
+    cube = statistics.cube(rows({("b", 1, 3): 5.0, ("a", 0, 1): 1.0}), "psnr")
+    assert cube.clips == ("b", "a")
+    expected = np.full((2, 2, 3), NAN)
+    expected[0, 1, 2], expected[1, 0, 0] = 5.0, 1.0
+    np.testing.assert_array_equal(cube.values, expected)
+
+
+def test_a_judge_of_no_clips_judges_none() -> None:
+    empty = statistics.cube(SCORES.empty_table(), "psnr")
+    assert statistics.best_by(empty, True)(empty, True).shape == (0, 0)
+    one = statistics.Cube(("a",), np.ones((1, 2, 3)))
+    np.testing.assert_array_equal(statistics.best_by(empty, True)(one, True), np.full((1, 3), NAN))

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from geovp_benchmarks.part_files import METADATA_KEY
-from geovp_benchmarks.store import Part, Results, write_bytes
+from geovp_benchmarks.store import SCORES, Part, Results, check_clip_name, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores, write_row
@@ -173,3 +173,135 @@ def test_a_pickle_is_not_read(tmp_path: Path) -> None:
 def test_a_folder_that_is_none_of_ours_is_said_to_be_so(tmp_path: Path) -> None:
     with pytest.raises(BadData, match="not a results folder"):
         Results(tmp_path).protocol()
+
+
+def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None:
+    results = Results(tmp_path)
+    assert results.by_dataset() == {"": results}
+    results.write_datasets(["near", "far"])
+    assert results.by_dataset() == {"near": Results(tmp_path / "near"), "far": Results(tmp_path / "far")}
+    with pytest.raises(BadData, match=rf"holds several data sets: give one, such as {tmp_path / 'far'}$"):
+        results.protocol()
+    for _ in range(2):  # what is not there need not be removed
+        results.write_datasets([""])
+        assert results.by_dataset() == {"": results}
+
+
+def test_a_folder_is_begun_with_its_protocol(tmp_path: Path) -> None:
+    assert not Results(tmp_path).begun
+    assert begun(tmp_path).begun
+
+
+def test_views_have_their_places(tmp_path: Path) -> None:
+    results = Results(tmp_path)
+    assert (results.tables, results.plots) == (tmp_path / "tables", tmp_path / "plots")
+    assert results.report == tmp_path / "report.html"
+    assert results.recording(NAME) == tmp_path / "recordings/03%5B180%3A360%29%2F000010 a.rrd"
+
+
+@pytest.mark.parametrize("other", ["e", "g", ""])
+def test_only_parts_of_the_same_settings_count(other: str, tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_part("x", rows(1.0), Part(0, ("a",), other, {}, {}, 0.0))
+    assert results.parts("x") == []
+
+
+def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    failed = {"b": ("failed", "no features", "trace")}
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0, facts={"a": {"yaw_deg": 2.0}}))
+    results.write_part(
+        "x", rows(1.0), Part(1, ("b",), "f", {}, {}, 0.0, failures=failed, facts={"b": {"yaw_deg": 3.0}})
+    )
+    assert results.failures("x") == {"b": "no features"}
+    assert results.clip_facts() == {"a": {"yaw_deg": 2.0}, "b": {"yaw_deg": 3.0}}
+
+
+def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path) -> None:
+    results = begun(tmp_path, "old")
+    results.write_part("x", rows(1.0), Part(0, ("a",), "old", {}, {}, 0.0))
+    results.swap("x", "old", "new")
+    assert not (tmp_path / "x").exists()
+    begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(0, ("a",), "new", {}, {}, 0.0))
+    assert results.with_rows_of("x", "new").scores("x")["value"].to_pylist() == [2.0, 3.0]
+    assert results.set_aside() == {tmp_path / "earlier/old/x"}
+    assert results.with_rows_of("x", "old").root == tmp_path / "earlier/old"
+    results.swap("x", "new", "old")
+    assert results.set_aside() == {tmp_path / "earlier/new/x"}
+    assert results.scores("x")["value"].to_pylist() == [1.0]
+    results.swap("x", "old", "0123456789abcdef0")  # a folder is named by 16 letters, and replaces one before it
+    results.write_clip(clip())
+    results.swap("clips", "", "other")
+    assert {path.relative_to(tmp_path / "earlier").as_posix() for path in results.set_aside()} == {
+        "new/x",
+        "old/x",
+        "unknown/clips",
+    }
+    assert results.with_rows_of("x", "0123456789abcdef0").root.name == "0123456789abcdef"
+
+
+def test_a_cell_without_rows_is_not_set_aside(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.swap("x", "f", "g")
+    assert not (tmp_path / "x").exists()
+    assert results.set_aside() == set()
+
+
+def test_what_is_set_aside_replaces_what_was(tmp_path: Path) -> None:
+    for value in (1.0, 2.0):
+        begun(tmp_path).write_part("x", rows(value), Part(0, ("a",), "f", {}, {}, 0.0))
+        Results(tmp_path).swap("x", "f", "g")
+    Results(tmp_path).swap("x", "g", "f")
+    assert Results(tmp_path).scores("x")["value"].to_pylist() == [2.0]
+
+
+def test_kept_clips_belong_to_the_protocol_of_their_fingerprint(tmp_path: Path) -> None:
+    assert Results(tmp_path).with_clips_of("f").root == tmp_path / "earlier/f"
+    results = begun(tmp_path)
+    results.write_protocol({"cells": ["x"], "fingerprint": "f"})
+    assert results.with_clips_of("f") is results
+    for other in ("e", "g"):
+        assert results.with_clips_of(other).root == tmp_path / "earlier" / other
+
+
+def test_damaged_kept_files_are_set_aside_by_cell_or_for_all(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_clip(clip())
+    results.write_prediction("x", "good", Prediction(clip().frames[None]))
+    results.write_prediction("x", "bad", Prediction(clip().frames[None]))
+    bad, kept = results.root / "x/predictions/bad.npz", results.clips()[0][1]
+    assert results.size_bytes("x", "predictions") > bad.stat().st_size == results.size_bytes("x", "predictions") / 2
+    for path in (bad, kept):
+        path.write_bytes(path.read_bytes()[:-30])
+    assert results.set_damaged_aside("x") == [bad]
+    assert [name for name, _ in results.predictions("x")] == ["good"]
+    assert results.set_damaged_aside(None) == [kept]
+    assert (results.clips(), results.set_damaged_aside(None)) == ([], [])
+
+
+def test_removing_twice_is_removing_once(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    for index in (0, 1):
+        results.write_part("x", rows(1.0), Part(index, ("a",), "f", {}, {}, 0.0))
+    for _ in range(2):
+        results.remove_part("x", 0)
+        assert [part.index for part in results.parts("x")] == [1]
+    for _ in range(2):
+        results.remove_cell("x")
+        assert results.cells() == []
+
+
+def test_scratch_files_are_no_predictions(tmp_path: Path) -> None:
+    results = Results(tmp_path)
+    results.write_prediction("x", "a", Prediction(clip().frames[None]))
+    path = tmp_path / "x/predictions/a.npz"
+    path.with_name(".a.npz").write_bytes(b"")
+    assert results.predictions("x") == [("a", path)]
+
+
+def test_a_clips_name_fits_a_files_name() -> None:
+    check_clip_name("a" * 226)  # and ".npz": 230 bytes
+    with pytest.raises(BadData, match=rf"the clip '{'a' * 40}'\.\.\. takes 231 bytes .* a name of 230 at most"):
+        check_clip_name("a" * 227)
+    with pytest.raises(BadData, match="takes 232 bytes"):
+        check_clip_name("\u00e9" * 38)  # two bytes in UTF-8, %C3%A9 in the file's name

@@ -57,3 +57,47 @@ def test_bridges_follow_the_screw_motion_between_and_beyond() -> None:
     broken = np.where(known[:, None, None], poses, np.eye(4))
     np.testing.assert_allclose(bridged(broken, np.arange(6.0), known), poses, atol=1e-12)
     np.testing.assert_array_equal(bridged(broken, np.arange(6.0), known & False), broken)
+
+
+@pytest.mark.parametrize(("apart", "says_something"), [(7, False), (8, False), (9, True)])
+def test_a_frame_shows_something_from_a_contrast_of_four_grey_values_on(
+    apart: int, says_something: bool, film: ByteArray
+) -> None:
+    film[2, :, :16], film[2, :, 16:] = 100, 100 + apart  # a standard deviation of half of it
+    assert usable(film)[2] == says_something
+
+
+@pytest.mark.parametrize(("moved_grey", "kept"), [(2, True), (4, False)])
+def test_only_after_a_movement_is_the_same_image_a_repetition(moved_grey: int, kept: bool, film: ByteArray) -> None:
+    half = film[:1] // 2
+    assert usable(np.concatenate([half, half + moved_grey, half + moved_grey])).tolist() == [True, True, kept]
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.2, False), (0.4, True)])
+def test_a_change_of_less_than_a_third_of_a_grey_value_is_none(share: float, kept: bool, film: ByteArray) -> None:
+    again = film[1:2] // 2
+    changed = again.copy()
+    changed.reshape(-1, 3)[: int(share * 1024)] += 1
+    assert usable(np.concatenate([film[:1] // 2, again, changed])).tolist() == [True, True, kept]
+
+
+def test_two_frames_are_enough(film: ByteArray) -> None:
+    film[[0, 2, 3, 4, 5, 6]] = 0
+    assert np.flatnonzero(usable(film)).tolist() == [1, 7]
+    film[7] = 0
+    assert usable(film).all()
+
+
+def test_nothing_changes_where_all_frames_say_something(film: ByteArray) -> None:
+    past = Trajectory(se3.exp(np.zeros((8, 6))), np.arange(8.0), True)
+    context = Context(film, np.arange(10.0), Intrinsics(30.0, 30.0, 15.5, 15.5, 32, 32))
+    assert screened(context, past) == (context, past)
+
+
+def test_two_known_poses_are_a_motion_and_times_are_not_steps() -> None:
+    times_s = np.array([0.0, 1.0, 4.0, 5.0])
+    poses = se3.exp(times_s[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
+    known = np.array([True, False, False, True])
+    np.testing.assert_allclose(bridged(np.where(known[:, None, None], poses, 0), times_s, known), poses, atol=1e-12)
+    alone = np.array([False, True, False, False])
+    np.testing.assert_array_equal(bridged(poses, times_s, alone), poses)

@@ -108,3 +108,50 @@ def test_the_middle_of_a_wide_image_keeps_the_aspect_asked_for() -> None:
     assert (rows, columns) == (slice(0, 50), slice(10, 110))
     assert (small.width_px, small.height_px, small.fx_px, small.fy_px) == (40, 20, 40.0, 40.0)
     assert (small.cx_px, small.cy_px) == (19.5, 9.5)
+
+
+def test_shrinking_takes_the_mean_of_the_area() -> None:
+    image = np.random.default_rng(0).integers(0, 256, (8, 12, 3), dtype=np.uint8)
+    means = image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(pinhole.resize(image, (6, 4)), means, atol=0.51)
+
+
+@pytest.mark.parametrize(
+    ("size_px", "overshoots"), [((16, 8), True), ((8, 16), True), ((4, 16), False), ((16, 4), False)]
+)
+def test_only_growing_is_bicubic_and_overshoots_at_edges(size_px: tuple[int, int], overshoots: bool) -> None:
+    image = np.full((8, 8, 3), 100, np.uint8)
+    image[3:5, 3:5] = 200
+    found = pinhole.resize(image, size_px)
+    assert found.shape == (size_px[1], size_px[0], 3)
+    assert (found.min() < 100) == overshoots
+    assert pinhole.resize(image, (8, 8)) is image
+
+
+@pytest.mark.parametrize("size_px", [(0, 4), (4, 0), (-1, 4)])
+def test_no_image_has_less_than_a_pixel(size_px: tuple[int, int]) -> None:
+    with pytest.raises(BadData, match=r"an image of 4x5 to .*: sizes must be positive"):
+        pinhole.resize(np.zeros((5, 4, 3), np.uint8), size_px)
+    assert pinhole.resize(np.full((5, 4, 3), 9, np.uint8), (1, 1)).tolist() == [[[9, 9, 9]]]
+
+
+def test_a_crop_has_at_least_one_pixel() -> None:
+    (rows, columns), small = pinhole.centre_crop(Intrinsics(9.0, 9.0, 4.0, 1.0, 9, 3), (1, 90))
+    assert (rows, columns) == (slice(0, 3), slice(4, 5))
+    (rows, columns), small = pinhole.centre_crop(Intrinsics(9.0, 9.0, 1.0, 4.0, 3, 9), (90, 1))
+    assert (rows, columns) == (slice(4, 5), slice(0, 3))
+    assert (small.width_px, small.height_px) == (90, 1)
+
+
+def test_grey_weighs_the_colours_as_television_does() -> None:
+    primaries = np.array([[[200, 0, 0], [0, 200, 0], [0, 0, 200], [255, 255, 255]]], np.uint8)
+    found = pinhole.grey(primaries)  # ITU-R BT.601: 0.299, 0.587, 0.114
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, [[59.8, 117.4, 22.8, 255]], atol=0.51)
+
+
+def test_rays_are_shared_and_read_only() -> None:
+    camera = Intrinsics(80, 90, 31.5, 23.5, 64, 48)
+    assert pinhole.rays(camera) is pinhole.rays(camera)
+    with pytest.raises(ValueError, match="read-only"):
+        pinhole.rays(camera)[0] = 0

@@ -57,3 +57,9 @@ def test_a_camera_that_looks_up_drives_on_the_level_ground() -> None:
     ahead = planar.lift(np.array([[0.0, 10, 0]]), np.eye(4), planar.level_vehicle_from_cam(pitch_rad=0.1))[0]
     np.testing.assert_allclose(ahead[:3, 3], [0, 10 * np.sin(0.1), 10 * np.cos(0.1)], atol=1e-12)
     np.testing.assert_allclose(ahead[:3, :3], np.eye(3), atol=1e-12)
+
+
+def test_samples_of_paths_are_reduced_one_by_one() -> None:
+    states = np.random.default_rng(0).uniform(-2, 2, (2, 4, 3))
+    level = planar.level_vehicle_from_cam()
+    np.testing.assert_allclose(planar.reduce(planar.lift(states, any_pose(0), level), any_pose(0), level), states)

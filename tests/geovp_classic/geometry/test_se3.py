@@ -110,3 +110,22 @@ def test_vectors_that_nobody_may_write_to() -> None:
     vectors.flags.writeable = False
     quarter_turn = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     np.testing.assert_allclose(se3.exp(vectors)[0, :3, :3], quarter_turn, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle_rad", [1e-4, 9.9e-4, 1.01e-3, 0.01])
+def test_series_and_formula_agree_with_the_matrix_exponential_where_they_meet(angle_rad: float) -> None:
+    twist = np.array([50.0, -20, 30, *(angle_rad * np.array([0.6, 0, 0.8]))])
+    generator = np.zeros((4, 4))
+    generator[:3, :3], generator[:3, 3] = se3.cross_matrix(twist[3:]), twist[:3]
+    np.testing.assert_allclose(se3.exp(twist), scipy.linalg.expm(generator), atol=1e-8)
+    np.testing.assert_allclose(se3.log(se3.exp(twist)), twist, atol=1e-8)
+
+
+def test_how_far_from_a_rotation_is_too_far() -> None:
+    rounded = np.eye(4)
+    rounded[0, 0] = 1 + 1e-3  # its square is off by 2.001e-3
+    np.testing.assert_allclose(se3.orthonormalised(rounded, tolerance=2.01e-3), np.eye(4), atol=1e-12)
+    with pytest.raises(BadData, match=r"off by 0\.002, expected orthonormal rows within 0\.00199"):
+        se3.orthonormalised(rounded, tolerance=1.99e-3)
+    with pytest.raises(BadData, match=r"within 0\.0001"):
+        se3.orthonormalised(rounded)

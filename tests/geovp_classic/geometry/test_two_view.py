@@ -76,7 +76,9 @@ def test_pure_rotation_has_no_translation(angle_rad: float, axis: int) -> None:
 
 def test_too_few_or_random_points_are_no_motion() -> None:
     a, b = observations(se3.exp(np.array([0, 0, -1.0, 0, 0, 0])))
-    assert two_view.two_view(a[:7], b[:7], NOISE).kind == "unknown"
+    few = two_view.two_view(a[:7], b[:7], NOISE)
+    assert (few.kind, few.parallax) == ("unknown", 0.0)
+    np.testing.assert_array_equal(few.b_from_a, np.eye(4))
     rng = np.random.default_rng(0)
     found = two_view.two_view(rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), NOISE)
     assert found.kind == "unknown"
@@ -133,3 +135,47 @@ def test_without_wrong_points_pycolmap_refines_to_the_same_motion() -> None:
 def test_rays_that_leave_the_front_are_nan() -> None:
     turned = two_view.rotate_rays(se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))[:3, :3], np.array([[0.1, 0.2]]))
     assert np.isnan(turned).all()
+
+
+def test_two_fifths_of_wrong_points_have_no_say_in_a_rotation() -> None:
+    turn = se3.exp(np.array([0, 0, 0, 0.02, -0.05, 0.01]))
+    a, b = observations(turn)
+    b[:120] += 0.1
+    np.testing.assert_allclose(two_view.best_rotation(a, b, NOISE), turn[:3, :3], atol=1e-8)
+
+
+@pytest.mark.parametrize(("moving", "agreed"), [(85, True), (95, False)])
+def test_seven_tenths_of_the_points_must_agree_that_nothing_moves(moving: int, agreed: bool) -> None:
+    a, b = observations(np.eye(4))
+    b[:moving] += np.random.default_rng(3).uniform(0.02, 0.2, (moving, 2))  # of 300
+    assert (two_view.two_view(a, b, NOISE).kind == "still") == agreed
+    turn = se3.exp(np.array([0, 0, 0, 0, 0.05, 0]))
+    a, b = observations(turn)
+    b[:moving] += np.random.default_rng(3).uniform(0.02, 0.2, (moving, 2))
+    assert (two_view.two_view(a, b, NOISE).kind == "rotation") == agreed
+
+
+def test_parallax_is_the_median_shift_and_inliers_are_within_three_deviations() -> None:
+    a, _ = observations(np.eye(4))
+    b = a + np.repeat([[2.9 * NOISE, 0], [0, 0.5 * NOISE], [-3.1 * NOISE, 0]], [40, 200, 60], axis=0)
+    found = two_view.two_view(a, b, NOISE)
+    assert (found.kind, found.parallax) == ("still", pytest.approx(0.5 * NOISE))
+    np.testing.assert_array_equal(found.inliers, np.arange(300) < 240)
+
+
+def test_parallax_of_a_general_motion_is_the_median_shift_without_the_rotation() -> None:
+    b_from_a = se3.exp(np.array([0.5, 0, 0, 0, 0.03, 0]))
+    found = two_view.two_view(*observations(b_from_a), NOISE)
+    points = scene(0)
+    still = se3.transform(se3.compose(b_from_a[:3, :3], np.zeros(3)), points)
+    moved = se3.transform(b_from_a, points)
+    shift = np.linalg.norm(still[:, :2] / still[:, 2:] - moved[:, :2] / moved[:, 2:], axis=1)
+    assert found.parallax == pytest.approx(np.median(shift), rel=0.01)
+
+
+@pytest.mark.parametrize(("count", "known"), [(7, False), (8, True)])
+def test_eight_points_are_enough(count: int, known: bool) -> None:
+    a, b = observations(np.eye(4), NOISE)
+    found = two_view.two_view(a[:count], b[:count], NOISE)
+    assert (found.kind == "still") == known
+    assert len(found.inliers) == count

@@ -83,3 +83,8 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
     error = {name: np.abs(view.frames[0].astype(int) - native).mean() for name, view in views.items()}
     assert error["wide"] < 5
     assert error["crop"] > 30
+
+
+def test_sizes_between_pixels_are_rounded() -> None:
+    # a square of 33 pixels for 80: one and a half times as fine is 200 * 49.5 / 80 = 123.75 by 49.5
+    assert uncropped(noise_context(33)).frames.shape == (2, 50, 124, 3)

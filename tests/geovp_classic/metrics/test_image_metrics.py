@@ -184,3 +184,41 @@ def test_frames_that_do_not_fit_are_refused(metric: FrameMetric) -> None:
 def test_ssim_refuses_frames_smaller_than_its_window() -> None:
     with pytest.raises(BadData, match=r"\(10, 40, 3\), expected at least 11x11"):
         Ssim()(noise(1, (1, 10, 40, 3)), noise(2, (1, 10, 40, 3)), None)
+
+
+@pytest.mark.parametrize("border", ["valid", "zero"])
+@pytest.mark.parametrize(("window", "radius"), [("uniform", 3), ("gaussian", 5)])
+def test_other_windows_and_borders_are_scikit_images(window: str, radius: int, border: str) -> None:
+    a = smooth_street(3)
+    b = a ^ (noise(0, a.shape) // 8)
+    metric = Ssim(window=window, border=border)  # type: ignore[arg-type]
+    settings = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False} if window == "gaussian" else {}
+    pad = ((0, 0), (radius, radius), (radius, radius), (0, 0)) if border == "zero" else ((0, 0),) * 4
+    for one, other, value in zip(np.pad(a, pad), np.pad(b, pad), metric(a, b, None), strict=True):
+        assert value == pytest.approx(structural_similarity(one, other, channel_axis=-1, **settings), abs=1e-9)
+    rim = np.zeros((3, 64, 80), bool)
+    rim[:, 0] = True
+    assert np.isnan(metric(a, b, rim)).all() == (border == "valid")
+
+
+def test_a_window_fits_just() -> None:
+    a = noise(0, (1, 7, 7, 3))
+    assert Ssim(window="uniform")(a, a, None).tolist() == [1.0]
+    with pytest.raises(BadData, match="at least 7x7 pixels"):
+        Ssim(window="uniform")(a[:, 1:], a[:, 1:], None)
+
+
+def test_settings_are_told_in_words() -> None:
+    assert Ssim().protocol == "Wang 2004, Gaussian 11 px, sigma 1.5, valid region, mean over RGB"
+    other = Ssim("uniform", 2.0, "zero").protocol
+    assert "uniform 7 px, sample variances, zero padding" in other
+    assert other.endswith("mean over RGB, data range 2 for values of range 1")
+    a, b = noise(0), noise(0) ^ (noise(1) // 8)
+    constants = structural_similarity(a[0], b[0], channel_axis=-1, data_range=510)
+    assert Ssim("uniform", 2.0)(a, b, None)[0] == pytest.approx(constants, abs=1e-9)
+
+
+def test_bounds_and_definitions_are_told() -> None:
+    assert (Psnr().bounds, Psnr(ceiling_db=60.0).bounds, Ssim().bounds) == ((0.0, 100.0), (0.0, 60.0), (-1.0, 1.0))
+    assert Psnr().protocol == "RGB jointly, 8 bit, per frame"
+    assert Psnr(channels="each").protocol == "mean over R, G and B, 8 bit, per frame"

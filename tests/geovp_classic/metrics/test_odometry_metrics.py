@@ -22,8 +22,8 @@ seeds = st.integers(0, 2**32 - 1)
 def drive(twists: np.ndarray) -> Trajectory:
     """Steps of the given twists [T - 1, 6] from a world origin that is not the identity."""
     poses = [se3.exp(np.array([3.0, 1, -2, 0.1, 0.4, -0.2]))]
-    for twist in twists:
-        poses.append(poses[-1] @ se3.exp(twist))
+    for step in se3.exp(twists):
+        poses.append(poses[-1] @ step)
     return Trajectory(np.array(poses), np.arange(len(poses)) * 0.1, True)
 
 
@@ -80,6 +80,7 @@ def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None
     assert left == pytest.approx(abs(scale - 1) * np.linalg.norm(spread), rel=1e-6, abs=1e-6)
 
 
+@settings(max_examples=25)
 @given(seeds)
 def test_drift_and_relative_error_do_not_see_the_world_frame(seed: int) -> None:
     truth, estimate = wobbly(seed, 130), wobbly(seed + 1, 130)
@@ -142,3 +143,13 @@ def test_agreement_with_evo(tmp_path: Path) -> None:
     assert odometry.root_mean_square(translation) == pytest.approx(evo("evo_rpe", tmp_path, *steps), rel=1e-5)
     angle = evo("evo_rpe", tmp_path, *steps, "--pose_relation", "angle_deg")
     assert odometry.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
+
+
+def test_segments_are_those_of_the_development_kit() -> None:
+    # 901 poses a metre apart: of each length, from every tenth frame on, as many as end before the last metre does
+    poses = np.tile(np.eye(4), (901, 1, 1))
+    poses[:, 2, 3] = np.arange(901)
+    path = Trajectory(poses, np.arange(901) / 10, is_metric=True)
+    found = odometry.kitti_drift(path, path)
+    assert found.num_segments == sum((900 - length) // 10 for length in range(100, 801, 100)) == 360
+    assert (found.translation_percent, found.rotation_deg_per_100m) == (0.0, 0.0)

@@ -160,3 +160,10 @@ def test_other_instants_are_refused(name: str) -> None:
         BY_NAME[name](target[:3], target)
     with pytest.raises(BadData, match=r"up to 0.05 s apart: compare the same instants"):
         BY_NAME[name](Trajectory(target.world_from_cam, target.times_s + 0.05, True), target)
+
+
+@pytest.mark.parametrize("name", registry.names("trajectory_metrics"))
+def test_bounds_are_what_errors_can_be(name: str) -> None:
+    metric = registry.build("trajectory_metrics", {"name": name})
+    assert metric.bounds == (0.0, 180.0 if metric.unit == "deg" else np.inf)
+    assert not metric.higher_is_better

@@ -1,0 +1,66 @@
+"""A shifted texture: points are found where it went, and points that cannot be found are said to be lost."""
+
+import cv2
+import numpy as np
+
+from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.types import ByteArray, FloatArray
+
+TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8), (0, 0), 3)
+TEXTURE = cv2.normalize(TEXTURE, None, 0, 255, cv2.NORM_MINMAX)  # type: ignore[call-overload]
+PIXELS = np.stack(np.meshgrid(np.arange(90.0, 190, 20), np.arange(90.0, 150, 20)), axis=-1).reshape(-1, 2)
+
+
+def shifted(right_px: int, down_px: int) -> ByteArray:
+    return np.roll(TEXTURE, (down_px, right_px), axis=(0, 1))
+
+
+def errors_px(found: FloatArray, right_px: float, down_px: float) -> FloatArray:
+    return np.linalg.norm(found - PIXELS - [right_px, down_px], axis=1)
+
+
+def test_points_move_with_their_texture() -> None:
+    found, kept, difference = track_points((TEXTURE, shifted(5, -3)), PIXELS, PIXELS, 21)
+    assert kept.all()
+    assert errors_px(found, 5, -3).max() < 0.05
+    assert difference.max() < 0.5  # grey levels: the windows are equal
+    assert (found.shape, kept.shape, difference.shape) == ((15, 2), (15,), (15,))
+
+
+def test_without_a_pyramid_a_long_way_needs_a_prediction() -> None:
+    images = TEXTURE, shifted(30, 12)
+    near = TEXTURE, shifted(14, 6)  # with two levels more it is 3.5 pixels by 1.5
+    _, lost, _ = track_points(near, PIXELS, PIXELS, 15, num_levels=(1, 1))
+    assert lost.mean() < 0.6
+    assert track_points(near, PIXELS, PIXELS, 15, num_levels=(3, 3))[1].all()
+    found, kept, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(1, 4))
+    assert kept.all()
+    assert errors_px(found, 30, 12).max() < 0.05
+    _, one_way, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(4, 1))
+    assert one_way.all()  # the way back starts at the point itself
+
+
+def test_given_pixels_are_left_as_they_are() -> None:
+    before, guess = PIXELS.astype(np.float32), PIXELS.astype(np.float32)
+    track_points((TEXTURE, shifted(5, -3)), before, guess, 21)
+    np.testing.assert_array_equal(before, PIXELS)
+    np.testing.assert_array_equal(guess, PIXELS)
+
+
+def test_what_is_covered_or_has_no_texture_is_lost() -> None:
+    now = shifted(2, 0)
+    now[80:160, 80:140] = np.random.default_rng(1).integers(0, 256, (80, 60))  # something else stands before it
+    _, kept, difference = track_points((TEXTURE, now), PIXELS, PIXELS, 15)
+    covered = PIXELS[:, 0] < 135
+    assert not kept[covered].any()
+    assert np.median(difference[covered]) > 20
+    assert kept[PIXELS[:, 0] > 155].all()
+    flat = np.full_like(TEXTURE, 90)
+    assert not track_points((flat, flat), PIXELS, PIXELS, 15)[1].any()
+
+
+def test_how_far_off_the_way_back_may_end_is_the_callers() -> None:
+    now = cv2.add(shifted(2, 0), np.random.default_rng(2).integers(0, 10, TEXTURE.shape, dtype=np.uint8))
+    loose, tight = (track_points((TEXTURE, now), PIXELS, PIXELS, 15, max_return_px=px)[1] for px in (0.5, 1e-4))
+    assert loose.all()
+    assert tight.sum() < 3
