@@ -15,6 +15,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from geovp_classic.parallel import parallel_map
 from geovp_classic.types import FloatArray
 
 IndexArray = npt.NDArray[np.int32]
@@ -39,7 +40,6 @@ _HALF, _NEAR = np.float32(HALF_PX), np.float32(NEAR_SHARE)
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-30)
 
 
-@numba.njit(cache=True, parallel=True)
 def rasterise_views(
     patches: FloatArray,  # [5, N] float32: u, v, inverse depth, its slopes along u and v
     source: IndexArray,  # [N], fastest where patches of one source follow each other
@@ -49,15 +49,25 @@ def rasterise_views(
     winner: IndexArray,
 ) -> None:
     """Rasterise patches into z-buffers [F, H, W] of inverse depth and the numbers of the nearest ones."""
-    for f in numba.prange(len(a)):
-        _rasterise_view(patches, source, a[f], b[f], z_buffer[f], winner[f])
+
+    def rasterise(f: int) -> None:
+        buffers = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
+        _rasterise_view(patches, source, a[f], b[f], *buffers, z_buffer[f], winner[f])
+
+    parallel_map(rasterise, range(len(a)))
 
 
-@numba.njit(cache=True)
+@numba.njit(nogil=True, cache=True)
 def _rasterise_view(
-    patches: FloatArray, source: IndexArray, a: FloatArray, b: FloatArray, z_buffer: FloatArray, winner: IndexArray
+    patches: FloatArray,
+    source: IndexArray,
+    a: FloatArray,
+    b: FloatArray,
+    setup: FloatArray,  # [NUM_ROWS], changed
+    kept: IndexArray,  # [BLOCK + 1], changed
+    z_buffer: FloatArray,
+    winner: IndexArray,
 ) -> None:
-    setup, kept = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
     last = np.float32(z_buffer.shape[1] - 1), np.float32(z_buffer.shape[0] - 1)
     us, vs, inverse_depths, slopes_u, slopes_v = patches[0], patches[1], patches[2], patches[3], patches[4]
     start = 0
@@ -72,8 +82,8 @@ def _rasterise_view(
         for n in range(end - start):
             kept[count] = n
             count += int((setup[LEFT + n] <= setup[RIGHT + n]) & (setup[TOP + n] <= setup[BOTTOM + n]))
-        for n in kept[:count]:
-            _rasterise_patch(setup, n, start + n, z_buffer, winner)
+        for k in range(count):
+            _rasterise_patch(setup, kept[k], start + kept[k], z_buffer, winner)
         start = end
 
 
