@@ -116,21 +116,16 @@ def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:
     """By way of the unit quaternion: the row of 4 q q' with the largest diagonal entry (Shepperd 1978)."""
-    a, b, c, d, e, f, g, h, i = np.moveaxis(rotation.reshape(*rotation.shape[:-2], 9), -1, 0)
-    rows = [
-        (1 + a + e + i, h - f, c - g, d - b),
-        (h - f, 1 + a - e - i, b + d, c + g),
-        (c - g, b + d, 1 - a + e - i, f + h),
-        (d - b, c + g, f + h, 1 - a - e + i),
-    ]
-    products = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)  # [..., 4, 4]
-    largest = np.diagonal(products, axis1=-2, axis2=-1).argmax(axis=-1)
-    quaternion = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
-    quaternion = quaternion * np.where(quaternion[..., :1] < 0, -1.0, 1.0)  # the shorter way round
-    sine = np.linalg.norm(quaternion[..., 1:], axis=-1, keepdims=True)
-    angle_rad = 2 * np.arctan2(sine, quaternion[..., :1])
-    turning = sine > 0
-    return quaternion[..., 1:] * np.where(turning, angle_rad, 0.0) / np.where(turning, sine, 1.0)
+    flat = rotation.reshape(-1, 3, 3)
+    across = flat.swapaxes(1, 2)
+    products, trace = np.empty((len(flat), 4, 4)), flat[:, 0, 0] + flat[:, 1, 1] + flat[:, 2, 2]
+    products[:, 1:, 1:] = flat + across + (1 - trace)[:, None, None] * np.eye(3)
+    products[:, 0, 0] = 1 + trace
+    products[:, 0, 1:] = products[:, 1:, 0] = (flat - across)[:, (2, 0, 1), (1, 2, 0)]
+    quaternion = products[np.arange(len(flat)), products.diagonal(axis1=1, axis2=2).argmax(axis=1)]
+    cosine, sines = np.abs(quaternion[:, :1]), quaternion[:, 1:] * np.where(quaternion[:, :1] < 0, -1.0, 1.0)
+    sine = np.sqrt((sines**2).sum(axis=1, keepdims=True))  # with the shorter way round
+    return (sines * 2 * np.arctan2(sine, cosine) / np.where(sine > 0, sine, 1.0)).reshape(rotation.shape[:-1])
 
 
 def _angles(rotation_vector: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:

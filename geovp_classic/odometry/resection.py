@@ -49,11 +49,11 @@ def refine_pose(
     Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise, by half or more a round.
     Several times as fast as pycolmap's `refine_absolute_pose` (benchmarks/performance/libraries.py).
     """
-    kernel, middle = np.inf, len(points) // 2
+    kernel = np.inf
     for _ in range(num_rounds):
         projected, errors = np.zeros((len(points), 3)), np.full(len(points), np.inf)
         _project(points, rays, cam_from_world, projected, errors)
-        kernel = max(noise, min(float(np.partition(errors, middle)[middle]), kernel / 2))
+        kernel = max(noise, min(float(np.median(errors)), kernel / 2))
         normal, gradient, jacobian = np.diag(np.full(6, 1e-12)), np.zeros(6), np.zeros((2, 6))
         _add_to_normal_equations(projected, rays, errors, kernel, jacobian, normal, gradient)
         step = -np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), gradient)  # barely damped
