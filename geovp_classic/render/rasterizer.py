@@ -21,7 +21,6 @@ from geovp_classic.types import FloatArray
 IndexArray = npt.NDArray[np.int32]
 Number = np.floating[Any]
 Vector = tuple[Number, Number, Number]
-Columns = tuple[Vector, Vector, Vector, Vector]
 
 NO_INDEX = -1
 HALF_PX = 0.52  # of the square a pixel stands for; the margin closes cracks on curved surfaces
@@ -69,15 +68,12 @@ def _rasterise_view(
     winner: IndexArray,
 ) -> None:
     last = np.float32(z_buffer.shape[1] - 1), np.float32(z_buffer.shape[0] - 1)
-    us, vs, inverse_depths, slopes_u, slopes_v = patches[0], patches[1], patches[2], patches[3], patches[4]
-    start = 0
+    start = np.int64(0)  # a plain 0 is a type of its own, and all would be compiled twice
     while start < len(source):
         value, end = source[start], start + 1
         while end < min(len(source), start + BLOCK) and source[end] == value:
             end += 1
-        u, v, inverse_depth = us[start:end], vs[start:end], inverse_depths[start:end]
-        to_view = _columns(a[value], b[value])
-        _set_up(u, v, inverse_depth, slopes_u[start:end], slopes_v[start:end], to_view, last, setup)
+        _set_up(patches, start, end, a[value], b[value], last, setup)
         count = 0
         for n in range(end - start):
             kept[count] = n
@@ -87,25 +83,13 @@ def _rasterise_view(
         start = end
 
 
-@numba.njit(cache=True)
-def _columns(a: FloatArray, b: FloatArray) -> Columns:
-    """The columns of A and b: what u, v, 1 and inverse depth add to the homogeneous pixel of the view."""
-    return (
-        (a[0, 0], a[1, 0], a[2, 0]),
-        (a[0, 1], a[1, 1], a[2, 1]),
-        (a[0, 2], a[1, 2], a[2, 2]),
-        (b[0], b[1], b[2]),
-    )
-
-
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _set_up(
-    us: FloatArray,
-    vs: FloatArray,
-    inverse_depths: FloatArray,
-    slopes_u: FloatArray,
-    slopes_v: FloatArray,
-    to_view: Columns,
+    patches: FloatArray,
+    start: int,
+    end: int,
+    a: FloatArray,  # [3, 3]
+    b: FloatArray,  # [3]
     last: tuple[Number, Number],  # column and row of the view
     setup: FloatArray,  # written
 ) -> None:
@@ -113,7 +97,11 @@ def _set_up(
 
     A slope that would lead beyond infinity is made flatter.
     """
-    along_u, along_v, origin, shift = to_view
+    # What u, v, 1 and inverse depth add to the homogeneous pixel of the view
+    along_u, along_v = (a[0, 0], a[1, 0], a[2, 0]), (a[0, 1], a[1, 1], a[2, 1])
+    origin, shift = (a[0, 2], a[1, 2], a[2, 2]), (b[0], b[1], b[2])
+    us, vs, inverse_depths = patches[0, start:end], patches[1, start:end], patches[2, start:end]
+    slopes_u, slopes_v = patches[3, start:end], patches[4, start:end]
     for n in range(len(us)):
         u, v, q = us[n], vs[n], inverse_depths[n]
         q_d, q_e = _HALF * slopes_u[n], _HALF * slopes_v[n]
