@@ -51,12 +51,8 @@ def refine_pose(
     """
     kernel = np.inf
     for _ in range(num_rounds):
-        projected, errors = np.zeros((len(points), 3)), np.full(len(points), np.inf)
-        _project(points, rays, cam_from_world, projected, errors)
-        kernel = max(noise, min(float(np.median(errors)), kernel / 2))
-        normal, gradient, jacobian = np.diag(np.full(6, 1e-12)), np.zeros(6), np.zeros((2, 6))
-        _add_to_normal_equations(projected, rays, errors, kernel, jacobian, normal, gradient)
-        step = -np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), gradient)  # barely damped
+        normal, gradient, kernel = _normal_equations(points, rays, cam_from_world, kernel, noise)
+        step = -np.linalg.solve(normal, gradient)
         step = step if np.isfinite(step).all() else np.zeros(6)  # no point constrains the pose
         rotation = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
         cam_from_world = se3.compose(rotation, step[:3]) @ cam_from_world
@@ -78,6 +74,19 @@ def reprojection_errors(
     depth = np.where(in_front, z, 1.0)
     errors = np.sqrt((x / depth - rays[..., 0]) ** 2 + (y / depth - rays[..., 1]) ** 2)
     return np.where(in_front | np.isnan(errors), errors, np.inf)
+
+
+def _normal_equations(
+    points: FloatArray, rays: FloatArray, cam_from_world: FloatArray, kernel: float, noise: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Gauss-Newton's matrix [6, 6], barely damped, gradient [6] by translation and rotation, and the new kernel."""
+    projected, errors = np.zeros((len(points), 3)), np.full(len(points), np.inf)
+    _project(points, rays, cam_from_world, projected, errors)
+    kernel = max(noise, min(float(np.median(errors)), kernel / 2))  # here, since a median takes long to compile
+    normal, gradient, jacobian = np.zeros((6, 6)), np.zeros(6), np.zeros((2, 6))
+    _add_to_normal_equations(projected, rays, errors, kernel, jacobian, normal, gradient)
+    np.fill_diagonal(normal, (1 + 1e-9) * np.diag(normal) + 1e-12)
+    return normal, gradient, kernel
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
