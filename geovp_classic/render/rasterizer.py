@@ -68,7 +68,7 @@ def _rasterise_view(
     winner: IndexArray,
 ) -> None:
     last = np.float32(z_buffer.shape[1] - 1), np.float32(z_buffer.shape[0] - 1)
-    start = np.int64(0)  # a plain 0 is a type of its own, and all would be compiled twice
+    start = int(np.int64(0))  # a plain 0 is a type of its own, and all would be compiled twice
     while start < len(source):
         value, end = source[start], start + 1
         while end < min(len(source), start + BLOCK) and source[end] == value:
