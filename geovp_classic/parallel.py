@@ -15,16 +15,13 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from threadpoolctl import ThreadpoolController
 
-# TBB, numba's first choice, comes in a version too old for it with Open3D, and it says so in a warning.
-numba.config.THREADING_LAYER_PRIORITY = ["omp", "workqueue", "tbb"]  # type: ignore[attr-defined]
-
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 Parameters = ParamSpec("Parameters")
 
 
 def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
-    """The results in the order of the tasks; the work must not call parallel compiled code (numba's prange).
+    """The results in the order of the tasks.
 
     The calling thread works beside those of a pool, so that nested calls cannot deadlock. After an error no further
     task is started.

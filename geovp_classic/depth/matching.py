@@ -11,7 +11,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.types import FloatArray
+from geovp_classic.parallel import parallel_map
+from geovp_classic.types import FloatArray, IntArray
 
 CostArray = npt.NDArray[np.uint8]
 
@@ -21,29 +22,42 @@ FAR_PRIOR = 8  # what the nearest hypothesis costs more than infinity
 UNSEEN = 128  # the cost where no source sees the point: neither good nor bad
 NOISE_VARIANCE = 2.0  # of grey values 0..255; windows flatter than this correlate with nothing
 IN_FRONT = 1e-6  # smallest z, relative to the ray
-BAND_ENTRIES = 2**19  # costs that a thread works on at a time, so that they stay in its cache
+BAND_ROWS = 32  # that a thread works on at a time, so that they stay in its cache
 
 _WINDOW = np.float32(1 / (2 * RADIUS_PX + 1) ** 2)
 _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
+_WORST, _UNSEEN = np.float32(WORST), np.float32(UNSEEN)
+
+PackedArray = npt.NDArray[np.int32]
+Buffers = tuple[FloatArray, FloatArray, FloatArray, PackedArray]  # scores, window sums, rows, and whole numbers
 
 
 def sweep_costs(
     reference: FloatArray,  # [H, W] float32 grey
-    sources: FloatArray,  # [S, H', W'] float32 grey
+    sources: FloatArray,  # [S, H', W'] grey, whole numbers 0..255
     infinity_from_pixel: FloatArray,  # [S, 3, 3]; K' R inv(K): where a source shows points at infinity
     epipoles: FloatArray,  # [S, 3]; K' t: what a unit of inverse depth adds
     inverse_depths: FloatArray,  # [N], the hypotheses
 ) -> CostArray:
     """Costs [H, W, N]: the mean over the sources that see it, 0 (equal) to WORST, else UNSEEN; plus `far_prior`."""
-    window = (2 * RADIUS_PX + 1,) * 2
+    window, num = (2 * RADIUS_PX + 1,) * 2, len(inverse_depths)
     mean = np.asarray(cv2.boxFilter(reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32)
     square = np.asarray(cv2.boxFilter(reference * reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32)
     inverse_deviation = (1 / np.sqrt(np.maximum(square - mean * mean, 0) + NOISE_VARIANCE)).astype(np.float32)
-    width, num = reference.shape[1], len(inverse_depths)
-    num_rows = int(np.clip(BAND_ENTRIES // (width * num), 8, 32))
-    maps = infinity_from_pixel.astype(np.float32), epipoles.astype(np.float32), inverse_depths.astype(np.float32)
-    assert all(np.isfinite(one).all() for one in maps), "a NaN would read outside the image"
-    costs: CostArray = _sweep(reference, mean, inverse_deviation, sources, *maps, far_prior(num), num_rows)
+    shifts = (inverse_depths[:, None] * epipoles[:, None]).astype(np.float32)  # [S, N, 3]
+    infinity = infinity_from_pixel.astype(np.float32)
+    assert all(np.isfinite(one).all() for one in (infinity, shifts)), "a NaN would read outside the image"
+    packed = _packed(sources)
+    costs = np.empty((*reference.shape, num), np.uint8)
+    padded = np.pad(reference, RADIUS_PX, mode="edge")
+
+    def sweep_band(top: int) -> None:
+        band = slice(top, top + BAND_ROWS)
+        lines = np.clip(np.arange(top - RADIUS_PX, top + len(mean[band]) + RADIUS_PX), 0, len(reference) - 1)
+        own = padded[top : top + len(lines)], mean[band], inverse_deviation[band]
+        _sweep(own, lines, infinity, shifts, packed, far_prior(num), _buffers(*mean[band].shape), costs[band])
+
+    parallel_map(sweep_band, range(0, len(reference), BAND_ROWS))
     return costs
 
 
@@ -52,132 +66,124 @@ def far_prior(num: int) -> CostArray:
     return (FAR_PRIOR * np.arange(num) // num).astype(np.uint8)
 
 
-@numba.njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
+def _packed(sources: FloatArray) -> PackedArray:
+    """The four pixels [S, H', W'] between which a value is interpolated, as the bytes of one number."""
+    four = np.zeros((*sources.shape, 4), np.uint8)
+    below = np.concatenate([sources[:, 1:], sources[:, -1:]], axis=1)
+    for n, image in enumerate((sources, below)):
+        four[..., 2 * n] = image
+        four[..., :-1, 2 * n + 1] = image[..., 1:]
+    return four.view("<i4")[..., 0]
+
+
+def _buffers(rows: int, width: int) -> Buffers:
+    """Memory of a band, made here because that takes long to compile."""
+    row = np.empty((8, width + 2 * RADIUS_PX), np.float32)
+    scores, sums = np.empty((rows, 2, width), np.float32), np.empty((6, 3, width), np.float32)
+    return scores, sums, row, np.empty(width, np.int32)
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def _sweep(
-    reference: FloatArray,
-    mean: FloatArray,
-    inverse_deviation: FloatArray,
-    sources: FloatArray,
-    infinity_from_pixel: FloatArray,
-    epipoles: FloatArray,
-    inverse_depths: FloatArray,
+    own: tuple[FloatArray, FloatArray, FloatArray],  # padded by r all around; mean, one over deviation [rows, W]
+    lines: IntArray,  # [rows + 2 r], the band's and the ones around it
+    infinity_from_pixel: FloatArray,  # [S, 3, 3]
+    shifts: FloatArray,  # [S, N, 3]
+    packed: PackedArray,  # [S, H', W']
     prior: CostArray,  # [N]
-    num_rows: int,
-) -> CostArray:
-    height, width = reference.shape
-    num = len(inverse_depths)
-    costs = np.empty((height, width, num), np.uint8)
-    for band in numba.prange((height + num_rows - 1) // num_rows):
-        top, bottom = band * num_rows, min(height, (band + 1) * num_rows)
-        total = np.zeros((num, bottom - top, width), np.float32)
-        seen = np.zeros((num, bottom - top, width), np.float32)
-        for n in range(num):
-            for s in range(len(sources)):
-                _add_band(
-                    reference,
-                    mean,
-                    inverse_deviation,
-                    sources[s],
-                    infinity_from_pixel[s],
-                    inverse_depths[n] * epipoles[s],
-                    top,
-                    total[n],
-                    seen[n],
-                )
-        for row in range(bottom - top):
-            for n in range(num):
-                for column in range(width):
-                    count = seen[n, row, column]
-                    cost = np.uint8(UNSEEN)
-                    if count > 0:
-                        cost = np.uint8(np.float32(WORST) * total[n, row, column] / count)
-                    costs[top + row, column, n] = cost + prior[n]
-    return costs
+    buffers: Buffers,
+    costs: CostArray,  # [rows, W, N], written
+) -> None:
+    scores = buffers[0]
+    for n in range(costs.shape[2]):
+        _clear(scores)
+        for s in range(len(packed)):
+            _add_band(own, lines, infinity_from_pixel[s], shifts[s, n], packed[s], buffers)
+        for row in range(costs.shape[0]):
+            for column in range(costs.shape[1]):
+                seen = scores[row, 1, column]
+                cost = _WORST * scores[row, 0, column] / seen if seen > _ZERO else _UNSEEN
+                costs[row, column, n] = np.uint8(cost) + prior[n]
 
 
-@numba.njit(fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def _clear(
+    numbers: FloatArray,  # [N, M, W], written
+) -> None:
+    for n in range(numbers.shape[0]):
+        for m in range(numbers.shape[1]):
+            for column in range(numbers.shape[2]):
+                numbers[n, m, column] = _ZERO
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def _add_band(
-    reference: FloatArray,
-    mean: FloatArray,
-    inverse_deviation: FloatArray,
-    source: FloatArray,
-    infinity_from_pixel: FloatArray,  # [3, 3]
-    shift: FloatArray,  # [3], the epipole times the inverse depth
-    top: int,
-    total: FloatArray,  # [rows, W], added to: one minus the correlation
-    seen: FloatArray,  # [rows, W], added to: 1 where the source sees the point
+    own: tuple[FloatArray, FloatArray, FloatArray],
+    lines: IntArray,
+    a: FloatArray,  # [3, 3]
+    shift: FloatArray,  # [3]
+    source: PackedArray,  # [H', W']
+    buffers: Buffers,
 ) -> None:
     """Window sums run down the rows: each row's own sums enter at the bottom and leave at the top (ring of 2 r + 1)."""
-    rows, width = total.shape
-    height, size, r = reference.shape[0], 2 * RADIUS_PX + 1, RADIUS_PX
-    flat, source_height, source_width = source.reshape(-1), source.shape[0], source.shape[1]
-    ring = np.zeros((size, 3, width), np.float32)
-    inside = np.zeros((size, width), np.float32)
-    running = np.zeros((3, width), np.float32)
-    warped, own = np.empty(width + 2 * r, np.float32), np.empty(width + 2 * r, np.float32)
-    part_u, part_v, index = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.int32)
-    for step in range(rows + 2 * r):
-        row = min(max(top + step - r, 0), height - 1)
-        slot = step % size
-        start = infinity_from_pixel[:, 1] * np.float32(row) + infinity_from_pixel[:, 2] + shift
-        slope = infinity_from_pixel[:, 0]
-        _aim_row(slope, start, source_width, source_height, part_u, part_v, index, inside[slot])
-        _read_row(flat, source_width, index, part_u, part_v, warped)
-        for column in range(width):
-            own[column + r] = reference[row, column]
-        for i in range(r):
-            warped[i], warped[width + r + i] = warped[r], warped[width + r - 1]
-            own[i], own[width + r + i] = own[r], own[width + r - 1]
-        _sum_row(warped, own, ring[slot], running)
-        line = step - 2 * r
-        if line >= 0:
-            centre = inside[(slot + r + 1) % size]  # r rows above the one just read
-            _score_row(running, mean[top + line], inverse_deviation[top + line], centre, total[line], seen[line])
+    padded, mean, inverse_deviation = own
+    scores, sums, rows, index = buffers
+    _clear(sums)
+    for step in range(len(lines)):
+        inside, row, v = rows[step % 5], step - 2 * RADIUS_PX, np.float32(lines[step])
+        start = a[0, 1] * v + a[0, 2] + shift[0], a[1, 1] * v + a[1, 2] + shift[1], a[2, 1] * v + a[2, 2] + shift[2]
+        _aim_row((a[0, 0], a[1, 0], a[2, 0]), start, source.shape, rows[5], rows[6], index, inside)
+        _read_row(source, rows[5], rows[6], index, rows[7])
+        _sum_row(rows[7], padded[step], sums[step % 5], sums[5])
+        if row >= 0:
+            inside = rows[(step + RADIUS_PX + 1) % 5]  # r rows above the one just read
+            _score_row(sums[5], mean[row], inverse_deviation[row], inside, scores[row])
 
 
-@numba.njit(fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def _aim_row(
-    slope: FloatArray,  # [3]
-    start: FloatArray,  # [3]
-    source_width: int,
-    source_height: int,
-    part_u: FloatArray,  # [W], written: the fraction between two columns
-    part_v: FloatArray,  # [W], written: the fraction between two rows
+    slope: tuple[np.float32, np.float32, np.float32],
+    start: tuple[np.float32, np.float32, np.float32],
+    size: tuple[int, int],  # H', W'
+    part_u: FloatArray,  # [W + 2 r], written: the fraction between two columns
+    part_v: FloatArray,  # [W + 2 r], written: the fraction between two rows
     index: npt.NDArray[np.int32],  # [W], written: the pixel above and left
-    inside: FloatArray,  # [W], written: 1 where the source sees the point
+    inside: FloatArray,  # [W + 2 r], written: 1 where the source sees the point
 ) -> None:
-    last_u, last_v = np.float32(source_width - 1.001), np.float32(source_height - 1.001)
-    for column in range(len(part_u)):
+    last_u, last_v = np.float32(size[1] - 1.001), np.float32(size[0] - 1.001)
+    for column in range(len(index)):
         c = np.float32(column)
-        z = slope[2] * c + start[2]
-        scale = _ONE / max(z, np.float32(IN_FRONT))
+        scale = _ONE / max(slope[2] * c + start[2], np.float32(IN_FRONT))
         u, v = (slope[0] * c + start[0]) * scale, (slope[1] * c + start[1]) * scale
         u_in, v_in = min(max(u, _ZERO), last_u), min(max(v, _ZERO), last_v)
-        off = max(abs(u - u_in), abs(v - v_in))
-        inside[column] = _ONE if off <= _HALF else _ZERO
+        inside[column] = _ONE if max(abs(u - u_in), abs(v - v_in)) <= _HALF else _ZERO
         whole_u, whole_v = np.int32(u_in), np.int32(v_in)
         part_u[column], part_v[column] = u_in - np.float32(whole_u), v_in - np.float32(whole_v)
-        index[column] = whole_v * np.int32(source_width) + whole_u
+        index[column] = whole_v * np.int32(size[1]) + whole_u
 
 
-@numba.njit(fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def _read_row(
-    flat: FloatArray,  # [H' W']
-    source_width: int,
-    index: npt.NDArray[np.int32],
+    source: PackedArray,  # [H', W']
     part_u: FloatArray,
     part_v: FloatArray,
-    warped: FloatArray,  # [W + 2 r], written between the margins
+    index: npt.NDArray[np.int32],  # [W], changed
+    warped: FloatArray,  # [W + 2 r], written
 ) -> None:
-    for column in range(len(index)):
-        above = np.uint64(index[column])  # unsigned, so that the compiler need not look for negative indices
-        below = above + np.uint64(source_width)
-        upper = flat[above] + part_u[column] * (flat[above + np.uint64(1)] - flat[above])
-        lower = flat[below] + part_u[column] * (flat[below + np.uint64(1)] - flat[below])
-        warped[column + RADIUS_PX] = upper + part_v[column] * (lower - upper)
+    width, r, byte, flat = len(index), RADIUS_PX, np.int32(255), source.reshape(-1)
+    for column in range(width):  # a loop of its own, so that the compiler vectorises the other one
+        index[column] = flat[np.uint64(index[column])]
+    for column in range(width):
+        four, along, down = index[column], part_u[column], part_v[column]
+        upper, above_right = np.float32(np.int32(four & byte)), np.float32(np.int32((four >> 8) & byte))
+        lower, below_right = np.float32(np.int32((four >> 16) & byte)), np.float32(np.int32((four >> 24) & byte))
+        upper, lower = upper + along * (above_right - upper), lower + along * (below_right - lower)
+        warped[column + r] = upper + down * (lower - upper)
+    for i in range(r):
+        warped[i], warped[width + r + i] = warped[r], warped[width + r - 1]
 
 
-@numba.njit(fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def _sum_row(
     warped: FloatArray,  # [W + 2 r]
     own: FloatArray,  # [W + 2 r]
@@ -195,19 +201,18 @@ def _sum_row(
         leaving[0, x], leaving[1, x], leaving[2, x] = plain, square, product
 
 
-@numba.njit(fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
 def _score_row(
     running: FloatArray,  # [3, W]
     mean: FloatArray,  # [W]
     inverse_deviation: FloatArray,  # [W]
-    inside: FloatArray,  # [W]
-    total: FloatArray,  # [W], added to
-    seen: FloatArray,  # [W], added to
+    inside: FloatArray,  # [W + 2 r]
+    scores: FloatArray,  # [2, W], added to: one minus the correlation, and 1, where the source sees the point
 ) -> None:
     for x in range(len(mean)):
         average = running[0, x] * _WINDOW
         variance = max(running[1, x] * _WINDOW - average * average, _ZERO) + np.float32(NOISE_VARIANCE)
         covariance = running[2, x] * _WINDOW - mean[x] * average
         disagreement = _ONE - covariance * inverse_deviation[x] / np.sqrt(variance)
-        total[x] += inside[x] * min(max(disagreement, _ZERO), _ONE)
-        seen[x] += inside[x]
+        scores[0, x] += inside[x] * min(max(disagreement, _ZERO), _ONE)
+        scores[1, x] += inside[x]

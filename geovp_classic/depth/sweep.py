@@ -14,7 +14,7 @@ from geovp_classic.geometry.ground_plane import clamp_to_ground, fit_ground, flo
 from geovp_classic.types import FloatArray, Intrinsics
 
 TALL_PX = 256  # rows; taller images are swept over more planes
-SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5.0, 100.0, 20.0  # see aggregation.aggregate
+SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5, 100.0, 20.0  # see aggregation.aggregate
 SPECKLE_SHARE = 0.0045  # of the image; smaller islands of depth are wrong matches more often than objects
 FLOATING_SHARE = 0.027  # larger ones are still wrong where they float low over the road
 SURE_LEAD = 75.0  # the lead over all rivals with full confidence
@@ -47,16 +47,20 @@ def sweep(
     image = images[reference]
     costs = matching.sweep_costs(image, images[list(sources)], infinity_from_pixel, epipoles, planes)
     sums = aggregation.aggregate(costs, image, SMALL_STEP, LARGE_STEP, EDGE_CONTRAST)
-    inverse_depth, lead = aggregation.winners(sums, planes)
-    inverse_depth = np.asarray(cv2.medianBlur(inverse_depth, 5), np.float32)
-    if not viewpoints.shows_parallax(np.interp(inverse_depth, planes, np.arange(num_planes)) * step_px):
+    levels, lead, least = aggregation.winners(sums)
+    levels = np.asarray(cv2.medianBlur(levels, 5), np.float32)
+    if not viewpoints.shows_parallax(levels * step_px):
         return None
+    inverse_depth: FloatArray = np.interp(levels, np.arange(num_planes), planes).astype(np.float32)
     ground = None if prior is None else fit_ground(inverse_depth, camera)
     if prior is not None and ground is not None:
         road = ground.inverse_depth(camera)
-        allowed = prior.excess * ground.confidence(road)
-        inverse_depth = clamp_to_ground(inverse_depth, ground, camera, aggregation.excess(sums, planes, road) < allowed)
-    levels = np.interp(inverse_depth, planes, np.arange(num_planes))
+        below = inverse_depth < road
+        level = np.interp(road[below], planes, np.arange(num_planes))
+        allowed = prior.excess * ground.confidence(road[below])
+        below[below] = aggregation.excess(sums, least, level, below) < allowed
+        inverse_depth = clamp_to_ground(inverse_depth, ground, camera, below)
+        levels[below] = np.interp(inverse_depth[below], planes, np.arange(num_planes))
     islands = completion.speckles(levels, SPECKLE_SHARE)
     if ground is not None:
         islands |= floating_mask(inverse_depth, ground, camera, completion.speckles(levels, FLOATING_SHARE) & ~islands)

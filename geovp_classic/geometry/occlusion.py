@@ -18,10 +18,12 @@ def background_pixels(
     nearer. Rows without any known pixel name the row above or below in the same manner.
     """
     index = np.arange(known.size).reshape(known.shape)
-    _copy_farther(known, depth, index)
+    _copy_farther(np.ascontiguousarray(known), np.ascontiguousarray(depth), index)
     rows: BoolArray = np.asarray(known.any(axis=1))
     if not rows.all():
-        _copy_farther(np.repeat(rows[None], known.shape[1], axis=0), depth.ravel()[index].T, index.T)
+        down = np.ascontiguousarray(index.T)
+        _copy_farther(np.repeat(rows[None], known.shape[1], axis=0), depth.ravel()[down], down)
+        index = np.ascontiguousarray(down.T)
     return index
 
 

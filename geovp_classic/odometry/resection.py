@@ -76,28 +76,50 @@ def reprojection_errors(
     return np.where(in_front | np.isnan(errors), errors, np.inf)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _normal_equations(
-    points: FloatArray,  # [N, 3]
-    rays: FloatArray,  # [N, 2]
-    cam_from_world: FloatArray,  # [4, 4]
-    kernel: float,  # of the round before
-    noise: float,
+    points: FloatArray, rays: FloatArray, cam_from_world: FloatArray, kernel: float, noise: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """Gauss-Newton's matrix [6, 6], barely damped, gradient [6] by translation and rotation, and the new kernel."""
-    p, projected, errors = cam_from_world, np.zeros((len(points), 3)), np.full(len(points), np.inf)
+    projected, errors = np.zeros((len(points), 3)), np.full(len(points), np.inf)
+    _project(points, rays, cam_from_world, projected, errors)
+    kernel = max(noise, min(float(np.median(errors)), kernel / 2))  # here, since a median takes long to compile
+    normal, gradient, jacobian = np.zeros((6, 6)), np.zeros(6), np.zeros((2, 6))
+    _add_to_normal_equations(projected, rays, errors, kernel, jacobian, normal, gradient)
+    np.fill_diagonal(normal, (1 + 1e-9) * np.diag(normal) + 1e-12)
+    return normal, gradient, kernel
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _project(
+    points: FloatArray,  # [N, 3]
+    rays: FloatArray,  # [N, 2]
+    p: FloatArray,  # cam_from_world [4, 4]
+    projected: FloatArray,  # [N, 3], written for points in front: x and y on z = 1, inverse depth
+    errors: FloatArray,  # [N], written for points in front
+) -> None:
     for n in range(len(points)):
-        x, y, z = points[n]
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
         depth = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
         if depth > 1e-6:
             projected[n, 0] = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / depth
             projected[n, 1] = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / depth
             projected[n, 2] = 1 / depth
             errors[n] = np.hypot(projected[n, 0] - rays[n, 0], projected[n, 1] - rays[n, 1])
-    kernel = max(noise, min(np.median(errors), kernel / 2))
-    normal, gradient, jacobian = np.zeros((6, 6)), np.zeros(6), np.zeros((2, 6))
-    for n in range(len(points)):
-        x, y, inverse_depth = projected[n]
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _add_to_normal_equations(
+    projected: FloatArray,  # [N, 3]
+    rays: FloatArray,  # [N, 2]
+    errors: FloatArray,  # [N]
+    kernel: float,
+    jacobian: FloatArray,  # [2, 6], zeros, changed
+    normal: FloatArray,  # [6, 6], added to
+    gradient: FloatArray,  # [6] by translation and rotation, added to
+) -> None:
+    """Gauss-Newton's, with Cauchy weights."""
+    for n in range(len(projected)):
+        x, y, inverse_depth = projected[n, 0], projected[n, 1], projected[n, 2]
         jacobian[0, 0], jacobian[0, 2] = inverse_depth, -x * inverse_depth
         jacobian[1, 1], jacobian[1, 2] = inverse_depth, -y * inverse_depth
         jacobian[0, 3], jacobian[0, 4], jacobian[0, 5] = -x * y, 1 + x * x, -y
@@ -110,9 +132,6 @@ def _normal_equations(
                 gradient[i] += weighted * residual
                 for j in range(6):
                     normal[i, j] += weighted * jacobian[axis, j]
-    for i in range(6):
-        normal[i, i] += 1e-9 * normal[i, i] + 1e-12
-    return normal, gradient, kernel
 
 
 def _from_samples(points: FloatArray, rays: FloatArray, threshold: float, seed: int) -> FloatArray | None:

@@ -18,13 +18,21 @@ def triangulate(
     NaN for points with fewer than two observations or without a finite solution. Several times as fast as pycolmap's
     `triangulate_multi_view_point`, which takes one point (benchmarks/performance/libraries.py).
     """
-    return _triangulated(np.ascontiguousarray(rays), np.ascontiguousarray(cam_from_world), num_rounds)
+    points = np.full((rays.shape[1], 3), np.nan)
+    given = np.ascontiguousarray(rays), np.ascontiguousarray(cam_from_world)
+    _triangulate(*given, num_rounds, np.empty((3, 4)), points)
+    return points
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _triangulated(rays: FloatArray, cam_from_world: FloatArray, num_rounds: int) -> FloatArray:
+def _triangulate(
+    rays: FloatArray,
+    cam_from_world: FloatArray,
+    num_rounds: int,
+    system: FloatArray,  # [3, 4], changed: normal equations, their right side last
+    points: FloatArray,  # [N, 3], written where there is a solution
+) -> None:
     num_views, num_points, _ = rays.shape
-    points, system = np.full((num_points, 3), np.nan), np.empty((3, 4))  # normal equations, their right side last
     for n in range(num_points):
         count = 0
         for v in range(num_views):
@@ -33,7 +41,8 @@ def _triangulated(rays: FloatArray, cam_from_world: FloatArray, num_rounds: int)
             continue
         x, y, z, weight = 0.0, 0.0, 0.0, 1.0
         for iteration in range(num_rounds):
-            system[:] = 0
+            for i in range(12):
+                system[i // 4, i % 4] = 0.0
             for v in range(num_views):
                 p = cam_from_world[v]
                 if np.isfinite(rays[v, n, 0]):
@@ -43,7 +52,6 @@ def _triangulated(rays: FloatArray, cam_from_world: FloatArray, num_rounds: int)
             x, y, z = _solve(system)
         if np.isfinite(x) and np.isfinite(y) and np.isfinite(z):
             points[n, 0], points[n, 1], points[n, 2] = x, y, z
-    return points
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -60,14 +68,14 @@ def _add_observation(system: FloatArray, pose: FloatArray, ray: FloatArray, weig
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _solve(system: FloatArray) -> tuple[float, float, float]:
-    """The solution of three equations [3, 4], barely damped, by elimination in place."""
+    """The solution of three normal equations [3, 4], barely damped, by elimination in place.
+
+    Of matrices without negative eigenvalues the diagonal's own pivots are stable (Golub & Van Loan 2013, 4.2).
+    """
     damping = 1e-15 * (system[0, 0] + system[1, 1] + system[2, 2]) + 1e-300
     for i in range(3):
         system[i, i] += damping
     for i in range(3):
-        pivot = i + np.argmax(np.abs(system[i:, i]))
-        for j in range(i, 4):
-            system[i, j], system[pivot, j] = system[pivot, j], system[i, j]
         for k in range(i + 1, 3):
             factor = system[k, i] / system[i, i]
             for j in range(i + 1, 4):

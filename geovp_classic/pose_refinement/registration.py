@@ -152,7 +152,7 @@ def track(
             if known.any():
                 pair, start = (grey[before], grey[step]), pixels[before][known]
                 pixels[step, known], visible[step, known], _ = track_points(
-                    pair, start, start, window_px, max_return_px=RETURN_PX
+                    pair, start, start, window_px, (4, 1), max_return_px=RETURN_PX
                 )
             before = step
     return pixels.astype(np.float64), visible

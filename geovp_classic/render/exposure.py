@@ -9,6 +9,7 @@ a camera reacts shows in the observed frames: a fixed exposure stays. Saturated 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -29,12 +30,14 @@ TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
 STEADY_LOG_GAIN = 0.008  # RMS log gain from frame to frame at which the confidence in an active control is one half
 LARGEST_RATE_HZ = 1.5  # log gain per second; what is faster is a jump, not a control
 HELD = 0.3  # log step of the mean from its level beyond which the level counts for little
-LARGEST_LOG_GAIN = np.log(2)
+LARGEST_LOG_GAIN = math.log(2)
 SATURATED = 235.0  # grey values above this one are partly saturated
 SATURATED_SHARE = 0.3  # of a darkening (in log steps) that saturated pixels show
 SATURATED_BLUR_PX = 1.5
 CONTROL_STEP_S = 0.1  # between two steps of the control, as between two frames
 METER_PX = 64  # height of the whole images that the future mean is taken from
+GREYS = np.arange(256.0)
+SATURATION = np.clip((GREYS - SATURATED) / (255 - SATURATED), 0, 1) ** 2
 
 
 @dataclass(frozen=True)
@@ -108,10 +111,10 @@ class ExposureControl:
         gain, speed_hz, off = 0.0, measured.log_rate_hz, _log(float(last @ tone_curve(0.0))) - log_level
         num_steps = max(1, round(since_s / CONTROL_STEP_S))
         dt_s = since_s / num_steps
-        lasting = np.exp(-dt_s / self.inertia_s)
+        lasting = math.exp(-dt_s / self.inertia_s)
         for share in np.arange(1, num_steps + 1) / num_steps:
             speed_hz = lasting * speed_hz - (1 - lasting) * measured.confidence * min(self.pull_hz, 1 / dt_s) * off
-            gain = float(np.clip(gain + speed_hz * dt_s, -LARGEST_LOG_GAIN, LARGEST_LOG_GAIN))
+            gain = min(max(gain + speed_hz * dt_s, -LARGEST_LOG_GAIN), LARGEST_LOG_GAIN)
             off = _log(float((last + share * (histogram - last)) @ tone_curve(gain))) - log_level
         return gain
 
@@ -185,7 +188,7 @@ def _small(frame: ByteArray, size_px: tuple[int, int]) -> FloatArray:
 
 def tone_curve(log_gain: float) -> FloatArray:
     """New values [256] of the grey values 0..255, at most 255; saturated ones darken less."""
-    return np.minimum(np.arange(256.0) * np.exp(log_gain) + _saturation() * _highlight_offset(log_gain), 255)
+    return np.minimum(GREYS * math.exp(log_gain) + SATURATION * _highlight_offset(log_gain), 255)
 
 
 def apply_log_gain(frame: ByteArray, log_gain: float) -> ByteArray:
@@ -197,21 +200,17 @@ def apply_log_gain(frame: ByteArray, log_gain: float) -> ByteArray:
 
 def _apply_log_gain(frame: ByteArray, log_gain: float) -> ByteArray:
     offset = _highlight_offset(log_gain)
-    darker = np.minimum(np.arange(256.0) * np.exp(log_gain) + 0.5, 255).astype(np.uint8)
+    darker = np.minimum(GREYS * math.exp(log_gain) + 0.5, 255).astype(np.uint8)
     plain: ByteArray = np.asarray(cv2.LUT(frame, darker), np.uint8)
     if offset < 0.5 or not (frame > SATURATED).any():
         return plain
-    white = cv2.GaussianBlur(cv2.LUT(frame, _saturation().astype(np.float32)), (0, 0), SATURATED_BLUR_PX)
+    white = cv2.GaussianBlur(cv2.LUT(frame, SATURATION.astype(np.float32)), (0, 0), SATURATED_BLUR_PX)
     return np.asarray(cv2.add(plain, (offset * white + 0.5).astype(np.uint8)))
-
-
-def _saturation() -> FloatArray:
-    return np.clip((np.arange(256.0) - SATURATED) / (255 - SATURATED), 0, 1) ** 2
 
 
 def _highlight_offset(log_gain: float) -> float:
     """How much brighter a saturated pixel stays than 255 times the gain."""
-    return float(255 * max(np.exp(SATURATED_SHARE * log_gain) - np.exp(log_gain), 0)) if log_gain < 0 else 0.0
+    return 255 * (math.exp(SATURATED_SHARE * log_gain) - math.exp(log_gain)) if log_gain < 0 else 0.0
 
 
 def _histogram(frame: ByteArray) -> FloatArray:
@@ -221,8 +220,8 @@ def _histogram(frame: ByteArray) -> FloatArray:
 
 
 def _log_mean(frame: ByteArray) -> float:
-    return _log(np.mean(cv2.mean(frame)[:3]))
+    return _log(float(np.mean(cv2.mean(frame)[:3])))
 
 
 def _log(mean: float) -> float:
-    return float(np.log(max(mean, 1.0)))
+    return math.log(max(mean, 1.0))

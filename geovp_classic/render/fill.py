@@ -13,9 +13,10 @@ from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.interfaces import Fill
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render.detail_transfer import wide_blur
+from geovp_classic.render.image_sampler import is_grey
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
-FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage and depth [H, W]
+FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage, depth [H, W]; [N, 3]
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class NearestBackground:
         return _fill_each(views, last, self._fill_one)
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        return frame.reshape(-1, 3)[background_pixels(covered, depth)]
+        return frame.reshape(-1, 3)[background_pixels(covered, depth)[~covered]]
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,9 @@ class Telea:
         return _fill_each(views, last, self._fill_one)
 
     def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        return np.asarray(cv2.inpaint(frame, (~covered).astype(np.uint8), self.radius_px, cv2.INPAINT_TELEA))
+        known, hole = np.where(covered[..., None], frame, np.uint8(0)), (~covered).astype(np.uint8)
+        inpainted = cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA)
+        return np.asarray(inpainted, np.uint8)[~covered]
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,16 @@ class BorrowedDetail:
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled, image = self.colours.fill(views, last).copy(), last.astype(np.float32)
+        filled = self.colours.fill(views, last).copy()
+        channels = slice(0, 1 if is_grey(last) and is_grey(filled) else 3)
+        image = np.ascontiguousarray(last[..., channels], np.float32).squeeze()
         detail = (np.float32(self.strength) * (image - self._blur(image))).astype(np.float32)
 
         def add_detail(step: int) -> None:
-            invented = np.clip(self._blur(filled[step].astype(np.float32)) + detail + np.float32(0.5), 0, 255)
-            np.copyto(filled[step], invented.astype(np.uint8), where=~views.covered[step, ..., None])
+            hidden = np.flatnonzero(~views.covered[step])
+            broad = self._blur(np.ascontiguousarray(filled[step, ..., channels], np.float32).squeeze())
+            invented = (broad + detail).reshape(len(broad) * broad.shape[1], -1)[hidden] + np.float32(0.5)
+            filled[step].reshape(-1, 3)[hidden] = np.clip(invented, 0, 255).astype(np.uint8)
 
         parallel_map(add_detail, np.flatnonzero(~views.covered.all(axis=(1, 2))).tolist())
         return filled
@@ -98,14 +105,14 @@ class BorrowedDetail:
 
 
 def _fill_each(views: Views, last: ByteArray, fill_one: FillOne) -> ByteArray:
-    """Fill view by view; covered pixels stay as they are, whatever `fill_one` does to them."""
-    filled = np.where(views.covered[..., None], views.frames, np.uint8(0))
+    """Fill view by view: `fill_one` gives the colours [N, 3] of the pixels that are not covered."""
+    filled = views.frames.copy()
 
     def fill_step(step: int) -> None:
         covered = views.covered[step]
         if not covered.all():
-            invented = fill_one(filled[step], covered, views.depths[step]) if covered.any() else last
-            np.copyto(filled[step], invented, where=~covered[..., None])
+            invented = fill_one(filled[step], covered, views.depths[step]) if covered.any() else last[~covered]
+            filled[step].reshape(-1, 3)[~covered.ravel()] = invented
 
     parallel_map(fill_step, range(len(filled)))
     return filled

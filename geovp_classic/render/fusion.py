@@ -19,7 +19,7 @@ from geovp_classic.render import patches
 from geovp_classic.render.detail_transfer import FrameDetail
 from geovp_classic.render.image_sampler import ImageSampler, is_grey, resampled
 from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Intrinsics, Views
 
 LARGEST_MAGNIFICATION = 6.0
 _AROUND = np.ones((3, 3), np.uint8)
@@ -146,9 +146,11 @@ def _close_cracks(
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
     seen = (source_index != NO_INDEX).view(np.uint8)
     kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
-    depth, filled = inverse_depth.copy(), source_index.copy()
-    _grow_background(np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel)), depth, filled, 2 * crack_px)
-    return depth, filled
+    rows, columns = np.nonzero(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel) > seen)
+    depth, filled = np.where(seen, inverse_depth, np.float32(np.inf)), source_index.copy()
+    found, whose = depth[rows, columns], filled[rows, columns]
+    _grow_background(rows, columns, found, whose, depth, filled, 2 * crack_px)
+    return np.where(filled == NO_INDEX, np.float32(-1), depth), filled
 
 
 def _median_filter(
@@ -169,30 +171,24 @@ def _median_filter(
 
 @numba.njit(nogil=True, cache=True)
 def _grow_background(
-    wanted: ByteArray,  # [H, W], not 0 where a gap is to be closed
-    depth: FloatArray,  # [H, W] float32, changed; -1 where it stays unknown
+    rows: IntArray,  # [N], of the gaps to be closed
+    columns: IntArray,  # [N]
+    found: FloatArray,  # [N] float32, changed
+    whose: IndexArray,  # [N], changed
+    depth: FloatArray,  # [H, W] float32, changed; infinite where unknown
     source_index: IndexArray,  # [H, W], changed
     rounds: int,
 ) -> None:
-    """In each round the wanted pixels take the farthest of their four neighbours, where one is known."""
-    rows, columns = np.nonzero((source_index == NO_INDEX) & (wanted > 0))
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            if source_index[row, column] == NO_INDEX:
-                depth[row, column] = np.inf
-    found, whose = np.empty(len(rows), np.float32), np.empty(len(rows), source_index.dtype)
+    """In each round the gaps' pixels take the farthest of their four neighbours, where one is known."""
     for _ in range(rounds):
         for n in range(len(rows)):
             row, column = rows[n], columns[n]
             found[n], whose[n] = depth[row, column], source_index[row, column]
             if whose[n] != NO_INDEX:
                 continue
-            for y, x in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            for side in range(4):
+                y, x = row + (side == 1) - (side == 0), column + (side == 3) - (side == 2)
                 if 0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and depth[y, x] < found[n]:
                     found[n], whose[n] = depth[y, x], source_index[y, x]
         for n in range(len(rows)):
             depth[rows[n], columns[n]], source_index[rows[n], columns[n]] = found[n], whose[n]
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            if source_index[row, column] == NO_INDEX:
-                depth[row, column] = -1

@@ -15,12 +15,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from geovp_classic.parallel import parallel_map
 from geovp_classic.types import FloatArray
 
 IndexArray = npt.NDArray[np.int32]
 Number = np.floating[Any]
 Vector = tuple[Number, Number, Number]
-Columns = tuple[Vector, Vector, Vector, Vector]
 
 NO_INDEX = -1
 HALF_PX = 0.52  # of the square a pixel stands for; the margin closes cracks on curved surfaces
@@ -39,7 +39,6 @@ _HALF, _NEAR = np.float32(HALF_PX), np.float32(NEAR_SHARE)
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-30)
 
 
-@numba.njit(cache=True, parallel=True)
 def rasterise_views(
     patches: FloatArray,  # [5, N] float32: u, v, inverse depth, its slopes along u and v
     source: IndexArray,  # [N], fastest where patches of one source follow each other
@@ -49,53 +48,48 @@ def rasterise_views(
     winner: IndexArray,
 ) -> None:
     """Rasterise patches into z-buffers [F, H, W] of inverse depth and the numbers of the nearest ones."""
-    for f in numba.prange(len(a)):
-        _rasterise_view(patches, source, a[f], b[f], z_buffer[f], winner[f])
+
+    def rasterise(f: int) -> None:
+        buffers = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
+        _rasterise_view(patches, source, a[f], b[f], *buffers, z_buffer[f], winner[f])
+
+    parallel_map(rasterise, range(len(a)))
 
 
-@numba.njit(cache=True)
+@numba.njit(nogil=True, cache=True)
 def _rasterise_view(
-    patches: FloatArray, source: IndexArray, a: FloatArray, b: FloatArray, z_buffer: FloatArray, winner: IndexArray
+    patches: FloatArray,
+    source: IndexArray,
+    a: FloatArray,
+    b: FloatArray,
+    setup: FloatArray,  # [NUM_ROWS], changed
+    kept: IndexArray,  # [BLOCK + 1], changed
+    z_buffer: FloatArray,
+    winner: IndexArray,
 ) -> None:
-    setup, kept = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
     last = np.float32(z_buffer.shape[1] - 1), np.float32(z_buffer.shape[0] - 1)
-    us, vs, inverse_depths, slopes_u, slopes_v = patches[0], patches[1], patches[2], patches[3], patches[4]
-    start = 0
+    start = int(np.int64(0))  # a plain 0 is a type of its own, and all would be compiled twice
     while start < len(source):
         value, end = source[start], start + 1
         while end < min(len(source), start + BLOCK) and source[end] == value:
             end += 1
-        u, v, inverse_depth = us[start:end], vs[start:end], inverse_depths[start:end]
-        to_view = _columns(a[value], b[value])
-        _set_up(u, v, inverse_depth, slopes_u[start:end], slopes_v[start:end], to_view, last, setup)
+        _set_up(patches, start, end, a[value], b[value], last, setup)
         count = 0
         for n in range(end - start):
             kept[count] = n
             count += int((setup[LEFT + n] <= setup[RIGHT + n]) & (setup[TOP + n] <= setup[BOTTOM + n]))
-        for n in kept[:count]:
-            _rasterise_patch(setup, n, start + n, z_buffer, winner)
+        for k in range(count):
+            _rasterise_patch(setup, kept[k], start + kept[k], z_buffer, winner)
         start = end
-
-
-@numba.njit(cache=True)
-def _columns(a: FloatArray, b: FloatArray) -> Columns:
-    """The columns of A and b: what u, v, 1 and inverse depth add to the homogeneous pixel of the view."""
-    return (
-        (a[0, 0], a[1, 0], a[2, 0]),
-        (a[0, 1], a[1, 1], a[2, 1]),
-        (a[0, 2], a[1, 2], a[2, 2]),
-        (b[0], b[1], b[2]),
-    )
 
 
 @numba.njit(cache=True, fastmath=True, error_model="numpy")
 def _set_up(
-    us: FloatArray,
-    vs: FloatArray,
-    inverse_depths: FloatArray,
-    slopes_u: FloatArray,
-    slopes_v: FloatArray,
-    to_view: Columns,
+    patches: FloatArray,
+    start: int,
+    end: int,
+    a: FloatArray,  # [3, 3]
+    b: FloatArray,  # [3]
     last: tuple[Number, Number],  # column and row of the view
     setup: FloatArray,  # written
 ) -> None:
@@ -103,7 +97,11 @@ def _set_up(
 
     A slope that would lead beyond infinity is made flatter.
     """
-    along_u, along_v, origin, shift = to_view
+    # What u, v, 1 and inverse depth add to the homogeneous pixel of the view
+    along_u, along_v = (a[0, 0], a[1, 0], a[2, 0]), (a[0, 1], a[1, 1], a[2, 1])
+    origin, shift = (a[0, 2], a[1, 2], a[2, 2]), (b[0], b[1], b[2])
+    us, vs, inverse_depths = patches[0, start:end], patches[1, start:end], patches[2, start:end]
+    slopes_u, slopes_v = patches[3, start:end], patches[4, start:end]
     for n in range(len(us)):
         u, v, q = us[n], vs[n], inverse_depths[n]
         q_d, q_e = _HALF * slopes_u[n], _HALF * slopes_v[n]

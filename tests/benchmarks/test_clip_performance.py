@@ -8,6 +8,7 @@ from geovp_classic.pose_sources import Chained
 from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.refined import Refined
 from geovp_classic.renderers import DepthFusion
+from geovp_classic.types import Grant
 
 
 def test_the_stages_give_what_the_predictor_gives() -> None:
@@ -30,4 +31,12 @@ def test_medians_of_stages_and_of_their_sum() -> None:
     lines = benchmark.lines(taken_s)
     assert [float(word) for word in lines[1].split() if word.isdigit()] == [100, 200]
     assert [float(word) for word in lines[7].split() if word.isdigit()] == [600, 1200]
-    assert lines[-1].startswith("first round 9.0 s; peak memory of the process ")
+    assert lines[-1].startswith("first round 9.0 s, of the processor 9.0 s; peak memory of the process ")
+
+
+def test_the_parts_are_the_defaults_but_for_the_frames() -> None:
+    refined, renderer = benchmark.parts("crop")
+    assert (refined, renderer) == (Refined(Chained()), DepthFusion())
+    wide, fusion = benchmark.parts("wide")
+    assert Grant.WIDE_FRAMES in wide.needs & fusion.needs
+    assert [type(one) for one in wide.refinements] == [type(one) for one in refined.refinements]

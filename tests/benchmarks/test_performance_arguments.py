@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from geovp_benchmarks.performance import clip, splat
+from geovp_benchmarks.performance import __main__ as page
+from geovp_benchmarks.performance import clip, scoring, splat
 
 
 @pytest.mark.parametrize(
@@ -15,6 +16,8 @@ from geovp_benchmarks.performance import clip, splat
         (splat.main, ["often"], "argument ROUNDS: invalid"),
         (splat.main, ["0"], "0 is not a whole number of 1 or more"),
         (clip.main, ["0"], "0 is not a whole number of 1 or more"),
+        (scoring.main, ["0"], "0 is not a whole number of 1 or more"),
+        (page.main, ["2", "--kitti", "root"], "argument --kitti: expected 2 arguments"),
     ],
 )
 def test_wrong_arguments_end_with_exit_code_2(
