@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from geovp_classic.api import evaluate, open_clip, predict, show
     from geovp_classic.registry import build, load
-    from geovp_classic.types import (
-        Clip,
-        Context,
-        Grant,
-        Intrinsics,
-        Motion,
-        Prediction,
-        Target,
-        Trajectory,
-        Views,
-    )
+    from geovp_classic.types import Clip, Context, Grant, Intrinsics, Motion, Prediction, Target, Trajectory, Views
 
     __version__: str
 
@@ -44,10 +34,8 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    _MODULE_OF = dict.fromkeys(("evaluate", "open_clip", "predict", "show"), "api") | {
-        "build": "registry",
-        "load": "registry",
-    }
+    _MODULE_OF = dict.fromkeys(("evaluate", "open_clip", "predict", "show"), "api")
+    _MODULE_OF |= dict.fromkeys(("build", "load"), "registry")
 
     def __getattr__(name: str) -> object:
         """The public name, from its module; AttributeError for any other."""

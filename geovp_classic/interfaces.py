@@ -25,7 +25,6 @@ class Component(Protocol):
     @property
     def needs(self) -> Grant:
         """The parts of the context that it must be granted."""
-        ...
 
 
 @runtime_checkable
@@ -34,7 +33,6 @@ class Odometry(Component, Protocol):
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory [P] and which steps were really tracked [P]."""
-        ...
 
 
 @runtime_checkable
@@ -44,35 +42,29 @@ class ScaleEstimator(Protocol):
     @property
     def unit(self) -> float:
         """Metres per unit of the odometry; 1 while unknown."""
-        ...
 
     @property
     def confidence(self) -> float:
         """How well the unit is known, from 0 (not at all) to 1."""
-        ...
 
     @property
     def uncertainty(self) -> float:
         """Relative standard deviation of the unit; infinite while unknown."""
-        ...
 
     def settle(self, length: float, duration_s: float) -> None:
         """The clip is over: so long a path, in units of the odometry, took so many seconds.
 
         Where nothing could be measured the unit may be assumed from that.
         """
-        ...
 
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry.
 
         `radial` is the distortion that the odometry found: undistorted ray = ray * (1 + radial * |ray|^2).
         """
-        ...
 
     def restart(self) -> None:
         """The odometry has lost its unit of length and continues with another."""
-        ...
 
 
 @runtime_checkable
@@ -82,11 +74,9 @@ class Scale(Component, Protocol):
     @property
     def is_metric(self) -> bool:
         """Whether lengths become metres."""
-        ...
 
     def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
         """A fresh estimator for one camera and one drive; Incompatible when what it needs is missing."""
-        ...
 
 
 @runtime_checkable
@@ -95,7 +85,6 @@ class Forecaster(Protocol):
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4] at the given times [F], in the world frame of the past."""
-        ...
 
 
 @runtime_checkable
@@ -104,7 +93,6 @@ class PoseSource(Component, Protocol):
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks what it needs."""
-        ...
 
 
 @runtime_checkable
@@ -116,7 +104,6 @@ class PoseRefinement(Component, Protocol):
 
         Incompatible when the clip or the refinements before it lack what it needs.
         """
-        ...
 
 
 @runtime_checkable
@@ -125,7 +112,6 @@ class DepthSource(Component, Protocol):
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H, W] in [0, 1]."""
-        ...
 
 
 @runtime_checkable
@@ -137,7 +123,6 @@ class Scene(Protocol):
 
         Row k depends on pose k and time k alone: not on the other rows, their order or their number.
         """
-        ...
 
 
 @runtime_checkable
@@ -146,7 +131,6 @@ class Renderer(Component, Protocol):
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """The scene; Incompatible when the past's unit or the clip does not suit it."""
-        ...
 
 
 @runtime_checkable
@@ -158,7 +142,6 @@ class Fill(Protocol):
 
         `last` [H, W, 3] is the last observed frame, resampled to the views' camera.
         """
-        ...
 
 
 @runtime_checkable
@@ -167,7 +150,6 @@ class FramePredictor(Component, Protocol):
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Predicted frames [S, F, H, W, 3] for the future times of the context."""
-        ...
 
 
 class Metric(Protocol):
@@ -179,12 +161,10 @@ class Metric(Protocol):
     @property
     def unit(self) -> str:
         """What the numbers are in, "" for none."""
-        ...
 
     @property
     def higher_is_better(self) -> bool:
         """Whether larger numbers are better."""
-        ...
 
 
 @runtime_checkable
@@ -193,7 +173,6 @@ class FrameMetric(Metric, Protocol):
 
     def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> FloatArray:
         """One number per step [F] from frames [F, H, W, 3]; only pixels of the mask [F, H, W] count; NaN for none."""
-        ...
 
 
 @runtime_checkable
@@ -202,7 +181,6 @@ class TrajectoryMetric(Metric, Protocol):
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """One number per step [F]."""
-        ...
 
 
 @runtime_checkable
@@ -212,12 +190,9 @@ class Dataset(Protocol):
     @property
     def name(self) -> str:
         """What the results call it."""
-        ...
 
     def __len__(self) -> int:
         """The number of clips."""
-        ...
 
     def __getitem__(self, index: int) -> Clip:
         """One clip; BadData says which file is wrong."""
-        ...

@@ -6,6 +6,7 @@ import functools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -32,6 +33,7 @@ class TorchPredictor(ABC):
     num_past: int = 0
     seed: int = 0
     device: str = "cpu"
+    needs: ClassVar[Grant] = Grant.NONE
 
     def __post_init__(self) -> None:
         if self.checkpoint is not None:
@@ -39,11 +41,6 @@ class TorchPredictor(ABC):
         if self.num_past < 0:
             raise BadData(f"num_past is {self.num_past}, expected 0 (all images) or more")
         object.__setattr__(self, "device", devices.resolved(self.device))
-
-    @property
-    def needs(self) -> Grant:
-        """Only the frames."""
-        return Grant.NONE
 
     @abstractmethod
     def network(self) -> nn.Module:

@@ -45,16 +45,12 @@ class Pretrained:
     device: str = "cpu"
 
     method: ClassVar[str] = ""
+    needs: ClassVar[Grant] = Grant.NONE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fingerprint", fingerprint(self.file, self.fingerprint))
         object.__setattr__(self, "device", devices.resolved(self.device))
         self.load()
-
-    @property
-    def needs(self) -> Grant:
-        """Only the frames."""
-        return Grant.NONE
 
     @property
     def file(self) -> Path:

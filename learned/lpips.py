@@ -31,8 +31,7 @@ from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.metrics.image import check_frames
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 from geovp_learned import devices
-from geovp_learned.lpips_masks import masked_mean
-from geovp_learned.lpips_networks import Weights, alex_features, squeeze_features
+from geovp_learned.lpips_networks import Weights, alex_features, masked_mean, squeeze_features
 
 Net = Literal["alex", "squeeze"]
 

@@ -1,7 +1,8 @@
-"""The feature layers that LPIPS compares: AlexNet and SqueezeNet 1.1, layers numbered as torchvision numbers them."""
+"""The feature layers that LPIPS compares, of AlexNet and SqueezeNet 1.1, numbered as in torchvision; masked means."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Mapping
 
 import torch
@@ -40,3 +41,20 @@ def squeeze_features(weights: Weights, pixels: Tensor) -> Iterator[Tensor]:
 
 def _convolved(weights: Weights, name: str, pixels: Tensor, stride: int = 1, padding: int = 0) -> Tensor:
     return functional.conv2d(pixels, weights[f"{name}.weight"], weights[f"{name}.bias"], stride, padding).relu_()
+
+
+def masked_mean(values: Tensor, share: Tensor | None) -> Tensor:
+    """Mean [N] of maps [N, h, w], weighted by how much of the mask [N, H, W] lies under each cell."""
+    if share is None:
+        return values.mean(dim=(1, 2))
+    rows, columns = (_pooling(*sizes).to(share.device) for sizes in zip(share.shape[1:], values.shape[1:], strict=True))
+    counted = (rows @ share @ columns.T).double()
+    return (values * counted).sum(dim=(1, 2)) / counted.sum(dim=(1, 2))
+
+
+@functools.lru_cache(maxsize=64)
+def _pooling(size: int, cells: int) -> Tensor:
+    """The matrix [cells, size] that averages a row of pixels over each cell, as torch's adaptive pooling does."""
+    cell, pixel = torch.arange(cells)[:, None], torch.arange(size)
+    inside = ((pixel >= cell * size // cells) & (pixel < -(-(cell + 1) * size // cells))).float()
+    return inside / inside.sum(dim=1, keepdim=True)

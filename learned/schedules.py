@@ -1,4 +1,4 @@
-"""The learning rate, the order of examples and the mean of the weights: each depends on the step, never on the time."""
+"""Learning rate, seeds, order of examples and mean of the weights: each depends on the step, never on the time."""
 
 from __future__ import annotations
 
@@ -6,10 +6,21 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from geovp_learned.training_config import Training
+
+BUILD_SEED, STEP_SEED = 1, 2  # keep the seeds of torch's random numbers apart
+
+
+def seed(*numbers: int) -> None:
+    """Seed torch's random numbers on every device from several numbers."""
+    mixed = 0
+    for number in numbers:
+        mixed = (mixed * 1_000_003 + number + 1) % (2**63 - 1)
+    torch.manual_seed(mixed)
 
 
 def learning_rate_factor(step: int, settings: Training) -> float:

@@ -34,7 +34,6 @@ from geovp_learned.training_config import TrainingConfig
 
 STATE, WEIGHTS, LOG = "state.safetensors", "weights.safetensors", "log.csv"
 LOG_EVERY = 20  # steps
-BUILD_SEED, STEP_SEED = 1, 2  # keep the seeds of torch's random numbers apart
 
 
 @dataclass
@@ -76,7 +75,7 @@ class Trainer:
     def __init__(self, config: TrainingConfig, folder: Path, fabric: Fabric) -> None:
         self.method, self.settings, self.config = config.method, config.training, config
         self.folder, self.fabric, self.scaler = folder, fabric, fabric.strategy.precision
-        _seed(self.settings.seed, BUILD_SEED)
+        schedules.seed(self.settings.seed, schedules.BUILD_SEED)
         self.bare = self.method.build()  # stored in files: Fabric's wrappers would change the tensors' names
         self.bare_optimisers = self.method.optimisers(self.bare)
         self.rates = {name: [group["lr"] for group in own.param_groups] for name, own in self.bare_optimisers.items()}
@@ -125,15 +124,15 @@ class Trainer:
     @property
     def finished(self) -> bool:
         """All steps are done, or patience is exhausted; False: interrupted, goes on when started again."""
-        impatient = 0 < self.settings.patience <= self.progress.misses
-        return impatient or self.progress.step >= self.settings.num_steps
+        progress, settings = self.progress, self.settings
+        return progress.step >= settings.num_steps or 0 < settings.patience <= progress.misses
 
     def train_step(self, examples: Sequence[Any], bar: Any) -> None:
         """One step on the step's batch; its losses are logged every LOG_EVERY steps."""
         step, rank, settings = self.progress.step, self.fabric.global_rank, self.settings
         rng = np.random.default_rng([settings.seed, step, rank])
-        sizes = (len(examples), settings.batch_size, self.fabric.world_size)
-        indices = schedules.batch_indices(step, *sizes, settings.seed)
+        world = self.fabric.world_size
+        indices = schedules.batch_indices(step, len(examples), settings.batch_size, world, settings.seed)
         losses = self.optimise(self.method.batch(examples, indices[rank], rng), step)
         self.progress.step = step + 1
         for name, average in self.averages.items():
@@ -146,7 +145,7 @@ class Trainer:
 
     def optimise(self, batch: Batch, step: int) -> Losses:
         """Optimiser steps on a batch; the losses by name, "<network>.<loss>" where several networks learn."""
-        _seed(self.settings.seed, STEP_SEED, step, self.fabric.global_rank)
+        schedules.seed(self.settings.seed, schedules.STEP_SEED, step, self.fabric.global_rank)
         factor = schedules.learning_rate_factor(step, self.settings)
         for name, optimiser in self.bare_optimisers.items():
             for group, rate in zip(optimiser.param_groups, self.rates[name], strict=True):
@@ -210,8 +209,7 @@ class Trainer:
         """Go on from a stored state; BadData when it is damaged or of another run."""
         file = self.folder / STATE
         state = checkpoints.read_state(file)
-        stored = state["identity"]
-        if stored != self.identity:
+        if (stored := state["identity"]) != self.identity:
             keys = sorted(key for key in {*stored, *self.identity} if stored.get(key) != self.identity.get(key))
             raise BadData(f"{file} belongs to a run with another {', '.join(keys)}: give another --out, or remove it")
         try:
@@ -231,14 +229,6 @@ class Trainer:
         """One row of the log per number, from the first process."""
         if self.fabric.is_global_zero:
             training_log.append(self.folder / LOG, self.progress.step, self.progress.seconds, split, numbers)
-
-
-def _seed(*numbers: int) -> None:
-    """Seed torch's random numbers on every device from several numbers."""
-    mixed = 0
-    for number in numbers:
-        mixed = (mixed * 1_000_003 + number + 1) % (2**63 - 1)
-    torch.manual_seed(mixed)
 
 
 def _clips(datasets: Sequence[Dataset]) -> Iterator[Clip]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -35,19 +35,15 @@ class Colmap(PosedSequences):
     unless `is_metric` says so. Images of several cameras are all shown as one pinhole camera sees them.
     """
 
+    name: ClassVar[str] = "colmap"
+
     rate_hz: float = RATE_HZ
     is_metric: bool = False
 
     def __post_init__(self) -> None:
-        """Raise BadData unless every sequence that is named can be used."""
         if not 0 < self.rate_hz < np.inf:
             raise BadData(f"rate_hz is {self.rate_hz}, expected a positive number of images a second")
         super().__post_init__()
-
-    @property
-    def name(self) -> str:
-        """The data set's name in results."""
-        return "colmap"
 
     def _folders(self) -> dict[str, Path]:
         return folders(self.root)

@@ -79,7 +79,7 @@ def _sequences(root: Path) -> tuple[list[str], ExamineOne]:
     """The names of a root's sequences, and what examines one."""
     kind = layouts.name_of(root)
     if kind == "kitti-raw":
-        names, expected = kitti_raw_layout.drive_names(root), "a date's folder with folders *_drive_*_sync"
+        names, expected = kitti_raw_layout.sequence_names(root), "a date's folder with folders *_drive_*_sync"
     elif kind == "kitti":
         names, expected = kitti_layout.sequence_names(root), "folders such as 00 with image_2, calib.txt"
     else:
@@ -146,18 +146,9 @@ def _row(
     findings: list[Finding],
 ) -> tuple[dict[str, str], int]:
     sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
-    row = {
-        "sequence": name,
-        "frames": ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none",
-        "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes_px) or "-",
-        "calibrated": ", ".join(f"P{camera}" for camera in calibrated) or "none",
-        "times": str(len(times_s)),
-        "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
-        "poses": "none" if table is None else str(len(table.lines)),
-        "length_m": "-" if table is None else f"{plausibility.steps_m(table).sum():.0f}",
-        "errors": str(sum(finding.severity == "error" for finding in findings)),
-        "warnings": str(sum(finding.severity == "warning" for finding in findings)),
-    }
+    frames = ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none"
+    projections = ", ".join(f"P{camera}" for camera in calibrated) or "none"
+    row = plausibility.table_row(name, frames, sizes_px, projections, times_s, table, findings)
     return row, min((camera.num_frames for camera in cameras), default=0)
 
 
@@ -178,11 +169,9 @@ def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> 
             findings += [] if found else [kitti_layout.missing_projection(path, camera.number)]
             continue
         for size_px in camera.sizes_px[:1]:
-            at = projection.matrix[:2, 2] / size_px
-            if not ((at > plausibility.PRINCIPAL_POINT_RANGE[0]) & (at < plausibility.PRINCIPAL_POINT_RANGE[1])).all():
-                message = f"puts the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+            if odd := plausibility.off_centre(projection.matrix[:2, 2], size_px):
                 hint = f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
-                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} {message} {hint}"))
+                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} puts {odd} {hint}"))
     return tuple(sorted(projections))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -33,13 +34,10 @@ class Euroc(PosedSequences):
     seconds since the first image. TUM VI's images use 16 bits: `image_bits = 16`.
     """
 
+    name: ClassVar[str] = "euroc"
+
     camera: int = 0
     max_difference_s: float = MAX_DIFFERENCE_S
-
-    @property
-    def name(self) -> str:
-        """The data set's name in results."""
-        return "euroc"
 
     def _folders(self) -> dict[str, Path]:
         return folders(self.root)

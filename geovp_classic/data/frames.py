@@ -29,11 +29,9 @@ class FrameReader(Protocol):
 
     def __len__(self) -> int:
         """The number of frames."""
-        ...
 
     def read(self, index: int) -> ByteArray:
         """One frame [H, W, 3]; BadData names the file that is wrong."""
-        ...
 
 
 def read_image(path: Path, bits: int | None = None) -> ByteArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar
 
 from geovp_classic.data import kitti_layout, splits
 from geovp_classic.data.sequences import Load, SequenceDataset
@@ -23,6 +24,9 @@ class Kitti(SequenceDataset):
     those of the right camera where there is one. Everything but the images is read and checked on construction.
     """
 
+    name: ClassVar[str] = "kitti"  # in results
+    layout: ClassVar[Any] = kitti_layout  # the module that knows the files
+
     root: Path
     split: str | None = None
     sequences: tuple[str, ...] | None = None
@@ -36,7 +40,6 @@ class Kitti(SequenceDataset):
     with_right: bool = False
 
     def __post_init__(self) -> None:
-        """Raise BadData unless every sequence that is named can be used."""
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
         if self.split is not None and self.sequences is not None:
             raise BadData(f"both split {self.split!r} and sequences {list(self.sequences)} are given: keep one of them")
@@ -44,18 +47,14 @@ class Kitti(SequenceDataset):
             raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
         self._check()
 
-    @property
-    def name(self) -> str:
-        """The data set's name in results."""
-        return "kitti"
-
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
         return super()._wanted if self.split is None else splits.load(self.split)
 
     def _names(self) -> list[str]:
-        return kitti_layout.sequence_names(self.root)
+        return list(self.layout.sequence_names(self.root))
 
     def _read(self, name: str, load: Load) -> Recording:
         settings = (self.camera, load, self.camera_height_m)
-        return kitti_layout.read_recording(self.root, name, *settings, with_right=self.with_right)
+        recording: Recording = self.layout.read_recording(self.root, name, *settings, with_right=self.with_right)
+        return recording

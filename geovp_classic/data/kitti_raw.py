@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from geovp_classic.data import kitti_raw_layout
 from geovp_classic.data.kitti import Kitti
-from geovp_classic.data.sequences import Load
-from geovp_classic.data.windows import Recording
 
 
 @dataclass(frozen=True)
@@ -18,14 +17,5 @@ class KittiRaw(Kitti):
     the drive's first image.
     """
 
-    @property
-    def name(self) -> str:
-        """The data set's name in results."""
-        return "kitti-raw"
-
-    def _names(self) -> list[str]:
-        return kitti_raw_layout.drive_names(self.root)
-
-    def _read(self, name: str, load: Load) -> Recording:
-        settings = (self.camera, load, self.camera_height_m)
-        return kitti_raw_layout.read_recording(self.root, name, *settings, with_right=self.with_right)
+    name: ClassVar[str] = "kitti-raw"
+    layout: ClassVar[Any] = kitti_raw_layout

@@ -35,7 +35,7 @@ def is_raw(root: Path) -> bool:
     return root.is_dir() and any(_DATE.fullmatch(path.name) for path in root.iterdir())
 
 
-def drive_names(root: Path) -> list[str]:
+def sequence_names(root: Path) -> list[str]:
     """The drives of a root, sorted; BadData says what a root must look like."""
     if not is_raw(root):
         raise BadData(f"{root} holds no folder such as 2011_09_26: give the folder that holds KITTI raw's dates")
@@ -57,7 +57,7 @@ def read_recording(
     with_right: bool,
 ) -> Recording:
     """One drive seen by one camera, everything but the images read and checked; BadData names what is wrong."""
-    if name not in (names := drive_names(root)):
+    if name not in (names := sequence_names(root)):
         raise BadData(f"drive {name!r} is not in {root}, which holds {', '.join(names) or 'none'} (folders *_sync)")
     folder = drive_folder(root, name)
     calibration = folder.parent / CAM_TO_CAM

@@ -53,6 +53,38 @@ def late_frames(
         yield Finding(path, lines[int(step) + 1], "warning", message)
 
 
+def table_row(
+    name: str,
+    frames: str,
+    sizes_px: Iterable[tuple[int, int]],  # (width, height)
+    calibrated: str,
+    times_s: FloatArray,
+    table: PoseTable | None,
+    findings: Iterable[Finding],
+    *,
+    is_metric: bool = True,
+) -> dict[str, str]:
+    """What the doctor's table says of a sequence, by column."""
+    return {
+        "sequence": name,
+        "frames": frames,
+        "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes_px) or "-",
+        "calibrated": calibrated,
+        "times": str(len(times_s)),
+        "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
+        "poses": "none" if table is None else str(len(table.lines)),
+        "length_m": "-" if table is None or not is_metric else f"{steps_m(table).sum():.0f}",
+        **{f"{kind}s": str(sum(each.severity == kind for each in findings)) for kind in ("error", "warning")},
+    }
+
+
+def off_centre(centre_px: FloatArray, size_px: tuple[int, int]) -> str:
+    """Where an odd principal point lies; "" for a usual one."""
+    at = centre_px / size_px
+    usual = (at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])
+    return "" if usual.all() else f"the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+
+
 def image_sizes(paths: Iterable[Path], deep: bool, findings: list[Finding]) -> tuple[tuple[int, int], ...]:
     """Every (width, height) that occurs; the first image, or with `deep` every one, is decoded."""
     sizes_px: dict[tuple[int, int], Path] = {}

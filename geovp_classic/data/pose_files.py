@@ -8,9 +8,9 @@ returns the good rows and a finding for every bad line; a `read_` function raise
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +30,7 @@ _WORD = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinit
 IndexArray = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """The numbers of one line, all finite."""
 
     line: int
@@ -99,14 +98,14 @@ def read_trajectory(path: Path, times_s: FloatArray | None = None, *, is_metric:
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
     """One line of 12 numbers a pose, exact to the last bit, written atomically."""
-    _write_lines(path, [_text(pose[:3].ravel()) for pose in trajectory.world_from_cam])
+    _write_rows(path, trajectory.world_from_cam[:, :3].reshape(-1, 12))
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
     """One line `t x y z qx qy qz qw` a pose, exact to rounding, written atomically."""
     quaternions = Rotation.from_matrix(trajectory.world_from_cam[:, :3, :3]).as_quat()
     columns = [trajectory.times_s[:, None], trajectory.world_from_cam[:, :3, 3], quaternions]
-    _write_lines(path, ["# t_s x y z qx qy qz qw", *map(_text, np.hstack(columns))])
+    _write_rows(path, np.hstack(columns), "# t_s x y z qx qy qz qw\n")
 
 
 def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
@@ -132,10 +131,8 @@ def scan_asl(path: Path, start_ns: float) -> tuple[PoseTable, list[Finding]]:
     """The good rows of a data.csv of EuRoC, times in seconds after a start, and the errors of the others."""
     expected = "8 or 17 (time in ns, x, y, z, qw, qx, qy, qz, ...)"
     rows, findings = _scan_rows(path, "poses", (17, 8), expected, separator=",")
-    found = []
-    for row in rows:
-        stamp_ns, x, y, z, qw, qx, qy, qz = row.numbers[:8]
-        found.append(Row(row.line, ((stamp_ns - start_ns) / 1e9, x, y, z, qx, qy, qz, qw)))
+    order = (1, 2, 3, 5, 6, 7, 4)  # x, y, z, qx, qy, qz, qw
+    found = [Row(line, ((numbers[0] - start_ns) / 1e9, *(numbers[i] for i in order))) for line, numbers in rows]
     return _quaternion_table(path, found, findings)
 
 
@@ -171,12 +168,9 @@ def parse_row(path: Path, line: int, text: str) -> Row | Finding:
     """The numbers of one line, or the first error in it."""
     numbers = []
     for word in text.split():
-        try:
-            if not _WORD.fullmatch(word):  # float also takes 1_0 for 10, and digits of other scripts
-                raise ValueError
-            numbers.append(float(word))
-        except ValueError:
+        if not _WORD.fullmatch(word):  # float also takes 1_0 for 10, and digits of other scripts
             return error(path, line, f"{word[:40]!r} is not a number")
+        numbers.append(float(word))
         if not abs(numbers[-1]) < LARGEST:
             problem = "too large" if word[-1].isdigit() else "not finite"
             return error(path, line, f"{word[:40]!r} is {problem}: every number must be known")
@@ -247,15 +241,12 @@ def _sorted(findings: list[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda finding: finding.line or 0)
 
 
-def _text(numbers: FloatArray) -> str:
-    return " ".join(repr(float(number)) for number in numbers)
-
-
-def _write_lines(path: Path, lines: Iterable[str]) -> None:
+def _write_rows(path: Path, rows: FloatArray, header: str = "") -> None:
     """Nobody reads half a file; BadData when it cannot be written."""
     try:
         with atomic_write(path) as scratch:
-            scratch.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+            lines = (" ".join(map(repr, row)) + "\n" for row in rows.tolist())
+            scratch.write_text(header + "".join(lines), encoding="utf-8")
     except OSError as problem:
         message = f"{path} cannot be written ({problem.strerror}): give a file in a folder that can be written"
         raise BadData(message) from problem

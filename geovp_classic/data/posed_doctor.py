@@ -40,20 +40,9 @@ def sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tupl
     for late in plausibility.late_frames(path, scanned.times_s, numbers, numbers.tolist()):
         own.append(replace(late, path=scanned.images[late.line or 0], line=None))
     findings += own
-    length = "-" if table is None or not scanned.is_metric else f"{plausibility.steps_m(table).sum():.0f}"
-    row = {
-        "sequence": name,
-        "frames": str(len(scanned.images)),
-        "size_px": ", ".join(f"{width_px}x{height_px}" for width_px, height_px in sizes_px) or "-",
-        "calibrated": view,
-        "times": str(len(scanned.times_s)),
-        "duration_s": f"{np.ptp(scanned.times_s) if len(scanned.times_s) else 0.0:.1f}",
-        "poses": "none" if table is None else str(len(table.lines)),
-        "length_m": length,
-        "errors": str(sum(finding.severity == "error" for finding in own)),
-        "warnings": str(sum(finding.severity == "warning" for finding in own)),
-    }
-    return row, len(scanned.images)
+    count, is_metric = len(scanned.images), scanned.is_metric
+    row = plausibility.table_row(name, str(count), sizes_px, view, scanned.times_s, table, own, is_metric=is_metric)
+    return row, count
 
 
 def _images(path: Path) -> Scanned:
@@ -76,11 +65,8 @@ def _calibration(path: Path, scanned: Scanned, sizes_px: tuple[tuple[int, int], 
     except BadData as problem:
         findings.append(error(path, None, str(problem).removeprefix(f"{path}: ")))
         return "none"
-    at = np.array([view.cx_px, view.cy_px]) / (view.width_px, view.height_px)
-    low, high = plausibility.PRINCIPAL_POINT_RANGE
-    if not ((at > low) & (at < high)).all():
-        message = f"has the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
-        findings.append(Finding(path, None, "warning", f"{message}: were images resized or cropped without it?"))
+    if odd := plausibility.off_centre(np.array([view.cx_px, view.cy_px]), (view.width_px, view.height_px)):
+        findings.append(Finding(path, None, "warning", f"has {odd}: were images resized or cropped without it?"))
     return f"f {view.fx_px:.0f} px"
 
 

@@ -90,7 +90,6 @@ class PosedSequences(SequenceDataset):
     with_wide: bool = False
 
     def __post_init__(self) -> None:
-        """Raise BadData unless every sequence that is named can be used."""
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
         self._check()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,14 +43,11 @@ class Tum(PosedSequences):
     whose time is nearest, at most `max_difference_s` away. Times are those of rgb.txt.
     """
 
+    name: ClassVar[str] = "tum"
+
     intrinsics: Numbers | None = None
     distortion: Distortion | None = None
     max_difference_s: float = MAX_DIFFERENCE_S
-
-    @property
-    def name(self) -> str:
-        """The data set's name in results."""
-        return "tum"
 
     def _folders(self) -> dict[str, Path]:
         return folders(self.root)

@@ -53,15 +53,11 @@ class RotationError:
 
 
 @dataclass(frozen=True)
-class YawError:
+class YawError(RotationError):
     """Angle between the predicted and the real viewing direction within the real camera's x-z plane.
 
     The part of the rotation error that shifts a street view sideways: a pixel per 1 / fx radians.
     """
-
-    unit: ClassVar[str] = "deg"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Degrees per step [F], 0 to 180; BadData when the trajectories are not of the same instants."""
@@ -70,29 +66,21 @@ class YawError:
 
 
 @dataclass(frozen=True)
-class AverageDisplacement:
+class AverageDisplacement(TranslationError):
     """ADE: the mean of the translation errors of all steps, given at the last one; NaN before, NaN without metres."""
-
-    unit: ClassVar[str] = "m"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """[F]: NaN but for the last step; BadData when the trajectories are not of the same instants."""
-        return _at_last_step(len(target), TranslationError()(predicted, target).mean())
+        return _at_last_step(len(target), super().__call__(predicted, target).mean())
 
 
 @dataclass(frozen=True)
-class FinalDisplacement:
+class FinalDisplacement(TranslationError):
     """FDE: the translation error of the last step, given there; NaN before, NaN without metres."""
-
-    unit: ClassVar[str] = "m"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """[F]: NaN but for the last step; BadData when the trajectories are not of the same instants."""
-        return _at_last_step(len(target), TranslationError()(predicted, target)[-1])
+        return _at_last_step(len(target), super().__call__(predicted, target)[-1])
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ class MultiScaleDiscriminator(nn.Module):
     ) -> None:
         """Patch networks of `num_levels` strided convolutions, the first with `width` channels."""
         super().__init__()
-        kind = _InstanceNormPatchNetwork if with_instance_norm else _PatchNetwork
-        self.scales = nn.ModuleList(kind(width, num_levels) for _ in range(num_scales))
+        self.scales = nn.ModuleList(_PatchNetwork(width, num_levels, with_instance_norm) for _ in range(num_scales))
 
     def forward(self, frames: Tensor) -> list[Features]:
         """Features and scores of frames [B, 3, H, W] in [0, 1] at each scale."""
@@ -37,14 +36,17 @@ class MultiScaleDiscriminator(nn.Module):
 
 
 class _PatchNetwork(nn.Module):
-    def __init__(self, width: int, num_levels: int) -> None:
+    def __init__(self, width: int, num_levels: int, with_instance_norm: bool) -> None:
         super().__init__()
         channels = [3, *(width * min(2**level, 8) for level in range(num_levels + 1))]
-        self.layers = nn.ModuleList(
-            spectral_norm(nn.Conv2d(a, b, 4, stride=2 if level < num_levels else 1, padding=2))
-            for level, (a, b) in enumerate(itertools.pairwise(channels))
-        )
-        self.head = spectral_norm(nn.Conv2d(channels[-1], 1, 4, padding=2))
+        self.layers = nn.ModuleList()
+        for level, (a, b) in enumerate(itertools.pairwise(channels)):
+            normalised = with_instance_norm and level > 0
+            layer: nn.Module = nn.Conv2d(a, b, 4, 2 if level < num_levels else 1, padding=2, bias=not normalised)
+            layer = layer if with_instance_norm and level == 0 else spectral_norm(layer)
+            self.layers.append(nn.Sequential(layer, nn.InstanceNorm2d(b)) if normalised else layer)
+        head = nn.Conv2d(channels[-1], 1, 4, padding=2)
+        self.head: nn.Module = head if with_instance_norm else spectral_norm(head)
 
     def forward(self, frames: Tensor) -> Features:
         maps = []
@@ -53,19 +55,6 @@ class _PatchNetwork(nn.Module):
             now = functional.leaky_relu(layer(now), 0.2)
             maps.append(now)
         return [*maps, self.head(now)]
-
-
-class _InstanceNormPatchNetwork(_PatchNetwork):
-    def __init__(self, width: int, num_levels: int) -> None:
-        nn.Module.__init__(self)
-        channels = [3, *(width * min(2**level, 8) for level in range(num_levels + 1))]
-        layers: list[nn.Module] = [nn.Conv2d(3, width, 4, stride=2, padding=2)]
-        for level, (a, b) in enumerate(itertools.pairwise(channels[1:]), 1):
-            stride = 2 if level < num_levels else 1
-            convolution = spectral_norm(nn.Conv2d(a, b, 4, stride, padding=2, bias=False))
-            layers.append(nn.Sequential(convolution, nn.InstanceNorm2d(b)))
-        self.layers = nn.ModuleList(layers)
-        self.head: nn.Module = nn.Conv2d(channels[-1], 1, 4, padding=2)
 
 
 def discriminator_hinge_loss(real: Sequence[Features], fake: Sequence[Features]) -> Tensor:

@@ -35,7 +35,7 @@ def test_every_public_name_is_there_and_no_other() -> None:
     assert dir(geovp) == sorted(geovp.__all__)
     for name in geovp.__all__:
         assert getattr(geovp, name) is not None
-    assert geovp.Clip.__module__ == "geovp_classic.types"
+    assert geovp.Clip.__module__.startswith("geovp_classic.types")
     with pytest.raises(AttributeError, match="no attribute 'Clipp'"):
         geovp.Clipp  # type: ignore[attr-defined]  # noqa: B018
 
@@ -90,7 +90,6 @@ class TestPredict:
         clip = geovp.open_clip({**STREET, "num_frames": 12, "size_px": [128, 128]})
         context, _ = clip.split(10, grant)
         motion = geovp.predict(context).motion
-        assert motion is not None
         assert motion.past.is_metric == (grant is geovp.Grant.CAMERA_HEIGHT)
 
     def test_a_part_without_its_grant_says_so(self, clip: geovp.Clip) -> None:

@@ -53,7 +53,6 @@ class Thief(GroundTruth):
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         if context.future is not None:
             return super().estimate(context, num_samples)
-        assert context.past is not None
         futures = np.tile(context.past.world_from_cam[-1], (1, context.num_future, 1, 1))
         return Motion(context.past, futures, np.ones(context.num_past, bool))
 
@@ -251,8 +250,6 @@ def test_an_unknown_role_is_answered_with_the_nearest() -> None:
 def test_the_street_is_what_it_says() -> None:
     """A point of the first frame lies, by its depth and the poses, where the last frame shows the same colour."""
     clip = street.clip()
-    assert clip.trajectory is not None
-    assert clip.depths is not None
     context, target = clip.split(1, ~Grant.NONE)
     views = (
         GivenDepth()

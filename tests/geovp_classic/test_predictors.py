@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -112,9 +111,7 @@ class TestGeometricPredictor:
         prediction = GeometricPredictor(_Spread(), _XAsGrey()).predict(context, num_samples=5)
         assert prediction.frames.shape == (5, NUM_FUTURE, HEIGHT, WIDTH, 3)
         assert prediction.frames[:, 0, 0, 0, 0].tolist() == [0, 10, 20, 30, 40]
-        assert prediction.covered is not None
         assert prediction.covered.mean() == 0.5
-        assert prediction.motion is not None
         assert prediction.motion.futures.shape == (5, NUM_FUTURE, 4, 4)
 
     def test_the_renderer_is_told_the_past_of_the_source(self, context: Context) -> None:
@@ -172,11 +169,6 @@ class TestRecorded:
         np.testing.assert_allclose(motion.futures[0], clip.trajectory.world_from_cam[NUM_PAST:], atol=1e-12)
         np.testing.assert_allclose(motion.past.world_from_cam, clip.trajectory.world_from_cam[:NUM_PAST], atol=1e-12)
         assert not motion.past.is_metric
-
-    def test_is_built_by_name(self, tmp_path: Path) -> None:
-        predictor = registry.build("predictors", {"name": "recorded", "path": str(tmp_path)})
-        assert predictor == Recorded(tmp_path)
-        assert registry.build("predictors", registry.describe(predictor)) == predictor
 
 
 class TestRecordedSaysWhatIsWrong:

@@ -39,7 +39,6 @@ class Walk:
     needs: ClassVar[Grant] = Grant.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        assert context.past is not None
         futures = self.forecaster.forecast(context.past, context.times_s[context.num_past :], num_samples)
         return Motion(context.past, futures, np.ones(context.num_past, bool))
 

@@ -19,8 +19,6 @@ def test_no_field_is_needed() -> None:
 def test_a_car_goes_on_where_the_street_stays() -> None:
     # The synthetic street at 128 pixels: a car in front drives off, its mask is known.
     clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[5]
-    assert clip.trajectory is not None
-    assert clip.moving is not None
     context, target = clip.split(10, Grant.NONE)
     past, future = clip.trajectory[:10], clip.trajectory.world_from_cam[10:]
     renderers = DepthFusion(), DepthFusion(dynamic_objects=None)
@@ -42,7 +40,6 @@ def test_the_last_observed_frame_is_seen_again_to_the_bit() -> None:
     # With and without a car that moves: at the last pose and time everything is where it was.
     for number in (0, 5):
         clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[number]
-        assert clip.trajectory is not None
         context, _ = clip.split(10, Grant.NONE)
         scene = DepthFusion().reconstruct(context, clip.trajectory[:10])
         views = scene.view(clip.trajectory.world_from_cam[9:10], clip.times_s[9:10], clip.intrinsics)

@@ -1,6 +1,6 @@
 """The nouns are checked at the door and read-only inside."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ import pytest
 from geovp_classic.errors import BadData
 from geovp_classic.types import (
     Clip,
-    Context,
     ExtraView,
     Grant,
     Intrinsics,
@@ -89,37 +88,13 @@ def test_only_metres_have_an_uncertainty_and_slices_keep_it() -> None:
         replace(whole, is_metric=False)
 
 
-def test_a_context_shows_only_what_was_granted() -> None:
-    clip = full_clip()
-    always = {"frames", "times_s", "intrinsics"}
-    shown_by = {
-        Grant.PAST_POSES: "past",
-        Grant.FUTURE_POSES: "future",
-        Grant.PAST_DEPTHS: "past_depths",
-        Grant.CAMERA_HEIGHT: "camera_height_m",
-        Grant.WIDE_FRAMES: "wide",
-        Grant.RIGHT_FRAMES: "right",
-    }
-    assert always | set(shown_by.values()) == {field.name for field in fields(Context)} - {"name"}
-    assert set(shown_by) == set(Grant) - {Grant.NONE}
-    for grant, shown in shown_by.items():
-        context, _ = clip.split(4, grant)
-        visible = {name for name in shown_by.values() if getattr(context, name) is not None}
-        assert visible == {shown}
-        everything, _ = clip.split(4, ~Grant.NONE)
-        assert {n for n in shown_by.values() if getattr(everything.only(grant), n) is not None} == {shown}
-
-
 def test_a_split_gives_the_past_to_the_context_and_the_future_to_the_target() -> None:
     clip = full_clip(6)
     context, target = clip.split(4, Grant.PAST_POSES | Grant.WIDE_FRAMES | Grant.PAST_DEPTHS)
     assert (context.num_past, context.num_future) == (4, 2)
     np.testing.assert_array_equal(context.frames[:, 0, 0, 0], [0, 1, 2, 3])
     np.testing.assert_array_equal(target.frames[:, 0, 0, 0], [4, 5])
-    assert context.past is not None
-    assert context.wide is not None
     assert (len(context.past), len(context.wide.frames), len(context.times_s)) == (4, 4, 6)
-    assert target.trajectory is not None
     np.testing.assert_array_equal(target.trajectory.world_from_cam[:, 2, 3], [4, 5])
     for num_past in (0, 6):
         with pytest.raises(BadData, match="expected 1 to 5"):
@@ -172,6 +147,5 @@ def test_confidence_is_what_was_seen_and_tracked_of_all_frames_until_then() -> N
     motion = Motion(trajectory(4), np.tile(np.eye(4), (1, 3, 1, 1)), np.array([True, True, False, True]))
     frames = np.zeros((2, 3, 4, 4, 3), np.uint8)
     confidence = Prediction(frames, covered, motion).confidence
-    assert confidence is not None
     np.testing.assert_allclose(confidence, [[3 / 5, 3 / 6, 3 / 7], [3 / 5, 3 / 6, 0.75 * 3 / 7]])
     assert Prediction(frames).confidence is Prediction(frames, covered).confidence is None

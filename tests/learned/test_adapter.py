@@ -4,18 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from safetensors.torch import save_file
+from torch import Tensor, nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: the adapter needs the extra 'learned'")
-from safetensors.torch import save_file  # noqa: E402
-from torch import Tensor, nn  # noqa: E402
-
-from geovp_benchmarks import built_matrix, cli  # noqa: E402
-from geovp_benchmarks.store import Results  # noqa: E402
-from geovp_classic import contracts, registry  # noqa: E402
-from geovp_classic.contracts import street  # noqa: E402
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_classic.types import Grant  # noqa: E402
-from geovp_learned.adapter import TorchPredictor  # noqa: E402
+from geovp_benchmarks import built_matrix, cli
+from geovp_benchmarks.store import Results
+from geovp_classic import contracts, registry
+from geovp_classic.contracts import street
+from geovp_classic.errors import BadData
+from geovp_classic.types import Grant
+from geovp_learned.adapter import TorchPredictor
 
 
 class Darker(nn.Module):
@@ -104,7 +103,6 @@ def test_it_keeps_the_contract_and_joins_a_matrix(tmp_path: Path, monkeypatch: p
     assert cli.main(["run", str(tmp_path / "dusk.toml"), "--out", str(out), "--no-report"]) == 0
     built_matrix.build_matrix.cache_clear()
     cell = Results(out).cell("dusk")
-    assert cell is not None
     assert cell.status == "done"
     assert cell.components["predictor"]["noise"] == 0.1
     assert cell.components["predictor"]["device"] in ("cpu", "cuda")

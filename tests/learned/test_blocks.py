@@ -1,8 +1,7 @@
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: networks need the extra 'learned'")
-
-from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet  # noqa: E402
+from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet
 
 
 @pytest.mark.parametrize(("resample", "side"), [("keep", 8), ("up", 16), ("down", 4)])

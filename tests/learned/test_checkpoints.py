@@ -3,16 +3,17 @@
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from safetensors.torch import save
+from torch import nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: weights need the extra 'learned'")
-from torch import nn  # noqa: E402
-
-from geovp_classic import registry  # noqa: E402
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_learned import checkpoints  # noqa: E402
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_learned import checkpoints
 
 
 @dataclass(frozen=True)
@@ -59,33 +60,28 @@ def test_what_half_precision_cannot_hold_is_kept_whole(tmp_path: Path) -> None:
     assert tensors["net.1.running_var"].tolist() == [1e6, 1e6]
 
 
-def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(BadData, match="do not exist: give a safetensors file"):
-        checkpoints.read(tmp_path / "none", "toy", Settings)
-
-
-@pytest.mark.parametrize("kept", [0, 5, 200, -1])
-def test_a_truncated_file(file: Path, kept: int) -> None:
-    file.write_bytes(file.read_bytes()[:kept])
-    with pytest.raises(BadData, match=r"is not a whole safetensors file|does not match its own checksum"):
-        checkpoints.read(file, "toy", Settings)
-
-
-def test_a_file_of_another_kind(file: Path) -> None:
-    file.write_bytes(b"\x80\x04\x95" + bytes(range(200)))  # as a pickle begins
-    with pytest.raises(BadData, match="is not a whole safetensors file"):
-        checkpoints.read(file, "toy", Settings)
-
-
-def test_another_methods_weights(file: Path) -> None:
-    with pytest.raises(BadData, match="holds geovp-weights-1, toy, expected geovp-weights-1, deepvo"):
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (None, "do not exist: give a safetensors file"),
+        (b"", "is not a whole safetensors file"),
+        (slice(5), "is not a whole safetensors file"),
+        (slice(200), "is not a whole safetensors file|does not match its own checksum"),
+        (slice(-1), "does not match its own checksum"),
+        (b"\x80\x04\x95" + bytes(range(200)), "is not a whole safetensors file"),  # as a pickle begins
+        (save({"a": torch.ones(1)}, {"format": "{"}), "is not a whole safetensors file"),  # no JSON
+        (save({"a": torch.ones(1)}), "holds no format, no method"),
+        (slice(None), "holds geovp-weights-1, toy, expected geovp-weights-1, deepvo"),
+    ],
+)
+def test_files_that_are_not_the_methods_weights_are_refused(
+    file: Path, content: bytes | slice | None, says: str
+) -> None:
+    file.unlink() if content is None else file.write_bytes(
+        file.read_bytes()[content] if isinstance(content, slice) else content
+    )
+    with pytest.raises(BadData, match=says):
         checkpoints.read(file, "deepvo", Settings)
-
-
-def test_a_foreign_safetensors_file(tmp_path: Path) -> None:
-    checkpoints.write_tensors(tmp_path / "w", {"a": torch.ones(1)}, {})
-    with pytest.raises(BadData, match="holds no format, no method"):
-        checkpoints.read(tmp_path / "w", "toy", Settings)
 
 
 @pytest.mark.parametrize(
@@ -119,14 +115,6 @@ def test_numbers_must_be_finite(tmp_path: Path) -> None:
     checkpoints.write(tmp_path / "w", "toy", Settings(), {"net": net}, {})
     with pytest.raises(BadData, match=r"net\.0\.bias has a number that is not finite"):
         checkpoints.restore(tmp_path / "w", net, checkpoints.read(tmp_path / "w", "toy", Settings)[1], "net.")
-
-
-def test_metadata_that_is_no_json(tmp_path: Path) -> None:
-    from safetensors.torch import save_file
-
-    save_file({"a": torch.ones(1)}, tmp_path / "w", {"format": "{"})
-    with pytest.raises(BadData, match="is not a whole safetensors file"):
-        checkpoints.read(tmp_path / "w", "toy", Settings)
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:

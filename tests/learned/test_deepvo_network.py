@@ -1,28 +1,18 @@
 """DeepVO's networks: shapes, what depends on what, and that they can learn at all."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
-
-from geovp_classic.contracts import street  # noqa: E402
-from geovp_classic.errors import BadData, Incompatible  # noqa: E402
-from geovp_learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
-from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
-from geovp_learned.deepvo.windows import NO_AUGMENTATION  # noqa: E402
+from geovp_classic.contracts import street
+from geovp_classic.errors import BadData, Incompatible
+from geovp_learned.deepvo.network import Architecture, PoseNetwork
+from geovp_learned.deepvo.train import DeepVoTraining
+from geovp_learned.deepvo.windows import NO_AUGMENTATION
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12, dropout=0.0)
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def network(architecture: Architecture = TINY) -> PoseNetwork:

@@ -5,17 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
-
-from geovp_classic import registry  # noqa: E402
-from geovp_classic.contracts import check, street  # noqa: E402
-from geovp_classic.errors import BadData, Incompatible  # noqa: E402
-from geovp_classic.types import Context, Grant  # noqa: E402
-from geovp_learned import checkpoints  # noqa: E402
-from geovp_learned.deepvo.network import Architecture, PoseNetwork  # noqa: E402
-from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images  # noqa: E402
-from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_classic import registry
+from geovp_classic.contracts import check, street
+from geovp_classic.errors import Incompatible
+from geovp_classic.types import Context, Grant
+from geovp_learned import checkpoints
+from geovp_learned.deepvo.network import Architecture, PoseNetwork
+from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images
+from geovp_learned.deepvo.train import DeepVoTraining
 
 TINY = Architecture(size_px=(64, 64), encoder_width=1 / 16, lstm_size=12)
 
@@ -92,31 +91,6 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
     assert float(difference.mean()) < float((seen(whole, narrow)[1:] - seen(whole, narrow)[:-1]).abs().mean()) / 2
 
 
-def test_descriptions_tell_which_weights_and_others_are_refused(tmp_path: Path) -> None:
-    file = written(tmp_path)
-    before = registry.describe(DeepVo(file))
-    assert registry.build("pose_sources", before) == DeepVo(file)
-    written(tmp_path, replace(TINY, lstm_size=13))  # another network under the same name
-    assert registry.describe(DeepVo(file))["fingerprint"] != before["fingerprint"]
-    with pytest.raises(BadData, match=f"expected {before['fingerprint']}: give the weights that are asked for"):
-        registry.build("pose_sources", before)
-
-
 def test_one_frame_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Incompatible, match="give num_past of 2 or more"):
         DeepVo(written(tmp_path)).estimate(context(1))
-
-
-def test_faulty_checkpoints_are_refused_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(BadData, match="do not exist"):
-        DeepVo(tmp_path / "none.safetensors").estimate(context())
-    file = written(tmp_path)
-    file.write_bytes(file.read_bytes()[:-10])
-    with pytest.raises(BadData, match="does not match its own checksum"):
-        DeepVo(file).estimate(context())
-    torch.manual_seed(0)
-    wrong = tmp_path / "wrong.safetensors"
-    networks = {"poses": PoseNetwork(TINY)}
-    checkpoints.write(wrong, "deepvo", DeepVoTraining(replace(TINY, lstm_size=13)), networks, {})
-    with pytest.raises(BadData, match="the settings in it are not its own"):
-        DeepVo(wrong).estimate(context())

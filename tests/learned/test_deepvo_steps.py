@@ -2,18 +2,17 @@
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
-
-from geovp_classic.geometry import planar, se3  # noqa: E402
-from geovp_learned.deepvo.network import (  # noqa: E402
+from geovp_classic.geometry import planar, se3
+from geovp_learned.deepvo.network import (
     Architecture,
     chained,
     coordinates,
     motions,
     squared_errors,
 )
-from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_learned.deepvo.train import DeepVoTraining
 
 QUARTER = np.pi / 2
 

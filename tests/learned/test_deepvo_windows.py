@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="torch is not installed: DeepVO needs the extra 'learned'")
-
-from geovp_classic.contracts import street  # noqa: E402
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_classic.geometry import planar, se3  # noqa: E402
-from geovp_classic.types import FloatArray  # noqa: E402
-from geovp_learned.deepvo import windows  # noqa: E402
-from geovp_learned.deepvo.network import Architecture  # noqa: E402
-from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
-from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window  # noqa: E402
+from geovp_classic.contracts import street
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import planar, se3
+from geovp_classic.types import FloatArray
+from geovp_learned.deepvo import windows
+from geovp_learned.deepvo.network import Architecture
+from geovp_learned.deepvo.train import DeepVoTraining
+from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
 
 CAMERA = Architecture(size_px=(64, 64), focal_widths=1.5).camera
 DRIVE = windows.read(street.clip(), CAMERA)

@@ -1,10 +1,9 @@
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: devices need the extra 'learned'")
-
-from geovp_classic import registry  # noqa: E402
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_learned import devices  # noqa: E402
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_learned import devices
 
 
 @pytest.mark.parametrize(("is_there", "expected"), [(True, "cuda"), (False, "cpu")])

@@ -1,11 +1,10 @@
 """The exponential moving average of weights, by hand."""
 
 import pytest
+import torch
+from torch import nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
-from torch import nn  # noqa: E402
-
-from geovp_learned.schedules import averaged_model  # noqa: E402
+from geovp_learned.schedules import averaged_model
 
 
 def test_first_the_plain_mean_then_one_that_forgets() -> None:

@@ -3,8 +3,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: export needs the extra 'learned'")
 WITH = "not installed: the extra 'onnx' has it"
 pytest.importorskip("onnx", reason=f"onnx is {WITH}")
 pytest.importorskip("onnxscript", reason=f"onnxscript is {WITH}")

@@ -12,17 +12,16 @@ from typing import get_args
 import cv2
 import numpy as np
 import pytest
+import torch
+from torch import Tensor, nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: LPIPS needs the extra 'learned'")
-from torch import Tensor, nn  # noqa: E402
-
-from geovp_benchmarks.scoring import ManyMasks  # noqa: E402
-from geovp_classic import registry  # noqa: E402
-from geovp_classic.errors import BadData, MissingExtra  # noqa: E402
-from geovp_classic.interfaces import FrameMetric  # noqa: E402
-from geovp_classic.types import ByteArray, FloatArray  # noqa: E402
-from geovp_learned import lpips, lpips_masks  # noqa: E402
-from geovp_learned.lpips import Lpips, Net  # noqa: E402
+from geovp_benchmarks.scoring import ManyMasks
+from geovp_classic import registry
+from geovp_classic.errors import BadData, MissingExtra
+from geovp_classic.interfaces import FrameMetric
+from geovp_classic.types import ByteArray, FloatArray
+from geovp_learned import lpips, lpips_networks
+from geovp_learned.lpips import Lpips, Net
 
 NETS = get_args(Net)
 ALEX_WIDTHS = {0: (3, 6, 11), 3: (6, 5, 5), 6: (5, 7, 3), 8: (7, 4, 3), 10: (4, 4, 3)}  # in, out, kernel
@@ -53,15 +52,6 @@ def random_weights(net: Net, seed: int = 0) -> dict[str, Tensor]:
     for index, width in enumerate(ALEX_LINEAR if net == "alex" else SQUEEZE_LINEAR):
         weights[f"lin{index}.weight"] = draw(width).abs()
     return weights
-
-
-@pytest.fixture(autouse=True, scope="module")
-def one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on more."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(autouse=True)
@@ -268,7 +258,7 @@ def test_on_two_threads_the_same_values_come_out(folder: Path) -> None:
 @pytest.mark.parametrize(("size", "cells"), [(256, 63), (37, 5), (8, 8)])
 def test_masks_are_shared_out_to_cells_as_torch_pools(size: int, cells: int) -> None:
     rows = torch.rand(1, 4, size)
-    pooled = rows @ lpips_masks._pooling(size, cells).T
+    pooled = rows @ lpips_networks._pooling(size, cells).T
     torch.testing.assert_close(pooled, nn.functional.adaptive_avg_pool1d(rows, cells))
 
 

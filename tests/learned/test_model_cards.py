@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from torch import nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: weights need the extra 'learned'")
-from torch import nn  # noqa: E402
-
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_learned import checkpoints, model_cards, training_log  # noqa: E402
-from geovp_learned.__main__ import main  # noqa: E402
+from geovp_classic.errors import BadData
+from geovp_learned import checkpoints, model_cards, training_log
+from geovp_learned.__main__ import main
 
 HISTORY = {
     "train": [{"name": "kitti", "split": "train", "split_hash": "abc123"}, {"name": "synthetic", "seed": 7}],

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="torch is not installed: the learned parts need the extra 'learned'")
-
-from geovp_classic.geometry import pinhole, se3  # noqa: E402
-from geovp_classic.types import ByteArray, Intrinsics  # noqa: E402
-from geovp_learned.tensors import images_from_frames, reproject, shrink  # noqa: E402
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.types import ByteArray, Intrinsics
+from geovp_learned.tensors import images_from_frames, reproject, shrink
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 

@@ -12,19 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from lightning.fabric import Fabric
+from lightning.fabric.plugins import MixedPrecision
+from torch import nn
+from torch.optim import Optimizer
 
-torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
-from lightning.fabric import Fabric  # noqa: E402
-from lightning.fabric.plugins import MixedPrecision  # noqa: E402
-from torch import nn  # noqa: E402
-from torch.optim import Optimizer  # noqa: E402
-
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_classic.types import Clip, Intrinsics  # noqa: E402
-from geovp_learned import checkpoints, training  # noqa: E402
-from geovp_learned.methods import Batch, Losses, Networks  # noqa: E402
-from geovp_learned.schedules import batch_indices, learning_rate_factor  # noqa: E402
-from geovp_learned.training_config import Training, TrainingConfig  # noqa: E402
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, Intrinsics
+from geovp_learned import checkpoints, training
+from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.schedules import batch_indices, learning_rate_factor
+from geovp_learned.training_config import Training, TrainingConfig
 
 
 @dataclass(frozen=True)

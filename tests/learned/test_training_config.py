@@ -7,13 +7,11 @@ from pathlib import Path
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="torch is not installed: training needs the extra 'learned'")
-
-from geovp_classic.data.synthetic.dataset import Synthetic  # noqa: E402
-from geovp_classic.errors import BadData, GeovpError, UnknownComponent  # noqa: E402
-from geovp_learned import training_config  # noqa: E402
-from geovp_learned.__main__ import main  # noqa: E402
-from geovp_learned.deepvo.train import DeepVoTraining  # noqa: E402
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.errors import BadData, GeovpError, UnknownComponent
+from geovp_learned import training_config
+from geovp_learned.__main__ import main
+from geovp_learned.deepvo.train import DeepVoTraining
 
 CONFIG = """
 [method]

@@ -10,7 +10,7 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -45,6 +45,8 @@ class Synthetic:
     is mounted, `bounce` scales how the car shakes it.
     """
 
+    name: ClassVar[str] = "synthetic"  # in results
+
     seed: int = 0
     num_clips: int = 8
     num_frames: int = 30
@@ -64,7 +66,6 @@ class Synthetic:
     cache: Path | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that make no clip."""
         if min(self.num_clips, self.num_frames, self.stride, *self.size_px) < 1:
             raise BadData(
                 f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and "
@@ -73,13 +74,7 @@ class Synthetic:
         if self.seed < 0:
             raise BadData(f"synthetic: seed is {self.seed}, expected 0 or more")
 
-    @property
-    def name(self) -> str:
-        """What the results call it."""
-        return "synthetic"
-
     def __len__(self) -> int:
-        """The number of clips."""
         return self.num_clips
 
     def __getitem__(self, index: int) -> Clip:

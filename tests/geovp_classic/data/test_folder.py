@@ -59,7 +59,6 @@ def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None
     assert clip.frames[:, 3, 3, 0].tolist() == [90, 100, 110, 120]
     np.testing.assert_allclose(clip.times_s, [0.8, 0.9, 1.0, 1.1])  # 10 Hz unless told
     assert clip.intrinsics == Intrinsics(40, 40, 11.5, 11.5, 24, 24)
-    assert clip.wide is not None
     assert clip.wide.intrinsics == Intrinsics(*CAMERA, 64, 24)
     assert clip.trajectory is None
     assert clip.camera_height_m == 1.2
@@ -93,7 +92,6 @@ def test_a_tum_trajectory_brings_its_times(images: Path, tmp_path: Path) -> None
     pose_files.write_tum(tmp_path / "tum.txt", given)
     clip = folder(images, trajectory=tmp_path / "tum.txt", is_metric=False)[1]
     assert clip.times_s.tolist() == [102, 102.5, 103, 103.5]
-    assert clip.trajectory is not None
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
     assert not clip.trajectory.is_metric
     assert folder(images, trajectory=tmp_path / "tum.txt", frame_rate_hz=2.0)[0].times_s.tolist() == [0, 0.5, 1, 1.5]
@@ -104,7 +102,6 @@ def test_a_kitti_trajectory_takes_the_frames_times(images: Path, tmp_path: Path)
     pose_files.write_kitti(tmp_path / "kitti.txt", straight(times_s))
     (tmp_path / "times.txt").write_text("\n".join(map(str, times_s)))
     clip = folder(images, trajectory=tmp_path / "kitti.txt", times=tmp_path / "times.txt")[2]
-    assert clip.trajectory is not None
     assert clip.trajectory.times_s.tolist() == clip.times_s.tolist() == [2, 2.25, 2.5, 2.75]
     np.testing.assert_allclose(folder(images, trajectory=tmp_path / "kitti.txt")[0].times_s, [0, 0.1, 0.2, 0.3])
 

@@ -167,12 +167,6 @@ def test_video_frames_come_by_number_in_any_order(tmp_path: Path) -> None:
         video.read(8)
 
 
-def test_a_file_that_is_no_video_is_named(tmp_path: Path) -> None:
-    (tmp_path / "a.avi").write_text("no video")
-    with pytest.raises(BadData, match=r"a\.avi cannot be decoded as a video"):
-        VideoFrames.open(tmp_path / "a.avi")
-
-
 @pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
 def test_images_of_16_bits_are_refused_or_read_by_the_bits_they_use(tmp_path: Path, shape: tuple[int, ...]) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full(shape, 3000, np.uint16))

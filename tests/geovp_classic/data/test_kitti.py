@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic import interfaces, registry
+from geovp_classic import interfaces
 from geovp_classic.data import splits
 from geovp_classic.data.kitti import Kitti
 from geovp_classic.data.windows import FrameRange
@@ -47,7 +47,6 @@ def test_poses_are_those_of_the_camera_shown(kitti_root: Path) -> None:
     # camera 2 is 6 cm to the left of camera 0, camera 3 is 44 cm to the right; 1 m a frame forwards
     for camera, x_m in ((2, -0.06), (3, 0.44)):
         trajectory = kitti(kitti_root, sequences=("00",), camera=camera)[1].trajectory
-        assert trajectory is not None
         np.testing.assert_allclose(trajectory.world_from_cam[:, :3, 3], [[x_m, 0, z_m] for z_m in (4, 5, 6, 7)])
         assert trajectory.is_metric
         np.testing.assert_allclose(trajectory.times_s, [0.4, 0.5, 0.6, 0.7])
@@ -57,7 +56,6 @@ def test_the_offset_turns_with_the_car(kitti_root: Path, edit: Edit) -> None:
     # camera 0 turned by 90 degrees to the right: its x axis is the world's -z, so 44 cm to its right is z = -0.44
     edit(kitti_root / "poses" / "00.txt", 2, "0 0 1 0 0 1 0 0 -1 0 0 0")
     trajectory = kitti(kitti_root, sequences=("00",), camera=3)[0].trajectory
-    assert trajectory is not None
     np.testing.assert_allclose(trajectory.world_from_cam[1, :3, 3], [0, 0, -0.44], atol=1e-12)
 
 
@@ -72,9 +70,7 @@ def test_wide_and_right_frames_come_only_when_asked_for(kitti_root: Path) -> Non
     assert kitti(kitti_root)[0].right is None
     data = kitti(kitti_root, with_wide=True, with_right=True)
     clip = data[0]
-    assert clip.wide is not None
     assert clip.wide.frames.shape == (4, 24, 64, 3)
-    assert clip.right is not None
     assert clip.right.frames[:, 0, 0, 0].tolist() == [15, 25, 35, 45]
     assert clip.right.intrinsics == clip.wide.intrinsics == Intrinsics(50, 50, 31.5, 11.5, 64, 24)
     # camera 3 is 50 cm to the right of camera 2: a point's x is 0.5 less there
@@ -107,7 +103,6 @@ def test_poses_with_frame_indices_may_stand_in_for_plain_ones(kitti_root: Path) 
     path = kitti_root / "poses" / "01.txt"
     path.write_text("".join(f"{i} {line}\n" for i, line in enumerate(path.read_text().splitlines())))
     trajectory = kitti(kitti_root, sequences=("01",))[1].trajectory
-    assert trajectory is not None
     assert trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:5] + lines[7:]))
@@ -129,13 +124,6 @@ def test_a_data_set_is_sent_to_another_process_as_its_settings(kitti_root: Path)
     sent = pickle.dumps(data)
     assert len(sent) < 1000
     np.testing.assert_array_equal(pickle.loads(sent)[2].frames, data[2].frames)
-
-
-def test_it_is_built_by_name_and_described(kitti_root: Path) -> None:
-    table = {"name": "kitti", "root": str(kitti_root), "sequences": ["00[0:8)"], "num_frames": 4, "size_px": [24, 24]}
-    data = registry.build("datasets", table)
-    assert data == Kitti(kitti_root, sequences=("00[0:8)",), num_frames=4, size_px=(24, 24))
-    assert registry.build("datasets", registry.describe(data)) == data
 
 
 WRONG_SETTINGS: list[tuple[dict[str, object], str]] = [

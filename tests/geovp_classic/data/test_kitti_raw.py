@@ -69,7 +69,6 @@ def test_roll_pitch_and_yaw_turn_as_documented(
 
 def test_the_relative_poses_written_are_those_read(root: Path) -> None:
     clip, truth = raw(root)[1], street.clip().trajectory
-    assert clip.trajectory is not None
     assert clip.name == f"{NAME}/000002"
     assert clip.trajectory.is_metric
     found = se3.inverse(clip.trajectory.world_from_cam[0]) @ clip.trajectory.world_from_cam
@@ -94,7 +93,6 @@ def test_points_are_projected_to_where_calibration_files_say(root: Path) -> None
     homogeneous = cam["P_rect_02"].reshape(3, 4) @ [*(cam["R_rect_00"].reshape(3, 3) @ point_cam), 1.0]
     data = raw(root)
     recording = data.recordings[NAME]
-    assert recording.trajectory is not None
     reading = np.loadtxt(root / f"2011_09_26/{NAME}_sync/oxts/data/0000000000.txt")[None, :6]
     world_from_imu = kitti_raw_layout.mercator_poses(reading)[0]
     point_world = world_from_imu @ [*point_imu, 1.0]

@@ -50,7 +50,6 @@ def test_clips_of_the_test_split(root: Path) -> None:
 
 def test_colour_frames_of_sequence_00_keep_their_pixels(root: Path) -> None:
     clip = Kitti(root, split="test-colour", size_px=(128, 128), with_wide=True)[0]
-    assert clip.wide is not None
     np.testing.assert_array_equal(clip.frames, clip.wide.frames[:, :, 144:272])
     assert clip.intrinsics.fx_px == pytest.approx(240.9702627)
     assert clip.intrinsics.fy_px == pytest.approx(244.7169362)
@@ -80,7 +79,6 @@ def epipolar_distance_px(here: FloatArray, there: FloatArray, there_from_here: F
 @pytest.mark.parametrize("frames", ["03[80:82)", "raw0095[200:202)", "00[110:112)"])
 def test_poses_intrinsics_and_pixels_of_the_crop_agree_in_a_turn(root: Path, frames: str) -> None:
     clip = Kitti(root, sequences=(frames,), num_frames=2)[0]
-    assert clip.trajectory is not None
     here, there = matches(clip.frames[0], clip.frames[1])
     assert len(here) > 100
     cam1_from_cam0 = se3.inverse(clip.trajectory.world_from_cam[1]) @ clip.trajectory.world_from_cam[0]
@@ -92,8 +90,6 @@ def test_poses_intrinsics_and_pixels_of_the_crop_agree_in_a_turn(root: Path, fra
 
 def test_right_frames_see_points_further_left(root: Path) -> None:
     clip = Kitti(root, sequences=("06[0:2)",), num_frames=2, with_wide=True, with_right=True)[0]
-    assert clip.wide is not None
-    assert clip.right is not None
     np.testing.assert_allclose(clip.right.view_from_cam[:3, 3], [-0.5371507, 0, 0], atol=1e-6)
     here, there = matches(clip.wide.frames[0], clip.right.frames[0])
     disparity_px = here[:, 0] - there[:, 0]

@@ -57,7 +57,6 @@ def test_thirteen_numbers_start_with_the_frames_index(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     path.write_text(f"3 {IDENTITY}\n\n# lost\n7 {IDENTITY}  # found again\n")
     indices, world_from_cam = pose_files.read_kitti(path)
-    assert indices is not None
     assert indices.tolist() == [3, 7]
     assert world_from_cam.shape == (2, 4, 4)
     assert pose_files.read_trajectory(path, np.arange(8) / 10).times_s.tolist() == [0.3, 0.7]

@@ -35,8 +35,6 @@ def numbers_of(clip: Clip) -> tuple[float, float, float, float]:
 
 def assert_same(clip: Clip, street: Clip, first: int) -> None:
     """The clip is frames first to first + 3 of the street."""
-    assert clip.trajectory is not None
-    assert street.trajectory is not None
     steps = slice(first, first + 4)
     np.testing.assert_array_equal(clip.frames, street.frames[steps])
     np.testing.assert_allclose(clip.trajectory.world_from_cam, street.trajectory.world_from_cam[steps], atol=1e-7)
@@ -52,10 +50,7 @@ def test_tum_matches_images_poses_and_depths(tmp_path: Path, write_tum: Write, s
     clip = data[1]
     assert_same(clip, street, 4)
     assert clip.times_s[0] == pytest.approx(100.4)
-    assert clip.trajectory is not None
     assert clip.trajectory.is_metric
-    assert clip.depths is not None
-    assert street.depths is not None
     near = street.depths[4:8] < 13
     np.testing.assert_allclose(clip.depths[near], street.depths[4:8][near], atol=1.01e-4)  # half of 1/5000 m
     assert not clip.depths[~near].any()
@@ -69,7 +64,6 @@ def test_tum_poses_further_off_than_allowed_are_none(tmp_path: Path, write_tum: 
     folder = write_tum(tmp_path, "street", street)
     settings = {"intrinsics": numbers_of(street), **CUT}
     clip = Tum(folder, max_difference_s=0.005, **settings)[0]  # type: ignore[arg-type]
-    assert clip.depths is not None
     assert not clip.depths.any()
     with pytest.raises(BadData, match="street: none of 12 images has a pose"):
         Tum(folder, max_difference_s=0.003, **settings)  # type: ignore[arg-type]
@@ -85,8 +79,6 @@ def test_tum_knows_the_three_cameras_by_name(tmp_path: Path, write_tum: Write) -
         write_tum(tmp_path, name, clip)
     third = Tum(tmp_path, ("rgbd_dataset_freiburg3_office",), with_wide=True, **CUT)[0].wide  # type: ignore[arg-type]
     first = Tum(tmp_path, ("rgbd_dataset_freiburg1_desk",), with_wide=True, **CUT)[0].wide  # type: ignore[arg-type]
-    assert third is not None
-    assert first is not None
     assert (third.intrinsics.fx_px, third.intrinsics.cx_px) == (535.4, 320.1)  # no distortion
     zoom = first.intrinsics.fx_px / 517.3
     assert first.intrinsics.fy_px / 516.5 == pytest.approx(zoom)
@@ -143,10 +135,8 @@ def test_colmap_is_broken_where_images_are_not_registered(
     assert_same(data[1], street, 1)
     assert_same(data[2], street, 6)
     assert data[2].times_s[0] == pytest.approx(0.6)
-    assert data[0].trajectory is not None
     assert not data[0].trajectory.is_metric
     metric = Colmap(tmp_path, is_metric=True, **CUT)[0].trajectory  # type: ignore[arg-type]
-    assert metric is not None
     assert metric.is_metric
 
 

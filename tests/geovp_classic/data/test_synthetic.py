@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_classic import registry
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.data.synthetic import dataset as synthetic
 from geovp_classic.data.synthetic.drive import Manoeuvre
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip, Grant
 
 TINY = {"num_clips": 1, "num_frames": 4, "size_px": (48, 48)}
@@ -38,15 +36,11 @@ def test_clips_hold_everything_in_the_right_shape(stereo: Clip) -> None:
     assert stereo.name == "seed0/straight-000"
     assert stereo.frames.shape == (4, 48, 48, 3)
     np.testing.assert_allclose(stereo.times_s, [0.0, 0.1, 0.2, 0.3])
-    assert stereo.depths is not None
     assert stereo.depths.dtype == np.float32
     assert (stereo.depths > 0).all()
     assert stereo.moving is not None
-    assert stereo.trajectory is not None
     assert stereo.trajectory.is_metric
     assert stereo.camera_height_m == 1.65
-    assert stereo.wide is not None
-    assert stereo.right is not None
     assert stereo.wide.frames.shape == stereo.right.frames.shape == (4, 48, 158, 3)
     everything = Grant.PAST_POSES | Grant.PAST_DEPTHS | Grant.WIDE_FRAMES | Grant.RIGHT_FRAMES | Grant.CAMERA_HEIGHT
     context, target = stereo.split(2, everything)
@@ -55,7 +49,6 @@ def test_clips_hold_everything_in_the_right_shape(stereo: Clip) -> None:
 
 
 def test_frames_are_the_middle_of_the_wide_frames_with_or_without_them(stereo: Clip, cache: Path) -> None:
-    assert stereo.wide is not None
     np.testing.assert_array_equal(stereo.wide.frames[:, :, 55:103], stereo.frames)
     assert stereo.wide.intrinsics.cropped(55, 0, 48, 48) == stereo.intrinsics
     alone = Synthetic(**TINY, cache=cache)[0]
@@ -67,8 +60,6 @@ def test_frames_are_the_middle_of_the_wide_frames_with_or_without_them(stereo: C
 
 def test_the_right_camera_sees_near_things_further_left(stereo: Clip) -> None:
     """Its images are shifted by focal length times 0.54 m over depth."""
-    assert stereo.right is not None
-    assert stereo.depths is not None
     np.testing.assert_allclose(stereo.right.view_from_cam[:3, 3], [-0.54, 0.0, 0.0])
     points = pinhole.unproject(pinhole.pixel_grid(stereo.intrinsics), stereo.depths[0], stereo.intrinsics)
     known = np.isfinite(stereo.depths[0]) & (stereo.depths[0] < 25)
@@ -119,8 +110,6 @@ def test_the_names_are_known_before_anything_is_rendered(cache: Path, monkeypatc
 def test_windows_of_one_drive_share_its_poses(cache: Path) -> None:
     data = Synthetic(num_clips=9, num_frames=4, size_px=(16, 16), stride=2, bounce=0.0, cache=cache)
     early, late = data[0], data[8]
-    assert early.trajectory is not None
-    assert late.trajectory is not None
     np.testing.assert_allclose(
         early.trajectory.world_from_cam[2:], late.trajectory.world_from_cam[:2], rtol=0, atol=1e-9
     )
@@ -216,10 +205,3 @@ def test_clips_that_are_not_there_are_index_errors(cache: Path) -> None:
     with pytest.raises(IndexError):
         data[1]
     np.testing.assert_array_equal(data[-1].frames, data[0].frames)
-
-
-def test_the_registry_builds_and_describes_it() -> None:
-    data = registry.build("datasets", {"name": "synthetic", "seed": 4, "size_px": [64, 64], "with_wide": True})
-    assert isinstance(data, Dataset)
-    assert data.name == "synthetic"
-    assert registry.build("datasets", registry.describe(data)) == data

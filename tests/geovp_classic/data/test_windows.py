@@ -122,15 +122,12 @@ def test_a_clip_takes_its_own_frames_times_poses_and_views() -> None:
     assert clip.frames.shape == (3, 4, 4, 3)
     assert clip.frames[:, 0, 0, 0].tolist() == [2, 3, 4]
     assert clip.times_s.tolist() == [0.2, 0.3, 0.4]
-    assert clip.trajectory is not None
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [2, 3, 4]
     assert clip.camera_height_m == 1.65
     assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
-    assert clip.wide is not None
     assert clip.wide.frames.shape == (3, 4, 8, 3)
     assert clip.wide.intrinsics == camera
     np.testing.assert_array_equal(clip.wide.view_from_cam, np.eye(4))
-    assert clip.right is not None
     assert clip.right.frames[:, 0, 0, 0].tolist() == [102, 103, 104]
     np.testing.assert_array_equal(clip.right.view_from_cam, right_from_cam)
     assert windows.cut(recording, 2, 3, (4, 4)).wide is None
@@ -165,9 +162,7 @@ def test_depths_are_cropped_and_resized_with_the_frames() -> None:
     camera, column = Intrinsics(5, 5, 3.5, 1.5, 8, 4), np.tile(np.arange(8.0), (4, 1))
     recording = windows.Recording("a", Frames(), np.arange(3.0), camera, depths=lambda index: column + 10 * index)
     cropped = windows.cut(recording, 1, 2, (4, 4)).depths
-    assert cropped is not None
     assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
     whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths
-    assert whole is not None
     assert set(whole[0, 0].tolist()) <= set(range(8))  # no means
     assert np.diff(whole[0, 0]).tolist() == [2, 2, 2]

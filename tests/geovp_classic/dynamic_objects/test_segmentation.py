@@ -33,7 +33,6 @@ def half_of(mask: BoolArray) -> BoolArray:
 
 def test_half_of_a_car_leads_to_the_whole(traffic: Any, observed: segmentation.Observations) -> None:
     mask = segmentation.segment(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed)
-    assert mask is not None
     assert (mask & traffic.mask).sum() / traffic.mask.sum() > 0.9  # recall
     assert (mask & traffic.mask).sum() / mask.sum() > 0.7  # precision
 
@@ -50,7 +49,6 @@ def test_the_street_has_no_outline(traffic: Any, observed: segmentation.Observat
 
 def test_an_outline_has_no_gap_in_any_row_or_column(traffic: Any, observed: segmentation.Observations) -> None:
     mask = segmentation.segment(half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed)
-    assert mask is not None
     for lines in (mask, mask.T):
         starts = (np.diff(lines.astype(int), axis=1, prepend=0) == 1).sum(axis=1)
         assert starts.max() == 1

@@ -111,7 +111,6 @@ def test_the_window_changes_nothing() -> None:
     turned = se3.exp(np.array([0.3, -0.1, 0.5, 0.02, 0.15, 0.05]))
     wide = Intrinsics(80.0, 70.0, 50.0, 30.0, 101, 61)
     layer = board().render(turned, wide, 0.2)
-    assert layer is not None
     whole = np.zeros((61, 101))
     whole[layer.window] = layer.opacity
     assert 0 < (layer.opacity > 0).sum() < layer.opacity.size < whole.size

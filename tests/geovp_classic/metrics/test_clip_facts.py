@@ -55,7 +55,6 @@ def test_without_metres_there_is_no_speed_and_without_poses_nothing() -> None:
 
 def test_speed_is_per_second_and_step_per_frame() -> None:
     drive = clip(np.zeros(8), step_m=0.5)
-    assert drive.trajectory is not None
     slow_s = drive.times_s * 2  # the same path at 5 Hz
     trajectory = Trajectory(drive.trajectory.world_from_cam, slow_s, is_metric=True)
     facts = facts_of(replace(drive, times_s=slow_s, trajectory=trajectory))

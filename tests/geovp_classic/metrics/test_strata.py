@@ -50,7 +50,6 @@ def clip(past: list[FloatArray], future: list[FloatArray], moving: BoolArray | N
 
 def wall_points(target: Target) -> FloatArray:
     """World x, y of every pixel's point on the wall's plane [H, W, 2] in the first future frame."""
-    assert target.trajectory is not None
     pose = target.trajectory.world_from_cam[0]
     return cross(pose[:3, 3], pinhole.rays(CAMERA) @ pose[:3, :3].T, WALL_M)[0][..., :2]
 
@@ -66,7 +65,6 @@ def test_a_camera_that_stands_still_has_seen_everything() -> None:
 def test_a_step_to_the_side_uncovers_what_the_square_hid() -> None:
     context, target = clip([at()], [at(x_m=1.0)])
     masks = strata(context, target)
-    assert target.depths is not None
     x_m, y_m = np.moveaxis(wall_points(target), -1, 0)
     on_wall = target.depths[0] == WALL_M
     hidden_before = on_wall & (np.abs(x_m) < 2.0) & (np.abs(y_m) < 2.0)  # the square's shadow: twice its size
@@ -95,7 +93,6 @@ def test_any_observed_frame_will_do() -> None:
 
 def test_a_turned_camera_knows_its_sky_by_direction_alone() -> None:
     context, target = clip([at()], [at(x_m=0.0, yaw_deg=10.0)])
-    assert target.depths is not None
     masks, sky = strata(context, target), np.isinf(target.depths[0])
     column = np.broadcast_to(np.arange(64), (64, 64))
     was_in_view = column < CAMERA.cx_px + 64 * np.tan(np.deg2rad(26.5651 - 10.0)) - 1  # half the view is atan(0.5)
@@ -106,7 +103,6 @@ def test_a_turned_camera_knows_its_sky_by_direction_alone() -> None:
 
 def test_a_step_forward_keeps_sky_seen_and_walls_seen() -> None:
     context, target = clip([at()], [at(z_m=1.0)])
-    assert target.depths is not None
     seen, sky = strata(context, target)["seen"][0], np.isinf(target.depths[0])
     assert sky.any()
     assert seen[sky].all()  # the wall hides more of the sky as it comes nearer, never less
@@ -137,8 +133,6 @@ def test_moving_things_are_a_stratum_of_their_own() -> None:
 
 def test_unknown_depth_is_neither_seen_nor_disoccluded() -> None:
     context, target = clip([at()], [at()])
-    assert target.depths is not None
-    assert context.past_depths is not None
     now, before = target.depths.copy(), context.past_depths.copy()
     now[0, :10], before[0, 50:] = 0.0, 0.0
     masks = strata(replace(context, past_depths=before), replace(target, depths=now))
@@ -157,7 +151,6 @@ def test_points_behind_an_observing_camera_are_not_seen_by_it() -> None:
 @pytest.mark.parametrize("missing", ["past", "past_depths", "future_depths", "future", "metres"])
 def test_clips_without_depth_or_metric_poses_have_no_strata(missing: str) -> None:
     context, target = clip([at()], [at()])
-    assert target.trajectory is not None
     unmetric = Trajectory(target.trajectory.world_from_cam, target.trajectory.times_s, is_metric=False)
     context = replace(context, **({missing: None} if missing in ("past", "past_depths") else {}))
     changes = {"future_depths": {"depths": None}, "future": {"trajectory": None}, "metres": {"trajectory": unmetric}}

@@ -1,36 +1,23 @@
 """A small street at 32x32 pixels, and SynSin small enough to learn it in seconds."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="torch is not installed: SynSin needs the extra 'learned'")
-
-from geovp_classic.contracts import street  # noqa: E402
-from geovp_classic.geometry import pinhole  # noqa: E402
-from geovp_classic.types import Clip  # noqa: E402
-from geovp_learned.synsin.network import Architecture  # noqa: E402
-from geovp_learned.synsin.train import SynSinTraining, Weights  # noqa: E402
+from geovp_classic.contracts import street
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import Clip
+from geovp_learned.synsin.network import Architecture
+from geovp_learned.synsin.train import SynSinTraining, Weights
 
 SIZE_PX = (32, 32)
-
-
-@pytest.fixture(autouse=True, scope="session")
-def one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on more."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")
 def clip() -> Clip:
     """Ten frames of the contracts' street, with true depths."""
     whole = street.clip()
-    assert whole.depths is not None
     return Clip(
         name="street",
         frames=np.stack([pinhole.resize(frame, SIZE_PX) for frame in whole.frames]),

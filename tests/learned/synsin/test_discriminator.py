@@ -1,10 +1,8 @@
 import pytest
 import torch
 
-from geovp_classic.errors import BadData
 from geovp_learned.synsin import discriminator
 from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
-from geovp_learned.synsin.train import SynSinTraining
 
 
 def scale(*scores: float) -> list[torch.Tensor]:
@@ -55,8 +53,3 @@ def test_it_learns_to_tell_stripes_from_noise() -> None:
         losses.append(float(loss.detach()))
     assert losses[0] > 1.5
     assert losses[-1] < 0.5
-
-
-def test_a_discriminator_without_channels_is_refused() -> None:
-    with pytest.raises(BadData, match="discriminator_width is 0, expected 1 or more"):
-        SynSinTraining(discriminator_width=0)

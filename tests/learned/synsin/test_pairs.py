@@ -23,14 +23,12 @@ def test_every_frame_with_enough_frames_after_it_is_an_example(clip: Clip) -> No
 def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: FramePairs, clip: Clip) -> None:
     np.testing.assert_array_equal(scene.frame, clip.frames[3])
     np.testing.assert_array_equal(scene.targets, clip.frames[[4, 7]])
-    assert clip.trajectory is not None
     poses = clip.trajectory.world_from_cam
     np.testing.assert_allclose(poses[7] @ scene.cam_from_last[1], poses[3], atol=1e-12)
     assert scene.cam_from_last[1, 2, 3] == pytest.approx(-2.0, abs=0.05)  # four steps of half a metre come nearer
 
 
 def test_known_depth_comes_as_its_inverse(scene: FramePairs, clip: Clip) -> None:
-    assert clip.depths is not None
     sky = np.isinf(clip.depths[3])
     assert (scene.inverse_depth[sky] == 0).all()
     np.testing.assert_allclose(scene.inverse_depth[~sky] * clip.depths[3][~sky], 1, rtol=1e-6)
@@ -81,7 +79,6 @@ def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: FramePairs, clip:
 def test_clips_that_teach_nothing_are_refused(clip: Clip) -> None:
     with pytest.raises(BadData, match="street has 10 frames, but horizons up to 10 need more: raise num_frames"):
         pairs.examples([clip], max_horizon=10)
-    assert clip.trajectory is not None
     for trajectory in (None, replace(clip.trajectory, is_metric=False)):
         with pytest.raises(BadData, match="street has no metric poses"):
             pairs.examples([replace(clip, trajectory=trajectory)], max_horizon=2)

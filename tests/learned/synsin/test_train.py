@@ -124,9 +124,10 @@ def test_validation_looks_at_some_examples_and_gives_the_same_again(method: SynS
     assert first["score"] == pytest.approx(first["colour"])  # content counts nothing here
 
 
-def test_settings_that_train_nothing_are_refused() -> None:
-    with pytest.raises(BadData, match="views is 0, expected 1 or more"):
-        SynSinTraining(views=0)
+@pytest.mark.parametrize("name", ["views", "discriminator_width"])
+def test_settings_that_train_nothing_are_refused(name: str) -> None:
+    with pytest.raises(BadData, match=f"{name} is 0, expected 1 or more"):
+        SynSinTraining(**{name: 0})
 
 
 @pytest.mark.parametrize("name", ["synsin-tiny", "synsin-small", "synsin-thesis", "synsin-published-tiny"])
@@ -135,7 +136,6 @@ def test_configs_that_come_with_the_package_are_sound(
 ) -> None:
     monkeypatch.setattr(training_config, "_datasets", lambda *_: ())  # KITTI need not be here
     config = training_config.load("synsin", Path(name), tmp_path)
-    assert isinstance(config.method, SynSinTraining)
     sizes = {name: sum(p.numel() for p in net.parameters()) for name, net in config.method.build().items()}
     assert sizes["generator"] * 2 < 20e6  # bytes in half precision
     if name == "synsin-thesis":

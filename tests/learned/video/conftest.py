@@ -1,34 +1,21 @@
 """The three methods, small enough to learn something in seconds, and worlds to learn."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="torch is not installed: video prediction needs the extra 'learned'")
-
-from torch import Tensor  # noqa: E402
-
-from geovp_classic.contracts import street  # noqa: E402
-from geovp_classic.types import ByteArray  # noqa: E402
-from geovp_learned.video import slamp, srvp, svg, training  # noqa: E402
-from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from geovp_learned.video.slamp import SlampTraining  # noqa: E402
-from geovp_learned.video.srvp import SrvpTraining  # noqa: E402
-from geovp_learned.video.svg import SvgTraining  # noqa: E402
-from geovp_learned.video.training import VideoTraining  # noqa: E402
+from geovp_classic.contracts import street
+from geovp_classic.types import ByteArray
+from geovp_learned.video import slamp, srvp, svg, training
+from geovp_learned.video.autoencoder import AutoencoderConfig
+from geovp_learned.video.slamp import SlampTraining
+from geovp_learned.video.srvp import SrvpTraining
+from geovp_learned.video.svg import SvgTraining
+from geovp_learned.video.training import VideoTraining
 
 CODING = AutoencoderConfig(style="dcgan", size_px=16, width=8, code_size=16)
 NUM_PAST, NUM_FUTURE = 3, 3
-
-
-@pytest.fixture(autouse=True, scope="session")
-def one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on more."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 @pytest.fixture(params=["svg", "srvp", "slamp"])

@@ -135,7 +135,6 @@ def test_configs_that_come_with_the_package_are_sound(
 ) -> None:
     monkeypatch.setattr(training_config, "_datasets", lambda *_: ())  # KITTI need not be here
     config = training_config.load(name, Path(f"{name}-{size}"), tmp_path)
-    assert isinstance(config.method, VideoTraining)
     network = config.method.build()["video"]
     numbers = sum(parameter.numel() for parameter in network.parameters())
     assert config.method.architecture.coding.size_px == {"tiny": 16, "small": 64, "thesis": 256}[size]

@@ -1,11 +1,9 @@
 """SLAMP's two branches and its mask."""
 
-import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: SLAMP needs the extra 'learned'")
-
-from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from geovp_learned.video.slamp import Architecture, SlampNetwork, SlampTraining, _frame_pairs, warp  # noqa: E402
+from geovp_learned.video.autoencoder import AutoencoderConfig
+from geovp_learned.video.slamp import Architecture, SlampNetwork, SlampTraining, _frame_pairs, warp
 
 ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4, flow_unit_px=2.0)
 

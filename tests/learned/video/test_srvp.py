@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import pytest
+import torch
+from torch import Tensor, nn
 
-torch = pytest.importorskip("torch", reason="torch is not installed: SRVP needs the extra 'learned'")
-
-from torch import Tensor, nn  # noqa: E402
-
-from geovp_classic.errors import BadData  # noqa: E402
-from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from geovp_learned.video.srvp import Architecture, SrvpNetwork, SrvpTraining  # noqa: E402
+from geovp_classic.errors import BadData
+from geovp_learned.video.autoencoder import AutoencoderConfig
+from geovp_learned.video.srvp import Architecture, SrvpNetwork, SrvpTraining
 
 ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, 2, state_size=3, latent_size=2, content_size=4)
 

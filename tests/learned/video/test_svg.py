@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed: SVG needs the extra 'learned'")
-
-from geovp_learned.video.autoencoder import AutoencoderConfig  # noqa: E402
-from geovp_learned.video.latents import kl_divergence  # noqa: E402
-from geovp_learned.video.svg import Architecture, Output, SvgNetwork, SvgTraining  # noqa: E402
+from geovp_learned.video.autoencoder import AutoencoderConfig
+from geovp_learned.video.latents import kl_divergence
+from geovp_learned.video.svg import Architecture, Output, SvgNetwork, SvgTraining
 
 ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2)
 
