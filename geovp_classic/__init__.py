@@ -3,8 +3,6 @@
 The public API, each name imported on its first use: `import geovp_classic as geovp` costs nothing.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:

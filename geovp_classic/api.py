@@ -1,7 +1,5 @@
 """The public functions: open a clip, predict its future frames, evaluate and show the prediction."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 The cloud of a scene is unprojected from its views, so that it exists for every kind of scene.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A folder may hold SHA256SUMS as `sha256sum * > SHA256SUMS` writes it; its files 
 a checksum of themselves: the first `"file-sha256": "<64 digits>"` in them is that of the file with zeros in its place.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

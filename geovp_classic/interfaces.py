@@ -1,7 +1,5 @@
 """The interfaces of the suite: one-method Protocols that a component or plug-in fulfils without a base class."""
 
-from __future__ import annotations
-
 from typing import Protocol, runtime_checkable
 
 from geovp_classic.types import (

@@ -1,7 +1,5 @@
 """Frame predictors: a pose source with a renderer (they meet only here), the last frame, recorded predictions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -82,7 +80,6 @@ class Recorded:
     needs: ClassVar[Grant] = Grant.NONE
 
     def __post_init__(self) -> None:
-        """Raise BadData when a folder is missing."""
         for folder in filter(None, (self.path, self.poses)):
             if not folder.is_dir():
                 raise BadData(f"{folder} is not a folder: give the one that holds a prediction for every clip")

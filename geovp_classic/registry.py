@@ -3,8 +3,6 @@
 Components register under entry-point groups `geovp.<role>` and are imported only when asked for by name.
 """
 
-from __future__ import annotations
-
 import contextlib
 import contextvars
 import dataclasses

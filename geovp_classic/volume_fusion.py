@@ -1,7 +1,5 @@
 """The renderer by a truncated signed distance volume: a module of its own, because it alone needs Open3D."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,7 +30,6 @@ class VolumeFusion:
     agreement: float = 0.3  # a surface is what the last frame shows when inverse depths differ by at most this share
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that make no sense."""
         if self.num_frames < 1:
             raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames to use")
         if not (0 < self.agreement < 1 and 0 < self.reach < 2 * self.voxel_px + 1):

@@ -1,7 +1,5 @@
 """The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, model cards, export."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

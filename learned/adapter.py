@@ -1,7 +1,5 @@
 """A predictor made of a plain torch network: images in, images out, without numpy, geometry or the harness."""
 
-from __future__ import annotations
-
 import functools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

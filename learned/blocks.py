@@ -1,7 +1,5 @@
 """Building blocks of SynSin: BigGAN's residual block with noise in its normalisation, and a U-Net."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from typing import Literal

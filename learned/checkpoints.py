@@ -3,13 +3,10 @@
 Weights are stored in half precision where their values allow it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -23,6 +20,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from geovp_classic import files, registry
+from geovp_classic.data import atomic
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Grant
 from geovp_learned import devices, methods
@@ -188,13 +186,10 @@ def read_state(file: Path) -> dict[str, Any]:
 
 def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> None:
     """A safetensors file with metadata as JSON, written atomically."""
-    part = file.with_name(f"{file.name}.part")
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
         texts = {key: json.dumps(value) for key, value in metadata.items()}
-        part.write_bytes(files.sealed(save(contiguous, {**texts, files.SEAL: files.ZEROS})))
-        os.replace(part, file)
+        atomic.write_bytes(file, files.sealed(save(contiguous, {**texts, files.SEAL: files.ZEROS})))
     except (OSError, SafetensorError) as error:
         raise BadData(f"{file} cannot be written ({error}): make room there or choose another folder") from error
 

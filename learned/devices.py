@@ -1,7 +1,5 @@
 """The device that a network computes on: "cpu", "cuda", "cuda:1", or "auto", a GPU where there is one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """Networks without splatting as ONNX files, for use without this package: DeepVO and LPIPS."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import importlib.util

@@ -6,8 +6,6 @@ the cache (GEOVP_CACHE, or the user's), which is downloaded from torchvision and
 SHA-256. Weights from any source must first give a known pair of images its known score.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import http.client

@@ -1,7 +1,5 @@
 """The feature layers that LPIPS compares, of AlexNet and SqueezeNet 1.1, numbered as in torchvision; masked means."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator, Mapping
 

@@ -1,7 +1,5 @@
 """The interface between the training loop and the methods, and the list of methods."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
@@ -62,8 +60,7 @@ def load(name: str) -> type[Method]:
     if name not in METHODS:
         raise UnknownComponent(f"no method is called {name!r}{nearest(name, METHODS)}")
     module, _, attribute = METHODS[name].partition(":")
-    method: type[Method] = getattr(importlib.import_module(module), attribute)
-    return method
+    return getattr(importlib.import_module(module), attribute)
 
 
 def check_counts(settings: Any, *names: str) -> None:

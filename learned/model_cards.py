@@ -1,7 +1,5 @@
 """Model cards: the metadata of a weights file and the curves of its training log, as Markdown."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Learning rate, seeds, order of examples and mean of the weights: each depends on the step, never on the time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

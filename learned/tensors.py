@@ -1,7 +1,5 @@
 """Frames as the networks need them: seen by the network's own camera, channels first, in [0, 1]."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

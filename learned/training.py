@@ -129,9 +129,8 @@ class Trainer:
 
     def train_step(self, examples: Sequence[Any], bar: Any) -> None:
         """One step on the step's batch; its losses are logged every LOG_EVERY steps."""
-        step, rank, settings = self.progress.step, self.fabric.global_rank, self.settings
+        step, settings, rank, world = self.progress.step, self.settings, self.fabric.global_rank, self.fabric.world_size
         rng = np.random.default_rng([settings.seed, step, rank])
-        world = self.fabric.world_size
         indices = schedules.batch_indices(step, len(examples), settings.batch_size, world, settings.seed)
         losses = self.optimise(self.method.batch(examples, indices[rank], rng), step)
         self.progress.step = step + 1

@@ -8,8 +8,6 @@
 `$VARIABLES` in a data set's root are those of the environment.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tomllib

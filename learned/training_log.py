@@ -1,7 +1,5 @@
 """The log of a training run as CSV, one number per row: step, seconds, split, name, value."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping
 from pathlib import Path

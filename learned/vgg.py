@@ -1,7 +1,5 @@
 """SynSin's content loss on VGG-19's features, with torchvision's weights from a file that the user names."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

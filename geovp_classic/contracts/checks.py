@@ -1,7 +1,5 @@
 """The promises that every component of a role keeps, each tested on a small rendered street."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How a component of each role is run on a clip, and what its outputs must be; outputs are arrays by name."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace

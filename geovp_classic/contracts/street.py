@@ -1,7 +1,5 @@
 """A small test clip: a drive between two walls, ray-traced exactly in milliseconds."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

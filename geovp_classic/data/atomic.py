@@ -1,7 +1,5 @@
 """Files and folders that appear only when they are complete, whatever kills the process that writes them."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

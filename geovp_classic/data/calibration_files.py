@@ -3,8 +3,6 @@
 EXIF data of photos give a focal length alone.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from collections.abc import Mapping
@@ -43,7 +41,6 @@ class Calibration:
     )
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the numbers are a camera's."""
         width, height = self.size_px or (1, 1)
         if not np.isfinite(self.distortion).all() or max(map(abs, self.distortion), default=0) > MAX_DISTORTION:
             raise BadData(f"the calibration's distortion is {list(self.distortion)}: give {EXPECTED}")

@@ -5,8 +5,6 @@ itself, where the model's names of images are looked up. An image that was not r
 another sub-folder.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar

@@ -3,8 +3,6 @@
 The layouts are those of COLMAP's documentation ("Output format") and of its 3.12 release for rigs and frames.
 """
 
-from __future__ import annotations
-
 import itertools
 import struct
 from collections.abc import Callable

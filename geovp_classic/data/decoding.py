@@ -4,8 +4,6 @@ PNG has a checksum for every chunk. JPEG, WebP, BMP, PPM and JPEG 2000 have none
 only against a SHA256SUMS beside them, see `files`.
 """
 
-from __future__ import annotations
-
 import io
 import zlib
 from pathlib import Path

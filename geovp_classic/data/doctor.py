@@ -3,8 +3,6 @@
 The loader stops at the first error of what it needs; the doctor reads every sequence, camera and pose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path

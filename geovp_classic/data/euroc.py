@@ -5,8 +5,6 @@ A sequence is a folder with `mav0/camK/{data.csv, sensor.yaml, data/*.png}` and,
 T_BS of a camera's sensor.yaml is body_from_cam.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar

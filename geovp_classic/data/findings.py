@@ -1,7 +1,5 @@
 """Findings about files: a loader raises the first error, the doctor lists all of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +18,6 @@ class Finding:
     message: str
 
     def __str__(self) -> str:
-        """The file, the line if there is one, and the message."""
         return f"{self.path} line {self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
 
 

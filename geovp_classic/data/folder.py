@@ -1,7 +1,5 @@
 """Clips of a folder of images, of several below one root, or of a video, with a camera that the user gives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -48,7 +46,6 @@ class Folder(SequenceDataset):
     image_bits: int | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the images, times and poses fit together and give at least one clip."""
         for name in ("path", "times", "trajectory"):  # scripts give text
             given = getattr(self, name)
             object.__setattr__(self, name, None if given is None else Path(given))

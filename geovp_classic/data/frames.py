@@ -82,7 +82,6 @@ class FrameFiles:
     load: Callable[[Path], ByteArray] = read_image
 
     def __len__(self) -> int:
-        """The number of files."""
         return len(self.paths)
 
     def read(self, index: int) -> ByteArray:
@@ -99,7 +98,6 @@ class FrameCache:
     """The frames decoded last, up to a number of bytes, so that overlapping clips decode each frame once."""
 
     def __init__(self, load: Callable[[Any], ByteArray], limit_bytes: int = CACHE_LIMIT_BYTES) -> None:
-        """Cache what `load` returns for a key."""
         self._load, self._limit_bytes, self._held_bytes = load, limit_bytes, 0
         self._frames: OrderedDict[Any, ByteArray] = OrderedDict()
         self._lock = threading.Lock()
@@ -157,11 +155,9 @@ class VideoFrames:
         return cls(path, count, size_px, rate_hz if known else None, capture)
 
     def __post_init__(self) -> None:
-        """Start with an empty cache."""
         self._cached = FrameCache(self._decode)
 
     def __len__(self) -> int:
-        """The number of frames."""
         return self.count
 
     def read(self, index: int) -> ByteArray:

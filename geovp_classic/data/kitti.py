@@ -1,7 +1,5 @@
 """Clips of KITTI odometry, or of anything laid out like it (see `kitti_layout`)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -56,5 +54,4 @@ class Kitti(SequenceDataset):
 
     def _read(self, name: str, load: Load) -> Recording:
         settings = (self.camera, load, self.camera_height_m)
-        recording: Recording = self.layout.read_recording(self.root, name, *settings, with_right=self.with_right)
-        return recording
+        return self.layout.read_recording(self.root, name, *settings, with_right=self.with_right)

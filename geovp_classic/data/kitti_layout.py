@@ -5,8 +5,6 @@ P_k of calib.txt is K_k [I | t] with cam_k_from_cam0 = (I, t): all cameras are r
 are camera 0's, so world_from_camk = world_from_cam0 @ cam0_from_camk.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

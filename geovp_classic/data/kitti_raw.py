@@ -1,7 +1,5 @@
 """Clips of KITTI raw's synchronised drives (see `kitti_raw_layout`)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

@@ -5,8 +5,6 @@ A root holds `DATE/{calib_cam_to_cam,calib_imu_to_velo,calib_velo_to_cam}.txt` a
 by its folder's name without `_sync`. Its world is the local Mercator plane of its first reading: x east, y north, z up.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which data set a folder holds, by what lies in it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the files of a sequence may say and yet not be true: motion that no camera makes, dropped frames, odd images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -35,8 +33,7 @@ def jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Finding
 
 def steps_m(table: PoseTable) -> FloatArray:
     """The distance from each pose to the next [N - 1], in metres."""
-    steps_m: FloatArray = np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
-    return steps_m
+    return np.linalg.norm(np.diff(table.world_from_cam[:, :3, 3], axis=0), axis=1)
 
 
 def late_frames(

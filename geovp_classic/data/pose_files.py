@@ -5,8 +5,6 @@ KITTI: the rows of world_from_cam[:3] one after the other, with or without the f
 returns the good rows and a finding for every bad line; a `read_` function raises BadData for the first bad line.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

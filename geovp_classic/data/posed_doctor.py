@@ -1,7 +1,5 @@
 """Check sequences of TUM RGB-D, EuRoC and COLMAP, and plain folders of images."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -4,8 +4,6 @@
 doctor lists all. Frames without a pose are left out where others have one, and no clip spans them.
 """
 
-from __future__ import annotations
-
 import itertools
 from abc import abstractmethod
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Data sets of several recordings below one root: which frames of which recording clips are cut from."""
 
-from __future__ import annotations
-
 import dataclasses
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -71,7 +69,6 @@ class SequenceDataset(ABC):
         return {name: self._read(name, load) for name in dict.fromkeys(frames.sequence for frames in self._wanted)}
 
     def __len__(self) -> int:
-        """The number of clips."""
         return len(self._starts)
 
     def __getitem__(self, index: int) -> Clip:

@@ -3,8 +3,6 @@
 A split file holds `ranges = ["06", "03[180:360)"]` and may say `about = "..."`.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import tomllib

@@ -4,8 +4,6 @@ A sequence is a folder with `rgb.txt` and, if they are known, `depth.txt` and `g
 `time file`, times in seconds; the poses `t x y z qx qy qz qw`. Depth images hold 5000 values a metre, 0 where unknown.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -104,7 +104,6 @@ class UndistortedFrames:
     load: Callable[[Path], ByteArray]
 
     def __len__(self) -> int:
-        """The number of files."""
         return len(self.paths)
 
     def read(self, index: int) -> ByteArray:

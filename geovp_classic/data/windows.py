@@ -52,7 +52,6 @@ class FrameRange:
         return FrameRange(self.sequence, self.first, num_frames if self.last is None else self.last)
 
     def __str__(self) -> str:
-        """As `parse` reads it."""
         return self.sequence if self.last is None else f"{self.sequence}[{self.first}:{self.last})"
 
 
@@ -80,7 +79,6 @@ class Recording:
     breaks: tuple[int, ...] = ()  # frames that do not follow the one before, so that no clip holds both
 
     def __post_init__(self) -> None:
-        """Raise BadData unless there is one time, pose and right frame for every frame."""
         right = None if self.right is None else self.right.frames
         for what, given in (("times", self.times_s), ("poses", self.trajectory), ("right frames", right)):
             if given is not None and len(given) != len(self.frames):

@@ -1,7 +1,5 @@
 """Dynamic objects: detected in the last frame, placed on the road, segmented, and their velocity estimated."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -44,7 +42,6 @@ class DynamicObjects:
     min_shift_px: float = 1.0
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that find nothing."""
         if not self.steps or min(self.steps) < 1:
             raise BadData(f"dynamic objects: steps is {self.steps}, expected numbers of frames back from the last one")
 

@@ -5,8 +5,6 @@ therefore a piece of its epipolar line (Hartley & Zisserman 2004, eq. 13.2); a p
 itself. The images decide: the best static correspondence must match worse than the one of optical flow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

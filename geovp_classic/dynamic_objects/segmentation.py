@@ -1,7 +1,5 @@
 """Motion segmentation: pixels where an object's motion explains the images and a static background does not."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Sprites (billboards) of dynamic objects: masked out of the static scene and composited where they have moved to."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -3,8 +3,6 @@
 A point p of the last frame was at R (p - v t) + c in the frame t seconds earlier, with R and c the camera's own motion.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

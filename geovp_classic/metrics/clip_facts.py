@@ -1,7 +1,5 @@
 """What the true trajectory says about a clip's future: how far it turns, how fast it goes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.geometry import planar

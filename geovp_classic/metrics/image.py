@@ -5,8 +5,6 @@ The same images score several dB and .15 SSIM apart under the definitions in use
 [F, H, W] only its pixels count, and a frame with none scores NaN.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal

@@ -1,7 +1,5 @@
 """Structural similarity over several scales (Wang, Simoncelli & Bovik 2003), the score of the FVS protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -94,8 +92,7 @@ def _weighted_mean(
     """The mean of each channel [3]; NaN where nothing counts."""
     inner = share[RADIUS_PX:-RADIUS_PX, RADIUS_PX:-RADIUS_PX]
     total = float(inner.sum())
-    mean: FloatArray = np.einsum("hwc,hw->c", terms, inner) / (total if total > 0 else np.nan)
-    return mean
+    return np.einsum("hwc,hw->c", terms, inner) / (total if total > 0 else np.nan)
 
 
 def _halved(image: FloatArray) -> FloatArray:

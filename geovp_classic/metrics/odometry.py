@@ -8,8 +8,6 @@ Every number is stated under an alignment, because worlds and units of an estima
 - `sim3`: the similarity that fits all positions best.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -35,7 +33,6 @@ class Drift:
     num_segments: int
 
     def __str__(self) -> str:
-        """Both numbers, or that the trajectory is too short for them."""
         if self.num_segments == 0:
             return "too short"
         return f"{self.translation_percent:.2f} % / {self.rotation_deg_per_100m:.3f} deg/100m"
@@ -75,8 +72,7 @@ def absolute_error_m(estimate: Trajectory, truth: Trajectory) -> FloatArray:
     """Distance of positions, step by step [T]; align first. Its root mean square is the ATE."""
     _check_lengths(estimate, truth)
     offset = estimate.world_from_cam[:, :3, 3] - truth.world_from_cam[:, :3, 3]
-    distance: FloatArray = np.linalg.norm(offset, axis=-1)
-    return distance
+    return np.linalg.norm(offset, axis=-1)
 
 
 def relative_error(estimate: Trajectory, truth: Trajectory, num_steps: int = 1) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,5 @@
 """Frame metrics after the error of the predicted camera's rotation is taken out of the prediction."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
@@ -41,8 +39,7 @@ class Stabilised:
     @property
     def bounds(self) -> tuple[float, float]:
         """As for the metric itself."""
-        ends: tuple[float, float] = getattr(self.metric, "bounds", (-math.inf, math.inf))
-        return ends
+        return getattr(self.metric, "bounds", (-math.inf, math.inf))
 
     @property
     def protocol(self) -> str:

@@ -4,8 +4,6 @@ Needs exact depth, so it serves synthetic and RGB-D clips. The masks are for met
 predictors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.geometry import pinhole, se3

@@ -6,8 +6,6 @@ one number for the whole future gives it at the last step and NaN before, so tha
 value prints it unchanged.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -35,8 +33,7 @@ class TranslationError:
         if not (predicted.is_metric and target.is_metric):
             return np.full(len(target), np.nan)
         offset = predicted.world_from_cam[:, :3, 3] - target.world_from_cam[:, :3, 3]
-        distance_m: FloatArray = np.linalg.norm(offset, axis=-1)
-        return distance_m
+        return np.linalg.norm(offset, axis=-1)
 
 
 @dataclass(frozen=True)

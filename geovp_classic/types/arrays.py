@@ -1,7 +1,5 @@
 """Names for kinds of arrays, and what the types check of theirs: BadData unless shape, dtype and values are right."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Any
 

@@ -45,7 +45,6 @@ class ExtraView(ShortRepr):
     view_from_cam: FloatArray  # [4, 4]; the identity for the wide image
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the frames fit the intrinsics and the transform is rigid."""
         store(self, frames=_frames("extra view", self.frames, self.intrinsics))
         store(self, view_from_cam=rigid("view_from_cam", np.asarray(self.view_from_cam)[None])[0])
 
@@ -70,7 +69,6 @@ class Clip(ShortRepr):
     camera_height_m: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData unless everything has one length and one size."""
         store(self, frames=_frames(self.name, self.frames, self.intrinsics))
         store(self, times_s=arrays.times(f"{self.name}: times_s", self.times_s, len(self.frames)))
         if self.trajectory is not None and len(self.trajectory) != len(self.frames):
@@ -125,7 +123,6 @@ class Context(ShortRepr):
     name: str = ""  # the clip's, by which recorded predictions are found
 
     def __post_init__(self) -> None:
-        """Raise BadData unless frames fit the camera and there is at least one future time."""
         store(self, frames=_frames("context", self.frames, self.intrinsics))
         store(self, times_s=arrays.times("context: times_s", self.times_s, None))
         if self.num_future < 1:
@@ -147,9 +144,9 @@ class Context(ShortRepr):
 
     def observed(self, kept: BoolArray) -> Context:
         """The same context with only some of the observed frames, as a mask [P] says."""
-        cut = {field: cut(getattr(self, field), kept) for field in ("frames", "past", "past_depths", "wide", "right")}
+        fewer = {field: cut(getattr(self, field), kept) for field in ("frames", "past", "past_depths", "wide", "right")}
         times_s = np.concatenate([self.times_s[: self.num_past][kept], self.times_s[self.num_past :]])
-        return replace(self, times_s=times_s, **cut)
+        return replace(self, times_s=times_s, **fewer)
 
     def only(self, grant: Grant) -> Context:
         """The same context with everything removed that the grant does not name."""

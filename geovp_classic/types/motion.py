@@ -22,7 +22,6 @@ class Intrinsics:
     height_px: int
 
     def __post_init__(self) -> None:
-        """Raise BadData unless focal lengths and sizes are positive and finite."""
         numbers = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
         if not np.isfinite(numbers).all() or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0:
             raise BadData(f"intrinsics {self} must be finite, with positive focal lengths and sizes")
@@ -55,7 +54,6 @@ class Trajectory(ShortRepr):
     scale_uncertainty: float | None = None  # relative standard deviation of these metres, where they were estimated
 
     def __post_init__(self) -> None:
-        """Raise BadData unless poses are finite and rigid and times increase."""
         store(self, world_from_cam=rigid("world_from_cam", self.world_from_cam))
         store(self, times_s=times("times_s", self.times_s, self.world_from_cam.shape[0]))
         uncertainty = self.scale_uncertainty
@@ -88,7 +86,6 @@ class Motion(ShortRepr):
     unrefined: Motion | None = None  # the pose source's own, where refinements have corrected it since
 
     def __post_init__(self) -> None:
-        """Raise BadData unless shapes agree and all poses are finite and rigid."""
         futures = np.asarray(self.futures, dtype=np.float64)
         if futures.ndim != 4:
             raise BadData(f"futures have shape {futures.shape}, expected [S, F, 4, 4]")

@@ -1,7 +1,5 @@
 """What renderers and predictors give."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +18,6 @@ class Views(ShortRepr):
     depths: FloatArray  # [F, H, W] float32; 0 = unknown, inf = infinitely far
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the three arrays have one size."""
         store(self, frames=array_of("views: frames", self.frames, np.uint8, (*self.covered.shape, 3)))
         store(self, covered=array_of("views: covered", self.covered, bool, self.covered.shape))
         store(self, depths=array_of("views: depths", self.depths, np.float32, self.covered.shape))
@@ -35,7 +32,6 @@ class Prediction(ShortRepr):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Raise BadData unless frames are uint8 [S, F, H, W, 3] and the coverage fits them."""
         frames = np.asarray(self.frames)
         if frames.ndim != 5 or frames.shape[-1] != 3:
             raise BadData(f"predicted frames have shape {frames.shape}, expected [S, F, H, W, 3]")
@@ -54,5 +50,4 @@ class Prediction(ShortRepr):
             return None
         tracked = self.motion.tracked
         frames_until = len(tracked) + np.arange(1, self.covered.shape[1] + 1)
-        confidence: FloatArray = self.covered.mean(axis=(2, 3)) * tracked.sum() / frames_until
-        return confidence
+        return self.covered.mean(axis=(2, 3)) * tracked.sum() / frames_until

@@ -5,8 +5,6 @@ and 3.3 of the thesis). A step is the pose of the next camera in this one's fram
 (x, y, z, yaw, pitch, roll).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

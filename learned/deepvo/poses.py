@@ -1,7 +1,5 @@
 """DeepVO as a pose source (past and future), and as an odometry (the past alone)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar

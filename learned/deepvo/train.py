@@ -1,7 +1,5 @@
 """Training of DeepVO on the loss of absolute poses (thesis, eq. 3.4 to 3.6)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal

@@ -1,7 +1,5 @@
 """Training windows for DeepVO: clips resized for the network's camera, and their augmentation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

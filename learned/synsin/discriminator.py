@@ -1,7 +1,5 @@
 """Multi-scale PatchGAN discriminator (Wang et al. 2018, section 3.2) and the losses made of its scores."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 

@@ -7,8 +7,6 @@ and is drowned by the content loss: on the synthetic street it is a hundred time
 and points another way (cosine -0.1).
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import torch

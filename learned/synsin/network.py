@@ -90,14 +90,10 @@ class Generator(nn.Module):
         """With new weights; untrained, it renders a cloud at INITIAL_M in its own colours."""
         super().__init__()
         self.architecture = architecture
+        self.noise_size = architecture.noise_size  # how many numbers of noise a rendering takes
         self.feature_network: nn.Module = FeatureNetwork(architecture)
         self.depth_network: nn.Module = DepthNetwork(architecture)
         self.refinement_network: nn.Module = RefinementNetwork(architecture)
-
-    @property
-    def noise_size(self) -> int:
-        """How many numbers of noise a rendering takes."""
-        return self.architecture.noise_size
 
     def forward(
         self,
@@ -125,8 +121,7 @@ class Generator(nn.Module):
 
     def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
         """Inverse depths [B, H, W] of frames [B, 3, H, W] with rays [B, H * W, 3]."""
-        inverse_depths: Tensor = self.depth_network(frames, rays)
-        return inverse_depths
+        return self.depth_network(frames, rays)
 
     def encode(self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None) -> FeatureCloud:
         """Frames [B, 3, H, W] of cameras [B, 4] as clouds; the noise [B, noise_size] is for the published variant."""

@@ -4,8 +4,6 @@ Channels, noise, resampling and the order of the layers are facts of the authors
 82ff948: its networks "resnet_256W8UpDown64" and "Unet"); the code is ours.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 
@@ -47,22 +45,16 @@ class PublishedGenerator(Generator):
     """
 
     def __init__(self, architecture: Architecture) -> None:
-        """With new weights."""
         nn.Module.__init__(self)
+        self.noise_size = NOISE_SIZE  # of each of the two networks of blocks
         self.architecture, width, features = architecture, architecture.width, architecture.features
         self.feature_network: nn.Module = Blocks([*_channels(3, ENCODER, width), features])
         self.depth_network: nn.Module = DepthNetwork(width)
         self.refinement_network: nn.Module = Blocks([*_channels(features, REFINEMENT, width), 3], RESAMPLED)
 
-    @property
-    def noise_size(self) -> int:
-        """How many numbers of noise each of the two networks of blocks takes."""
-        return NOISE_SIZE
-
     def depths(self, frames: Tensor, rays: Tensor) -> Tensor:
         """Inverse depths [B, H, W] of frames [B, 3, H, W], from the colours alone."""
-        inverse_depths: Tensor = self.depth_network(2 * frames - 1)
-        return inverse_depths
+        return self.depth_network(2 * frames - 1)
 
     def encode(self, frames: Tensor, intrinsics: Tensor, noise: Tensor | None = None) -> FeatureCloud:
         """Frames [B, 3, H, W] of cameras [B, 4] as clouds, with noise [B, NOISE_SIZE], drawn where none is given."""
@@ -119,7 +111,6 @@ class Blocks(nn.Module):
     """Residual blocks one after the other: the feature network keeps the size, the refinement network works at 1/4."""
 
     def __init__(self, channels: Sequence[int], resampled: Sequence[Resample] = KEPT) -> None:
-        """Blocks between consecutive numbers of channels."""
         super().__init__()
         pairs = zip(itertools.pairwise(channels), resampled, strict=True)
         self.blocks = nn.ModuleList(Block(a, b, resample) for (a, b), resample in pairs)

@@ -5,8 +5,6 @@ R ray + q t, up to scale, and its new inverse depth is q over that vector's z. N
 positions have gradients; the choice of the nearest K and their order are treated as constant.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Training of SynSin on pairs of frames with their motion, without depth (Wiles et al. 2020; thesis, eq. 3.7)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import ClassVar

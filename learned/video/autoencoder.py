@@ -3,8 +3,6 @@
 Every stage halves the image until 4x4 pixels are left, so larger images only add stages: 64x64 has four, 256x256 six.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """SVG, SRVP and SLAMP as components: resize the clip to the network, predict a few samples at a time, resize back."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ network has three plain convolutions; the authors' (github.com/kaanakan/slamp, m
 batch normalisation and squeeze-and-excitation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """SRVP: stochastic latent residual video prediction (Franceschi et al. 2020)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

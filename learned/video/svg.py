@@ -1,7 +1,5 @@
 """SVG-LP: stochastic video generation with a learned prior (Denton and Fergus 2018)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

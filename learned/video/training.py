@@ -1,7 +1,5 @@
 """What training SVG, SRVP and SLAMP has in common; a method adds its network and its losses."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

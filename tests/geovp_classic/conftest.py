@@ -1,7 +1,5 @@
 """Every registered component, built: with its defaults, with default parts, or with the settings of this table."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import typing

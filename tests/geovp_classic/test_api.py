@@ -37,7 +37,7 @@ def test_every_public_name_is_there_and_no_other() -> None:
         assert getattr(geovp, name) is not None
     assert geovp.Clip.__module__.startswith("geovp_classic.types")
     with pytest.raises(AttributeError, match="no attribute 'Clipp'"):
-        geovp.Clipp  # type: ignore[attr-defined]  # noqa: B018
+        geovp.Clipp  # noqa: B018
 
 
 def test_the_version_is_the_packages() -> None:

@@ -1,7 +1,5 @@
 """Every registered component keeps its promises, and the checks find every promise that is broken."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
@@ -118,7 +116,7 @@ class UpsideDown(Psnr):
 
 
 @dataclass
-class Soft(CopyLast.__base__):  # type: ignore[misc, name-defined]
+class Soft(CopyLast.__base__):
     needs = Grant.NONE
     predict = CopyLast.predict
 

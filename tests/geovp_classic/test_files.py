@@ -1,7 +1,5 @@
 """The door for files: what is no file, too large, or not what its checksum says is refused by name."""
 
-from __future__ import annotations
-
 import hashlib
 import html
 import os

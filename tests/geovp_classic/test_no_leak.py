@@ -1,7 +1,5 @@
 """No component sees ground truth that it did not ask for: neither itself nor through its parts."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any

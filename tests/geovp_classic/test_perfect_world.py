@@ -5,8 +5,6 @@ that the renderer does not cover; moving things, where they are and where the la
 the last frame did not see.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -176,16 +176,6 @@ class TestRecordedSaysWhatIsWrong:
         with pytest.raises(BadData, match="nowhere is not a folder"):
             Recorded(tmp_path / "nowhere")
 
-    def test_no_prediction_of_this_clip(self, tmp_path: Path, context: Context) -> None:
-        with pytest.raises(BadData, match="03/000180 is missing"):
-            Recorded(tmp_path).predict(context)
-
-    def test_two_predictions_of_this_clip(self, tmp_path: Path, context: Context, frames: ByteArray) -> None:
-        write_images(tmp_path / "03" / "000180", frames)
-        np.savez(tmp_path / "03" / "000180.npz", frames=frames)
-        with pytest.raises(BadData, match=r"000180\.npz and .*000180 both hold"):
-            Recorded(tmp_path).predict(context)
-
     @pytest.mark.parametrize(
         ("arrays", "message"),
         [
@@ -211,22 +201,26 @@ class TestRecordedSaysWhatIsWrong:
         with pytest.raises(BadData, match=message):
             Recorded(tmp_path).predict(context, num_samples=4)
 
-    def test_a_file_that_is_no_npz(self, tmp_path: Path, context: Context) -> None:
-        (tmp_path / "03").mkdir()
-        (tmp_path / "03" / "000180.npz").write_text("not an archive")
-        with pytest.raises(BadData, match=r"000180\.npz cannot be read"):
-            Recorded(tmp_path).predict(context)
-
-    def test_images_of_different_sizes(self, tmp_path: Path, context: Context, frames: ByteArray) -> None:
-        folder = tmp_path / "03" / "000180"
-        write_images(folder, frames)
-        cv2.imwrite(str(folder / "11.png"), np.zeros((4, 4, 3), np.uint8))
-        with pytest.raises(BadData, match="expected images of one size"):
-            Recorded(tmp_path).predict(context)
-
-    def test_an_empty_folder(self, tmp_path: Path, context: Context) -> None:
-        (tmp_path / "03" / "000180").mkdir(parents=True)
-        with pytest.raises(BadData, match="holds nothing, expected images"):
+    @pytest.mark.parametrize(
+        ("files", "message"),
+        [
+            ({}, "03/000180 is missing"),
+            ({"03/000180/8.png": "4x4", "03/000180.npz": "no"}, r"000180\.npz and .*000180 both hold"),
+            ({"03/000180.npz": "no"}, r"000180\.npz cannot be read"),
+            ({"03/000180/8.png": "4x4", "03/000180/9.png": "6x8"}, "expected images of one size"),
+            ({"03/000180/notes.txt": "no"}, "holds nothing, expected images"),
+        ],
+    )
+    def test_files_that_are_no_prediction(
+        self, tmp_path: Path, context: Context, files: dict[str, str], message: str
+    ) -> None:
+        for name, content in files.items():
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            if name.endswith(".png"):
+                cv2.imwrite(str(tmp_path / name), np.zeros((*map(int, content.split("x")), 3), np.uint8))
+            else:
+                (tmp_path / name).write_text(content)
+        with pytest.raises(BadData, match=message):
             Recorded(tmp_path).predict(context)
 
     def test_poses_missing_or_too_few(self, tmp_path: Path, context: Context, clip: Clip, frames: ByteArray) -> None:

@@ -135,7 +135,7 @@ def test_wrong_field_types_are_named(fields: dict[str, Any], message: str) -> No
 def test_what_is_no_table_or_lacks_a_field_is_refused() -> None:
     for spec in (3, {}, {"name": 5}):
         with pytest.raises(BadData, match="expected a table"):
-            registry.build("forecasters", spec)  # type: ignore[arg-type]
+            registry.build("forecasters", spec)
     with pytest.raises(BadData, match="needs the field 'forecaster'"):
         registry.build("pose_sources", {"name": "walk"})
     with pytest.raises(BadData, match="not a dataclass"):

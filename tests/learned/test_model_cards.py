@@ -27,7 +27,7 @@ class Settings:
 
 def written(folder: Path, history: object) -> Path:
     file = folder / "weights.safetensors"
-    checkpoints.write(file, "toy", Settings(), {"net": nn.Linear(3, 2)}, history)  # type: ignore[arg-type]
+    checkpoints.write(file, "toy", Settings(), {"net": nn.Linear(3, 2)}, history)
     return file
 
 
@@ -49,7 +49,7 @@ def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path)
 
 def test_a_card_says_when_weights_are_a_mean(tmp_path: Path) -> None:
     assert "EMA" not in model_cards.model_card(written(tmp_path, HISTORY))
-    training = {**HISTORY["training"], "average_steps": 9}  # type: ignore[dict-item]
+    training = {**HISTORY["training"], "average_steps": 9}
     text = model_cards.model_card(written(tmp_path, {**HISTORY, "training": training}))
     assert "- exponential moving average (EMA) of the weights over 9 steps\n" in text
 

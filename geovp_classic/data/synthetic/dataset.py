@@ -1,7 +1,5 @@
 """The synthetic data set: clips of a car driving through synthetic streets, rendered on first use and kept on disk."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib
@@ -83,8 +81,9 @@ class Synthetic:
             raise IndexError(f"synthetic clip {index} of {self.num_clips}")
         index %= self.num_clips
         file = self._folder() / f"{index:04d}.npz"
-        arrays = _read(file)
-        if arrays is None:
+        try:
+            arrays = files.read_npz(file)
+        except BadData:  # missing or damaged
             arrays = self._render(index)
             _write(file, arrays)
         wide = drive.wide_camera(self.size_px)
@@ -153,14 +152,6 @@ class Synthetic:
 
 
 _street = functools.lru_cache(maxsize=2)(build_street)
-
-
-def _read(file: Path) -> Arrays | None:
-    """The arrays of a file whose parts have the checksums that zip keeps; None when it is missing or damaged."""
-    try:
-        return files.read_npz(file)
-    except BadData:
-        return None
 
 
 def _write(file: Path, arrays: Arrays) -> None:

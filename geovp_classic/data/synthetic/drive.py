@@ -1,7 +1,5 @@
 """How cars move along paths, which roads, speeds and traffic make up a manoeuvre, and the camera on the car."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The images of the textures: every function paints RGBA bytes [SIZE, SIZE, 4]; alpha is the share of the tint."""
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Callable
 from typing import Any

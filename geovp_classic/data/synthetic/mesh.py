@@ -143,8 +143,7 @@ class Surfaces:
 
     def blocks(self, points: FloatArray, to_sun: FloatArray) -> BoolArray:
         """Whether something is between the points [N, 3] and the sun."""
-        blocked: BoolArray = self.tree.cast(*_lines(points, to_sun))[1] >= 0
-        return blocked
+        return self.tree.cast(*_lines(points, to_sun))[1] >= 0
 
     def hits(
         self, eye: FloatArray, rays: FloatArray, depths: FloatArray, triangles: IntArray, pixel_steps: FloatArray

@@ -1,7 +1,5 @@
 """What stands on a street and drives on it: houses, trees, hedges, lamps and cars, each on the origin."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.data.synthetic.images import Texture

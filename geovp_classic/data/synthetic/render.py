@@ -1,7 +1,5 @@
 """Render the street: a ray from every pixel to the nearest surface, more of them at edges, shadows from the sun."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

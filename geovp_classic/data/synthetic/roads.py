@@ -3,8 +3,6 @@
 A place on the map is (x, z) in metres; yaw is 0 towards +z and grows to the right, towards +x.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Light is linear; an image's byte is the square root of it (gamma 2).
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass

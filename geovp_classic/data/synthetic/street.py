@@ -1,7 +1,5 @@
 """The street itself: roads, what stands beside them, what drives on them, and the weather, drawn from a seed."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A KITTI folder of a few small images, made anew for each test that damages it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The doctor says what is there, and finds every error in one go."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 

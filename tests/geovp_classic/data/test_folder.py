@@ -1,7 +1,5 @@
 """A folder of images or a video becomes clips with the user's camera, times and poses."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 
@@ -41,7 +39,7 @@ def video(tmp_path: Path) -> Path:
 
 
 def folder(path: Path, **settings: object) -> Folder:
-    return Folder(path, CAMERA, **{"num_frames": 4, "stride": 4, "size_px": (24, 24), **settings})  # type: ignore[arg-type]
+    return Folder(path, CAMERA, **{"num_frames": 4, "stride": 4, "size_px": (24, 24), **settings})
 
 
 def straight(times_s: np.ndarray) -> Trajectory:
@@ -66,7 +64,7 @@ def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None
 
 def test_paths_may_be_text(images: Path, tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_text("\n".join(str(0.2 * step) for step in range(12)))
-    data = Folder(str(images), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24))  # type: ignore[arg-type]
+    data = Folder(str(images), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24))
     np.testing.assert_allclose(data[0].times_s, [0.0, 0.2, 0.4, 0.6])
 
 

@@ -1,7 +1,5 @@
 """Images and videos are read as they are, or the file that is not whole is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """KITTI raw: poses from GPS and IMU readings, cameras, times, and what a damaged drive answers."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -30,7 +28,7 @@ def root(tmp_path: Path, write_kitti_raw: Write) -> Path:
 
 
 def raw(root: Path, **settings: object) -> KittiRaw:
-    return KittiRaw(root, **{"num_frames": 4, "stride": 2, "size_px": (32, 32), **settings})  # type: ignore[arg-type]
+    return KittiRaw(root, **{"num_frames": 4, "stride": 2, "size_px": (32, 32), **settings})
 
 
 def test_a_circle_in_latitude_and_longitude_is_a_circle_of_poses() -> None:

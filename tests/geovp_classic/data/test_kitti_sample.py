@@ -1,7 +1,5 @@
 """Facts about real KITTI frames, poses and calibration."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,6 @@
 """Trajectories survive a round trip through text, and every bad line is named."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -86,18 +85,6 @@ BAD_KITTI = {
 }
 
 
-@pytest.mark.parametrize(("bad", "message"), BAD_KITTI.items())
-def test_a_bad_line_of_a_kitti_file_is_named(tmp_path: Path, bad: str, message: str) -> None:
-    path = tmp_path / "poses.txt"
-    path.write_text(f"{IDENTITY}\n{bad}\n{IDENTITY}\n")
-    with pytest.raises(BadData) as caught:
-        pose_files.read_kitti(path)
-    assert f"{path} {message}" in str(caught.value)
-    table, findings = pose_files.scan_kitti(path)
-    assert table.lines == (1, 3)
-    assert [finding.line for finding in findings] == [2]
-
-
 BAD_TUM = {
     "1 0 0 0 0 0 0": "line 2: 7 numbers, expected 8",
     "1 0 0 0 0 0 0 2": "line 2: the quaternion has length 2, expected 1",
@@ -107,14 +94,26 @@ BAD_TUM = {
 }
 
 
-@pytest.mark.parametrize(("bad", "message"), BAD_TUM.items())
-def test_a_bad_line_of_a_tum_file_is_named(tmp_path: Path, bad: str, message: str) -> None:
-    path = tmp_path / "tum.txt"
-    path.write_text(f"0 0 0 0 0 0 0 1\n{bad}\n2 0 0 0 0 0 0 1\n")
+@pytest.mark.parametrize(
+    ("bad", "message", "good", "read", "scan"),
+    [
+        *((*one, (IDENTITY, IDENTITY), pose_files.read_kitti, pose_files.scan_kitti) for one in BAD_KITTI.items()),
+        *(
+            (*one, ("0 0 0 0 0 0 0 1", "2 0 0 0 0 0 0 1"), pose_files.read_tum, pose_files.scan_tum)
+            for one in BAD_TUM.items()
+        ),
+    ],
+)
+def test_a_bad_line_is_named(
+    tmp_path: Path, bad: str, message: str, good: tuple[str, str], read: Callable, scan: Callable
+) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(f"{good[0]}\n{bad}\n{good[1]}\n")
     with pytest.raises(BadData) as caught:
-        pose_files.read_tum(path)
+        read(path)
     assert f"{path} {message}" in str(caught.value)
-    assert pose_files.scan_tum(path)[0].lines == (1, 3)
+    table, findings = scan(path)
+    assert (table.lines, [finding.line for finding in findings]) == ((1, 3), [2])
 
 
 @pytest.mark.parametrize(("first", "message"), [("-1", "whole number"), ("1.5", "whole number"), ("9", "not after")])

@@ -1,7 +1,5 @@
 """TUM RGB-D, EuRoC and COLMAP give the clips that the files were written from."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -44,7 +42,7 @@ def assert_same(clip: Clip, street: Clip, first: int) -> None:
 
 def test_tum_matches_images_poses_and_depths(tmp_path: Path, write_tum: Write, street: Clip) -> None:
     write_tum(tmp_path, "street", street)
-    data = Tum(tmp_path, intrinsics=numbers_of(street), **CUT)  # type: ignore[arg-type]
+    data = Tum(tmp_path, intrinsics=numbers_of(street), **CUT)
     assert isinstance(data, interfaces.Dataset)
     assert data.clip_names == ("street/000000", "street/000004", "street/000008")
     clip = data[1]
@@ -63,12 +61,12 @@ def test_tum_poses_further_off_than_allowed_are_none(tmp_path: Path, write_tum: 
     """Poses are 4 ms after the images and depths 6 ms before."""
     folder = write_tum(tmp_path, "street", street)
     settings = {"intrinsics": numbers_of(street), **CUT}
-    clip = Tum(folder, max_difference_s=0.005, **settings)[0]  # type: ignore[arg-type]
+    clip = Tum(folder, max_difference_s=0.005, **settings)[0]
     assert not clip.depths.any()
     with pytest.raises(BadData, match="street: none of 12 images has a pose"):
-        Tum(folder, max_difference_s=0.003, **settings)  # type: ignore[arg-type]
+        Tum(folder, max_difference_s=0.003, **settings)
     (folder / "groundtruth.txt").unlink()
-    assert Tum(folder, **settings)[0].trajectory is None  # type: ignore[arg-type]
+    assert Tum(folder, **settings)[0].trajectory is None
 
 
 def test_tum_knows_the_three_cameras_by_name(tmp_path: Path, write_tum: Write) -> None:
@@ -77,16 +75,16 @@ def test_tum_knows_the_three_cameras_by_name(tmp_path: Path, write_tum: Write) -
     clip = Clip("grey", grey, np.arange(5) / 30, wide)
     for name in ("rgbd_dataset_freiburg3_office", "rgbd_dataset_freiburg1_desk", "hall"):
         write_tum(tmp_path, name, clip)
-    third = Tum(tmp_path, ("rgbd_dataset_freiburg3_office",), with_wide=True, **CUT)[0].wide  # type: ignore[arg-type]
-    first = Tum(tmp_path, ("rgbd_dataset_freiburg1_desk",), with_wide=True, **CUT)[0].wide  # type: ignore[arg-type]
+    third = Tum(tmp_path, ("rgbd_dataset_freiburg3_office",), with_wide=True, **CUT)[0].wide
+    first = Tum(tmp_path, ("rgbd_dataset_freiburg1_desk",), with_wide=True, **CUT)[0].wide
     assert (third.intrinsics.fx_px, third.intrinsics.cx_px) == (535.4, 320.1)  # no distortion
     zoom = first.intrinsics.fx_px / 517.3
     assert first.intrinsics.fy_px / 516.5 == pytest.approx(zoom)
     assert 1.0 <= zoom < 1.1
     with pytest.raises(BadData, match=r"hall is not of freiburg1, 2 or 3 by its name: give intrinsics"):
-        Tum(tmp_path, ("hall",), **CUT)  # type: ignore[arg-type]
+        Tum(tmp_path, ("hall",), **CUT)
     with pytest.raises(BadData, match="distortion is given without intrinsics"):
-        Tum(tmp_path, distortion=(0.1, 0, 0, 0, 0), **CUT)  # type: ignore[arg-type]
+        Tum(tmp_path, distortion=(0.1, 0, 0, 0, 0), **CUT)
 
 
 def test_euroc_poses_are_of_the_camera(tmp_path: Path, write_euroc: Write, street: Clip) -> None:
@@ -94,11 +92,11 @@ def test_euroc_poses_are_of_the_camera(tmp_path: Path, write_euroc: Write, stree
         street.name, street.frames[..., :1].repeat(3, axis=3), street.times_s, street.intrinsics, street.trajectory
     )
     write_euroc(tmp_path, "MH_01", grey)
-    data = Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+    data = Euroc(tmp_path, **CUT)
     assert data.clip_names[0] == "MH_01/000000"
     assert_same(data[2], grey, 8)
     assert data[0].times_s[0] == 0
-    assert Euroc(tmp_path / "MH_01", ("MH_01[2:8)",), **CUT).clip_names == ("MH_01/000002",)  # type: ignore[arg-type]
+    assert Euroc(tmp_path / "MH_01", ("MH_01[2:8)",), **CUT).clip_names == ("MH_01/000002",)
 
 
 @pytest.mark.parametrize("model", ["radial-tangential", "equidistant"])
@@ -129,14 +127,14 @@ def test_colmap_is_broken_where_images_are_not_registered(
 ) -> None:
     """Of images 0 to 11, 5 is lost: 0 to 4 and 6 to 11 are pieces, counted without it."""
     write_colmap(tmp_path, "street", street, lost=[5], text=text)
-    data = Colmap(tmp_path / "street", rate_hz=10.0, **{**CUT, "stride": 1})  # type: ignore[arg-type]
+    data = Colmap(tmp_path / "street", rate_hz=10.0, **{**CUT, "stride": 1})
     assert data.ranges == (FrameRange("street", 0, 5), FrameRange("street", 5, 11))
     assert data.clip_names == tuple(f"street/{first:06d}" for first in (0, 1, 5, 6, 7))
     assert_same(data[1], street, 1)
     assert_same(data[2], street, 6)
     assert data[2].times_s[0] == pytest.approx(0.6)
     assert not data[0].trajectory.is_metric
-    metric = Colmap(tmp_path, is_metric=True, **CUT)[0].trajectory  # type: ignore[arg-type]
+    metric = Colmap(tmp_path, is_metric=True, **CUT)[0].trajectory
     assert metric.is_metric
 
 
@@ -147,7 +145,7 @@ def test_colmap_is_broken_where_a_sub_folder_begins(tmp_path: Path, write_colmap
     for number in range(7, 12):
         (folder / "images" / f"im{number}.png").rename(folder / "images" / "later" / f"im{number}.png")
         model.write_text(model.read_text().replace(f" im{number}.png", f" later/im{number}.png"))
-    data = Colmap(folder, **CUT)  # type: ignore[arg-type]
+    data = Colmap(folder, **CUT)
     assert data.ranges == (FrameRange("street", 0, 7), FrameRange("street", 7, 12))
     assert_same(data[1], street, 7)
 
@@ -155,13 +153,13 @@ def test_colmap_is_broken_where_a_sub_folder_begins(tmp_path: Path, write_colmap
 def test_colmap_refuses_what_it_cannot_use(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
     folder = write_colmap(tmp_path, "street", street)
     with pytest.raises(BadData, match=r"rate_hz is 0.0, expected a positive number"):
-        Colmap(folder, rate_hz=0.0, **CUT)  # type: ignore[arg-type]
+        Colmap(folder, rate_hz=0.0, **CUT)
     (folder / "images" / "im3.png").unlink()
     with pytest.raises(BadData, match=r"images: lacks 1 of 12 images of the model, the first being im3\.png: put"):
-        Colmap(folder, **CUT)  # type: ignore[arg-type]
+        Colmap(folder, **CUT)
     (folder / "sparse" / "0" / "images.bin").write_bytes(b"\x07")
     with pytest.raises(BadData, match="is not a COLMAP model"):
-        Colmap(folder, **CUT)  # type: ignore[arg-type]
+        Colmap(folder, **CUT)
 
 
 @pytest.mark.parametrize("name", ["tum", "euroc", "colmap"])
@@ -225,20 +223,20 @@ def test_damaged_lists_of_euroc_are_named(
 ) -> None:
     mav0 = write_euroc(tmp_path, "MH", street) / "mav0"
     with pytest.raises(BadData, match=r"mav0/cam1: does not exist: mav0 has cam0"):
-        Euroc(tmp_path, camera=1, **CUT)  # type: ignore[arg-type]
+        Euroc(tmp_path, camera=1, **CUT)
     truth, images = mav0 / "state_groundtruth_estimate0" / "data.csv", mav0 / "cam0" / "data.csv"
     edit(truth, 3, "1403636579765555584,1,2,3")
     with pytest.raises(BadData, match=r"data\.csv line 3: 4 numbers, expected 8 or 17 \(time in ns, x, y, z, qw"):
-        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+        Euroc(tmp_path, **CUT)
     edit(truth, 3, f"1403636579765555584,0,0,0,1,0,0,inf{',0' * 9}")
     with pytest.raises(BadData, match=r"data\.csv line 3: 'inf' is not finite"):
-        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+        Euroc(tmp_path, **CUT)
     edit(images, 4, "soon,1403636579763555584.png")
     with pytest.raises(BadData, match=r"cam0/data\.csv line 4: 'soon' is not a number"):
-        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+        Euroc(tmp_path, **CUT)
     images.write_text("#timestamp [ns],filename\n")
     with pytest.raises(BadData, match=r"cam0/data\.csv: lists no images"):
-        Euroc(tmp_path, **CUT)  # type: ignore[arg-type]
+        Euroc(tmp_path, **CUT)
 
 
 def test_plain_folders_of_images_are_examined(tmp_path: Path, street: Clip) -> None:

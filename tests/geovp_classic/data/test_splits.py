@@ -1,7 +1,5 @@
 """Named splits hold what the documentation says, and a hash that follows their content."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The synthetic data set: what its clips hold, that they are the same every time, and its cache."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import subprocess
@@ -197,7 +195,7 @@ def test_a_cache_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
 )
 def test_settings_that_make_no_clip_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(BadData, match="synthetic:"):
-        Synthetic(**wrong)  # type: ignore[arg-type]
+        Synthetic(**wrong)
 
 
 def test_clips_that_are_not_there_are_index_errors(cache: Path) -> None:

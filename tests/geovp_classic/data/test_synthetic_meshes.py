@@ -1,7 +1,5 @@
 """Triangles of the street: areas, footprints of pixels, and where the ground lies."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

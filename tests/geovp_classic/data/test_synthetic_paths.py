@@ -1,7 +1,5 @@
 """Paths, hills and speeds: what a map and a clock say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Light: what sun, sky, gloss and haze do to a patch, and how images are blurred."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -32,7 +30,7 @@ def hit(normal: tuple[float, float, float], **parts: object) -> Hits:
         "texture": np.array([Texture.PLAIN], dtype=np.int32),
         "tint": np.ones((1, 3), dtype=np.float32),
     }
-    return Hits(**(values | parts))  # type: ignore[arg-type]
+    return Hits(**(values | parts))
 
 
 def light(hits: Hits, lit: bool = True, optics: Optics = PLAIN) -> FloatArray:

@@ -1,7 +1,5 @@
 """How a street is furnished: what stands where, and that the same seed builds the same street."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

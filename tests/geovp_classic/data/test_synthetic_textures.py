@@ -1,7 +1,5 @@
 """Textures and how they are looked up, against a slow twin."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

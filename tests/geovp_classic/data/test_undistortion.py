@@ -1,7 +1,5 @@
 """Undistorted images show a point where a pinhole camera sees it; distortion formulas are written out here anew."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

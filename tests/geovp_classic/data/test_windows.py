@@ -1,7 +1,5 @@
 """Frame ranges, the starts of clips, and crops whose intrinsics agree with their pixels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

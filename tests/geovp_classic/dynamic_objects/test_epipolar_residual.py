@@ -85,11 +85,3 @@ def test_a_difference_is_a_mean_over_its_window() -> None:
     assert mean[4, 7] == pytest.approx(0, abs=1e-6)
     place[..., 0] += 0.5  # half of the bright pixel is read from each of its neighbours
     assert epipolar_residual.grey_difference(last, earlier, place, window_px=1)[4, 3:5] == pytest.approx([25, 25])
-
-
-def test_gain_and_offset_are_those_of_a_straight_line() -> None:
-    x = np.random.default_rng(0).uniform(0, 255, 200).astype(np.float32)
-    assert epipolar_residual._fit_line(x, 0.8 * x + 12) == pytest.approx((0.8, 12), abs=1e-4)
-    noisy = 0.8 * x + np.random.default_rng(1).normal(0, 20, 200)
-    assert epipolar_residual._fit_line(x, noisy) == pytest.approx(tuple(np.polyfit(x, noisy, 1)), rel=1e-6)
-    assert epipolar_residual._fit_line(np.full(9, 80.0), np.arange(9.0)) == (1, 0)

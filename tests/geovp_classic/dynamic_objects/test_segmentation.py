@@ -1,6 +1,5 @@
 """Outlines: the whole thing from a part of it, nothing where its motion explains nothing, no gaps inside."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,16 +9,6 @@ from geovp_classic.dynamic_objects import segmentation
 from geovp_classic.types import BoolArray
 
 STEPS = (1, 2, 3)
-
-
-@pytest.fixture(scope="module")
-def traffic(drive_behind: Callable[..., Any]) -> Any:
-    return drive_behind()
-
-
-@pytest.fixture(scope="module")
-def observed(traffic: Any) -> segmentation.Observations:
-    return segmentation.Observations(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
 
 
 def half_of(mask: BoolArray) -> BoolArray:

@@ -1,30 +1,14 @@
 """Own velocities: exact from exact flow, and found again from images when they begin a fifth wrong."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 from geovp_classic.dynamic_objects import segmentation, velocity
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray
 
 STEPS = (1, 2, 3)
-
-
-@pytest.fixture(scope="module")
-def traffic(drive_behind: Callable[..., Any]) -> Any:
-    return drive_behind()
-
-
-@pytest.fixture(scope="module")
-def observed(traffic: Any) -> segmentation.Observations:
-    return observations_of(traffic)
-
-
-def observations_of(traffic: Any) -> segmentation.Observations:
-    return segmentation.Observations(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
 
 
 def flow_pixels_of(velocity: FloatArray, depth: float, observed: segmentation.Observations) -> FloatArray:

@@ -9,7 +9,7 @@ from geovp_classic import registry
 from geovp_classic.contracts import checks, street
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import ByteArray, Clip, Grant, Trajectory
+from geovp_classic.types import ByteArray, Clip, FloatArray, Grant, Intrinsics, Trajectory, Views
 from geovp_learned import checkpoints
 from geovp_learned.synsin import pairs
 from geovp_learned.synsin.network import Generator
@@ -49,6 +49,15 @@ def past_of(clip: Clip) -> Trajectory:
     return clip.trajectory[:NUM_PAST]
 
 
+def views_of(
+    file: Path, clip: Clip, world_from_cam: FloatArray, camera: Intrinsics | None = None, seed: int = 0
+) -> Views:
+    """The last of the past frames, rendered from the poses."""
+    context, _ = clip.split(NUM_PAST, Grant.NONE)
+    scene = SynSin(file, seed=seed).reconstruct(context, past_of(clip))
+    return scene.view(world_from_cam, clip.times_s[-len(world_from_cam) :], camera or clip.intrinsics)
+
+
 def rms(one: ByteArray, other: ByteArray) -> float:
     """In bytes."""
     return float(np.sqrt(((one.astype(float) - other) ** 2).mean()))
@@ -57,24 +66,17 @@ def rms(one: ByteArray, other: ByteArray) -> float:
 def test_after_overfitting_the_frames_own_pose_gives_the_frame_back_and_later_poses_the_later_frames(
     overfitted: Path, clip: Clip
 ) -> None:
-    context, target = clip.split(NUM_PAST, Grant.NONE)
-    scene = SynSin(overfitted).reconstruct(context, past_of(clip))
-    views = scene.view(clip.trajectory.world_from_cam[NUM_PAST - 1 :], clip.times_s[NUM_PAST - 1 :], clip.intrinsics)
-    last = context.frames[-1]
-    assert rms(last, target.frames[-1]) > 25  # copying the last frame would not do
+    views = views_of(overfitted, clip, clip.trajectory.world_from_cam[NUM_PAST - 1 :])
+    last, later = clip.frames[NUM_PAST - 1], clip.frames[NUM_PAST:]
+    assert rms(last, later[-1]) > 25  # copying the last frame would not do
     assert rms(views.frames[0], last) < 10
     assert views.covered[0].all()
     for step in range(4):
-        assert rms(views.frames[1 + step], target.frames[step]) < 0.6 * rms(last, target.frames[step])
+        assert rms(views.frames[1 + step], later[step]) < 0.6 * rms(last, later[step])
 
 
 def test_depths_are_those_of_the_new_views(overfitted: Path, clip: Clip) -> None:
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
-    views = (
-        SynSin(overfitted)
-        .reconstruct(context, past_of(clip))
-        .view(clip.trajectory.world_from_cam[NUM_PAST - 1 :], clip.times_s[NUM_PAST - 1 :], clip.intrinsics)
-    )
+    views = views_of(overfitted, clip, clip.trajectory.world_from_cam[NUM_PAST - 1 :])
     for step in (0, 2):
         truth = clip.depths[NUM_PAST - 1 + step]
         compared = views.covered[step] & (truth < 30)
@@ -84,12 +86,10 @@ def test_depths_are_those_of_the_new_views(overfitted: Path, clip: Clip) -> None
 
 
 def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
-    past = past_of(clip)
-    scene = SynSin(fresh).reconstruct(context, past)
-    sideways = past.world_from_cam[-1] @ se3.exp(np.array([0, 0, 0, 0, np.arctan(16 / clip.intrinsics.fx_px), 0]))
-    behind = past.world_from_cam[-1] @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    views = scene.view(np.stack([sideways, behind]), clip.times_s[-2:], clip.intrinsics)
+    last = past_of(clip).world_from_cam[-1]
+    sideways = last @ se3.exp(np.array([0, 0, 0, 0, np.arctan(16 / clip.intrinsics.fx_px), 0]))
+    behind = last @ np.diag([-1.0, 1.0, -1.0, 1.0])
+    views = views_of(fresh, clip, np.stack([sideways, behind]))
     assert views.covered[0, 16, :12].all()  # half the image has gone out on the left
     assert not views.covered[0, 16, 20:].any()
     assert not views.covered[1].any()
@@ -97,13 +97,7 @@ def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
 
 
 def test_the_new_camera_may_have_another_size(fresh: Path, clip: Clip) -> None:
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
-    past = past_of(clip)
-    views = (
-        SynSin(fresh)
-        .reconstruct(context, past)
-        .view(past.world_from_cam[-1:], past.times_s[-1:], clip.intrinsics.resized(40, 24))
-    )
+    views = views_of(fresh, clip, past_of(clip).world_from_cam[-1:], clip.intrinsics.resized(40, 24))
     assert views.frames.shape == (1, 24, 40, 3)
 
 
@@ -121,14 +115,12 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     for parameter in generator.refinement_network.parameters():
         torch.nn.init.normal_(parameter, std=0.3)  # untrained, it would not let the noise through
     checkpoints.write(tmp_path / "noisy.safetensors", "synsin", method, {"generator": generator}, {})
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
-
-    def seen(seed: int) -> ByteArray:
-        scene = SynSin(tmp_path / "noisy.safetensors", seed=seed).reconstruct(context, past_of(clip))
-        return scene.view(past_of(clip).world_from_cam[-2:], clip.times_s[-2:], clip.intrinsics).frames
-
-    np.testing.assert_array_equal(seen(1), seen(1))
-    assert (seen(1) != seen(2)).any()
+    poses = past_of(clip).world_from_cam[-2:]
+    first, again, other = (
+        views_of(tmp_path / "noisy.safetensors", clip, poses, seed=seed).frames for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
 
 
 def damaged(file: Path, how: str, method: SynSinTraining) -> Path:
@@ -172,7 +164,5 @@ def test_a_file_that_cannot_be_used_gets_one_sentence(
 
 def test_frames_of_other_sizes_are_encoded_at_their_own(fresh: Path) -> None:
     clip = street.clip()  # 128x128, where the network was made for 32
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
-    scene = SynSin(fresh).reconstruct(context, clip.trajectory[:NUM_PAST])
-    views = scene.view(clip.trajectory.world_from_cam[NUM_PAST - 1 : NUM_PAST], clip.times_s[:1], clip.intrinsics)
-    assert rms(views.frames[0], context.frames[-1]) < 1
+    views = views_of(fresh, clip, clip.trajectory.world_from_cam[NUM_PAST - 1 : NUM_PAST])
+    assert rms(views.frames[0], clip.frames[NUM_PAST - 1]) < 1

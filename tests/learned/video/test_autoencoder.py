@@ -17,7 +17,7 @@ from geovp_learned.video.training import VideoNetwork
 @pytest.mark.parametrize("style", ["dcgan", "vgg"])
 @pytest.mark.parametrize(("size_px", "num_stages"), [(64, 4), (128, 5), (256, 6)])  # 64 -> 32 -> 16 -> 8 -> 4 is four
 def test_every_doubling_of_the_image_adds_one_stage(style: str, size_px: int, num_stages: int) -> None:
-    coding = AutoencoderConfig(style, size_px, width=2, code_size=6)  # type: ignore[arg-type]
+    coding = AutoencoderConfig(style, size_px, width=2, code_size=6)
     encoder, decoder = Encoder(coding).eval(), Decoder(coding, out_channels=2).eval()
     with torch.no_grad():
         codes, skips = encoder(torch.rand(1, 3, size_px, size_px))

@@ -47,7 +47,7 @@ def test_without_residuals_the_frame_repeats() -> None:
 def test_eulers_steps_share_a_frame(steps_per_frame: int, left: float) -> None:
     # dy/dt = -y over one frame by n steps leaves (1 - 1/n)^n: 0, 1/4, (3/4)^4, on the way to 1/e.
     own = network(replace(ARCHITECTURE, steps_per_frame=steps_per_frame))
-    own.residual = Decay()  # type: ignore[assignment]
+    own.residual = Decay()
     moved, added = own.next_state(torch.ones(1, 3), torch.zeros(1, 2))
     torch.testing.assert_close(moved, torch.full((1, 3), left))
     assert added.shape == (1, steps_per_frame, 3)
