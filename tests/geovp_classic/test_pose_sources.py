@@ -94,12 +94,6 @@ def test_planar_with_the_mounting_pitch_keeps_a_drive_of_a_pitched_camera() -> N
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda source: type(source).__name__)
 class TestEverySource:
-    def test_works_on_what_it_needs(self, source: PoseSource) -> None:
-        whole = context(drive())
-        granted = source.estimate(whole.only(source.needs))
-        np.testing.assert_array_equal(granted.futures, source.estimate(whole).futures)
-        assert granted.futures.shape == (1, 4, 4, 4)
-
     def test_says_what_a_clip_without_poses_lacks(self, source: PoseSource) -> None:
         bare = replace(drive(), trajectory=None)
         with pytest.raises(Incompatible, match="the clip has none: choose an odometry"):

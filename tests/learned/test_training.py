@@ -123,6 +123,15 @@ def tensors_of(folder: Path) -> dict[str, Any]:
     return checkpoints.read_tensors(folder / training.STATE)[1]
 
 
+def whole_and_pieces(own: TrainingConfig, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The last tensors of a run, and of the same run interrupted again and again."""
+    training.train(own, folder / "whole")
+    for _ in range(200):
+        if training.train(own, folder / "pieces", limit_seconds=0.01).finished:
+            break
+    return tensors_of(folder / "whole"), tensors_of(folder / "pieces")
+
+
 def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
     outcome = training.train(config(replace(SETTINGS, num_steps=300)), tmp_path)
     scores = logged(tmp_path, "score", "validation")
@@ -161,11 +170,7 @@ def test_both_networks_take_their_turn(tmp_path: Path) -> None:
 @pytest.mark.parametrize("average_steps", [0, 10])
 def test_a_resumed_run_ends_with_the_same_bytes(average_steps: int, tmp_path: Path) -> None:
     own = config(replace(SETTINGS, average_steps=average_steps))
-    training.train(own, tmp_path / "whole")
-    for _ in range(200):
-        if training.train(own, tmp_path / "pieces", limit_seconds=0.01).finished:
-            break
-    whole, pieces = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "pieces")
+    whole, pieces = whole_and_pieces(own, tmp_path)
     assert whole.keys() == pieces.keys()
     assert any(name.endswith("exp_avg_sq") for name in whole)
     assert all(torch.equal(whole[name], pieces[name]) for name in whole)
@@ -183,14 +188,10 @@ def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(tmp_path: Path, mon
 
     monkeypatch.setattr(training, "Fabric", halves)
     mixed = config(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
-    training.train(mixed, tmp_path / "whole")
-    for _ in range(200):
-        if training.train(mixed, tmp_path / "pieces", limit_seconds=0.01).finished:
-            break
+    whole, pieces = whole_and_pieces(mixed, tmp_path)
     factors = [state_of(tmp_path / each)["precision"]["scaler"] for each in ("whole", "pieces")]
     assert factors[0] == factors[1]
     assert factors[0]["scale"] > 4.0
-    whole, pieces = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "pieces")
     assert all(torch.equal(whole[name], pieces[name]) for name in whole)
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic import api, interfaces, registry
+from geovp_classic import api, registry
 from geovp_classic.data import doctor, layouts, posed_sequences
 from geovp_classic.data.colmap import Colmap
 from geovp_classic.data.euroc import Euroc
@@ -43,7 +43,6 @@ def assert_same(clip: Clip, street: Clip, first: int) -> None:
 def test_tum_matches_images_poses_and_depths(tmp_path: Path, write_tum: Write, street: Clip) -> None:
     write_tum(tmp_path, "street", street)
     data = Tum(tmp_path, intrinsics=numbers_of(street), **CUT)
-    assert isinstance(data, interfaces.Dataset)
     assert data.clip_names == ("street/000000", "street/000004", "street/000008")
     clip = data[1]
     assert_same(clip, street, 4)

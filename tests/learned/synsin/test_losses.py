@@ -12,6 +12,13 @@ from geovp_learned.synsin.pairs import Example
 from geovp_learned.tensors import images_from_frames, psnr_db, sample_images
 
 
+def seen_from(clip: Clip, horizons: list[int]) -> list[torch.Tensor]:
+    """What the reprojection loss takes, of the third frame and later ones, with its true inverse depths."""
+    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), horizons)])
+    names = ("inverse_depths", "frames", "targets", "cam_from_last", "intrinsics")
+    return [torch.nan_to_num(batch[name]) for name in names]
+
+
 def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:
     known = torch.tensor([[[0.1, torch.nan], [0.0, torch.nan]]])
     guess = torch.tensor([[[0.2, 9.0], [0.05, 9.0]]], requires_grad=True)
@@ -49,17 +56,13 @@ def test_content_without_weights_says_what_to_set(monkeypatch: pytest.MonkeyPatc
 
 
 def test_later_frames_read_at_the_true_depth_look_like_the_first(clip: Clip) -> None:
-    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1, 2])])
-    motion = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
-    truth = torch.nan_to_num(batch["inverse_depths"])
+    truth, *motion = seen_from(clip, [1, 2])
     at_truth, *wrong = (float(losses.reprojection_loss(factor * truth, *motion)) for factor in (1.0, 0.6, 1.5))
     assert at_truth < 0.7 * min(wrong)
 
 
 def test_its_gradient_leads_from_a_plane_to_the_true_depth(clip: Clip) -> None:
-    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1, 2])])
-    motion = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
-    truth = torch.nan_to_num(batch["inverse_depths"])
+    truth, *motion = seen_from(clip, [1, 2])
     guess = torch.full_like(truth, 0.05).requires_grad_()
     (slope,) = torch.autograd.grad(losses.reprojection_loss(guess, *motion), [guess])
     downhill = float(torch.nn.functional.cosine_similarity(-slope.flatten(), (truth - guess).detach().flatten(), dim=0))
@@ -76,11 +79,9 @@ def test_an_image_is_sampled_at_its_own_pixels_unchanged_and_its_border_goes_on(
 
 
 def test_pixels_that_project_outside_every_view_do_not_count(clip: Clip) -> None:
-    batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), [1])])
+    truth, frames, targets, _, intrinsics = seen_from(clip, [1])
     behind = torch.diag(torch.tensor([-1.0, 1.0, -1.0, 1.0])).expand(1, 1, 4, 4)
-    loss = losses.reprojection_loss(
-        torch.nan_to_num(batch["inverse_depths"]), batch["frames"], batch["targets"], behind, batch["intrinsics"]
-    )
+    loss = losses.reprojection_loss(truth, frames, targets, behind, intrinsics)
     assert float(loss) == 0.0
 
 

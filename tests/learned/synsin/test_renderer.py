@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic import registry
-from geovp_classic.contracts import checks, street
-from geovp_classic.errors import BadData
+from geovp_classic.contracts import street
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import ByteArray, Clip, FloatArray, Grant, Intrinsics, Trajectory, Views
 from geovp_learned import checkpoints
@@ -101,13 +100,6 @@ def test_the_new_camera_may_have_another_size(fresh: Path, clip: Clip) -> None:
     assert views.frames.shape == (1, 24, 40, 3)
 
 
-def test_it_keeps_the_promises_of_a_renderer(fresh: Path) -> None:
-    findings = checks.check("renderers", registry.build("renderers", {"name": "synsin", "checkpoint": str(fresh)}))
-    assert [finding for finding in findings if not finding.passed] == []
-    refusal = "refuses: synsin's depth is in metres, the poses are not: give the odometry a scale"
-    assert findings[-1].detail == refusal
-
-
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     method: SynSinTraining, clip: Clip, tmp_path: Path
 ) -> None:
@@ -121,6 +113,12 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     )
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
+
+
+def test_poses_without_a_unit_are_refused(fresh: Path, clip: Clip) -> None:
+    context, _ = clip.split(NUM_PAST, Grant.NONE)
+    with pytest.raises(Incompatible, match="the poses are not: give the odometry a scale"):
+        SynSin(fresh).reconstruct(context, replace(past_of(clip), is_metric=False))
 
 
 def damaged(file: Path, how: str, method: SynSinTraining) -> Path:
