@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.matrix import Spec
+from geovp_benchmarks.matrix_values import Spec
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError, Incompatible, MissingExtra
 from geovp_classic.types import Grant

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import matrix_files, matrix_limits, protocols
-from geovp_benchmarks.arguments import DEVICE
+from geovp_benchmarks import matrix_files, matrix_values, protocols
+from geovp_benchmarks.matrix_values import Spec
 from geovp_benchmarks.store import NOT_CELLS
 from geovp_classic import registry
-from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.errors import BadData
 from geovp_classic.types import Grant
-
-Spec = Mapping[str, Any]  # {"name": ..., **fields}, as `registry.build` takes it
 
 TABLES = ("protocol", "pose_sources", "renderers", "predictors", "metrics")
 PROTOCOL_KEYS = ("dataset", "num_past", "num_future", "size_px", "stride", "num_samples", "device")
@@ -163,29 +161,29 @@ def read(given: Path, settings: Sequence[str] = ()) -> Matrix:
 
 def parse(name: str, content: Mapping[str, Any]) -> Matrix:
     """The matrix of a TOML file's content."""
-    matrix_limits.check_values(content)
-    _only(content, TABLES, "the matrix file", "table")
+    matrix_values.check_values(content)
+    matrix_values.only(content, TABLES, "the matrix file", "table")
     content = protocols.expanded(content)
-    protocol = _table(content, "protocol")
+    protocol = matrix_values.table(content, "protocol")
     if "datasets" in protocol:
         raise BadData("protocol.datasets names several data sets, but this takes one: give a file with dataset = {...}")
-    _only(protocol, PROTOCOL_KEYS, "protocol", "key")
-    num_samples = _count(protocol, "num_samples", "protocol", 1)
-    metrics = {**DEFAULT_METRICS, **_table(content, "metrics")}
-    _only(metrics, tuple(DEFAULT_METRICS), "metrics", "key")
+    matrix_values.only(protocol, PROTOCOL_KEYS, "protocol", "key")
+    num_samples = matrix_values.count(protocol, "num_samples", "protocol", 1)
+    metrics = {**DEFAULT_METRICS, **matrix_values.table(content, "metrics")}
+    matrix_values.only(metrics, tuple(DEFAULT_METRICS), "metrics", "key")
     matrix = Matrix(
         name=name,
         dataset=_dataset(protocol),
-        num_past=_count(protocol, "num_past", "protocol"),
-        num_future=_count(protocol, "num_future", "protocol"),
-        size_px=_size(protocol),
-        stride=_count(protocol, "stride", "protocol"),
+        num_past=matrix_values.count(protocol, "num_past", "protocol"),
+        num_future=matrix_values.count(protocol, "num_future", "protocol"),
+        size_px=matrix_values.size(protocol),
+        stride=matrix_values.count(protocol, "stride", "protocol"),
         pose_sources=_entries(content, "pose_sources", num_samples),
         renderers=_named(content, "renderers"),
         predictors=_entries(content, "predictors", num_samples),
         frame_metrics=_stabilised(_metrics(metrics["frame"], "metrics.frame"), metrics["stabilised"]),
         trajectory_metrics=_metrics(metrics["trajectory"], "metrics.trajectory"),
-        device=_device(protocol),
+        device=matrix_values.device(protocol),
     )
     _check_cells(matrix)
     return matrix
@@ -198,15 +196,15 @@ def _check_cells(matrix: Matrix) -> None:
     names = [cell.name for cell in matrix.cells]
     if not names:
         raise BadData("the matrix file has no cell: give [pose_sources] and [renderers], or [predictors]")
-    matrix_limits.check_names(names, NOT_CELLS)
-    matrix_limits.check_clip(matrix.size_px, matrix.num_past + matrix.num_future)
+    matrix_values.check_names(names, NOT_CELLS)
+    matrix_values.check_clip(matrix.size_px, matrix.num_past + matrix.num_future)
     both = set(matrix.frame_metrics) & set(matrix.trajectory_metrics)
     if both:
         raise BadData(f"metrics: {min(both)!r} is a frame metric and a trajectory metric: rename one of them")
 
 
 def _dataset(protocol: Mapping[str, Any]) -> Spec:
-    spec = _spec(protocol.get("dataset"), "protocol.dataset")
+    spec = matrix_values.spec(protocol.get("dataset"), "protocol.dataset")
     for key in FROM_PROTOCOL:
         if key in spec:
             raise BadData(f"protocol.dataset has {key!r}, which the harness sets: leave it out, [protocol] says it all")
@@ -216,36 +214,22 @@ def _dataset(protocol: Mapping[str, Any]) -> Spec:
 def _entries(content: Mapping[str, Any], table: str, num_samples: int) -> dict[str, Entry]:
     entries = {}
     for name, spec in _named(content, table).items():
-        samples = _count(spec, "num_samples", f"{table}.{name}", num_samples)
+        samples = matrix_values.count(spec, "num_samples", f"{table}.{name}", num_samples)
         entries[name] = Entry({key: value for key, value in spec.items() if key != "num_samples"}, samples)
     return entries
 
 
 def _named(content: Mapping[str, Any], table: str) -> dict[str, Spec]:
-    for name in _table(content, table):
+    entries = matrix_values.table(content, table)
+    for name in entries:
         if not ENTRY_NAME.fullmatch(name):
             where = f"{table}.{name}"
             raise BadData(f"{where}: an entry's name becomes a folder's, expected letters, digits and _ + = , . -")
-    return {name: _spec(value, f"{table}.{name}") for name, value in _table(content, table).items()}
-
-
-def named_specs(value: Any, where: str) -> dict[str, Spec]:
-    """Components by the name of their column or folder: a list of names and tables, or a table of named tables."""
-    if isinstance(value, Mapping):
-        named = [(name, _spec(spec, f"{where}.{name}")) for name, spec in value.items()]
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        specs = [_spec(spec, f"{where}[{i}]") for i, spec in enumerate(value)]
-        named = [(spec["name"], spec) for spec in specs]
-    else:
-        raise BadData(f'{where} is {value!r}, expected a list such as ["psnr", "ssim"]')
-    for name, _ in named:
-        if [other for other, _ in named].count(name) > 1:
-            raise BadData(f"{where} has {name!r} twice: give a table, such as {{ other = {{ name = {name!r} }} }}")
-    return dict(named)
+    return {name: matrix_values.spec(value, f"{table}.{name}") for name, value in entries.items()}
 
 
 def _metrics(value: Any, where: str) -> dict[str, Spec]:
-    named = named_specs(value, where)
+    named = matrix_values.named_specs(value, where)
     for name in named:
         if "@" in name or name in UNASKED:
             raise BadData(f"{where}: a column cannot be called {name!r}: give another name")
@@ -256,51 +240,8 @@ def _stabilised(frame: dict[str, Spec], names: Any) -> dict[str, Spec]:
     """The frame metrics, followed by the stabilised versions of those that are named."""
     if not isinstance(names, list):
         raise BadData(f'metrics.stabilised is {names!r}, expected a list of frame metrics such as ["psnr"]')
-    _only(dict.fromkeys(map(str, names)), tuple(frame), "metrics.stabilised", "frame metric")
+    matrix_values.only(map(str, names), tuple(frame), "metrics.stabilised", "frame metric")
     twice = sorted({f"{name}-stabilised" for name in names} & set(frame))
     if twice:
         raise BadData(f"metrics.frame has {twice[0]!r}, as metrics.stabilised calls its own: give another name")
     return frame | {f"{name}-stabilised": {"name": "stabilised", "metric": frame[name]} for name in names}
-
-
-def _spec(value: Any, where: str) -> Spec:
-    spec = {"name": value} if isinstance(value, str) else value
-    if not isinstance(spec, Mapping) or not isinstance(spec.get("name"), str):
-        raise BadData(f'{where} is {value!r}, expected a table such as {{ name = "..." }}')
-    return spec
-
-
-def _table(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    value = content.get(key, {})
-    if not isinstance(value, Mapping):
-        raise BadData(f"{key} is {value!r}, expected a table [{key}]")
-    return value
-
-
-def _count(table: Mapping[str, Any], key: str, where: str, default: int | None = None) -> int:
-    if key not in table and default is None:
-        raise BadData(f"{where} needs {key}, a whole number: add it to the matrix file")
-    value = table.get(key, default)
-    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-        raise BadData(f"{where}.{key} is {value!r}, expected a whole number of 1 or more")
-    return value
-
-
-def _size(protocol: Mapping[str, Any]) -> tuple[int, int]:
-    value = protocol.get("size_px")
-    if not isinstance(value, list) or len(value) != 2 or not all(type(n) is int and n > 0 for n in value):
-        raise BadData(f"protocol.size_px is {value!r}, expected [width, height] in pixels, such as [256, 256]")
-    return value[0], value[1]
-
-
-def _device(protocol: Mapping[str, Any]) -> str | None:
-    value = protocol.get("device")
-    if value is None or (isinstance(value, str) and DEVICE.fullmatch(value)):
-        return value
-    raise BadData(f"protocol.device is {value!r}, expected cpu, cuda, cuda:N or auto")
-
-
-def _only(table: Mapping[str, Any], known: Sequence[str], where: str, what: str) -> None:
-    for key in table:
-        if key not in known:
-            raise UnknownComponent(f"{where} has an unknown {what} {key!r}{registry.nearest(key, known)}")

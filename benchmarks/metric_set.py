@@ -10,7 +10,8 @@ import numpy as np
 
 from geovp_benchmarks import metric_facts
 from geovp_benchmarks.components import Failure, build
-from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE, Spec
+from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE
+from geovp_benchmarks.matrix_values import Spec
 from geovp_benchmarks.scoring import Metrics
 from geovp_classic import registry
 from geovp_classic.errors import BadData

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import formats, matrix, matrix_files, tables
+from geovp_benchmarks import formats, matrix, matrix_files, matrix_values, tables
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.store import NOT_CELLS, Results
 from geovp_classic.errors import BadData, GeovpError
@@ -32,7 +32,7 @@ def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> di
         raise BadData("protocol has both dataset and datasets: keep one of them")
     if root is not None:
         raise BadData("--root replaces the root of one data set, and the matrix file has datasets: write roots there")
-    specs = matrix.named_specs(protocol["datasets"], "protocol.datasets")
+    specs = matrix_values.named_specs(protocol["datasets"], "protocol.datasets")
     if not specs:
         raise BadData('protocol.datasets is empty: give a list such as [{ name = "kitti", root = "..." }]')
     shared = {key: value for key, value in protocol.items() if key != "datasets"}

@@ -1,12 +1,12 @@
-"""The schemas of protocol.json, cell.json, datasets.json and the kept npz files: what is not so is refused by name."""
+"""The schemas of protocol.json, cell.json and datasets.json: what is not so is refused by name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from geovp_classic import files
 from geovp_classic.errors import BadData
@@ -19,12 +19,34 @@ CELL: dict[str, Any] = {"label": str, "kind": str, "status": str, "grants": TEXT
 CELL |= {"num_clips": int, "seconds": dict, "fingerprint": str, "components": dict}
 CELL_MAY_HAVE: dict[str, Any] = {"reason": str, "num_failed": int, "num_outdated": int, "code": str}
 CELL_MAY_HAVE |= {"peak_memory_mb": NUMBER, "peak_is_own": bool}
-POSES = {"world_from_cam": ("f", 3), "past": ("f", 3), "futures": ("f", 4)}
-TIMES = {"times_s": ("f", 1), "past_times_s": ("f", 1), "is_metric": ("b", 0)}
-PREDICTION = {"frames": ("u1", 5), "covered": ("b", 4), "tracked": ("b", 1), **POSES, **TIMES}
-PREDICTION |= {"scale_uncertainty": ("f", 0)}
-CLIP = {"frames": ("u1", 4), "intrinsics": ("f", 1), "depths": ("f", 3), "moving": ("b", 3), **POSES, **TIMES}
-CLIP |= {"camera_height_m": ("f", 0)}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One row of a table: a pose source with a renderer, or a whole predictor."""
+
+    name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
+    record: Mapping[str, Any]  # all of cell.json; also traceback, code, peak_memory_mb, peak_is_own
+    label: str  # for people: "gt-3d + ground-far-plane"
+    kind: str  # "geometric" or "predictor"
+    status: str  # "done", "partial", "skipped" or "failed"
+    grants: Sequence[str]  # names of the Grant members that its components use
+    num_samples: int  # S, how many futures it was asked for
+    num_clips: int  # how many clips have rows
+    seconds: Mapping[str, float]  # per stage, summed over its clips: motion, reconstruct, view (or predict), metrics
+    fingerprint: str  # a hash of the resolved components and the protocol: parts with another one are stale
+    components: Mapping[str, Any]  # resolved, every field spelled out: pose_source and renderer, or predictor
+    pose_source: str | None = None  # the matrix file's names; None for a whole predictor
+    renderer: str | None = None
+    reason: str = ""  # why it was skipped or failed
+    num_failed: int = 0  # clips that it could not predict: their rows are those of a copy of the last frame
+    num_outdated: int = 0  # clips whose rows other code than the last run's computed; older versions did not say
+
+    @classmethod
+    def of(cls, name: str, record: Mapping[str, Any]) -> Cell:
+        """The cell of a cell.json."""
+        own = {field.name for field in dataclasses.fields(cls)} & record.keys()
+        return cls(name=name, record=record, **{key: record[key] for key in own})
 
 
 class Record(dict[str, Any]):
@@ -50,9 +72,9 @@ def protocol(path: Path) -> dict[str, Any]:
     return content
 
 
-def cell(path: Path) -> dict[str, Any]:
-    """The content of a cell.json."""
-    return _read(path, CELL, CELL_MAY_HAVE)
+def cell(path: Path) -> Cell:
+    """The cell of a cell.json."""
+    return Cell.of(path.parent.name, _read(path, CELL, CELL_MAY_HAVE))
 
 
 def labels(path: Path) -> list[str]:
@@ -61,36 +83,6 @@ def labels(path: Path) -> list[str]:
     for label in found:
         files.check_name(label, f"{path}: the data set")
     return found
-
-
-def arrays(path: Path, kinds: Mapping[str, tuple[str, int]], *needed: str) -> dict[str, Any]:
-    """The arrays of a kept clip or prediction."""
-    if not path.exists():
-        raise BadData(f"{path} does not exist: only the predictions of a few clips are kept, see --keep")
-    found = files.read_npz(path)
-    for name, array in found.items():
-        kind, axes = kinds.get(name, ("", 0))
-        own = "f" if array.dtype.kind in "fiu" and kind == "f" else array.dtype.kind
-        right = kind in (own, array.dtype.str[1:]) and array.ndim == axes
-        if not right or (kind == "f" and name != "depths" and not np.isfinite(array).all()):
-            expected = f"{kind} with {axes} axes, finite" if kind else f"one of {', '.join(kinds)}"
-            raise BadData(f"{path}: {name} is {array.dtype} {array.shape}, expected {expected}: remove it, run again")
-    given = [name for name in ("past", "past_times_s", "futures", "tracked") if name in found]
-    lacking = [name for name in needed if name not in found]
-    if lacking or len(given) not in (0, 4) or (len(given) == 4 or "world_from_cam" in found) != ("is_metric" in found):
-        raise BadData(f"{path} holds {', '.join(found) or 'nothing'} and lacks the rest: remove it and run again")
-    if len(found.get("intrinsics", range(6))) != 6:
-        raise BadData(f"{path}: {len(found['intrinsics'])} intrinsics, expected 6: remove it and run again")
-    return found
-
-
-def is_whole(path: Path) -> bool:
-    """Whether a kept npz file is as it was written."""
-    try:
-        files.read_npz(path)
-    except BadData:
-        return False
-    return True
 
 
 def _read(path: Path, needed: Mapping[str, Any], known: Mapping[str, Any]) -> Record:

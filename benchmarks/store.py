@@ -16,8 +16,6 @@ holds in its metadata the clips, the fingerprint, the code hash, the times and t
 
 from __future__ import annotations
 
-import dataclasses
-import io
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,71 +23,21 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-import numpy as np
 import pyarrow as pa
 
-from geovp_benchmarks import part_files, record_files
+from geovp_benchmarks import kept_files, part_files, record_files
+from geovp_benchmarks.part_files import SCORES, Part
+from geovp_benchmarks.record_files import Cell
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
+from geovp_classic.types import Clip, Prediction
 
-SCORES = pa.schema(
-    [
-        ("clip", pa.string()),
-        ("sample", pa.int32()),  # 0 .. S-1
-        ("step", pa.int32()),  # horizon k = 1 .. F
-        ("metric", pa.string()),  # "psnr", "psnr@covered", "psnr@moving", "translation-error", ...
-        ("value", pa.float64()),  # null: not defined there, e.g. no covered pixel
-    ]
-)
+__all__ = ["EARLIER", "NOT_CELLS", "SCORES", "Cell", "Part", "Results", "check_clip_name"]
+
 EARLIER = "earlier"
 MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
 NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One row of a table: a pose source with a renderer, or a whole predictor."""
-
-    name: str  # of the folder: "gt-3d--ground-far-plane", "copy-last"
-    record: Mapping[str, Any]  # all of cell.json; also traceback, code, peak_memory_mb, peak_is_own
-    label: str  # for people: "gt-3d + ground-far-plane"
-    kind: str  # "geometric" or "predictor"
-    status: str  # "done", "partial", "skipped" or "failed"
-    grants: Sequence[str]  # names of the Grant members that its components use
-    num_samples: int  # S, how many futures it was asked for
-    num_clips: int  # how many clips have rows
-    seconds: Mapping[str, float]  # per stage, summed over its clips: motion, reconstruct, view (or predict), metrics
-    fingerprint: str  # a hash of the resolved components and the protocol: parts with another one are stale
-    components: Mapping[str, Any]  # resolved, every field spelled out: pose_source and renderer, or predictor
-    pose_source: str | None = None  # the matrix file's names; None for a whole predictor
-    renderer: str | None = None
-    reason: str = ""  # why it was skipped or failed
-    num_failed: int = 0  # clips that it could not predict: their rows are those of a copy of the last frame
-    num_outdated: int = 0  # clips whose rows other code than the last run's computed; older versions did not say
-
-    @classmethod
-    def of(cls, name: str, record: Mapping[str, Any]) -> Cell:
-        """The cell of a cell.json."""
-        own = {field.name for field in dataclasses.fields(cls)} & record.keys()
-        return cls(name=name, record=record, **{key: record[key] for key in own})
-
-
-@dataclass(frozen=True)
-class Part:
-    """The metadata of one parquet file."""
-
-    index: int
-    clips: tuple[str, ...]
-    fingerprint: str  # of the cell and the protocol that it was computed with
-    metrics: Mapping[str, Any]  # the resolved metric behind each column
-    seconds: Mapping[str, float]  # per stage, summed over its clips
-    peak_memory_mb: float  # the highest resident memory of the process while it predicted these clips; 0 where unknown
-    peak_is_own: bool = False  # False in older parts: the peak of the whole process so far
-    code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
-    failures: Mapping[str, Sequence[str]] = dataclasses.field(default_factory=dict)  # clip -> status, reason, traceback
-    facts: Mapping[str, Mapping[str, float]] = dataclasses.field(default_factory=dict)  # of each clip, see `scoring`
 
 
 @dataclass(frozen=True)
@@ -129,7 +77,7 @@ class Results:
     def cell(self, name: str) -> Cell | None:
         """One cell, None when it has not been begun."""
         path = self.root / name / "cell.json"
-        return Cell.of(name, record_files.cell(path)) if path.exists() else None
+        return record_files.cell(path) if path.exists() else None
 
     def scores(self, cell: str) -> pa.Table:
         """The rows of one cell, columns as SCORES; BadData when a part is damaged."""
@@ -137,7 +85,7 @@ class Results:
         if damaged:
             raise BadData(f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again")
         paths = [self._part(cell, part.index) for part in self.parts(cell)]
-        return pa.concat_tables([SCORES.empty_table(), *(part_files.rows(path, SCORES) for path in paths)])
+        return pa.concat_tables([SCORES.empty_table(), *map(part_files.rows, paths)])
 
     def failures(self, cell: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of the last frame."""
@@ -154,8 +102,7 @@ class Results:
 
     def prediction(self, cell: str, clip: str) -> Prediction:
         """One kept prediction: frames [S, F, H, W, 3], covered [S, F, H, W] or None, motion or None."""
-        arrays = record_files.arrays(self.root / cell / "predictions" / _file(clip), record_files.PREDICTION, "frames")
-        return Prediction(arrays["frames"], arrays.get("covered"), _motion(arrays))
+        return kept_files.read_prediction(self.root / cell / "predictions" / _file(clip))
 
     def clips(self) -> list[tuple[str, Path]]:
         """(clip name, file) of the clips that were kept."""
@@ -163,33 +110,17 @@ class Results:
 
     def clip(self, name: str) -> Clip:
         """One kept clip, past and future: frames, camera, trajectory, depths, moving; never wide or right frames."""
-        needed = ("frames", "times_s", "intrinsics")
-        arrays = record_files.arrays(self.root / "clips" / _file(name), record_files.CLIP, *needed)
-        fx, fy, cx, cy, width, height = arrays["intrinsics"].tolist()
-        trajectory = None
-        if "world_from_cam" in arrays:
-            trajectory = Trajectory(arrays["world_from_cam"], arrays["times_s"], bool(arrays["is_metric"]))
-        height_m = float(arrays["camera_height_m"]) if "camera_height_m" in arrays else None
-        return Clip(
-            name=name,
-            frames=arrays["frames"],
-            times_s=arrays["times_s"],
-            intrinsics=Intrinsics(fx, fy, cx, cy, int(width), int(height)),
-            trajectory=trajectory,
-            depths=arrays.get("depths"),
-            moving=arrays.get("moving"),
-            camera_height_m=height_m,
-        )
+        return kept_files.read_clip(self.root / "clips" / _file(name), name)
 
     def parts(self, cell: str) -> list[Part]:
         """The parts on disk that belong to the cell as it is now, by index; an unreadable file counts as absent."""
         now = self.cell(cell)
-        parts = [_part(path) for path in self._part_files(cell)]
+        parts = [part_files.read(path) for path in self._part_files(cell)]
         return [part for part in parts if part and now and part.fingerprint == now.fingerprint]
 
     def damaged_parts(self, cell: str) -> list[Path]:
         """The part files that are not as they were written."""
-        return [path for path in self._part_files(cell) if _part(path) is None]
+        return [path for path in self._part_files(cell) if part_files.read(path) is None]
 
     def _part_files(self, cell: str) -> list[Path]:
         return sorted((self.root / cell / "scores").glob("part-*.parquet"))
@@ -232,33 +163,15 @@ class Results:
 
     def write_part(self, cell: str, rows: pa.Table, part: Part) -> None:
         """Write all rows of the part's clips at once."""
-        facts = {key: value for key, value in dataclasses.asdict(part).items() if key != "index"}
-        write_bytes(self._part(cell, part.index), part_files.content(rows, facts))
+        part_files.write(self._part(cell, part.index), rows, part)
 
     def write_prediction(self, cell: str, clip: str, prediction: Prediction) -> None:
         """Keep a prediction."""
-        arrays: dict[str, Any] = {"frames": prediction.frames}
-        if prediction.covered is not None:
-            arrays["covered"] = prediction.covered
-        if prediction.motion is not None:
-            past = prediction.motion.past
-            arrays |= {"past": past.world_from_cam, "past_times_s": past.times_s, "is_metric": past.is_metric}
-            arrays |= {"futures": prediction.motion.futures, "tracked": prediction.motion.tracked}
-            if past.scale_uncertainty is not None:
-                arrays["scale_uncertainty"] = past.scale_uncertainty
-        _write_npz(self.root / cell / "predictions" / _file(clip), arrays)
+        kept_files.write_prediction(self.root / cell / "predictions" / _file(clip), prediction)
 
     def write_clip(self, clip: Clip) -> None:
         """Keep a clip, so that images and new scores need no data set."""
-        camera = clip.intrinsics
-        numbers = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.width_px, camera.height_px)
-        arrays: dict[str, Any] = {"frames": clip.frames, "times_s": clip.times_s, "intrinsics": np.array(numbers)}
-        if clip.trajectory is not None:
-            arrays |= {"world_from_cam": clip.trajectory.world_from_cam, "is_metric": clip.trajectory.is_metric}
-        for field in ("depths", "moving", "camera_height_m"):
-            if getattr(clip, field) is not None:
-                arrays[field] = getattr(clip, field)
-        _write_npz(self.root / "clips" / _file(clip.name), arrays)
+        kept_files.write_clip(self.root / "clips" / _file(clip.name), clip)
 
     def swap(self, name: str, before: str, now: str) -> None:
         """Set a cell or the kept clips of one fingerprint aside, and bring those of another back if there are any."""
@@ -297,7 +210,7 @@ class Results:
         """Rename a cell's damaged parts and predictions, or of None the damaged clips: they are computed again."""
         kept = self.clips() if cell is None else self.predictions(cell)
         parts = [] if cell is None else self.damaged_parts(cell)
-        damaged = [*parts, *(path for _, path in kept if not record_files.is_whole(path))]
+        damaged = [*parts, *(path for _, path in kept if not kept_files.is_whole(path))]
         for path in damaged:
             path.rename(path.with_name(f"{path.name}.damaged"))
         return damaged
@@ -312,24 +225,6 @@ class Results:
 
     def _part(self, cell: str, index: int) -> Path:
         return self.root / cell / "scores" / f"part-{index:05d}.parquet"
-
-
-def _part(path: Path) -> Part | None:
-    """The part of a file; None where it is damaged."""
-    try:
-        facts = part_files.facts(path)
-        index = int(path.stem.removeprefix("part-"))
-        return Part(index, **{**facts, "clips": tuple(facts["clips"])})
-    except (BadData, KeyError, TypeError, ValueError):
-        return None
-
-
-def _motion(arrays: Mapping[str, Any]) -> Motion | None:
-    if "futures" not in arrays:
-        return None
-    uncertainty = float(arrays["scale_uncertainty"]) if "scale_uncertainty" in arrays else None
-    past = Trajectory(arrays["past"], arrays["past_times_s"], bool(arrays["is_metric"]), uncertainty)
-    return Motion(past, arrays["futures"], arrays["tracked"])
 
 
 def _file(clip: str) -> str:
@@ -347,9 +242,3 @@ def check_clip_name(clip: str) -> None:
 
 def _named(folder: Path) -> list[tuple[str, Path]]:
     return [(unquote(path.stem), path) for path in sorted(folder.glob("[!.]*.npz"))]
-
-
-def _write_npz(path: Path, arrays: Mapping[str, Any]) -> None:
-    stream = io.BytesIO()  # a zip file that cannot be finished on a full disk complains once more when it is closed
-    np.savez_compressed(stream, **arrays)
-    write_bytes(path, stream.getvalue())
