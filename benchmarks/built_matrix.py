@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Hashable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
-from geovp_benchmarks.caching import Cache, scene_key
 from geovp_benchmarks.components import Failure, build, code_hash, on_device
 from geovp_benchmarks.matrix import CellPlan, Matrix
 from geovp_benchmarks.metric_set import MetricSet
@@ -22,7 +23,7 @@ from geovp_benchmarks.store import Part, Results
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.predictors import CopyLast, GeometricPredictor, show
-from geovp_classic.types import Clip, Context, Grant, Motion, Prediction
+from geovp_classic.types import Clip, Context, Grant, Motion, Prediction, Trajectory
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,32 @@ def build_matrix(matrix_json: str) -> BuiltMatrix:
     needs = [each.needs for each in components.values() if not isinstance(each, Failure)]
     dataset = matrix.build_dataset(functools.reduce(Grant.__or__, needs, Grant.NONE))
     return BuiltMatrix(matrix, dataset, components, metrics)
+
+
+@dataclass(frozen=True)
+class Cache:
+    """Results for one clip that cells share: a motion per pose source, a scene per renderer and past."""
+
+    calls: dict[Hashable, tuple[Future[Any], StageProfiler]] = field(default_factory=dict)  # done, and what they cost
+
+    def get_or_compute(self, key: Hashable, compute: Callable[[], Any], profiler: StageProfiler, stage: str) -> Any:
+        """The value, computed once per key, or the error it raised; every cell is charged its full cost."""
+        if key not in self.calls:
+            call, own = self.calls[key] = Future(), StageProfiler()
+            with own.measure(stage):
+                try:
+                    call.set_result(compute())
+                except Exception as error:  # raised for every cell that asks
+                    call.set_exception(error)
+        call, own = self.calls[key]
+        profiler.add(stage, own.seconds[stage], own.peaks_mb[stage])
+        return call.result()
+
+
+def scene_key(renderer: str, past: Trajectory) -> Hashable:
+    """Equal for equal pasts, also of different pose sources."""
+    poses_and_times = past.world_from_cam.tobytes() + past.times_s.tobytes()
+    return "scene", renderer, hashlib.sha256(poses_and_times).digest(), past.is_metric
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks import intervals, provenance, statistics, tables
+from geovp_benchmarks import intervals, provenance, statistics
 from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.stored_facts import title
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 
@@ -103,10 +104,10 @@ def differences(a: Side, b: Side) -> Iterator[str]:
             continue
         common = [clip for clip in a.protocol["clips"] if clip in means[0] and clip in means[1]]
         one, other = (f"{np.mean([*each.values()]):.4f} on {len(each)} clips" for each in means)
-        text = f"{tables.title(metric)}{samples}: A {one}, B {other}"
+        text = f"{title(metric)}{samples}: A {one}, B {other}"
         if common:
             gaps = np.array([means[0][clip] - means[1][clip] for clip in common])
-            found = intervals.interval(gaps, np.array([intervals.sequence_of(clip) for clip in common]))
+            found = intervals.interval(gaps, intervals.sequences_of(common))
             limits = f" [{found.low:+.4f}, {found.high:+.4f}]" if np.isfinite(found.low) else ""
             text += f"; A - B on the {len(common)} common clips: {found.mean:+.4f}{limits}"
         yield f"{text}."
@@ -152,17 +153,18 @@ def _metrics(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _differences(what: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[str]:
-    flat_a, flat_b = dict(_flat(a)), dict(_flat(b))
+    flat_a, flat_b = dict(flat(a)), dict(flat(b))
     for key in dict.fromkeys([*flat_a, *flat_b]):
         one, other = flat_a.get(key), flat_b.get(key)
         if one != other:
             yield f"{what}: {key}: {_words(one)} in A, {_words(other)} in B."
 
 
-def _flat(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+def flat(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Nested settings as values by dotted keys."""
     for key, value in settings.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{above}{key}.")
+            yield from flat(value, f"{above}{key}.")
         else:
             yield f"{above}{key}", value
 

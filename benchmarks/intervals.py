@@ -11,6 +11,7 @@ cannot be told from a few. `geovp study coverage` shows how often such intervals
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +54,11 @@ NOTHING = Interval(float("nan"), float("nan"), float("nan"), 0.0, float("nan"))
 def sequence_of(clip: str) -> str:
     """The sequence that a clip is cut from: its name up to the last slash."""
     return clip.rpartition("/")[0]
+
+
+def sequences_of(clips: Iterable[str]) -> npt.NDArray[np.str_]:
+    """The sequence [N] of every clip."""
+    return np.array([sequence_of(clip) for clip in clips])
 
 
 def interval(

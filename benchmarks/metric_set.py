@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks import metric_facts
 from geovp_benchmarks.components import Failure, build
 from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE
 from geovp_benchmarks.matrix_values import Spec
 from geovp_benchmarks.scoring import Metrics
+from geovp_benchmarks.stored_facts import stored_bounds
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 
@@ -72,7 +72,7 @@ def _meaning(metric: Any) -> dict[str, Any]:
     if isinstance(metric, Failure):
         return {}
     definition = getattr(metric, "protocol", "")  # which of the usual definitions it follows
-    direction, ends = metric.higher_is_better, metric_facts.stored_bounds(metric)
+    direction, ends = metric.higher_is_better, stored_bounds(metric)
     meaning = {"unit": metric.unit, "higher_is_better": direction, "definition": definition, "bounds": ends}
     device = getattr(metric, "device", "")  # of a network; None is the CPU
     return meaning if device == "" else {**meaning, "device": device or "cpu"}

@@ -6,6 +6,7 @@ choice, so that another data set can be measured in its form.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,6 @@ from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
 
 Spec = Mapping[str, Any]
-DATE = "2011_09_26_drive_"
 
 
 @dataclass(frozen=True)
@@ -58,102 +58,16 @@ def _words(column: str, spec: Spec) -> str:
     return f"{column} ({settings})" if settings else column
 
 
-JOINT_PSNR, PSNR_PER_CHANNEL = {"name": "psnr"}, {"name": "psnr", "channels": "each"}
-SSIM, OLD_SCIKIT_SSIM = {"name": "ssim"}, {"name": "ssim", "window": "uniform", "data_range": 2.0}
-LPIPS, LPIPS_BGR = {"name": "lpips"}, {"name": "lpips", "channels": "bgr"}
-SLAMP_TEST = tuple(f"{DATE}{n:04d}" for n in (2, 9, 13, 20, 23, 27, 29, 36, 46, 48, 52, 56, 59, 64, 84, 86, 93, 96))
-SLAMP_TEST += tuple(f"{DATE}{number:04d}" for number in (101, 106, 117))
-SLAMP_TEST += ("2011_09_28_drive_0002", "2011_09_29_drive_0071", "2011_09_30_drive_0016", "2011_09_30_drive_0018")
-SLAMP_TEST += ("2011_09_30_drive_0027", "2011_10_03_drive_0027", "2011_10_03_drive_0047")
-FIRST_ONLY = 10**6  # a stride beyond every drive: one clip each
-BYTES = "predictions are scored in 8 bits, there as fractions"
+def _all() -> dict[str, Protocol]:
+    tables = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+    tuples = ("size_px", "horizons")
+    return {
+        name: Protocol(name=name, **{key: tuple(value) if key in tuples else value for key, value in fields.items()})
+        for name, fields in tables.items()
+    }
 
-_ALL = (
-    Protocol(
-        "thesis",
-        "Geometry-Based Video Prediction with Camera Motion for Mobile Robotics, table 4.1",
-        "KITTI odometry, two test sequences that are not named; the split `test` is ours",
-        num_past=10,
-        num_future=20,
-        size_px=(256, 256),
-        stride=10,
-        metrics={"psnr": JOINT_PSNR, "ssim": SSIM, "lpips": LPIPS},
-        dataset={"name": "kitti", "split": "test"},
-        num_samples=100,
-        differences="the thesis does not say which definition of each metric it uses; these are this suite's",
-    ),
-    Protocol(
-        "svg18",
-        "Denton & Fergus 2018, Stochastic video generation with a learned prior (their code's evaluation)",
-        "BAIR robot pushing, 256 test videos",
-        num_past=2,
-        num_future=28,
-        size_px=(64, 64),
-        stride=30,
-        metrics={"ssim": OLD_SCIKIT_SSIM, "psnr": PSNR_PER_CHANNEL},
-        num_clips=256,
-        num_samples=100,
-        differences=BYTES,
-    ),
-    Protocol(
-        "srvp20",
-        "Franceschi et al. 2020, Stochastic latent residual video prediction; on KITTI: Akan et al. 2021, SLAMP",
-        "KITTI raw, SLAMP's 28 test drives, the first window of each",
-        num_past=10,
-        num_future=20,
-        size_px=(310, 92),
-        stride=FIRST_ONLY,
-        metrics={"psnr": PSNR_PER_CHANNEL, "ssim": SSIM, "lpips": LPIPS},
-        dataset={"name": "kitti-raw", "sequences": list(SLAMP_TEST), "camera": 2, "fit": "stretch"},
-        num_clips=28,
-        num_samples=100,
-        differences=f"SLAMP adds camera 3, skips drives' standing parts and resizes with Pillow; {BYTES}",
-    ),
-    Protocol(
-        "synsin20",
-        "Wiles et al. 2020, SynSin: view synthesis, not prediction (their code's evaluation on KITTI)",
-        "KITTI odometry 00 to 10, 464 given pairs at most 5 frames apart, true poses",
-        num_past=1,
-        num_future=5,
-        size_px=(256, 256),
-        stride=5,
-        metrics={"psnr": JOINT_PSNR, "ssim": {"name": "ssim", "border": "zero"}},
-        dataset={"name": "kitti", "sequences": [f"{number:02d}" for number in range(11)], "camera": 2},
-        differences="all windows in place of the listed pairs, the resized centre square in place of their 256x256 "
-        "images; their 'perceptual similarity' (VGG16 features, unweighted cosines) is not here, nor is it LPIPS",
-    ),
-    Protocol(
-        "openstl",
-        "Tan et al. 2023, OpenSTL, KittiCaltech (their code's evaluation)",
-        "Caltech Pedestrian at 10 Hz, after training on KITTI",
-        num_past=10,
-        num_future=1,
-        size_px=(160, 128),
-        stride=11,
-        metrics={"psnr": JOINT_PSNR, "ssim": OLD_SCIKIT_SSIM, "lpips": LPIPS, "lpips-bgr": LPIPS_BGR},
-        differences=f"their loader of the videos leaves channels as OpenCV reads them, BGR; {BYTES}",
-    ),
-    Protocol(
-        "fvs20",
-        "Wu et al. 2020, Future video synthesis with object motion prediction; also OPT, DMVFN, Motion Graph",
-        "KITTI raw, image_02 of drives 2011_09_26 0060, 0084, 0093, 0096 (78, 383, 433 and 475 frames)",
-        num_past=4,
-        num_future=5,
-        size_px=(832, 256),
-        stride=1,
-        metrics={"ms-ssim": {"name": "ms-ssim"}, "lpips": LPIPS, "lpips-bgr": LPIPS_BGR},
-        dataset={
-            "name": "kitti-raw",
-            "sequences": [f"{DATE}0060", f"{DATE}0084", f"{DATE}0093", f"{DATE}0096"],
-            "camera": 2,
-            "fit": "stretch",
-        },
-        num_clips=1337,
-        horizons=(1, 3, 5),
-        differences=f"FVS and OPT give LPIPS RGB in [0, 1], DMVFN BGR in [-1, 1]: both orders are scored; {BYTES}",
-    ),
-)
-ALL: Mapping[str, Protocol] = {protocol.name: protocol for protocol in _ALL}
+
+ALL: Mapping[str, Protocol] = _all()
 
 
 def load(name: str) -> Protocol:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import functools
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from geovp_benchmarks import matrix as matrices
-from geovp_benchmarks import protocols, provenance, statistics, tables, thesis
+from geovp_benchmarks import protocols, provenance, statistics, thesis
 from geovp_benchmarks.arguments import CONFIGS
 from geovp_benchmarks.formats import grid
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.protocols import Protocol
 from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.stored_facts import legend, marks, summary, title
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
@@ -52,7 +51,7 @@ def chosen_rows(matrix: Matrix, split: str | None, samples: int | None, rows: Se
 
 def markdown(name: str, results: Results) -> str:
     """Both blocks, with notes."""
-    protocol, published = protocols.load(name), _published(name)
+    protocol, published = protocols.load(name), thesis.published(name)
     shared = results.protocol()
     done = [cell for cell in results.cells() if cell.num_clips]
     ours = {_label(cell): _values(protocol, results, cell, published["scale"]) for cell in done}
@@ -60,7 +59,7 @@ def markdown(name: str, results: Results) -> str:
     parts = [
         f"## {name}: measured here",
         *_block(protocol, list(protocol.metrics), ours, shared),
-        f"- {tables.summary(shared)}; values times {published['scale']}.",
+        f"- {summary(shared)}; values times {published['scale']}.",
         *_notes(protocol, results),
         "",
         "## Published, not measured here",
@@ -102,14 +101,13 @@ def _block(protocol: Protocol, metrics: Sequence[str], lines: Mapping[str, list[
     ks, heads = [f" t+{k}" for k in protocol.horizons] or [""], []
     for metric in metrics:
         is_rising = shared["metrics"][metric].get("higher_is_better", not metric.startswith("lpips"))
-        heads += [f"{tables.title(metric)}{k} {'↑' if is_rising else '↓'}" for k in ks]
+        heads += [f"{title(metric)}{k} {'↑' if is_rising else '↓'}" for k in ks]
     body = [[name, *(f"{x:.{DECIMALS}f}" if np.isfinite(x) else "-" for x in line)] for name, line in lines.items()]
     return ["", *grid([["Models", *heads], *body]), ""]
 
 
 def _label(cell: Cell) -> str:
-    marks = "".join(tables.MARKS[grant][0] for grant in cell.grants)
-    return f"{cell.label} [{marks}]" if marks else cell.label
+    return f"{cell.label} [{marks(cell)}]" if cell.grants else cell.label
 
 
 def _notes(protocol: Protocol, results: Results) -> list[str]:
@@ -118,20 +116,14 @@ def _notes(protocol: Protocol, results: Results) -> list[str]:
     notes = [f"- Protocol: {protocol.paper}. Differs here: {protocol.differences}."]
     if protocol.num_clips not in (None, len(shared["clips"])):
         notes.append(f"- {len(shared['clips'])} clips, not the protocol's {protocol.num_clips:,}: not comparable yet.")
-    used = {grant for cell in cells for grant in cell.grants}
-    legend = [f"[{mark}] {meaning}" for grant, (mark, meaning) in tables.MARKS.items() if grant in used]
-    notes += [f"- Granted beyond the observed frames, unlike below: {', '.join(legend)}."] if legend else []
+    notes += [f"- {note}" for note in legend(cells, ", unlike below")]
     for metric in protocol.metrics:
         about = shared["metrics"][metric]
-        notes.append(f"- {tables.title(metric)}: {about['unavailable'] or about['definition']}.")
+        notes.append(f"- {title(metric)}: {about['unavailable'] or about['definition']}.")
     for cell in cells:
         if cell.status != "done" or cell.num_clips < len(shared["clips"]):
             notes.append(f"- {cell.label}: {cell.status} on {cell.num_clips} clips: {cell.reason or 'run again'}.")
     return notes + [f"- {note}" for note in (*provenance.weights_notes(cells), *provenance.id_notes(cells, shared))]
-
-
-def _published(name: str) -> Mapping[str, Any]:
-    return tomllib.loads((resources.files("geovp_benchmarks") / "published" / f"{name}.toml").read_text("utf-8"))
 
 
 # What one command writes, by the file's ending; the first is printed. The matrix is configs/<name>.toml.

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_benchmarks import statistics, tables
+from geovp_benchmarks import statistics
 from geovp_benchmarks.matrix import UNASKED, Matrix
 from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.stored_facts import title
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 
@@ -69,7 +70,7 @@ class Ranking:
             middle = float(np.median(list(scores.values())))
             ranked.sort(key=lambda clip: abs(scores[clip] - middle))
         chosen = _apart(ranked, int(protocol["num_past"]) + int(protocol["num_future"]))
-        return Selection(tuple(chosen), f"{self.which} {tables.title(self.metric)} of {cell.label}")
+        return Selection(tuple(chosen), f"{self.which} {title(self.metric)} of {cell.label}")
 
     def _scores(self, results: Results) -> tuple[Cell, Mapping[str, float]]:
         """The row and its mean score of each clip; clips that it could not predict are left out."""

@@ -1,9 +1,9 @@
-"""What a table holds: columns, and rows with a value a clip; which values are the best, and which differ."""
+"""What a table holds: columns, and rows with a value a clip; those chosen, those that are the best or differ."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,6 +12,9 @@ import numpy.typing as npt
 from geovp_benchmarks import intervals, statistics
 from geovp_benchmarks.intervals import UNBOUNDED, Bounds, Interval
 from geovp_benchmarks.statistics import Estimate
+from geovp_benchmarks.store import Cell
+from geovp_classic.errors import BadData
+from geovp_classic.registry import nearest
 from geovp_classic.types import BoolArray, FloatArray
 
 SIGNIFICANT = 0.05
@@ -56,7 +59,7 @@ class Row:
         bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
     ) -> Row:
         """The row with its estimates."""
-        sequences, ends = _sequences(clips), bounds or {}
+        sequences, ends = intervals.sequences_of(clips), bounds or {}
         found = {
             key: intervals.interval(one, sequences, bounds=ends.get(key, UNBOUNDED)) for key, one in values.items()
         }
@@ -114,6 +117,57 @@ class Table:
         return f"{float(estimate.mean):{sign}.{digits}f}{star}", error + count
 
 
+@dataclass(frozen=True)
+class Choice:
+    """Rows and columns in the order asked for; all, as the matrix has them, where none are named."""
+
+    methods: tuple[str, ...] = ()  # rows as tables name them; a method's name stands for all of its rows
+    metrics: tuple[str, ...] = ()  # columns: "psnr", "psnr@covered", "coverage"
+
+    def cells(self, cells: Sequence[Cell]) -> list[Cell]:
+        """The cells of the chosen rows; BadData when a name is none of theirs."""
+        found = {}
+        for name in self.methods:
+            own = [cell for cell in cells if _is_of(name, cell.label)]
+            if not own:
+                labels = [cell.label for cell in cells]
+                raise BadData(f"no row is called {name!r}{nearest(name, labels)}; known are {', '.join(labels)}")
+            found.update({cell.name: cell for cell in own})
+        return [*found.values()] if self.methods else list(cells)
+
+    def rows(self, rows: Sequence[Row]) -> list[Row]:
+        """The chosen ones of the chosen cells' rows, each once; BadData when a name is none of theirs."""
+        if not self.methods:
+            return list(rows)
+        found = {}
+        for name in self.methods:
+            found.update({row.name: row for row in rows if row.name == name or _is_of(row.name, name)})
+        if not found:
+            known = ", ".join(row.name for row in rows) or "none: see below the table why"
+            raise BadData(f"--methods {', '.join(self.methods)}: no such row; known with scores are {known}")
+        return [*found.values()]
+
+    def columns(self, metrics: Iterable[str], keys: Iterable[str]) -> list[str]:
+        """The chosen columns, none where all are meant; BadData when a name is none of them."""
+        known = [*dict.fromkeys([*metrics, *keys])]
+        for name in self.metrics:
+            if name not in known:
+                raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
+        return [*dict.fromkeys(self.metrics)]
+
+    def including(self, row: str) -> Choice:
+        """The choice with a row that others are compared with."""
+        return replace(self, methods=(row, *self.methods)) if self.methods else self
+
+
+EVERYTHING = Choice()
+
+
+def _is_of(name: str, label: str) -> bool:
+    """Whether a row's name is a method's label, or that with how its samples were reduced behind."""
+    return name == label or name.startswith(f"{label}, ")
+
+
 def different(rows: Sequence[Row], column: Column) -> list[Row]:
     """The rows of differences that are significant in a column."""
     with_one = [row for row in rows if column.key in row.intervals]
@@ -129,7 +183,7 @@ def best(rows: Sequence[Row], columns: Sequence[Column], clips: Sequence[str]) -
         rivals.setdefault((row.marks, row.by_truth), []).append(row)
     for column in columns:
         for group in rivals.values():
-            found |= {(row.name, column.key) for row in _leaders(group, column, _sequences(clips))}
+            found |= {(row.name, column.key) for row in _leaders(group, column, intervals.sequences_of(clips))}
     return frozenset(found)
 
 
@@ -146,8 +200,3 @@ def _leaders(rows: Sequence[Row], column: Column, sequences: npt.NDArray[np.str_
     if not np.isfinite(p_values).any():  # too few clips
         return []
     return [leader, *(row for row, p in zip(others, p_values, strict=True) if p >= SIGNIFICANT)]
-
-
-def _sequences(clips: Sequence[str]) -> npt.NDArray[np.str_]:
-    """The sequence [N] that each clip is cut from."""
-    return np.array([intervals.sequence_of(clip) for clip in clips])

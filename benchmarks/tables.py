@@ -12,23 +12,14 @@ import pyarrow.compute as pc
 
 from geovp_benchmarks import intervals, provenance, statistics
 from geovp_benchmarks.matrix import COVERAGE, UNASKED
-from geovp_benchmarks.metric_facts import bounds, is_directed
 from geovp_benchmarks.statistics import Cube
 from geovp_benchmarks.store import Cell, Results
-from geovp_benchmarks.table_choice import EVERYTHING, Choice
-from geovp_benchmarks.table_model import Column, Row, Spread, Table, best, different
+from geovp_benchmarks.stored_facts import bounds, is_directed, legend, marks, summary, title
+from geovp_benchmarks.table_model import EVERYTHING, Choice, Column, Row, Spread, Table, best, different
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 
-MARKS = {  # Grant -> (mark beside the row's name, what it means)
-    "PAST_POSES": ("p", "true past poses"),
-    "FUTURE_POSES": ("f", "true future poses"),
-    "PAST_DEPTHS": ("d", "true past depths"),
-    "CAMERA_HEIGHT": ("h", "camera height"),
-    "WIDE_FRAMES": ("w", "uncropped frames"),
-    "RIGHT_FRAMES": ("r", "right camera's frames"),
-}
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BOLD = (
     "Bold: in its column not distinguishable from the best among rows with the same grants (paired differences over "
@@ -102,7 +93,7 @@ def against(results: Results, name: str, *, strict: bool = False, choice: Choice
         rows.append(Row.of(row.name, row.marks, values, clips, both, row.by_truth, row.protocol))
     columns = tuple(column for column in main.columns if any(column.key in row.values for row in rows))
     starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
-    title = main.title.partition(":")[0]
+    whole = main.title.partition(":")[0]
     notes = (
         main.notes[0],
         intervals.KIND.replace("of the mean", "of the mean paired difference") + ".",
@@ -110,7 +101,7 @@ def against(results: Results, name: str, *, strict: bool = False, choice: Choice
     )
     return Table(
         "against",
-        f"{title}: differences from {name}",
+        f"{whole}: differences from {name}",
         columns,
         tuple(rows),
         notes,
@@ -123,28 +114,6 @@ def _kind(spread: Spread) -> str:
     words = intervals.KIND if spread == "interval" else statistics.KIND
     worth = "(n) behind the clips: how many independent ones they are worth"
     return f"{words}; a clip's value is the mean over its steps. {worth}."
-
-
-def title(metric: str) -> str:
-    """A metric's name for people: "PSNR", "PSNR, stabilised", or "PSNR, covered pixels" for "psnr@covered"."""
-    name, _, pixels = metric.partition("@")
-    stem = name.removesuffix("-stabilised")
-    words = stem.upper() if len(stem) <= 5 or stem.startswith(("ms-ssim", "lpips-")) else stem.replace("-", " ")
-    words += ", stabilised" * (stem != name)
-    return f"{words}, {pixels} pixels" if pixels else words
-
-
-def data_name(protocol: Mapping[str, Any]) -> str:
-    """The data set and its split, for people."""
-    split = protocol["dataset"].get("split")
-    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
-
-
-def summary(protocol: Mapping[str, Any]) -> str:
-    """Which clips, and how many frames of which size are seen and predicted."""
-    frames = f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted"
-    width_px, height_px = protocol["size_px"]
-    return f"{len(protocol['clips'])} clips of {data_name(protocol)}; {frames} at {width_px}x{height_px}"
 
 
 def _table(
@@ -179,23 +148,14 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
     cubes = {key: statistics.cube(rows, key) for key in keys}
     abouts = {key: protocol["metrics"].get(key.partition("@")[0], {}) for key in keys}
     higher = {key: bool(about.get("higher_is_better")) for key, about in abouts.items()}
-    ends = {key: bounds(key.partition("@")[0], about) for key, about in abouts.items()}
-    clips = protocol["clips"]
+    ends = {key: bounds(key, about) for key, about in abouts.items()}
+    clips, lines = protocol["clips"], []
     scored = np.isin(clips, pc.unique(rows["clip"]).to_pylist())
-    marks = "".join(MARKS[grant][0] for grant in cell.grants)
-    return [
-        Row.of(
-            cell.label + suffix,
-            marks,
-            {key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()},
-            clips,
-            scored,
-            by_truth=reduce is not statistics.mean_of_samples,
-            protocol=provenance.row_id(cell, protocol),
-            bounds=ends,
-        )
-        for suffix, reduce in _reductions(cubes, higher, protocol).items()
-    ]
+    for suffix, reduce in _reductions(cubes, higher, protocol).items():
+        values = {key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()}
+        by_truth, own = reduce is not statistics.mean_of_samples, provenance.row_id(cell, protocol)
+        lines.append(Row.of(cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends))
+    return lines
 
 
 def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray:
@@ -238,11 +198,9 @@ def _sampled(
     for cell, curve in zip(many, curves, strict=True):
         cube = statistics.cube(rows[cell.name], name)
         values = {f"{name} of {k}": _aligned(cube, curve[:, k - 1 : k], clips) for k in counts if k <= curve.shape[1]}
-        marks = "".join(MARKS[grant][0] for grant in cell.grants)
-        own = provenance.row_id(cell, protocol)
-        ends = dict.fromkeys(values, bounds(name, about))
+        ends, own = dict.fromkeys(values, bounds(name, about)), provenance.row_id(cell, protocol)
         scored = np.isin(clips, cube.clips)
-        lines.append(Row.of(cell.label, marks, values, clips, scored, protocol=own, bounds=ends))
+        lines.append(Row.of(cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends))
     columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
     heading = f"{protocol['name']}: {title(name)} of the best of k samples, on average over all sets of k"
     notes, bold = tuple(_notes(protocol, {name: about}, many)), best(lines, columns, clips)
@@ -268,13 +226,6 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
     if outdated:
         notes.append(f"Computed by another version of the code, in whole or in part: {', '.join(outdated)}.")
     return [*notes, *provenance.weights_notes(cells), *provenance.id_notes(cells, protocol)]
-
-
-def legend(cells: Sequence[Cell]) -> list[str]:
-    """What the marks beside rows mean."""
-    used = {grant for cell in cells for grant in cell.grants}
-    words = [f"[{mark}] {meaning}" for grant, (mark, meaning) in MARKS.items() if grant in used]
-    return [f"Granted beyond the observed frames: {', '.join(words)}."] if words else []
 
 
 def _keys(tables: Iterable[pa.Table]) -> list[str]:

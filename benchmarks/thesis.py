@@ -6,20 +6,21 @@ import fnmatch
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks import provenance, statistics, tables
+from geovp_benchmarks import provenance, statistics
 from geovp_benchmarks.formats import grid
 from geovp_benchmarks.latex import tex_escaped
 from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.stored_facts import legend, marks, summary
 from geovp_classic.data import splits
 
 METRICS = ("psnr", "ssim", "lpips")
 HEAD = ("Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)")
-PUBLISHED = "thesis-table-4-1.toml"
+PUBLISHED = "thesis-table-4-1"
 STOCHASTIC = ("svg", "srvp", "slamp")
 GEOMETRIC = {"Ours": ("deepvo",), "GT 2D Pose": ("planar", "ground-truth"), "GT 3D Pose": ("ground-truth",)}
 TRUTH = ("PAST_POSES", "FUTURE_POSES", "PAST_DEPTHS")  # rows with these never compete
@@ -123,21 +124,21 @@ def blocks(results: Results) -> tuple[Block, Block]:
     done = [cell for cell in cells if cell.status in ("done", "partial")]
     lines = sorted((_line(cell, results) for cell in done), key=lambda line: line.rank)
     notes = [
-        f"{tables.summary(protocol)}.{_split(protocol)}",
+        f"{summary(protocol)}.{_split(protocol)}",
         f"{statistics.KIND}. Rows of several samples: the best of each column by itself, as in the thesis.",
         f"{BOLD}.",
         *_absences(cells, lines),
-        *tables.legend(cells),
+        *legend(cells),
         *provenance.weights_notes(cells),
         *provenance.id_notes(done, protocol),
     ]
-    published = _published()
+    paper = published()
     theirs = [
         Line(row["name"], 0, tuple(tuple(row[metric]) for metric in METRICS), row.get("grants", ()))
-        for row in published["row"]
+        for row in paper["row"]
     ]
     about = [
-        f"{published['source']}: {published['about']}.",
+        f"{paper['source']}: {paper['about']}.",
         "Other test clips, other training data and metrics that are not defined there: compare orders, not digits.",
     ]
     heading = f"{protocol['name']}: measured here, in the layout of the thesis's table 4.1"
@@ -159,12 +160,13 @@ def _line(cell: Cell, results: Results) -> Line:
         reduce = statistics.best_of_samples if cell.num_samples > 1 else statistics.mean_of_samples
         estimate = statistics.overall(reduce(cube, higher))
         values.append((float(estimate.mean), float(estimate.error)) if int(estimate.count) else None)
-    marks = "".join(tables.MARKS[grant][0] for grant in cell.grants)
     order = _order()
     if _family(name) in order:
         return Line(name, order.index(_family(name)), tuple(values), cell.grants)
     samples = f", best of {cell.num_samples}" if cell.num_samples > 1 else ""
-    return Line(f"{name}{samples}" + (f" [{marks}]" if marks else ""), len(order), tuple(values), cell.grants)
+    return Line(
+        f"{name}{samples}" + (f" [{marks(cell)}]" if cell.grants else ""), len(order), tuple(values), cell.grants
+    )
 
 
 def _name(cell: Cell) -> str:
@@ -189,11 +191,12 @@ def _family(name: str) -> str:
 
 def _order() -> list[str]:
     """The families in the thesis's order."""
-    return [_family(str(row["name"])) for row in _published()["row"]]
+    return [_family(str(row["name"])) for row in published()["row"]]
 
 
-def _published() -> Mapping[str, Any]:
-    return tomllib.loads((resources.files("geovp_benchmarks") / "published" / PUBLISHED).read_text("utf-8"))
+def published(name: str = PUBLISHED) -> Mapping[str, Any]:
+    """The numbers of a paper's table with their source."""
+    return tomllib.loads((Path(__file__).parent / "published" / f"{name}.toml").read_text("utf-8"))
 
 
 def _printed(value: tuple[float, float]) -> float:
@@ -211,7 +214,7 @@ def _text(value: tuple[float, float] | None) -> str:
 def _absences(cells: Sequence[Cell], present: Sequence[Line]) -> list[str]:
     """The thesis's rows that are missing here, cells that are not done, and clips that a row could not predict."""
     here = {line.rank for line in present}
-    names = [str(row["name"]) for rank, row in enumerate(_published()["row"]) if rank not in here]
+    names = [str(row["name"]) for rank, row in enumerate(published()["row"]) if rank not in here]
     notes = [f"Not in these results: {', '.join(names)}."] if names else []
     other = [cell for cell in cells if cell.status != "done"]
     notes += [f"{cell.label}: {cell.status}: {cell.reason or 'run again'}." for cell in other]

@@ -91,7 +91,7 @@ def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> 
 def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
     """The tables of one data set; where nothing else is asked for, they are written as well."""
     from geovp_benchmarks import formats, strata, tables
-    from geovp_benchmarks.table_choice import Choice
+    from geovp_benchmarks.table_model import Choice
 
     choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)

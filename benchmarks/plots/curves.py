@@ -40,7 +40,7 @@ class Curve:
         line: style.LineStyle,
     ) -> Curve:
         """The curve of values of clips, with an interval at every step as tables have it."""
-        sequences = np.array([intervals.sequence_of(clip) for clip in clips])
+        sequences = intervals.sequences_of(clips)
         found = [intervals.interval(step, sequences, bounds=bounds) for step in values.T]
         mean, low, high = np.array([(one.mean, one.low, one.high) for one in found]).T
         return cls(label, mean, low, high, int(np.isfinite(values).sum(axis=0).max()), line)

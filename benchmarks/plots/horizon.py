@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow.compute as pc
 
 from geovp_benchmarks import statistics
-from geovp_benchmarks.metric_facts import bounds, is_directed
 from geovp_benchmarks.plots import curves, style
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.store import Cell
+from geovp_benchmarks.stored_facts import bounds, is_directed
 
 BAND = "band: 95 % interval (block bootstrap)"
 _Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
@@ -67,7 +67,7 @@ def _curves(material: Material, metric: str) -> list[curves.Curve]:
     for label, cell, reduce, line in _lines(material.cells, facts["role"]):
         cube = statistics.cube(material.rows[cell.name], metric)
         if np.isfinite(cube.values).any():
-            values, ends = reduce(cube, bool(facts["higher_is_better"])), bounds(metric.partition("@")[0], facts)
+            values, ends = reduce(cube, bool(facts["higher_is_better"])), bounds(metric, facts)
             shown.append(curves.Curve.of(label, values, cube.clips, ends, line))
     most = max((curve.num_clips for curve in shown), default=0)
     for number, curve in enumerate(shown):

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from matplotlib.figure import Figure
 
-from geovp_benchmarks import tables
+from geovp_benchmarks import stored_facts
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.store import Cell, Results
 
@@ -50,12 +50,12 @@ class Material:
     @property
     def data(self) -> str:
         """The data set and its split, for people."""
-        return tables.data_name(self.protocol)
+        return stored_facts.data_name(self.protocol)
 
 
 def title(metric: str) -> str:
     """A metric's name as a heading."""
-    name = tables.title(metric)
+    name = stored_facts.title(metric)
     return name[:1].upper() + name[1:]
 
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import confidence as confidences
-from geovp_benchmarks import plots, tables
-from geovp_benchmarks.metric_facts import is_directed
+from geovp_benchmarks import plots
+from geovp_benchmarks.explanation import flat
 from geovp_benchmarks.report.markup import Html, fold, image, joined, table, tag
 from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.stored_facts import MARKS, data_name, is_directed, summary, title
+from geovp_benchmarks.studies import confidence as confidences
 from geovp_benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
@@ -55,7 +56,7 @@ def opening(protocol: Mapping[str, Any], cells: Sequence[Cell], chapters: Iterab
     statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
     links = (tag("a", title, href=f"#{_anchor(title)}") for title in chapters)
     box = tag("input", type="search", id="filter", placeholder="filter rows by name", aria_label="filter rows by name")
-    lead = tag("p", f"{tables.summary(protocol)}. Methods: {statuses}.")
+    lead = tag("p", f"{summary(protocol)}. Methods: {statuses}.")
     return tag("header", tag("h1", str(protocol["name"])), lead, tag("nav", *links, box))
 
 
@@ -83,7 +84,7 @@ def confidence(results: Results) -> Html:
     found = [] if metric is None else confidences.rankings(results, metric)
     if metric is None or not found:
         return Html("")
-    words = f"Spearman correlation with {tables.title(metric)}. " + confidences.NOTE.format(tables.title(metric))
+    words = f"Spearman correlation with {title(metric)}. " + confidences.NOTE.format(title(metric))
     lines = [one.texts() for one in found]
     return joined((table(confidences.HEAD, lines, [one.label for one in found]), _notes([words])))
 
@@ -115,7 +116,7 @@ def protocol(shared: Mapping[str, Any]) -> Html:
     width_px, height_px = shared["size_px"]
     num_clips = len(shared["clips"])
     rows = {
-        "data set": f"{tables.data_name(shared)}: " + "; ".join(_flat(shared["dataset"])),
+        "data set": f"{data_name(shared)}: " + "; ".join(_lines(shared["dataset"])),
         "split hash": str(shared["split_hash"]),
         "clips": f"{num_clips}, a new one every {shared['stride']} frames",
         "frames": f"{shared['num_past']} observed, {shared['num_future']} predicted",
@@ -173,18 +174,14 @@ def _settings(cell: Cell) -> Html:
     blocks = []
     for role, settings in cell.components.items():
         name = cell.record.get(role) or cell.name
-        blocks.append("\n".join([f"[{tables_of.get(role, role)}.{json.dumps(name)}]", *_flat(settings)]))
-    granted = ", ".join(tables.MARKS[grant][1] for grant in cell.grants) or "nothing"
+        blocks.append("\n".join([f"[{tables_of.get(role, role)}.{json.dumps(name)}]", *_lines(settings)]))
+    granted = ", ".join(MARKS[grant][1] for grant in cell.grants) or "nothing"
     return joined((tag("p", f"Granted beyond the observed frames: {granted}."), tag("pre", "\n\n".join(blocks))))
 
 
-def _flat(settings: Mapping[str, Any], above: str = "") -> Iterable[str]:
+def _lines(settings: Mapping[str, Any]) -> Iterator[str]:
     """Lines of TOML with dotted keys."""
-    for key, value in settings.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key} = {json.dumps(value, ensure_ascii=False)}"
+    return (f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in flat(settings))
 
 
 def _anchor(title: str) -> str:

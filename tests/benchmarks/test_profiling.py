@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import profiling
-from geovp_benchmarks.caching import Cache
+from geovp_benchmarks.built_matrix import Cache
 from geovp_benchmarks.profiling import StageProfiler
 
 LARGE_MB = 300

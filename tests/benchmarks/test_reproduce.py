@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli, protocols, reproduction, statistics
+from geovp_benchmarks import cli, protocols, reproduction, statistics, thesis
 from geovp_benchmarks.store import Results
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.types import Clip
@@ -103,7 +103,7 @@ def parts(results: Results, cell: str) -> list[Path]:
 
 def test_published_numbers_have_a_source_and_fit_the_protocol() -> None:
     assert list(reproduction.TABLES) == ["thesis", "fvs20"]
-    published = reproduction._published("fvs20")
+    published = thesis.published("fvs20")
     assert "NeurIPS 2024" in published["source"]
     assert len(published["row"]) == 7
     for row in published["row"]:

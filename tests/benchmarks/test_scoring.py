@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from geovp_benchmarks import matrix
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.scoring import Metrics, ScoringContext, score
-from geovp_benchmarks.tables import title
+from geovp_benchmarks.stored_facts import title
 from geovp_classic.errors import GeovpError
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr

@@ -10,7 +10,7 @@ import pytest
 from geovp_benchmarks import cli, formats, tables
 from geovp_benchmarks.latex import tex_escaped
 from geovp_benchmarks.store import Results
-from geovp_benchmarks.table_choice import Choice
+from geovp_benchmarks.table_model import Choice
 from geovp_classic.errors import BadData
 from tests.benchmarks.test_tables import METRICS, row_of, write
 

@@ -33,23 +33,6 @@ TRUTH = Refined(GroundTruth())
 
 
 @dataclass(frozen=True)
-class OraclePoses:
-    """A pose source with some stages from the truth; for studies alone."""
-
-    source: PoseSource
-    oracles: Oracles
-
-    @property
-    def needs(self) -> Grant:
-        """What the source needs, and the recorded poses of past and future."""
-        return self.source.needs | TRUTH.needs
-
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The motion, one sample; Incompatible when the clip has no poses."""
-        return ClipMotions(self.source, context).motion(self.oracles)
-
-
-@dataclass(frozen=True)
 class ClipMotions:
     """All mixtures of one clip's forecast and true motion; what they share is estimated once."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from geovp_benchmarks.intervals import KIND, Interval
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.budget.images import ALL_STAGES, DEPTH, MIN_SEEN, MOVING, ClipImages, with_true_depth
-from geovp_benchmarks.studies.budget.poses import ClipMotions, OraclePoses, Oracles
+from geovp_benchmarks.studies.budget.poses import TRUTH, ClipMotions, Oracles
 from geovp_benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, score, text
 from geovp_classic.types import Clip
 
@@ -60,7 +60,7 @@ def predict(subject: Subject, clip: Clip) -> Predict[Oracles]:
     """The frames of one clip, for any stages from the truth."""
     source, renderer = subject.predictor.pose_source, subject.predictor.renderer
     true_depth = with_true_depth(renderer, clip)
-    needs = OraclePoses(source, NONE).needs | renderer.needs | (true_depth or renderer).needs
+    needs = source.needs | TRUTH.needs | renderer.needs | (true_depth or renderer).needs
     context, target = clip.split(subject.matrix.num_past, needs)
     return ClipImages(ClipMotions(source, context), renderer, true_depth, context, target, subject.steps).frames
 
