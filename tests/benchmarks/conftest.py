@@ -1,13 +1,14 @@
 """The toy components, registered for the time of a test, and a street in KITTI's layout."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from geovp_benchmarks import built_matrix
+from geovp_benchmarks import built_matrix, cli
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic
@@ -20,6 +21,57 @@ TOYS = Path(__file__).parent / "toys"
 def _any_width(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables of any width: pytest-xdist sets COLUMNS."""
     monkeypatch.delenv("COLUMNS", raising=False)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The exit code of a command line, and what it said."""
+
+    code: int
+    out: str
+    err: str
+
+
+Command = Callable[..., Ended]  # of words
+Says = Callable[..., str]
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str]) -> Command:
+    """A function that runs a command line in this process."""
+
+    def run(*words: object) -> Ended:
+        capsys.readouterr()
+        code = cli.main([*map(str, words)])
+        return Ended(code, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def printed(command: Command) -> Says:
+    """A function that runs a command line that does all that it is asked for, and gives what it prints."""
+
+    def run(*words: object) -> str:
+        ended = command(*words)
+        assert ended.code == 0, ended.err
+        return ended.out
+
+    return run
+
+
+@pytest.fixture
+def refused(command: Command) -> Says:
+    """A function that runs a command line that is bad input, and gives the one sentence that says so."""
+
+    def run(*words: object) -> str:
+        ended = command(*words)
+        assert ended.code == 2
+        assert "Traceback" not in ended.err
+        [sentence] = [line for line in ended.err.replace("\r", "\n").splitlines() if line.startswith("geovp: ")]
+        return sentence
+
+    return run
 
 
 @pytest.fixture

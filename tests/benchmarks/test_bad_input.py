@@ -7,24 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_benchmarks.store import Results
+from tests.benchmarks.conftest import Command, Says
+from tests.benchmarks.made import write_matrix
 
 FRAMES = 8
-MATRIX = """
-[protocol]
-dataset = { name = "kitti", root = "ROOT" }
-num_past = 3
-num_future = 2
-size_px = [32, 32]
-stride = 3
-
-[predictors]
-copy-last = { name = "copy-last" }
-
-[metrics]
-frame = ["psnr"]
-"""
+PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 3}
+REST = {"predictors": {"copy-last": {"name": "copy-last"}}, "metrics": {"frame": ["psnr"]}}
 
 
 @pytest.fixture
@@ -40,17 +29,16 @@ def street(tmp_path: Path) -> Path:
     (root / "sequences/00/times.txt").write_text("".join(f"{0.1 * number:.2f}\n" for number in range(FRAMES)))
     (root / "poses").mkdir()
     (root / "poses/00.txt").write_text("".join(pose(number) for number in range(FRAMES)))
-    path = tmp_path / "street.toml"
-    path.write_text(MATRIX.replace("ROOT", str(root)))
-    return path
+    protocol = {"dataset": {"name": "kitti", "root": str(root)}, **PROTOCOL}
+    return write_matrix(tmp_path / "street.toml", {"protocol": protocol, **REST})
 
 
 def pose(number: float, first: float | str = 1) -> str:
     return f"{first} 0 0 0 0 1 0 0 0 0 1 {number}\n"
 
 
-def run(street: Path) -> int:
-    return cli.main(["run", str(street), "--out", str(street.parent / "out"), "--no-report"])
+def run(street: Path) -> tuple[str | Path, ...]:
+    return "run", street, "--out", street.parent / "out", "--no-report"
 
 
 def replaced(old: str, new: str) -> Callable[[Path], None]:
@@ -82,17 +70,8 @@ def without_calibration(street: Path) -> None:
     (street.parent / "kitti/sequences/00/calib.txt").unlink()
 
 
-def sentence(street: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    """What is said on standard error when the run ends with exit code 2: one line, no traceback."""
-    assert run(street) == 2
-    lines = [line for line in capsys.readouterr().err.replace("\r", "\n").splitlines() if line.startswith("geovp: ")]
-    assert len(lines) == 1
-    assert "Traceback" not in lines[0]
-    return lines[0]
-
-
-def test_all_is_well_without_damage(street: Path) -> None:
-    assert run(street) == 0
+def test_all_is_well_without_damage(street: Path, printed: Says) -> None:
+    printed(*run(street))
     assert Results(street.parent / "out").scores("copy-last").num_rows == 2 * 2  # two clips, two steps
 
 
@@ -126,48 +105,44 @@ GOOD = [pose(number) for number in range(FRAMES)]
         (Path.unlink, "does not exist: give a matrix file"),
     ],
 )
-def test_damage_is_told_in_one_sentence(
-    street: Path, capsys: pytest.CaptureFixture[str], damage: Callable[[Path], None], says: str
-) -> None:
+def test_damage_is_told_in_one_sentence(street: Path, refused: Says, damage: Callable[[Path], None], says: str) -> None:
     damage(street)
-    assert says in sentence(street, capsys)
+    assert says in refused(*run(street))
 
 
-@pytest.mark.parametrize("verb", ["table", "plot", "report", "score"])
-def test_a_folder_without_results_is_told_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str) -> None:
-    assert cli.main([verb, str(tmp_path)]) == 2
-    assert "not a results folder" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    "words",
+    [
+        "table DIR",
+        "plot DIR",
+        "report DIR",
+        "score DIR",
+        "verify DIR",
+        "verify DIR --root x",
+        "metrics explain DIR DIR",
+    ],
+)
+def test_a_folder_without_results_is_told_so(tmp_path: Path, refused: Says, words: str) -> None:
+    assert "not a results folder" in refused(*words.replace("DIR", str(tmp_path)).split())
 
 
-def test_damaged_results_are_told_so(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run(street)
-    (street.parent / "out/protocol.json").write_text("{")
-    assert cli.main(["table", str(street.parent / "out")]) == 2
-    assert "protocol.json is not JSON" in capsys.readouterr().err
-
-
-def test_missing_poses_are_no_mistake(street: Path) -> None:
+def test_missing_poses_are_no_mistake_but_a_skipped_cell(street: Path, command: Command) -> None:
     (street.parent / "kitti/poses/00.txt").unlink()
-    assert run(street) == 0
-
-
-def test_a_pose_source_without_poses_is_a_skipped_cell(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (street.parent / "kitti/poses/00.txt").unlink()
+    assert command(*run(street)).code == 0
     tables = '\n[pose_sources]\ntrue = { name = "ground-truth" }\n[renderers]\nflat = { name = "ground-far-plane" }\n'
     street.write_text(street.read_text() + tables)
-    assert run(street) == 1
-    assert "- true + flat: skipped: " in capsys.readouterr().out
+    ended = command(*run(street))
+    assert ended.code == 1
+    assert "- true + flat: skipped: " in ended.out
 
 
-def test_the_doctor_is_told_where_there_is_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["data", "doctor", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.startswith("geovp: ")
-
-
-def test_the_doctor_lists_what_is_wrong(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_doctor_lists_what_is_wrong(
+    street: Path, tmp_path_factory: pytest.TempPathFactory, command: Command, refused: Says
+) -> None:
     root = street.parent / "kitti"
-    assert cli.main(["data", "doctor", str(root)]) == 0
-    assert "image_0: 8" in capsys.readouterr().out
+    assert "image_0: 8" in command("data", "doctor", root).out
     truncated(street)
-    assert cli.main(["data", "doctor", str(root)]) == 1
-    assert "error: " in capsys.readouterr().out
+    found = command("data", "doctor", root)
+    assert found.code == 1
+    assert "error: " in found.out
+    assert refused("data", "doctor", tmp_path_factory.mktemp("nothing"))

@@ -13,7 +13,6 @@ import pytest
 
 from geovp_benchmarks import built_matrix, components, tables
 from geovp_benchmarks import matrix as matrices
-from geovp_benchmarks.cli import main
 from geovp_benchmarks.components import code_hash
 from geovp_benchmarks.executors import Serial
 from geovp_benchmarks.planning import Options
@@ -21,13 +20,11 @@ from geovp_benchmarks.run import run
 from geovp_benchmarks.store import Cell, Results
 from geovp_classic.predictors import CopyLast
 from geovp_classic.renderers import DepthFusion
+from tests.benchmarks.conftest import Command
+from tests.benchmarks.made import STILL, content, write_matrix
 
 CLIPS = 5
-MATRIX = {
-    "protocol": {"num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1, "dataset": {"name": "toy-road"}},
-    "metrics": {"frame": ["toy-difference"]},
-    "predictors": {"still": {"name": "toy-still"}},
-}
+MATRIX = content(metrics={"frame": ["toy-difference"]}, predictors=STILL)
 
 
 def go(root: Path, **options: Any) -> tuple[Cell, list[int]]:
@@ -86,22 +83,16 @@ class TestRuns:
         assert go(tmp_path)[0].num_outdated == len(part.clips)
 
     def test_the_command_says_so_in_one_sentence(
-        self, tmp_path: Path, edit: Callable[[str], None], capsys: pytest.CaptureFixture[str]
+        self, tmp_path: Path, edit: Callable[[str], None], command: Command
     ) -> None:
-        matrix = tmp_path / "m.toml"
-        matrix.write_text(
-            '[protocol]\ndataset = { name = "toy-road" }\nnum_past = 3\nnum_future = 2\nsize_px = [8, 8]\nstride = 1\n'
-            '[metrics]\nframe = ["toy-difference"]\n[predictors]\nstill = { name = "toy-still" }\n'
-        )
-        order = ["run", str(matrix), "--out", str(tmp_path / "r"), "--no-report"]
+        order = ["run", write_matrix(tmp_path / "m.toml", MATRIX), "--out", tmp_path / "r", "--no-report"]
         edit("before")
-        assert main(order) == 0
-        assert "another version" not in capsys.readouterr().err
+        assert "another version" not in command(*order).err
         edit("after")
-        assert main(order) == 0
-        assert "geovp: 1 of 1 cells hold rows that another version of the code computed" in capsys.readouterr().err
-        assert main([*order, "--fresh"]) == 0
-        assert "another version" not in capsys.readouterr().err
+        ended = command(*order)
+        assert ended.code == 0
+        assert "geovp: 1 of 1 cells hold rows that another version of the code computed" in ended.err
+        assert "another version" not in command(*order, "--fresh").err
 
 
 class TestCode:

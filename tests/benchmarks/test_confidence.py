@@ -14,7 +14,7 @@ from geovp_benchmarks.report import sections
 from geovp_benchmarks.store import SCORES, Results
 from geovp_benchmarks.studies import confidence
 from geovp_classic.errors import BadData
-from tests.benchmarks.test_run import content, crossed, go, values
+from tests.benchmarks.made import content, crossed, go, values
 
 METRIC = "toy-difference"
 

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from geovp_benchmarks.executors import Executor, Processes, Serial
 from geovp_benchmarks.store import Results
-from tests.benchmarks.test_run import go
+from tests.benchmarks.made import go
 
 MATRIX: dict[str, Any] = {
     "protocol": {

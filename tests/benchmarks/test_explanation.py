@@ -9,7 +9,7 @@ import pytest
 from geovp_benchmarks import cli
 from geovp_benchmarks.store import Results
 from geovp_classic import files
-from tests.benchmarks.test_run import content, go
+from tests.benchmarks.made import content, go
 
 pytestmark = pytest.mark.usefixtures("toys")
 STILL = {"still": {"name": "toy-still"}}

@@ -11,51 +11,24 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.store import Results
+from tests.benchmarks.made import content, rows, write_matrix
 
-MATRIX = """
-[protocol]
-dataset = {{ name = "toy-road", clips = 9 }}
-num_past = 3
-num_future = 2
-size_px = [8, 8]
-stride = 1
-
-[pose_sources]
-steady = {{ name = "toy-steady" }}
-
-[renderers]
-slide = {{ name = "toy-slide" }}
-
-[predictors]
-slow = {{ name = "toy-still", sleep_s = {sleep_s} }}
-noise = {{ name = "toy-noise", num_samples = 2 }}
-
-[metrics]
-frame = ["toy-difference"]
-trajectory = ["toy-gap"]
-"""
 CELLS = ("steady--slide", "slow", "noise")
+
+
+def matrix(folder: Path, sleep_s: float) -> Path:
+    folder.mkdir(exist_ok=True)
+    slow, noise = {"name": "toy-still", "sleep_s": sleep_s}, {"name": "toy-noise", "num_samples": 2}
+    parts = {"pose_sources": {"steady": "toy-steady"}, "renderers": {"slide": "toy-slide"}}
+    return write_matrix(folder / "m.toml", content({"clips": 9}, **parts, predictors={"slow": slow, "noise": noise}))
 
 
 def begin(
     folder: Path, toys: Path, sleep_s: float, *more: str, stderr: Any = subprocess.DEVNULL
 ) -> subprocess.Popen[bytes]:
-    path = folder / "m.toml"
-    path.write_text(MATRIX.format(sleep_s=sleep_s))
-    command = [
-        sys.executable,
-        "-m",
-        "geovp_benchmarks.cli",
-        "run",
-        str(path),
-        "--out",
-        str(folder / "out"),
-        "--no-report",
-    ]
-    command += more
-    path_variable = os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])
-    own = {**os.environ, "PYTHONPATH": path_variable}
+    words = ["run", str(matrix(folder, sleep_s)), "--out", str(folder / "out"), "--no-report", *more]
+    own = {**os.environ, "PYTHONPATH": os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, "-m", "geovp_benchmarks.cli", *words]
     return subprocess.Popen(command, env=own, stderr=stderr, preexec_fn=_heed_interrupts)
 
 
@@ -73,15 +46,8 @@ def wait_for_parts(root: Path, count: int, process: subprocess.Popen[bytes]) -> 
     pytest.fail("the run made no parts in a minute")
 
 
-def rows(root: Path, cell: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = Results(root).scores(cell).to_pylist()
-    return found
-
-
 def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> None:
     killed, whole = tmp_path / "killed", tmp_path / "whole"
-    killed.mkdir()
-    whole.mkdir()
     for parts in (1, 4):  # twice, so that a resumed run is killed as well
         process = begin(killed, toys, sleep_s=0.15)
         wait_for_parts(killed / "out", parts, process)
@@ -92,9 +58,7 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> No
     scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
     scratch.write_bytes(b"half a part that a kill left behind")
     assert begin(killed, toys, sleep_s=0.15).wait() == 0
-    path = whole / "m.toml"
-    path.write_text(MATRIX.format(sleep_s=0.0))
-    assert cli.main(["run", str(path), "--out", str(whole / "out"), "--no-report"]) == 0
+    assert cli.main(["run", str(matrix(whole, 0.0)), "--out", str(whole / "out"), "--no-report"]) == 0
     for cell in CELLS:
         resumed = rows(killed / "out", cell)
         assert resumed == rows(whole / "out", cell)

@@ -11,7 +11,7 @@ from geovp_benchmarks.components import nested, weights_of
 from geovp_benchmarks.provenance import id_notes, protocol_id, row_id
 from geovp_benchmarks.rescoring import rescore, stored_metrics
 from geovp_benchmarks.store import Cell, Results
-from tests.benchmarks.test_run import content, go
+from tests.benchmarks.made import content, go
 
 PSNR = {"role": "frame", "asked": {"name": "psnr"}, "unit": "dB", "definition": "RGB jointly", "unavailable": None}
 PROTOCOL: dict[str, Any] = {

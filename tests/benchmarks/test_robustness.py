@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import signal
@@ -11,40 +10,31 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
-from geovp_benchmarks import cli, locking
+from geovp_benchmarks import locking
 from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_matrix
 
-MATRIX = """
-[protocol]
-dataset = { name = "folder", path = "IMAGES", intrinsics = [40, 40, 19.5, 19.5], times = "TIMES" }
-num_past = 3
-num_future = 2
-size_px = [32, 32]
-stride = 3
-[predictors]
-copy-last = { name = "copy-last" }
-[metrics]
-frame = ["psnr"]
-"""
+PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 3}
+REST = {"predictors": {"copy-last": {"name": "copy-last"}}, "metrics": {"frame": ["psnr"]}}
 
 
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
     """A matrix file beside eleven images."""
-    import cv2
-    import numpy as np
-
     (tmp_path / "images").mkdir()
     for number in range(11):
         image = np.random.default_rng(number).integers(0, 256, (40, 40, 3), dtype=np.uint8)
         cv2.imwrite(str(tmp_path / f"images/{number}.png"), image)
     (tmp_path / "times.txt").write_text("".join(f"{number / 10}\n" for number in range(11)))
-    path = tmp_path / "m.toml"
-    path.write_text(MATRIX.replace("IMAGES", str(tmp_path / "images")).replace("TIMES", str(tmp_path / "times.txt")))
-    return path
+    dataset = {"name": "folder", "path": str(tmp_path / "images"), "intrinsics": [40, 40, 19.5, 19.5]}
+    dataset["times"] = str(tmp_path / "times.txt")
+    return write_matrix(tmp_path / "m.toml", {"protocol": {"dataset": dataset, **PROTOCOL}, **REST})
 
 
 @pytest.fixture(autouse=True)
@@ -54,12 +44,8 @@ def no_hang() -> Iterator[None]:
     signal.alarm(0)  # else it ends whatever this process does a minute later
 
 
-def sentence(capsys: pytest.CaptureFixture[str], *given: str | Path) -> str:
-    """What is said on standard error by a run that ends with exit code 2."""
-    assert cli.main(["run", *map(str, given), "--no-report"]) == 2
-    said = capsys.readouterr().err.replace("\r", "\n").splitlines()
-    [line] = [line for line in said if line.startswith("geovp: ")]
-    return line
+def run(street: Path, out: Path | None = None) -> tuple[str | Path, ...]:
+    return "run", street, "--out", out or street.parent / "out", "--no-report"
 
 
 def looped(folder: Path) -> Path:
@@ -77,8 +63,8 @@ OUTS: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize("kind", OUTS)
-def test_a_results_folder_that_cannot_be(street: Path, capsys: pytest.CaptureFixture[str], kind: str) -> None:
-    assert "geovp: " in sentence(capsys, street, "--out", OUTS[kind](street.parent))
+def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str) -> None:
+    assert refused(*run(street, OUTS[kind](street.parent)))
 
 
 @pytest.mark.parametrize(
@@ -99,40 +85,37 @@ def test_a_results_folder_that_cannot_be(street: Path, capsys: pytest.CaptureFix
         ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "nested more than 32 tables deep"),
     ],
 )
-def test_what_a_matrix_cannot_say(
-    street: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, says: str
-) -> None:
+def test_what_a_matrix_cannot_say(street: Path, refused: Says, old: str, new: str, says: str) -> None:
     content = street.read_text()
     assert old in content
     street.write_text(content.replace(old, new))
-    said = sentence(capsys, street, "--out", street.parent / "out")
+    said = refused(*run(street))
     assert says in said
     assert len(said) < 3000
 
 
-def test_pipes_devices_and_folders_are_no_files(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = street.parent / "out"
+def test_pipes_devices_and_folders_are_no_files(street: Path, refused: Says) -> None:
     times = street.parent / "times.txt"
     times.unlink()
     os.mkfifo(times)
-    assert "times.txt: is a pipe or device, expected a file" in sentence(capsys, street, "--out", out)
+    assert "times.txt: is a pipe or device, expected a file" in refused(*run(street))
     image = street.parent / "images/4.png"
     times.unlink()
     times.write_text("".join(f"{number / 10}\n" for number in range(11)))
     image.unlink()
     image.symlink_to("/dev/zero")
-    assert "4.png is a pipe or device" in sentence(capsys, street, "--out", out)
+    assert "4.png is a pipe or device" in refused(*run(street))
     image.unlink()
     image.symlink_to(image)
-    assert "4.png cannot be read (Too many levels of symbolic links)" in sentence(capsys, street, "--out", out)
+    assert "4.png cannot be read (Too many levels of symbolic links)" in refused(*run(street))
 
 
 @pytest.mark.parametrize(("name", "says"), [("路" * 80, "as a file's name"), ("street\udcff", "is not text in UTF-8")])
-def test_names_that_results_cannot_have(street: Path, capsys: pytest.CaptureFixture[str], name: str, says: str) -> None:
+def test_names_that_results_cannot_have(street: Path, refused: Says, name: str, says: str) -> None:
     renamed = (street.parent / "images").rename(street.parent / name)
     link = street.parent / "images"
     link.symlink_to(renamed)
-    assert says in sentence(capsys, street, "--out", street.parent / "out")
+    assert says in refused(*run(street))
 
 
 def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
@@ -197,20 +180,18 @@ def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
 
 
 def test_what_was_damaged_is_named_set_aside_and_computed_again(
-    street: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+    street: Path, printed: Says, refused: Says, caplog: pytest.LogCaptureFixture
 ) -> None:
     out = street.parent / "out"
-    run = ["run", str(street), "--out", str(out), "--no-report"]
-    assert cli.main(run) == 0
+    printed(*run(street))
     rows = Results(out).scores("copy-last")
     damaged = [out / "copy-last/scores/part-00000.parquet", *(out / "copy-last/predictions").glob("*.npz")]
     for path in damaged:
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
         path.write_bytes(content)
-    assert cli.main(["table", str(out)]) == 2
-    assert "part-00000.parquet is damaged: `geovp run` sets it aside" in capsys.readouterr().err
-    assert cli.main(run) == 0
+    assert "part-00000.parquet is damaged: `geovp run` sets it aside" in refused("table", out)
+    printed(*run(street))
     for path in damaged:
         assert f"{path} was damaged: it is set aside" in caplog.text
         assert path.exists()
@@ -218,13 +199,16 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
     assert Results(out).scores("copy-last").equals(rows)
 
 
-def test_a_protocol_of_half_its_keys_names_the_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "protocol.json").write_text(json.dumps({"cells": ["../../etc"], "clips": []}))
-    assert cli.main(["table", str(tmp_path)]) == 2
-    assert "'../../etc' leads out of its folder" in capsys.readouterr().err
-    (tmp_path / "protocol.json").write_text(json.dumps({"cells": [], "clips": []}))
-    assert cli.main(["table", str(tmp_path)]) == 2
-    assert "protocol.json has no '" in capsys.readouterr().err
-    (tmp_path / "protocol.json").write_text('{"cells": ' + "[" * 100_000)
-    assert cli.main(["table", str(tmp_path)]) == 2
-    assert "protocol.json is not JSON" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ('{"cells": ["../../etc"], "clips": []}', "'../../etc' leads out of its folder"),
+        ('{"cells": [], "clips": []}', "protocol.json has no '"),
+        ('{"cells": ' + "[" * 100_000, "protocol.json is not JSON"),
+        ("{", "protocol.json is not JSON"),
+    ],
+    ids=["leads out", "half its keys", "deep", "cut off"],
+)
+def test_a_damaged_protocol_is_told(tmp_path: Path, refused: Says, content: str, says: str) -> None:
+    (tmp_path / "protocol.json").write_text(content)
+    assert says in refused("table", tmp_path)

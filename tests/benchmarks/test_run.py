@@ -3,73 +3,28 @@
 import json
 import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.compute as pc
 import pytest
 
-from geovp_benchmarks import matrix as matrix_module
 from geovp_benchmarks import profiling, tables
-from geovp_benchmarks.executors import Executor, Processes, Serial
-from geovp_benchmarks.planning import Options
-from geovp_benchmarks.run import run
-from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.executors import Processes
+from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData, GeovpError
-
-METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
-
-
-def content(dataset: dict[str, Any] | None = None, metrics: Any = METRICS, **tables: Any) -> dict[str, Any]:
-    protocol = {"num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1}
-    protocol["dataset"] = {"name": "toy-road", **(dataset or {})}
-    return {"protocol": protocol, "metrics": metrics, **tables}
-
-
-def crossed(log: Path, step_m: float = 1.0) -> dict[str, Any]:
-    sources = {name: {"name": "toy-steady", "step_m": step_m, "log": str(log)} for name in ("a", "b")}
-    renderers = {name: {"name": "toy-slide", "log": str(log)} for name in ("r", "q")}
-    return {"pose_sources": sources, "renderers": renderers}
-
-
-def go(root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any) -> dict[str, Cell]:
-    cells = run(
-        matrix_module.parse("m", tables),
-        Results(root),
-        Options(**options),
-        executor or Serial(),
-        lambda done, total: None,
-    )
-    return {cell.name: cell for cell in cells}
-
-
-def rows(root: Path, cell: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = Results(root).scores(cell).to_pylist()
-    return found
-
-
-def values(root: Path, cell: str, metric: str) -> list[float]:
-    table = Results(root).scores(cell)
-    numbers: list[float] = table.filter(pc.equal(table["metric"], metric))["value"].to_pylist()
-    return numbers
+from tests.benchmarks.made import STILL, content, crossed, go, rows, values
 
 
 @pytest.mark.usefixtures("toys")
 class TestRows:
     def test_one_row_per_clip_sample_step_and_metric(self, tmp_path: Path) -> None:
-        cells = go(tmp_path, content(predictors={"still": {"name": "toy-still"}}))
+        cells = go(tmp_path, content(predictors=STILL))
         assert (cells["still"].status, cells["still"].num_clips) == ("done", 5)
         # the last seen frame is 1 and 2 levels darker than the next ones
         assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
-        assert rows(tmp_path, "still")[1] == {
-            "clip": "road/000",
-            "sample": 0,
-            "step": 2,
-            "metric": "toy-difference",
-            "value": 2.0,
-        }
+        own = {"clip": "road/000", "sample": 0, "step": 2}
+        assert rows(tmp_path, "still")[1] == {**own, "metric": "toy-difference", "value": 2.0}
 
     def test_covered_pixels_and_trajectories_have_rows_of_their_own(self, tmp_path: Path) -> None:
         go(tmp_path, content(**crossed(tmp_path / "log", step_m=1.5)))
@@ -78,7 +33,7 @@ class TestRows:
         np.testing.assert_allclose(values(tmp_path, "a--r", "toy-gap"), [0.5, 1.0] * 5)
 
     def test_a_clip_with_exact_depth_has_pixel_sets(self, tmp_path: Path) -> None:
-        go(tmp_path, content({"with_depths": True}, predictors={"still": {"name": "toy-still"}}))
+        go(tmp_path, content({"with_depths": True}, predictors=STILL))
         found = {row["metric"] for row in rows(tmp_path, "still")}
         assert {"toy-difference", "toy-difference@seen", "toy-difference@disoccluded"} == found
 
@@ -125,7 +80,7 @@ class TestRows:
         assert (record["peak_memory_mb"], record["peak_is_own"]) == (0.0, False)
 
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
-        cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors={"still": {"name": "toy-still"}}))
+        cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
         assert cells["a--r"].grants == ["PAST_POSES"]
         assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == ("a", "r", None)
         assert cells["still"].components == {"predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}}
@@ -172,22 +127,15 @@ class TestAgain:
         assert rows(tmp_path, "noise") != before
         assert len(rows(tmp_path, "noise")) == len(before)
 
-    def test_another_protocol_makes_all_cells_stale(self, tmp_path: Path) -> None:
-        tables = content({"clips": 4}, predictors={"still": {"name": "toy-still"}})
-        go(tmp_path, tables)
-        tables["protocol"]["num_future"] = 1
-        go(tmp_path, tables)
-        assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
-        assert len(Results(tmp_path).clip("road/000").frames) == 4
-
     def test_old_rows_come_back_with_the_old_settings_and_nothing_is_computed(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
         tables = content({"clips": 4}, predictors={"still": {"name": "toy-still", "log": str(log)}})
         go(tmp_path, tables)
         first, tried = rows(tmp_path, "still"), len(log.read_text().split())
-        for key, value in (("num_future", 1), ("stride", 2)):
-            other = {**tables, "protocol": {**tables["protocol"], key: value}}
-            go(tmp_path, other)
+        for key, value in (("stride", 2), ("num_future", 1)):
+            go(tmp_path, {**tables, "protocol": {**tables["protocol"], key: value}})
+        assert values(tmp_path, "still", "toy-difference") == [1.0] * 4
+        assert len(Results(tmp_path).clip("road/000").frames) == 4
         assert len(Results(tmp_path).set_aside()) == 4  # two protocols' rows, and their kept clips
         assert len(log.read_text().split()) == 3 * tried
         go(tmp_path, tables)
@@ -206,7 +154,7 @@ class TestAgain:
         assert len(log.read_text().split()) == 5 + 2
 
     def test_a_limited_run_grows_and_never_shrinks_a_longer_one(self, tmp_path: Path) -> None:
-        tables = content(predictors={"still": {"name": "toy-still"}})
+        tables = content(predictors=STILL)
         assert go(tmp_path, tables, limit=3)["still"].num_clips == 3
         assert go(tmp_path, tables)["still"].num_clips == 5
         assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 5
@@ -214,13 +162,13 @@ class TestAgain:
             go(tmp_path, tables, limit=3)
 
     def test_a_data_set_that_grew_or_shrank(self, tmp_path: Path) -> None:
-        predictors = {"still": {"name": "toy-still"}}
+        predictors = STILL
         go(tmp_path, content({"clips": 5}, predictors=predictors))
         go(tmp_path, content({"clips": 3}, predictors=predictors))
         assert values(tmp_path, "still", "toy-difference") == [1.0, 2.0] * 3
 
     def test_a_new_metric_is_computed_and_a_changed_one_again(self, tmp_path: Path) -> None:
-        tables = content(predictors={"still": {"name": "toy-still"}})
+        tables = content(predictors=STILL)
         go(tmp_path, tables)
         double = {"name": "toy-difference", "scale": 2.0}
         tables["metrics"] = {"frame": {"toy-difference": double, "plain": {"name": "toy-difference"}}, "trajectory": []}
@@ -284,7 +232,7 @@ class TestFailures:
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
         weights = tmp_path / "weights"
         metrics = {"frame": ["toy-difference", {"name": "toy-weightless", "weights": str(weights)}], "trajectory": []}
-        tables = content(metrics=metrics, predictors={"still": {"name": "toy-still"}})
+        tables = content(metrics=metrics, predictors=STILL)
         assert go(tmp_path, tables)["still"].status == "done"
         entry = Results(tmp_path).protocol()["metrics"]["toy-weightless"]
         assert entry["unavailable"] == "weights of toy-weightless are not here: fetch them"
@@ -297,7 +245,7 @@ class TestFailures:
         assert values(tmp_path, "still", "toy-weightless") == [0.0] * 10
 
     def test_a_bad_clip_ends_the_run_but_not_what_was_done(self, tmp_path: Path) -> None:
-        tables = content({"broken_clip": 4}, predictors={"still": {"name": "toy-still"}})
+        tables = content({"broken_clip": 4}, predictors=STILL)
         with pytest.raises(BadData, match=r"road/004\.png is truncated"):
             go(tmp_path, tables)
         cell = Results(tmp_path).cell("still")
@@ -337,29 +285,16 @@ class TestFailures:
         assert not list(tmp_path.glob("*/scores"))
 
 
-def everything(root: Path, names: Sequence[str]) -> list[dict[str, Any]]:
-    return [{"cell": name, **row} for name in names for row in rows(root, name)]
-
-
 def test_processes_give_the_rows_of_one_process(tmp_path: Path, toys: Path) -> None:
-    tables = content(
-        {"clips": 7},
-        **crossed(tmp_path / "log"),
-        predictors={
-            "noise": {"name": "toy-noise", "num_samples": 2},
-            "broken": {"name": "toy-broken", "brightness": 25},
-        },
-    )
-    one, two = tmp_path / "one", tmp_path / "two"
-    alone, together = go(one, tables), go(two, tables, executor=Processes(workers=2))
-    names = ("a--r", "b--q", "noise")
-    assert everything(one, names) == everything(two, names)
-    assert {name: (cell.status, cell.reason) for name, cell in alone.items()} == {
-        name: (cell.status, cell.reason) for name, cell in together.items()
-    }
+    broken, noise = {"name": "toy-broken", "brightness": 25}, {"name": "toy-noise", "num_samples": 2}
+    tables = content({"clips": 7}, **crossed(tmp_path / "log"), predictors={"noise": noise, "broken": broken})
+    alone, together = go(tmp_path / "one", tables), go(tmp_path / "two", tables, executor=Processes(workers=2))
+    for name, cell in alone.items():
+        assert (cell.status, cell.reason) == (together[name].status, together[name].reason)
+        assert rows(tmp_path / "one", name) == rows(tmp_path / "two", name)
 
 
 def test_a_bad_clip_is_the_same_sentence_from_another_process(tmp_path: Path, toys: Path) -> None:
-    tables = content({"broken_clip": 0}, predictors={"still": {"name": "toy-still"}})
+    tables = content({"broken_clip": 0}, predictors=STILL)
     with pytest.raises(BadData, match=r"road/000\.png is truncated"):
         go(tmp_path, tables, executor=Processes(workers=1))

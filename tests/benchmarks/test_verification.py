@@ -9,7 +9,7 @@ import pytest
 
 from geovp_benchmarks import cli, planning
 from geovp_benchmarks.store import Results
-from tests.benchmarks.test_run import content, crossed, go
+from tests.benchmarks.made import content, crossed, go
 
 ALL = ["--sample", "99"]
 

@@ -1,0 +1,109 @@
+"""What tests of the harness are made of: matrix files, runs of toy components, stored rows, and cameras."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from geovp_benchmarks import matrix
+from geovp_benchmarks.executors import Executor, Serial
+from geovp_benchmarks.planning import Options
+from geovp_benchmarks.progress import no_progress
+from geovp_benchmarks.run import run
+from geovp_benchmarks.store import SCORES, Cell, Part, Results
+from geovp_classic.types import Intrinsics
+
+METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
+STILL = {"still": {"name": "toy-still"}}
+
+
+def content(dataset: dict[str, Any] | None = None, metrics: Any = METRICS, **tables: Any) -> dict[str, Any]:
+    """The tables of a matrix of toys: three frames of 8x8 are seen, the next two predicted."""
+    own = {"name": "toy-road", **(dataset or {})}
+    protocol = {"dataset": own, "num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1}
+    return {"protocol": protocol, "metrics": metrics, **tables}
+
+
+def crossed(log: Path, step_m: float = 1.0) -> dict[str, Any]:
+    """Two pose sources and two renderers that note what they do."""
+    sources = {name: {"name": "toy-steady", "step_m": step_m, "log": str(log)} for name in ("a", "b")}
+    renderers = {name: {"name": "toy-slide", "log": str(log)} for name in ("r", "q")}
+    return {"pose_sources": sources, "renderers": renderers}
+
+
+def toml(value: Any) -> str:
+    """A value as a matrix file has it."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {toml(each)}' for key, each in value.items())} }}"
+    return f"[{', '.join(map(toml, value))}]" if isinstance(value, list) else json.dumps(value)
+
+
+def write_matrix(path: Path, tables: dict[str, Any]) -> Path:
+    """A matrix file of these tables."""
+    lines = [
+        line
+        for name, table in tables.items()
+        for line in (f"[{name}]", *(f"{k} = {toml(v)}" for k, v in table.items()))
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def go(root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any) -> dict[str, Cell]:
+    """Run a matrix; its cells by name."""
+    parsed = matrix.parse("m", tables)
+    return {
+        cell.name: cell for cell in run(parsed, Results(root), Options(**options), executor or Serial(), no_progress)
+    }
+
+
+def rows(root: Path, cell: str) -> list[dict[str, Any]]:
+    """All stored rows of a cell."""
+    found: list[dict[str, Any]] = Results(root).scores(cell).to_pylist()
+    return found
+
+
+def values(root: Path, cell: str, metric: str) -> list[float]:
+    """The stored values of one metric."""
+    table = Results(root).scores(cell)
+    numbers: list[float] = table.filter(pc.equal(table["metric"], metric))["value"].to_pylist()
+    return numbers
+
+
+def scores(lines: Iterable[tuple[str, int, int, str, float | None]]) -> pa.Table:
+    """Rows (clip, sample, step, metric, value) as they are stored."""
+    columns = list(zip(*lines, strict=True)) or [()] * len(SCORES)
+    return pa.table(
+        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
+    )
+
+
+def write_row(
+    results: Results,
+    name: str,
+    lines: Iterable[tuple[str, int, int, str, float | None]] = (),
+    facts: Any = None,
+    **record: Any,
+) -> None:
+    """Store a cell that is done, with its rows as one part; facts are those of clips."""
+    lines = list(lines)
+    clips = tuple(dict.fromkeys(clip for clip, *_ in lines))
+    own = {"label": name.replace("--", " + "), "kind": "predictor", "status": "done", "grants": [], "num_samples": 1}
+    own |= {"num_clips": len(clips), "seconds": {}, "components": {}, "fingerprint": "f"}
+    results.write_cell(name, {**own, **record})
+    if lines:
+        results.write_part(name, scores(lines), Part(0, clips, "f", {}, {}, 0.0, facts=facts or {}))
+
+
+def write_protocol(results: Results, cells: Iterable[str], clips: Iterable[str], **more: Any) -> None:
+    """Store a protocol called demo, of ten frames seen and twenty predicted."""
+    shared = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "num_past": 10, "num_future": 20}
+    results.write_protocol({**shared, "size_px": [64, 48], "cells": [*cells], "clips": [*clips], **more})
+
+
+def intrinsics_of(camera: Intrinsics) -> list[float]:
+    """Focal lengths and principal point."""
+    return [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
