@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,32 +14,31 @@ import pytest
 from geovp_benchmarks import cli
 from geovp_benchmarks.store import Results
 
+from .conftest import Command, Says
 from .test_cli import matrix, run
 
 
-def printed_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
-    capsys.readouterr()
-    cli.main([*arguments, "--json"])
-    return json.loads(capsys.readouterr().out)
+@pytest.fixture
+def as_json(command: Command) -> Callable[..., Any]:
+    """A function that runs a command line with `--json`, and gives what it prints."""
+    return lambda *words: json.loads(command(*words, "--json").out)
 
 
 @pytest.mark.usefixtures("toys")
 class TestSettings:
-    def test_what_is_set_stands_in_the_results_as_if_written(self, tmp_path: Path) -> None:
+    def test_what_is_set_stands_in_the_results_as_if_written(self, tmp_path: Path, printed: Says) -> None:
         settings = ("protocol.stride=3", "pose_sources.steady.step_m=2.5", 'predictors.other = "toy-still"')
-        assert run(tmp_path, *(word for one in settings for word in ("--set", one))) == 0
+        printed(*run(tmp_path, *(word for one in settings for word in ("--set", one))))
         results = Results(tmp_path / "out")
         assert results.protocol()["stride"] == 3
         assert results.protocol()["cells"] == ["steady--slide", "still", "other"]
         cell = results.cell("steady--slide")
         assert cell is not None
         assert cell.components["pose_source"]["step_m"] == 2.5
-        written = matrix(tmp_path, 'other = "toy-still"')
-        text = (
-            written.read_text().replace("stride = 1", "stride = 3").replace('"toy-steady"', '"toy-steady", step_m=2.5')
-        )
-        written.write_text(text)
-        assert cli.main(["run", str(written), "--out", str(tmp_path / "as-file"), "--no-report"]) == 0
+        written = matrix(tmp_path, other="toy-still")
+        text = written.read_text().replace("stride = 1", "stride = 3")
+        written.write_text(text.replace('"toy-steady"', '"toy-steady", step_m=2.5'))
+        printed("run", written, "--out", tmp_path / "as-file", "--no-report")
         assert Results(tmp_path / "as-file").protocol()["id"] == results.protocol()["id"]
 
     @pytest.mark.parametrize(
@@ -55,10 +55,9 @@ class TestSettings:
         ],
     )
     def test_a_mistake_is_2_and_says_what_is_meant(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str], setting: str, says: str
+        self, tmp_path: Path, refused: Says, setting: str, says: str
     ) -> None:
-        assert run(tmp_path, "--set", setting) == 2
-        assert says in capsys.readouterr().err
+        assert says in refused(*run(tmp_path, "--set", setting))
 
 
 class TestNames:
@@ -71,136 +70,117 @@ class TestNames:
         assert read.renderers["fusion"] == {"name": "depth-fusion", "fill": {"name": "telea"}}
         assert read.renderers == {**matrices.read(Path("demo")).renderers, "fusion": read.renderers["fusion"]}
 
-    def test_an_unknown_name_is_2_with_the_nearest(self, capsys: pytest.CaptureFixture[str]) -> None:
-        assert cli.main(["run", "dmo"]) == 2
-        assert "no matrix file is called 'dmo': did you mean 'demo'?" in capsys.readouterr().err
+    def test_an_unknown_name_is_2_with_the_nearest(self, refused: Says) -> None:
+        assert "no matrix file is called 'dmo': did you mean 'demo'?" in refused("run", "dmo")
 
 
 @pytest.mark.usefixtures("toys")
 class TestDryRun:
-    def test_it_counts_what_is_to_do_and_writes_nothing(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        assert run(tmp_path, "--dry-run") == 0
-        printed = capsys.readouterr().out
-        assert re.search(r"^steady [+] slide +5 +0 +\d", printed, re.MULTILINE)
-        assert "predictions: 10 to do, 0 kept" in printed  # 5 clips in 2 rows
-        assert "2 by one clip timed just now" in printed
+    def test_it_counts_what_is_to_do_and_writes_nothing(self, tmp_path: Path, printed: Says) -> None:
+        text = printed(*run(tmp_path, "--dry-run"))
+        assert re.search(r"^steady [+] slide +5 +0 +\d", text, re.MULTILINE)
+        assert "predictions: 10 to do, 0 kept" in text  # 5 clips in 2 rows
+        assert "2 by one clip timed just now" in text
         assert not (tmp_path / "out").exists()
 
-    def test_after_a_run_of_some_clips_its_times_are_used(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        run(tmp_path, "--limit", "2")  # as many as a part holds
+    def test_after_a_run_of_some_clips_its_times_are_used(self, tmp_path: Path, printed: Says) -> None:
+        printed(*run(tmp_path, "--limit", "2"))  # as many as a part holds
         before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
-        assert run(tmp_path, "--dry-run", "--keep", "0", more='other = { name = "toy-misfit" }') == 0
-        printed = capsys.readouterr().out
-        assert "predictions: 11 to do, 4 kept" in printed  # 3 clips in 2 rows, 5 in the new one
-        assert "2 rows by the times stored with their clips, 0 by one clip" in printed
-        assert re.search(r"^other +5 +0 +skipped: ", printed, re.MULTILINE)
+        text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
+        assert "predictions: 11 to do, 4 kept" in text  # 3 clips in 2 rows, 5 in the new one
+        assert "2 rows by the times stored with their clips, 0 by one clip" in text
+        assert re.search(r"^other +5 +0 +skipped: ", text, re.MULTILINE)
         assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
-    def test_rows_of_earlier_settings_count_as_kept(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        run(tmp_path)
-        run(tmp_path, "--set", "protocol.stride=3")
-        capsys.readouterr()
-        assert run(tmp_path, "--dry-run") == 0
-        assert "predictions: 0 to do, 10 kept" in capsys.readouterr().out
+    def test_rows_of_earlier_settings_count_as_kept(self, tmp_path: Path, printed: Says) -> None:
+        printed(*run(tmp_path))
+        printed(*run(tmp_path, "--set", "protocol.stride=3"))
+        assert "predictions: 0 to do, 10 kept" in printed(*run(tmp_path, "--dry-run"))
 
 
 @pytest.mark.usefixtures("toys")
 class TestAmounts:
-    def test_quiet_says_only_errors_and_results(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        assert run(tmp_path, "--quiet") == 0
-        assert run(tmp_path, "-q", "--set", "protocol.stride=3") == 0  # sets rows aside, which is said otherwise
-        printed = capsys.readouterr()
-        assert printed.err == ""
-        assert "| steady + slide [p] |" in printed.out
-        assert run(tmp_path, "-q", more='other = { name = "toy-broken" }') == 1
-        assert capsys.readouterr().err.startswith("geovp: 1 of 3 cells are not done")
+    def test_quiet_says_only_errors_and_results(self, tmp_path: Path, command: Command) -> None:
+        assert command(*run(tmp_path, "--quiet")).err == ""
+        ended = command(*run(tmp_path, "-q", "--set", "protocol.stride=3"))  # sets rows aside, which is said otherwise
+        assert (ended.code, ended.err) == (0, "")
+        assert "| steady + slide [p] |" in ended.out
+        ended = command(*run(tmp_path, "-q", other="toy-broken"))
+        assert ended.code == 1
+        assert ended.err.startswith("geovp: 1 of 3 cells are not done")
 
-    def test_verbose_shows_the_traceback_of_what_failed(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        run(tmp_path, more='other = { name = "toy-broken" }')
-        assert "Traceback" not in capsys.readouterr().err
-        run(tmp_path, "-v", "--fresh", more='other = { name = "toy-broken" }')
-        said = capsys.readouterr().err
+    def test_verbose_shows_the_traceback_of_what_failed(self, tmp_path: Path, command: Command) -> None:
+        assert "Traceback" not in command(*run(tmp_path, other="toy-broken")).err
+        said = command(*run(tmp_path, "-v", "--fresh", other="toy-broken")).err
         assert "ZeroDivisionError: the road ended" in said.partition("Traceback")[2]
         assert "clips road/000, road/001: done" in said
 
-    def test_not_both(self, capsys: pytest.CaptureFixture[str]) -> None:
-        with pytest.raises(SystemExit) as ended:
+    def test_not_both(self) -> None:
+        with pytest.raises(SystemExit, match="2"):
             cli.main(["list", "-q", "-v"])
-        assert ended.value.code == 2
 
 
 @pytest.mark.usefixtures("toys")
 class TestJson:
-    def test_tables(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        run(tmp_path, "--keep", "all")
-        main, *_ = printed_json(capsys, "table", str(tmp_path / "out"))
+    def test_tables(self, tmp_path: Path, printed: Says, refused: Says, as_json: Callable[..., Any]) -> None:
+        printed(*run(tmp_path, "--keep", "all"))
+        out = tmp_path / "out"
+        main, *_ = as_json("table", out)
         still = next(row for row in main["rows"] if row["method"] == "still")
         # frames get 1 and 2 levels brighter in two steps, a copy of the last one does not: 1.5 on average
         assert still["values"]["toy-difference"]["mean"] == 1.5
         assert still["values"]["toy-gap"]["mean"] is None
         assert still["clips"] == main["rows"][0]["values"]["toy-gap"]["clips"] == 5
-        (difference,) = printed_json(capsys, "table", str(tmp_path / "out"), "--against", "still")
+        (difference,) = as_json("table", out, "--against", "still")
         assert [row["method"] for row in difference["rows"]] == ["steady + slide"]
-        (again,) = printed_json(capsys, "score", str(tmp_path / "out"))
+        (again,) = as_json("score", out)
         assert again["rows"][1]["values"] == still["values"]
-        assert cli.main(["table", str(tmp_path / "out"), "--json", "--format", "tex"]) == 2
+        assert "--json prints numbers alone" in refused("table", out, "--json", "--format", "tex")
 
-    def test_lists(self, capsys: pytest.CaptureFixture[str]) -> None:
-        predictors = printed_json(capsys, "list", "predictors")["predictors"]
+    def test_lists(self, as_json: Callable[..., Any]) -> None:
+        predictors = as_json("list", "predictors")["predictors"]
         assert {"name": "copy-last", "package": "geovp-classic", "lacks": "", "extra": ""} in predictors
         missing = next(one for one in predictors if one["name"] == "toy-uninstalled")
         assert (missing["package"], missing["lacks"]) == ("geovp-toys", "package_that_nobody_has")
 
-    def test_data_and_forecasts(self, street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        found = printed_json(capsys, "data", "doctor", str(street))
+    def test_data_and_forecasts(self, street: Path, as_json: Callable[..., Any]) -> None:
+        found = as_json("data", "doctor", street)
         assert found["is_sound"] is True
         assert [row["sequence"] for row in found["rows"]] == ["07"]
         (street / "poses" / "07_times.txt").write_text((street / "sequences/07/times.txt").read_text())
         given = ["--sequences", "07", "--num-past", "5", "--num-future", "3", "--stride", "2", "--only", "hold"]
-        scores = printed_json(capsys, "forecast", "evaluate", str(street / "poses"), *given)
+        scores = as_json("forecast", "evaluate", street / "poses", *given)
         assert scores["windows"] == 3  # of 8 among 12 poses, from 0, 2 and 4
         assert scores["forecasters"]["hold"]["FDE m"] > scores["forecasters"]["hold"]["error @1 m"] > 0
 
 
-class TestOneComponent:
-    def test_fields_defaults_meanings_grants_and_source(self, capsys: pytest.CaptureFixture[str]) -> None:
-        assert cli.main(["list", "constant-velocity"]) == 0  # two roles have one of that name
-        printed = capsys.readouterr().out
-        assert "constant-velocity (pose_sources)" in printed
-        assert "constant-velocity (forecasters)" in printed
-        assert "needs beyond the observed frames: past poses" in printed
-        (page,) = printed_json(capsys, "list", "depth-fusion")
-        fields = {field["name"]: field for field in page["fields"]}
-        assert fields["num_frames"]["default"] == 10
-        assert fields["num_frames"]["meaning"] == "how many of the last observed frames are used"
-        assert fields["fill"]["default"]["name"] == "borrowed-detail"
-        assert page["source"].startswith("geovp_classic.renderers:DepthFusion of geovp-classic ")
-
-    def test_a_required_field_is_called_so(self, capsys: pytest.CaptureFixture[str]) -> None:
-        (page,) = printed_json(capsys, "list", "recorded")
-        assert "required" in {field["default"] for field in page["fields"]}
+def test_fields_defaults_meanings_grants_and_source_of_a_component(printed: Says, as_json: Callable[..., Any]) -> None:
+    text = printed("list", "constant-velocity")  # two roles have one of that name
+    assert "constant-velocity (pose_sources)" in text
+    assert "constant-velocity (forecasters)" in text
+    assert "needs beyond the observed frames: past poses" in text
+    (page,) = as_json("list", "depth-fusion")
+    fields = {field["name"]: field for field in page["fields"]}
+    assert fields["num_frames"]["default"] == 10
+    assert fields["num_frames"]["meaning"] == "how many of the last observed frames are used"
+    assert fields["fill"]["default"]["name"] == "borrowed-detail"
+    assert page["source"].startswith("geovp_classic.renderers:DepthFusion of geovp-classic ")
+    (page,) = as_json("list", "recorded")
+    assert "required" in {field["default"] for field in page["fields"]}
 
 
 @pytest.mark.usefixtures("toys")
 @pytest.mark.parametrize("columns", [80, 100, 120])
 def test_a_table_is_no_wider_than_the_terminal(
-    columns: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    columns: int, tmp_path: Path, printed: Says, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = "a-row-whose-name-is-much-longer-than-anybody-would-like-to-see-in-a-table"
     metrics = ", ".join(f'm{i} = {{ name = "toy-difference", scale = {i}.0 }}' for i in range(1, 9))
-    run(tmp_path, "--set", f"metrics.frame={{ {metrics} }}", more=f'{name} = "toy-still"')
-    wide = capsys.readouterr().out
+    wide = printed(*run(tmp_path, "--set", f"metrics.frame={{ {metrics} }}", **{name: "toy-still"}))
     assert max(map(len, wide.splitlines())) > 120
     written = (tmp_path / "out/tables/scores.md").read_text()
     monkeypatch.setenv("COLUMNS", str(columns))
-    assert cli.main(["table", str(tmp_path / "out")]) == 0
-    narrow = capsys.readouterr().out
+    narrow = printed("table", tmp_path / "out")
     assert max(map(len, narrow.splitlines())) <= columns
     for i in range(1, 9):  # every column is there once in the main table
         assert len(re.findall(rf"\| +M{i}\b", narrow.partition("## streets: M1")[0])) == 1

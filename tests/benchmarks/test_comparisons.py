@@ -10,6 +10,7 @@ from geovp_benchmarks import formats, tables
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.table_model import Column, Row, best
 from geovp_classic.errors import BadData
+from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
 CLIPS = [f"{sequence}/{number:06d}" for sequence in ("03", "06") for number in range(15)]
@@ -62,8 +63,7 @@ def results(tmp_path: Path) -> Results:
         "same": dict(zip(CLIPS, SCENES + OWN[0], strict=True)),
         "short": short,
     }
-    shared = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "metrics": METRICS, "clips": CLIPS}
-    results.write_protocol({**shared, "cells": [*rows], "num_past": 10, "num_future": 20, "size_px": [64, 48]})
+    write_protocol(results, rows, CLIPS, metrics=METRICS)
     for name, values in rows.items():
         write(results, name, {(clip, 0, "psnr"): float(value) for clip, value in values.items()})
     return results

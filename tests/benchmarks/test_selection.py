@@ -5,14 +5,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from geovp_benchmarks import cli, matrix
+from geovp_benchmarks import matrix
 from geovp_benchmarks.selection import Ranking, Selection
-from geovp_benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
+from tests.benchmarks.conftest import Command, Says
+from tests.benchmarks.made import write_matrix, write_protocol, write_row
 
 PSNR = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}
 ERROR = {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None}
@@ -22,23 +23,14 @@ CLIPS = [f"03/{first:06d}" for first in range(0, 40, 5)]  # of five frames, and 
 def fill(root: Path, rows: Mapping[str, Sequence[float | None]], kinds: dict[str, str], num_past: int = 3) -> Results:
     """The PSNR of each cell's clips, as many metres of error, and none of the last clip where one is missing."""
     results = Results(root)
-    shared = {"name": "demo", "cells": list(rows), "clips": CLIPS, "metrics": {"psnr": PSNR, "error": ERROR}}
-    results.write_protocol({**shared, "num_past": num_past, "num_future": 2})
+    write_protocol(results, rows, CLIPS, metrics={"psnr": PSNR, "error": ERROR}, num_past=num_past, num_future=2)
     for name, scores in rows.items():
-        status = "done" if len(scores) == len(CLIPS) else "partial"
-        record: dict[str, Any] = {
-            "label": name.replace("--", " + "),
-            "kind": kinds[name],
-            "status": status,
-            "grants": [],
-        }
-        record |= {"num_samples": 1, "num_clips": len(scores), "seconds": {}, "components": {}, "fingerprint": "f"}
-        results.write_cell(name, record)
-        lines: list[tuple[Any, ...]] = []
-        for clip, score in zip(CLIPS, scores, strict=False):
-            lines += [(clip, 0, 1, metric, score) for metric in ("psnr", "error")]
-        columns = [pa.array(column, f.type) for column, f in zip(zip(*lines, strict=True), SCORES, strict=True)]
-        results.write_part(name, pa.table(columns, SCORES), Part(0, tuple(CLIPS[: len(scores)]), "f", {}, {}, 0.0))
+        lines = [
+            (clip, 0, 1, metric, score)
+            for clip, score in zip(CLIPS, scores, strict=False)
+            for metric in ("psnr", "error")
+        ]
+        write_row(results, name, lines, kind=kinds[name], status="done" if len(scores) == len(CLIPS) else "partial")
     return results
 
 
@@ -90,34 +82,19 @@ def test_no_complete_row_is_one_sentence(tmp_path: Path) -> None:
         Ranking("worst", "psnr", "half--r").choose(results)
 
 
-MATRIX = """
-[protocol]
-dataset = { name = "synthetic", num_clips = 5 }
-num_past = 3
-num_future = 2
-size_px = [48, 48]
-stride = 10
-[pose_sources]
-still = { name = "stand-still" }
-[renderers]
-far = { name = "ground-far-plane" }
-[predictors]
-copy-last = { name = "copy-last" }
-[metrics]
-frame = ["psnr"]
-trajectory = ["translation-error"]
-"""
-
-
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    path = tmp_path / "m.toml"
-    path.write_text(MATRIX)
-    return path
+    protocol = {"num_past": 3, "num_future": 2, "size_px": [48, 48], "stride": 10}
+    tables: dict[str, Any] = {"protocol": {"dataset": {"name": "synthetic", "num_clips": 5}, **protocol}}
+    tables |= {"pose_sources": {"still": "stand-still"}, "renderers": {"far": "ground-far-plane"}}
+    tables |= {"predictors": {"copy-last": "copy-last"}}
+    return write_matrix(
+        tmp_path / "m.toml", {**tables, "metrics": {"frame": ["psnr"], "trajectory": ["translation-error"]}}
+    )
 
 
-def run(file: Path, keep: str, *more: str) -> int:
-    return cli.main(["run", str(file), "--out", str(file.parent / "out"), "--keep", keep, *more])
+def run(file: Path, keep: str, *more: str) -> list[object]:
+    return ["run", file, "--out", file.parent / "out", "--keep", keep, *more]
 
 
 def chapters(file: Path) -> list[str]:
@@ -125,8 +102,8 @@ def chapters(file: Path) -> list[str]:
     return re.findall(r'<optgroup label="([^"]*)"', page)
 
 
-def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path) -> None:
-    assert run(file, "worst:psnr:copy-last") == 0
+def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: Says) -> None:
+    printed(*run(file, "worst:psnr:copy-last"))
     results = Results(file.parent / "out")
     rows = results.scores("copy-last")
     rows = rows.filter(pc.equal(rows["metric"], "psnr")).group_by("clip").aggregate([("value", "mean")])
@@ -140,12 +117,12 @@ def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path) -> None:
     assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst
 
 
-def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path) -> None:
+def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path, printed: Says) -> None:
     results = Results(file.parent / "out")
-    assert run(file, "1", "--no-report") == 0
+    printed(*run(file, "1", "--no-report"))
     assert results.protocol()["kept"] is None
     clips = results.protocol()["clips"]
-    assert run(file, f"{clips[4]},{clips[0]}") == 0
+    printed(*run(file, f"{clips[4]},{clips[0]}"))
     assert {clip for clip, _ in results.predictions("copy-last")} == {clips[0], clips[2], clips[4]}
     assert chapters(file) == ["asked for by name", "others"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
@@ -165,23 +142,18 @@ def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path) -> 
         ("03/000180", "--keep: there is no clip '03/000180': they are called seed0/"),
     ],
 )
-def test_a_wrong_word_is_one_sentence_before_anything_runs(
-    file: Path, capsys: pytest.CaptureFixture[str], keep: str, says: str
-) -> None:
-    assert run(file, keep, "--no-report") == 2
-    (line,) = capsys.readouterr().err.splitlines()[-1:]
+def test_a_wrong_word_is_one_sentence_before_anything_runs(file: Path, refused: Says, keep: str, says: str) -> None:
+    line = refused(*run(file, keep, "--no-report"))
     assert line.startswith("geovp: --keep")
     assert says in line
     assert not list(file.parent.glob("out/*/scores"))
 
 
-def test_what_was_computed_is_shown_though_no_clip_can_be_chosen(
-    file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(file, "worst:coverage:copy-last", "--no-report") == 2  # which covers nothing by itself
-    printed = capsys.readouterr()
-    assert "| still + far" in printed.out
-    assert "--keep: the row 'copy-last' is not complete with coverage" in printed.err
+def test_what_was_computed_is_shown_though_no_clip_can_be_chosen(file: Path, command: Command) -> None:
+    ended = command(*run(file, "worst:coverage:copy-last", "--no-report"))  # which covers nothing by itself
+    assert ended.code == 2
+    assert "| still + far" in ended.out
+    assert "--keep: the row 'copy-last' is not complete with coverage" in ended.err
 
 
 def test_a_rule_names_cells_by_folder_or_label(file: Path) -> None:

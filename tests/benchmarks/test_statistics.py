@@ -7,15 +7,13 @@ import pyarrow as pa
 
 from geovp_benchmarks import statistics
 from geovp_benchmarks.store import SCORES
+from tests.benchmarks.made import scores
 
 NAN = float("nan")
 
 
 def rows(values: dict[tuple[str, int, int], float | None], metric: str = "psnr") -> pa.Table:
-    columns = [[key[i] for key in values] for i in range(3)] + [[metric] * len(values), list(values.values())]
-    return pa.table(
-        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
-    )
+    return scores((*key, metric, value) for key, value in values.items())
 
 
 def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:

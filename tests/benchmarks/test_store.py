@@ -11,9 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from geovp_benchmarks.part_files import METADATA_KEY
-from geovp_benchmarks.store import SCORES, Part, Results, write_bytes
+from geovp_benchmarks.store import Part, Results, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
+from tests.benchmarks.made import scores, write_row
 
 CAMERA = Intrinsics(20.0, 21.0, 7.5, 5.5, 16, 12)
 NAME = "03[180:360)/000010 a"
@@ -31,18 +32,13 @@ def clip(**more: Any) -> Clip:
 
 
 def rows(*values: float | None) -> pa.Table:
-    count = len(values)
-    columns = [["a"] * count, [0] * count, list(range(1, count + 1)), ["psnr"] * count, list(values)]
-    return pa.table(
-        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
-    )
+    return scores(("a", 0, step, "psnr", value) for step, value in enumerate(values, 1))
 
 
 def begun(root: Path, fingerprint: str = "f") -> Results:
     results = Results(root)
     results.write_protocol({"cells": ["x", "y"]})
-    facts = {"label": "x", "kind": "predictor", "grants": [], "num_samples": 1, "num_clips": 0, "components": {}}
-    results.write_cell("x", {**facts, "seconds": {}, "fingerprint": fingerprint, "status": "partial"})
+    write_row(results, "x", fingerprint=fingerprint, status="partial")
     return results
 
 

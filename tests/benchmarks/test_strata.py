@@ -2,16 +2,16 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
-from geovp_benchmarks import cli, plots, strata, tables
+from geovp_benchmarks import plots, strata, tables
 from geovp_benchmarks.rescoring import rescore, stored_metrics
-from geovp_benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 
 FACTS: dict[str, dict[str, float]] = {
     "a": {"yaw_deg": 0.4, "speed_m_s": 4.9, "step_m": 0.49},
@@ -31,23 +31,16 @@ def fill(root: Path, facts: dict[str, dict[str, float]], num_clips: int = 5) -> 
         name: {"role": "frame", "unit": unit, "higher_is_better": up, "unavailable": None, "asked": {"name": "psnr"}}
         for name, (unit, up) in UNITS.items()
     }
-    protocol: dict[str, Any] = {"name": "demo", "dataset_name": "road", "dataset": {}, "metrics": metrics}
-    results.write_protocol(
-        {**protocol, "cells": ["s--r", "half"], "clips": clips, "num_past": 3, "num_future": 2, "size_px": [8, 8]}
-    )
+    write_protocol(results, ["s--r", "half"], clips, metrics=metrics, num_past=3, num_future=2, size_px=[8, 8])
     for name, count in (("s--r", len(clips)), ("half", 1)):
-        record = {"label": name.replace("--", " + "), "kind": "geometric", "grants": [], "num_samples": 1}
-        record |= {"seconds": {}, "components": {}, "fingerprint": "f", "status": "done" if count > 1 else "partial"}
-        results.write_cell(name, {**record, "num_clips": count})
         rows = [
             (clip, 0, step, metric, value)
             for number, clip in enumerate(clips[:count])
             for step in (1, 2)
             for metric, value in (("psnr", 11.0 + number - step), ("coverage", COVERED[clip]))
         ]
-        columns = [pa.array(column, f.type) for column, f in zip(zip(*rows, strict=True), SCORES, strict=True)]
         own = {clip: facts[clip] for clip in clips[:count]}
-        results.write_part(name, pa.table(columns, SCORES), Part(0, tuple(clips[:count]), "f", {}, {}, 0.0, facts=own))
+        write_row(results, name, rows, own, kind="geometric", status="done" if count > 1 else "partial")
     return results
 
 
@@ -119,23 +112,17 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     assert {path.name for path in results.plots.iterdir()} == after
 
 
-def test_the_command_line_prints_a_table_a_stratum(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["table", str(results.root), "--by", "speed"]) == 0
-    headings = [line for line in capsys.readouterr().out.splitlines() if line.startswith("## ")]
-    assert [line.partition(", ")[2].partition(":")[0] for line in headings] == [
-        "below 5 m/s (n = 1)",
-        "5 to 10 m/s (n = 1)",
-        "10 m/s or more (n = 1)",
-        "speed_m_s not known (n = 2)",
-    ]
-    assert cli.main(["plot", str(results.root), "--by", "speed"]) == 0
-    assert "strata-speed-1-psnr.png" in capsys.readouterr().out
+def test_the_command_line_prints_a_table_a_stratum(results: Results, printed: Says) -> None:
+    headings = [line for line in printed("table", results.root, "--by", "speed").splitlines() if line.startswith("## ")]
+    speeds = ["below 5 m/s (n = 1)", "5 to 10 m/s (n = 1)", "10 m/s or more (n = 1)", "speed_m_s not known (n = 2)"]
+    assert [line.partition(", ")[2].partition(":")[0] for line in headings] == speeds
+    assert "strata-speed-1-psnr.png" in printed("plot", results.root, "--by", "speed")
 
 
 @pytest.mark.parametrize("verb", ["table", "plot"])
-def test_a_wrong_word_is_one_sentence(results: Results, capsys: pytest.CaptureFixture[str], verb: str) -> None:
-    assert cli.main([verb, str(results.root), "--by", "turnin"]) == 2
-    assert capsys.readouterr().err == "geovp: clips cannot be divided by 'turnin': did you mean 'turning'?\n"
+def test_a_wrong_word_is_one_sentence(results: Results, refused: Says, verb: str) -> None:
+    said = "geovp: clips cannot be divided by 'turnin': did you mean 'turning'?"
+    assert refused(verb, results.root, "--by", "turnin") == said
 
 
 def test_what_nothing_is_known_of_cannot_be_divided(tmp_path: Path) -> None:
@@ -143,26 +130,9 @@ def test_what_nothing_is_known_of_cannot_be_divided(tmp_path: Path) -> None:
         strata.divide(fill(tmp_path, FACTS), "moving")
 
 
-MATRIX = """
-[protocol]
-dataset = { name = "toy-road", clips = 3, with_depths = true }
-num_past = 3
-num_future = 2
-size_px = [8, 8]
-stride = 1
-[predictors]
-still = { name = "toy-still" }
-[metrics]
-frame = ["toy-difference"]
-trajectory = []
-"""
-
-
 @pytest.mark.usefixtures("toys")
 def test_a_run_and_a_rescoring_store_the_facts_of_their_clips(tmp_path: Path) -> None:
-    file = tmp_path / "m.toml"
-    file.write_text(MATRIX)
-    assert cli.main(["run", str(file), "--out", str(tmp_path / "out"), "--no-report", "--keep", "1"]) == 0
+    go(tmp_path / "out", content({"clips": 3, "with_depths": True}, predictors=STILL), keep=1)
     stored = Results(tmp_path / "out").clip_facts()
     assert list(stored) == ["road/000", "road/001", "road/002"]
     facts = dict(stored["road/001"])  # 1 m in .1 s, straight on; a wall that moves along

@@ -2,16 +2,17 @@
 
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import cli, formats, tables
+from geovp_benchmarks import formats, tables
 from geovp_benchmarks.latex import tex_escaped
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.table_model import Choice
 from geovp_classic.errors import BadData
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, row_of, write
 
 ODD = r"50%_a & b {x} <script> $5 #1 ~^ \ [z]"
@@ -22,11 +23,9 @@ def results(tmp_path: Path) -> Results:
     """Six clips; an oracle beside two rows without truth, one of which has two samples."""
     results = Results(tmp_path / "r")
     clips = [f"s/{number}" for number in range(6)]
-    some = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "clips": clips, "num_past": 10}
     metrics = {**METRICS, "lpips": {**METRICS["lpips"], "unit": "", "higher_is_better": False}}
     metrics["translation-error"] = {**METRICS["translation-error"], "bounds": [0.0, None]}
-    cells = ["oracle", "plain", "odd"]
-    results.write_protocol({**some, "num_future": 20, "size_px": [64, 48], "cells": cells, "metrics": metrics})
+    write_protocol(results, ["oracle", "plain", "odd"], clips, metrics=metrics)
     for name, psnr, samples in (("oracle", 30.0, 1), ("plain", 20.0, 1), ("odd", 10.0, 2)):
         values = {}
         for number, clip in enumerate(clips):
@@ -83,11 +82,8 @@ def test_intervals_of_errors_do_not_go_below_zero(results: Results) -> None:
         (["--style", "thesis", "--metrics", "psnr"], "--style thesis has the thesis's rows and columns"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(
-    results: Results, given: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["table", str(results.root), *given]) == 2
-    assert said in capsys.readouterr().err
+def test_what_cannot_be_is_one_sentence(results: Results, given: list[str], said: str, refused: Says) -> None:
+    assert said in refused("table", results.root, *given)
 
 
 def test_differences_of_chosen_rows(results: Results) -> None:
@@ -98,12 +94,10 @@ def test_differences_of_chosen_rows(results: Results) -> None:
         tables.against(results, "orcle", choice=Choice(("plain",)))
 
 
-def test_a_page_says_what_was_chosen(results: Results, tmp_path: Path) -> None:
-    protocol = results.protocol()
-    results.write_protocol({**protocol, "versions": {}})
+def test_a_page_says_what_was_chosen(results: Results, tmp_path: Path, printed: Says) -> None:
+    results.write_protocol({**results.protocol(), "versions": {}})
     page = tmp_path / "page.md"
-    given = ["--page", str(page), "--metrics", "psnr", "coverage", "--methods", "plain", ODD]
-    assert cli.main(["table", str(results.root), *given]) == 0
+    printed("table", results.root, "--page", page, "--metrics", "psnr", "coverage", "--methods", "plain", ODD)
     assert "--methods plain '50%_a & b {x}" in page.read_text()
     assert "--metrics psnr coverage" in page.read_text()
 
@@ -117,15 +111,13 @@ class TestCompiled:
     """What an engine makes of it; the printed document is looked at word by word."""
 
     @pytest.fixture
-    def compile(self, results: Results, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    def compile(self, results: Results, tmp_path: Path, printed: Says) -> Says:
         engine = next(filter(None, map(shutil.which, ("tectonic", "pdflatex", "latex"))), None)
         if engine is None:
             pytest.skip("no LaTeX engine (tectonic, pdflatex or latex) is installed: the tables were not compiled")
 
         def compiled(*given: str) -> str:
-            capsys.readouterr()
-            assert cli.main(["table", str(results.root), "--format", "tex", *given]) == 0
-            body = f"See \\ref{{tab:main}}.\n{capsys.readouterr().out}"
+            body = f"See \\ref{{tab:main}}.\n{printed('table', results.root, '--format', 'tex', *given)}"
             head = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}"
             (tmp_path / "t.tex").write_text(f"{head}\n{body}\\end{{document}}\n")
             quiet = ["--keep-logs"] if Path(engine).stem == "tectonic" else ["-interaction=nonstopmode"]
@@ -145,7 +137,7 @@ class TestCompiled:
             [],
         ],
     )
-    def test_nothing_is_too_wide_and_the_label_is_known(self, compile: Callable[..., str], given: list[str]) -> None:
+    def test_nothing_is_too_wide_and_the_label_is_known(self, compile: Says, given: list[str]) -> None:
         log = compile("--label", "tab:main", *given)
         for complaint in ("Overfull", "undefined", "multiply defined", "Float too large", "LaTeX Error"):
             assert complaint not in log

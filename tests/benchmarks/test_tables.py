@@ -5,13 +5,13 @@ import datetime
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pytest
 
-from geovp_benchmarks import cli, formats, tables
-from geovp_benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks import formats, tables
+from geovp_benchmarks.store import Results
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_protocol, write_row
 
-DONE = {"kind": "predictor", "grants": [], "num_samples": 1, "seconds": {}, "components": {}, "fingerprint": "f"}
 METRICS = {
     "psnr": {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None, "definition": "per frame"},
     "lpips": {"role": "frame", "unavailable": "lpips_alex is not here: fetch it"},
@@ -21,43 +21,18 @@ METRICS = {
 
 
 def write(results: Results, name: str, values: dict[tuple[str, int, str], float | None], **record: Any) -> None:
-    clips = list(dict.fromkeys(clip for clip, _, _ in values))
-    facts = {**DONE, "label": name.replace("--", " + "), "status": "done", "num_clips": len(clips), **record}
-    results.write_cell(name, facts)
-    columns = [
-        [clip for clip, _, _ in values],
-        [sample for _, sample, _ in values],
-        [1] * len(values),
-        [metric for _, _, metric in values],
-        list(values.values()),
-    ]
-    rows = pa.table(
-        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
-    )
-    if values:
-        results.write_part(name, rows, Part(0, tuple(clips), "f", {}, {}, 0.0))
+    """A cell with values at one step by clip, sample and metric."""
+    write_row(results, name, [(clip, sample, 1, metric, v) for (clip, sample, metric), v in values.items()], **record)
 
 
 @pytest.fixture
 def results(tmp_path: Path) -> Results:
     """Two clips; `sharp` is better in PSNR, `still` in the error; one cell of each other status."""
     results = Results(tmp_path)
-    cells = ["a--sharp", "still", "half", "broken", "apart"]
-    protocol = {
-        "name": "demo",
-        "dataset_name": "road",
-        "dataset": {"name": "road", "split": "test"},
-        "cells": cells,
-        "metrics": METRICS,
-        "clips": ["x", "y"],
-    }
-    results.write_protocol({**protocol, "num_past": 10, "num_future": 20, "size_px": [64, 48]})
-    sharp = {
-        ("x", 0, "psnr"): 20.0,
-        ("y", 0, "psnr"): 24.0,
-        ("x", 0, "translation-error"): 3.0,
-        ("y", 0, "translation-error"): 3.0,
-    }
+    road = {"name": "road", "split": "test"}
+    write_protocol(results, ["a--sharp", "still", "half", "broken", "apart"], "xy", metrics=METRICS, dataset=road)
+    sharp = {("x", 0, "psnr"): 20.0, ("y", 0, "psnr"): 24.0}
+    sharp |= {(clip, 0, "translation-error"): 3.0 for clip in "xy"}
     apart = {("x", 0, "psnr@covered"): 25.0, ("y", 0, "psnr@covered"): None, ("x", 0, "coverage"): 0.5}
     write(results, "a--sharp", {**sharp, **apart}, grants=["PAST_POSES", "FUTURE_POSES"])
     write(results, "still", {("x", 0, "psnr"): 10.0, ("y", 0, "psnr"): 12.0, ("x", 0, "translation-error"): 1.0})
@@ -163,34 +138,32 @@ class TestPage:
         results.write_protocol({**protocol, "versions": {"geovp-classic": "0.1.0", "numpy": "2.4.6"}})
         return tmp_path / "docs" / "demo.md"
 
-    def test_it_says_commands_date_versions_and_tables(
-        self, results: Results, page: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        assert cli.main(["table", str(results.root), "--page", str(page), "--strict"]) == 0
+    def test_it_says_commands_date_versions_and_tables(self, results: Results, page: Path, printed: Says) -> None:
+        told = printed("table", results.root, "--page", page, "--strict")
         text = page.read_text()
         assert text.startswith("# demo\n\n```sh\ngeovp run demo\n")
         assert f"geovp table results/{results.root.name} --strict\n```" in text
         assert f"Written on {datetime.date.today().isoformat()} by" in text
         assert "computed with geovp-classic 0.1.0, numpy 2.4.6." in text
-        assert capsys.readouterr().out.strip() in text
+        assert told.strip() in text
 
-    def test_another_command_and_another_table(self, results: Results, page: Path) -> None:
-        given = ["--command", "geovp run mine.toml", "--against", "still", "--page", str(page)]
-        assert cli.main(["table", str(results.root), *given]) == 0
+    def test_another_command_and_another_table(self, results: Results, page: Path, printed: Says) -> None:
+        given = ["--command", "geovp run mine.toml", "--against", "still", "--page", page]
+        printed("table", results.root, *given)
         text = page.read_text()
         assert f"```sh\ngeovp run mine.toml\ngeovp table results/{results.root.name} --against still\n```" in text
         assert "## demo: differences from still" in text
 
-    def test_notes_below_stay_and_old_tables_go(self, results: Results, page: Path) -> None:
+    def test_notes_below_stay_and_old_tables_go(self, results: Results, page: Path, printed: Says) -> None:
         page.parent.mkdir()
         page.write_text("# demo\n\nold numbers\n\n## Notes\n\nStill blurs.\n")
-        assert cli.main(["table", str(results.root), "--page", str(page)]) == 0
+        printed("table", results.root, "--page", page)
         assert page.read_text().endswith("\n\n## Notes\n\nStill blurs.\n")
         assert "old numbers" not in page.read_text()
 
-    def test_a_page_is_markdown(self, results: Results, page: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        assert cli.main(["table", str(results.root), "--page", str(page), "--format", "tex"]) == 2
-        assert "--page is written as md alone, not as tex: leave --format out" in capsys.readouterr().err
+    def test_a_page_is_markdown(self, results: Results, page: Path, refused: Says) -> None:
+        said = refused("table", results.root, "--page", page, "--format", "tex")
+        assert "--page is written as md alone, not as tex: leave --format out" in said
         assert not page.exists()
 
 
@@ -198,9 +171,7 @@ class TestPage:
 def sampled(tmp_path: Path) -> Results:
     """Two clips, three samples: sample 1 is best in PSNR, sample 2 in the error."""
     results = Results(tmp_path / "sampled")
-    protocol = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "cells": ["chance", "still"]}
-    some = {"metrics": METRICS, "clips": ["x", "y"], "num_past": 10, "num_future": 20, "size_px": [64, 48]}
-    results.write_protocol({**protocol, **some})
+    write_protocol(results, ["chance", "still"], "xy", metrics=METRICS)
     psnr = {(clip, sample, "psnr"): value for clip in "xy" for sample, value in enumerate((10.0, 13.0, 11.0))}
     metres = {
         (clip, sample, "translation-error"): value for clip in "xy" for sample, value in enumerate((4.0, 3.0, 1.0))
@@ -223,10 +194,6 @@ def test_best_of_k_has_a_table_per_metric(sampled: Results) -> None:
     psnr, metres = tables_by_name["samples-psnr"], tables_by_name["samples-translation-error"]
     assert row_of(psnr, "method")[2:] == ["best of 1 (dB) ↑", "best of 2 (dB) ↑", "best of 3 (dB) ↑"]
     # Pairs of 10, 13, 11: (13 + 11 + 13) / 3 = 12.33; of 4, 3, 1: (3 + 1 + 1) / 3 = 1.667.
-    assert [entry.strip("*").split()[0].strip("*") for entry in row_of(psnr, "chance")[2:]] == [
-        "11.33",
-        "12.33",
-        "13.00",
-    ]
-    assert [entry.split()[0].strip("*") for entry in row_of(metres, "chance")[2:]] == ["2.667", "1.667", "1.000"]
+    for text, means in ((psnr, ["11.33", "12.33", "13.00"]), (metres, ["2.667", "1.667", "1.000"])):
+        assert [entry.strip("*").split()[0].strip("*") for entry in row_of(text, "chance")[2:]] == means
     assert not any(line.startswith("| still") for line in psnr)

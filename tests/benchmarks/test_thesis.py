@@ -3,11 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
 import pytest
 
-from geovp_benchmarks import cli, matrix, thesis
-from geovp_benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks import matrix, thesis
+from geovp_benchmarks.store import Part, Results
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import scores, write_protocol, write_row
 
 VO = {"name": "chained", "odometry": {"name": "monocular"}}
 GT = {"name": "ground-truth"}
@@ -26,24 +27,19 @@ CELLS: dict[str, tuple[dict[str, Any], int, float]] = {  # name: (components, sa
 def results(tmp_path: Path) -> Results:
     """Two clips; each sample has 1 dB more than the one before it, and an LPIPS of a hundredth of its PSNR."""
     results = Results(tmp_path / "thesis")
-    protocol = {"name": "thesis", "dataset_name": "kitti", "dataset": {"name": "kitti", "split": "test"}}
-    sizes = {"num_past": 10, "num_future": 20, "size_px": [256, 256], "clips": ["x", "y"], "metrics": {}}
-    results.write_protocol({**protocol, **sizes, "cells": [*CELLS, "slamp-1"]})
+    protocol = {"name": "thesis", "dataset_name": "kitti", "dataset": {"name": "kitti", "split": "test"}, "metrics": {}}
+    write_protocol(results, [*CELLS, "slamp-1"], "xy", **protocol, size_px=[256, 256])
     for name, (components, samples, psnr) in CELLS.items():
-        facts = {"label": name, "status": "done", "components": components, "num_samples": samples, "num_clips": 2}
-        grants = ["CAMERA_HEIGHT"] if name == "vo" else []
-        results.write_cell(name, {**facts, "kind": "predictor", "grants": grants, "seconds": {}, "fingerprint": "f"})
-        rows = [
+        lines = [
             (clip, sample, 1, metric, (psnr + sample + offset) * scale)
             for clip, offset in (("x", 0.0), ("y", 0.5))
             for sample in range(samples)
             for metric, scale in (("psnr", 1.0), ("lpips", 0.01))
         ]
-        columns = [pa.array(column, f.type) for column, f in zip(zip(*rows, strict=True), SCORES, strict=True)]
-        results.write_part(name, pa.table(columns, SCORES), Part(0, ("x", "y"), "f", {}, {}, 0.0))
-    absent = {"components": {"predictor": {"name": "slamp"}}, "num_samples": 1, "num_clips": 0, "grants": []}
-    told = {"label": "slamp-1", "status": "skipped", "reason": "no weights", "kind": "predictor", "seconds": {}}
-    results.write_cell("slamp-1", {**absent, **told, "fingerprint": ""})
+        grants = ["CAMERA_HEIGHT"] if name == "vo" else []
+        write_row(results, name, lines, components=components, num_samples=samples, grants=grants)
+    absent = {"components": {"predictor": {"name": "slamp"}}, "fingerprint": ""}
+    write_row(results, "slamp-1", **absent, status="skipped", reason="no weights")
     return results
 
 
@@ -131,11 +127,13 @@ def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) 
         cell = results.cell(name)
         assert cell is not None
         results.write_cell(name, {**cell.record, "grants": ["PAST_POSES", "FUTURE_POSES"]})
-    (low, high) = (
-        pa.table([[f] * 2, [0] * 2, [1] * 2, ["psnr", "lpips"], v], SCORES)
-        for f, v in (("x", [40.0, 0.01]), ("y", [41.0, 0.02]))
-    )
-    results.write_part("crossed", pa.concat_tables([low, high]), Part(0, ("x", "y"), "f", {}, {}, 0.0))
+    best = [
+        ("x", 0, 1, "psnr", 40.0),
+        ("x", 0, 1, "lpips", 0.01),
+        ("y", 0, 1, "psnr", 41.0),
+        ("y", 0, 1, "lpips", 0.02),
+    ]
+    results.write_part("crossed", scores(best), Part(0, ("x", "y"), "f", {}, {}, 0.0))
     rows = {row[0]: row[1:] for row in rows_of(blocks(results)[0])}
     assert rows["GT 3D Pose + SynSin"] == ["40.500 ± 0.500", "-", "0.015 ± 0.005"]  # the best by far, not in bold
     assert rows["vo [h]"][0] == "**17.250 ± 0.250**"
@@ -157,13 +155,11 @@ def test_what_is_missing_is_told(results: Results) -> None:
     assert "2 clips of kitti, split test; 10 frames seen, the next 20 predicted at 256x256." in ours
 
 
-def test_the_command_line_prints_it(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["table", "--style", "thesis", str(results.root)]) == 0
-    assert "SVG - 4 Samples" in capsys.readouterr().out
-    assert cli.main(["table", "--style", "thesis", "--format", "tex", str(results.root)]) == 0
-    assert LATEX in capsys.readouterr().out
-    assert cli.main(["table", "--style", "thesis", "--format", "csv", str(results.root)]) == 2
-    assert "written as md or tex, not as csv" in capsys.readouterr().err
+def test_the_command_line_prints_it(results: Results, printed: Says, refused: Says) -> None:
+    asked = ("table", "--style", "thesis", results.root)
+    assert "SVG - 4 Samples" in printed(*asked)
+    assert LATEX in printed(*asked, "--format", "tex")
+    assert "written as md or tex, not as csv" in refused(*asked, "--format", "csv")
 
 
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])

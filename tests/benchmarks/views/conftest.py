@@ -7,8 +7,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from geovp_benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks.store import Part, Results
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
+from tests.benchmarks.made import scores
 
 PAST, FUTURE, SIDE = 3, 6, 16
 CLIPS = ("a/b[0:9) <x> & $y", "b", "c")
@@ -67,9 +68,7 @@ def rows(name: str) -> pa.Table:
                     found.append((clip, sample, step, "translation-error", 0.1 * step))
                     found.append((clip, sample, step, "final-gap", 1.0 if step == FUTURE else None))
                     found.append((clip, sample, step, "psnr@covered", None if step > 4 else 30.0 - step))
-    return pa.table(
-        [pa.array(column, f.type) for column, f in zip(zip(*found, strict=True), SCORES, strict=True)], SCORES
-    )
+    return scores(found)
 
 
 def keep(results: Results, name: str) -> None:
