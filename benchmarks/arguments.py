@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import glob
+import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable
@@ -16,12 +17,19 @@ CONFIGS = Path(__file__).parent / "configs"  # the built-in matrix files
 DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
 
-def positive(text: str) -> int:
-    """The type of a count."""
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of 1 or more")
+def at_least(least: int, kind: type[int] | type[float] = int) -> Callable[[str], Any]:
+    """The type of a finite number that is no less."""
+
+    def number(text: str) -> int | float:
+        value = kind(text)
+        if not least <= value < math.inf:
+            raise argparse.ArgumentTypeError(f"{text} is not a {'whole ' * (kind is int)}number of {least} or more")
+        return value
+
     return number
+
+
+positive = at_least(1)
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -82,13 +82,14 @@ def grid(lines: Sequence[Sequence[str]], numbers: bool = True) -> list[str]:
     return [f"| {layout.format(*itertools.chain(*zip(row, widths, strict=True)))} |" for row in rows]
 
 
-def page(text: str, protocol: Mapping[str, Any], commands: Sequence[str], before: str = "") -> str:
-    """A page of the documentation: title, commands, date, versions, tables; the old page's notes stay."""
-    versions = ", ".join(f"{package} {version}" for package, version in protocol["versions"].items())
-    heading = [f"# {protocol['name']}", "", "```sh", *commands, "```", ""]
-    origin = f"Written on {datetime.date.today().isoformat()} by `geovp table --page`; computed with {versions}."
+def write_page(path: Path, title: str, commands: Sequence[str], origin: str, text: str) -> None:
+    """Write a page of the documentation: title, commands, date and origin, text; the old page's notes stay."""
+    before = path.read_text(encoding="utf-8") if path.exists() else ""
+    heading = [f"# {title}", "", "```sh", *commands, "```", ""]
+    written = f"Written on {datetime.date.today().isoformat()} by {origin}."
     _, found, kept = before.partition(NOTES)
-    return "\n".join([*heading, origin, "", text.rstrip(), "", *([NOTES + kept] if found else [])])
+    lines = [*heading, written, "", text.rstrip(), "", *([NOTES + kept] if found else [])]
+    write_bytes(path, "\n".join(lines).encode())
 
 
 def default_command(protocol: Mapping[str, Any]) -> str:

@@ -59,12 +59,10 @@ def _words(column: str, spec: Spec) -> str:
 
 
 def _all() -> dict[str, Protocol]:
-    tables = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-    tuples = ("size_px", "horizons")
-    return {
-        name: Protocol(name=name, **{key: tuple(value) if key in tuples else value for key, value in fields.items()})
-        for name, fields in tables.items()
-    }
+    tables: dict[str, dict[str, Any]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+    for fields in tables.values():
+        fields |= {key: tuple(fields[key]) for key in ("size_px", "horizons") if key in fields}
+    return {name: Protocol(name=name, **fields) for name, fields in tables.items()}
 
 
 ALL: Mapping[str, Protocol] = _all()

@@ -64,17 +64,13 @@ class Block:
 
     def rows(self, emphasis: str, escaped: Callable[[str], str] = str) -> list[list[str]]:
         """Name and values as texts, the best of each column in `emphasis`, such as "**{}**"."""
-        best = [self._best(i) for i in range(len(METRICS))]
-        rows = []
-        for line in self.lines:
-            texts = [escaped(_text(value)) for value in line.values]
-            wins = [
-                line.competes and value is not None and _printed(value) == b
-                for value, b in zip(line.values, best, strict=True)
-            ]
-            rows.append(
-                [escaped(line.name), *(emphasis.format(t) if w else t for t, w in zip(texts, wins, strict=True))]
-            )
+        rows = [[escaped(line.name), *(escaped(_text(value)) for value in line.values)] for line in self.lines]
+        for i in range(len(METRICS)):
+            best = self._best(i)
+            for line, row in zip(self.lines, rows, strict=True):
+                value = line.values[i]
+                if line.competes and value is not None and _printed(value) == best:
+                    row[i + 1] = emphasis.format(row[i + 1])
         return rows
 
     def _best(self, i: int) -> float:

@@ -62,14 +62,12 @@ def run(chosen: argparse.Namespace) -> int:
 
 def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[Cell]:
     """All cells, with the clips that `--keep` asks for; a rule can only be followed once there are scores."""
-    from geovp_benchmarks.cli.run import keep_rule
+    from geovp_benchmarks.cli.run import executor_of, keep_rule
     from geovp_benchmarks.planning import Options
     from geovp_benchmarks.run import run as fill
     from geovp_benchmarks.selection import Ranking
-    from geovp_classic import registry
 
-    spec = {"name": "processes", "workers": chosen.workers} if chosen.workers > 1 else {"name": "serial"}
-    keep, executor = keep_rule(chosen.keep, matrix), registry.build("executors", spec)
+    keep, executor = keep_rule(chosen.keep, matrix), executor_of(chosen.workers)
     with progress_bar(chosen.name, "predictions") as progress:
         first = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep)
         cells = fill(matrix, results, first, executor, progress)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from geovp_benchmarks.arguments import add_device, add_matrix, positive
 from geovp_benchmarks.cli.messages import say, width
-from geovp_benchmarks.progress import Progress, announce, progress_bar
+from geovp_benchmarks.progress import announce, progress_bar
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
     from geovp_benchmarks.executors import Executor
     from geovp_benchmarks.locking import Claim
     from geovp_benchmarks.matrix import Matrix
-    from geovp_benchmarks.planning import Options
     from geovp_benchmarks.selection import Ranking, Selection
     from geovp_benchmarks.store import Cell, Results
 
@@ -69,14 +69,11 @@ def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
     """Compute the cells of one data set while no other protocol's run may; the exit code."""
     from geovp_benchmarks.locking import results_lock, unclaimed
 
-    if chosen.dry_run:
-        return _filled(chosen, matrix, results, unclaimed)
-    with results_lock(results.root) as claim:
-        return _filled(chosen, matrix, results, claim)
+    with nullcontext(unclaimed) if chosen.dry_run else results_lock(results.root) as claim:
+        return _filled(chosen, matrix.with_device(chosen.device), results, claim)
 
 
 def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim: Claim) -> int:
-    matrix = matrix.with_device(chosen.device)
     with progress_bar(matrix.name, "predictions") as progress:
         announce("starting")
         from geovp_benchmarks.planning import Options
@@ -85,9 +82,13 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
 
         keep = keep_rule(chosen.keep, matrix)
         options = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh, claim)
-        executor, before = _executor(chosen), results.set_aside()
         if chosen.dry_run:
-            return _look(matrix, results, options, chosen.workers or 1, progress)
+            from geovp_benchmarks import dry_run
+
+            plan, rows = dry_run.rows(matrix, results, options, progress)
+            print(*dry_run.describe(plan, rows, chosen.workers or 1), sep="\n")
+            return 0
+        executor, before = executor_of(chosen.workers, chosen.scheduler), results.set_aside()
         cells = fill(matrix, results, options, executor, progress)
     if results.set_aside() - before:
         kept = results.root / "earlier"
@@ -103,15 +104,6 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
         with progress_bar("chosen clips", "predictions") as progress:
             cells = fill(matrix, results, options, executor, progress)
     return conclude(results, cells, with_report=not chosen.no_report)
-
-
-def _look(matrix: Matrix, results: Results, options: Options, workers: int, progress: Progress) -> int:
-    """Print what would be done."""
-    from geovp_benchmarks import dry_run
-
-    plan, rows = dry_run.rows(matrix, results, options, progress)
-    print(*dry_run.describe(plan, rows, workers), sep="\n")
-    return 0
 
 
 def conclude(results: Results, cells: Sequence[Cell], with_report: bool, as_json: bool = False) -> int:
@@ -151,15 +143,15 @@ def _judge(cells: Sequence[Cell]) -> int:
     return int(left + partly > 0)
 
 
-def _executor(chosen: argparse.Namespace) -> Executor:
-    """What runs the tasks."""
+def executor_of(workers: int | None, scheduler: str | None = None) -> Executor:
+    """What runs the tasks: this process, several of this machine, or a Dask cluster."""
     from geovp_classic import registry
 
     spec: dict[str, object] = {"name": "serial"}
-    if chosen.workers is not None and chosen.workers > 1:
-        spec = {"name": "processes", "workers": chosen.workers}
-    if chosen.scheduler is not None:
-        spec = {"name": "dask", "address": chosen.scheduler}
+    if workers is not None and workers > 1:
+        spec = {"name": "processes", "workers": workers}
+    if scheduler is not None:
+        spec = {"name": "dask", "address": scheduler}
     executor: Executor = registry.build("executors", spec)
     return executor
 

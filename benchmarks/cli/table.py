@@ -8,7 +8,7 @@ import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from geovp_benchmarks.arguments import add_division, add_json, add_results_folder
 from geovp_benchmarks.cli.messages import width
@@ -49,7 +49,6 @@ def run(chosen: argparse.Namespace) -> int:
     """Print in one format, write in all; the main table of each kind of clips is printed only."""
     from geovp_benchmarks import formats, multiple_datasets
     from geovp_benchmarks.store import Results
-    from geovp_classic.data.atomic import write_bytes
 
     if chosen.page is not None and chosen.format != "md":
         raise BadData(f"--page is written as md alone, not as {chosen.format}: leave --format out")
@@ -68,9 +67,11 @@ def run(chosen: argparse.Namespace) -> int:
         text = f"{text}\n{multiple_datasets.side_by_side(results, columns)}"
     print(text)
     if chosen.page is not None:
-        before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""
-        commands = [chosen.command or formats.default_command(results.protocol()), _own_command(chosen)]
-        write_bytes(chosen.page, formats.page(text, results.protocol(), commands, before).encode())
+        protocol = results.protocol()
+        versions = ", ".join(f"{package} {version}" for package, version in protocol["versions"].items())
+        commands = [chosen.command or formats.default_command(protocol), _own_command(chosen)]
+        origin = f"`geovp table --page`; computed with {versions}"
+        formats.write_page(chosen.page, protocol["name"], commands, origin, text)
     return 0
 
 
@@ -130,18 +131,13 @@ def _labelled(tables: Sequence[Table], label: str | None, caption: str | None) -
 
 def _own_command(chosen: argparse.Namespace) -> str:
     """The command line that prints the same tables again."""
-    defaults: dict[str, Any] = {
-        "by": None,
-        "against": None,
-        "spread": "interval",
-        "style": "suite",
-        "methods": [],
-        "metrics": [],
-    }
-    given = {option: getattr(chosen, option) for option in defaults}
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    options = ("by", "against", "spread", "style", "methods", "metrics")
+    given = {option: getattr(chosen, option) for option in options}
     words = [
         f"--{option} {shlex.join([value] if isinstance(value, str) else value)}"
         for option, value in given.items()
-        if value != defaults[option]
+        if value != parser.get_default(option)
     ]
     return " ".join(["geovp table", f"results/{chosen.folder.resolve().name}", *words, *["--strict"] * chosen.strict])

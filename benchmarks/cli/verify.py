@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_results_folder, positive
+from geovp_benchmarks.arguments import add_results_folder, at_least, positive
 from geovp_benchmarks.progress import progress_bar, tracked
 from geovp_classic.errors import BadData
 
@@ -16,12 +15,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results_folder(parser)
     sample_help = "(row, clip) pairs, drawn at random (8); of several data sets, of each"
     parser.add_argument("--sample", type=positive, default=8, metavar="N", help=sample_help)
-    parser.add_argument("--seed", type=_seed, default=0, metavar="S", help="of the draw (0)")
+    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of the draw (0)")
     parser.add_argument(
         "--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the stored one"
     )
     help_text = "largest difference that still reproduces, in each metric's own unit such as dB (0: to the last bit)"
-    parser.add_argument("--tolerance", type=_tolerance, default=0.0, metavar="X", help=help_text)
+    parser.add_argument("--tolerance", type=at_least(0, float), default=0.0, metavar="X", help=help_text)
 
 
 def run(chosen: argparse.Namespace) -> int:
@@ -42,17 +41,3 @@ def run(chosen: argparse.Namespace) -> int:
     versions = dict.fromkeys(line for part in parts for line in verification.other_versions(part))
     print(*versions, f"{good} of {len(verdicts)} reproduce", sep="\n")
     return int(good < len(verdicts))
-
-
-def _seed(text: str) -> int:
-    number = int(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of 0 or more")
-    return number
-
-
-def _tolerance(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number) or number < 0:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of 0 or more")
-    return number

@@ -23,7 +23,8 @@ from geovp_benchmarks.intervals import block_interval
 from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
+from geovp_classic.interfaces import PoseSource, Renderer
+from geovp_classic.types import ByteArray, Context, FloatArray
 
 NUM_PAST, NUM_FUTURE = 10, 20
 SCORED = (0, 4, 9, 14, 19)  # of the future frames
@@ -140,7 +141,8 @@ def measure(wanted: Sequence[Variant], data: Sequence[Any], progress: Progress) 
         for clip in (dataset[number] for number in range(len(dataset))):
             for part, (source, renderer) in built.items():
                 start_s = time.perf_counter()
-                frames, actual = _predict(clip, source, renderer)
+                context, target = clip.split(NUM_PAST, source.needs | renderer.needs)
+                frames, actual = predict(context, source, renderer), target.frames[np.array(SCORED)]
                 results[part].seconds.append(time.perf_counter() - start_s)
                 results[part].scores.append(np.array([metric(frames, actual, None).mean() for metric in metrics]))
                 results[part].stretches.append(stretch)
@@ -149,14 +151,11 @@ def measure(wanted: Sequence[Variant], data: Sequence[Any], progress: Progress) 
     return results
 
 
-def _predict(clip: Clip, source: Any, renderer: Any) -> tuple[ByteArray, ByteArray]:
-    """Predicted and actual frames at the scored horizons; copies of the last one where nothing could be estimated."""
-    context, target = clip.split(NUM_PAST, source.needs | renderer.needs | Grant.NONE)
-    motion = source.estimate(context.only(source.needs))
+def predict(context: Context, source: PoseSource, renderer: Renderer) -> ByteArray:
+    """The predicted frames [N, H, W, 3] at the scored horizons."""
+    motion, steps = source.estimate(context.only(source.needs)), np.array(SCORED)
     scene = renderer.reconstruct(context.only(renderer.needs), motion.past)
-    steps = np.array(SCORED)
-    views = scene.view(motion.futures[0, steps], context.times_s[NUM_PAST + steps], context.intrinsics)
-    return views.frames, target.frames[steps]
+    return scene.view(motion.futures[0, steps], context.times_s[NUM_PAST + steps], context.intrinsics).frames
 
 
 def line(variant: Variant, without: Results, whole: Results) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from geovp_benchmarks.arguments import positive
 from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.studies.ablation import NUM_FUTURE, NUM_PAST, SCORED, STRETCHES, dataset_specs
+from geovp_benchmarks.studies.ablation import NUM_FUTURE, NUM_PAST, SCORED, STRETCHES, dataset_specs, predict
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Intrinsics, Target
@@ -210,16 +210,12 @@ def gain_db(clip: Clip, name: str, level: Level, source: Any, renderer: Any) -> 
     """Mean PSNR over SCORED steps, less that of the copied last frame; NaN where nothing could be predicted."""
     metric = registry.build("frame_metrics", "psnr")
     context, target = disturbed(clip, DISTURBANCES[name], level, source.needs | renderer.needs)
-    steps = np.array(SCORED)
     try:
-        motion = source.estimate(context.only(source.needs))
-        scene = renderer.reconstruct(context.only(renderer.needs), motion.past)
-        views = scene.view(motion.futures[0, steps], context.times_s[NUM_PAST + steps], context.intrinsics)
+        predicted = predict(context, source, renderer)
     except GeovpError:
         return float("nan")
-    actual = target.frames[steps]
-    copied = np.repeat(context.frames[-1:], len(steps), axis=0)
-    return float((metric(views.frames, actual, None) - metric(copied, actual, None)).mean())
+    actual, copied = target.frames[np.array(SCORED)], np.repeat(context.frames[-1:], len(SCORED), axis=0)
+    return float((metric(predicted, actual, None) - metric(copied, actual, None)).mean())
 
 
 def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[Context, Target]:

@@ -8,12 +8,13 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from geovp_benchmarks import cli, tables
+from geovp_benchmarks import tables
 from geovp_benchmarks.provenance import protocol_id
 from geovp_benchmarks.report import sections
 from geovp_benchmarks.store import SCORES, Results
 from geovp_benchmarks.studies import confidence
 from geovp_classic.errors import BadData
+from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import content, crossed, go, values
 
 METRIC = "toy-difference"
@@ -76,9 +77,8 @@ def test_values_that_are_not_there_or_do_not_vary_are_left_out() -> None:
     assert np.isnan(confidence.spearman(np.ones(5), other))
 
 
-def test_the_study_prints_it_and_the_report_has_it(results: Results, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["study", "confidence", str(results.root), "--metric", METRIC]) == 0
-    head, line, *_ = capsys.readouterr().out.splitlines()
+def test_the_study_prints_it_and_the_report_has_it(results: Results, printed: Says) -> None:
+    head, line, *_ = printed("study", "confidence", results.root, "--metric", METRIC).splitlines()
     assert head.split("  ")[0] == "method"
     assert line.split() == ["a", "+", "r", "5", "1.00", "1.00", "-"]
     page = sections.confidence(results)
@@ -86,15 +86,12 @@ def test_the_study_prints_it_and_the_report_has_it(results: Results, capsys: pyt
     assert "Spearman correlation with toy difference." in page
 
 
-def test_older_results_and_unknown_metrics_are_one_sentence(
-    results: Results, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_older_results_and_unknown_metrics_are_one_sentence(results: Results, refused: Says) -> None:
     with pytest.raises(BadData, match=r"cannot be ranked by 'confidence'"):
         confidence.rankings(results, "confidence")
-    assert cli.main(["study", "confidence", str(results.root), "--metric", "toy-diference"]) == 2
-    assert "toy-difference" in capsys.readouterr().err
+    assert "toy-difference" in refused("study", "confidence", results.root, "--metric", "toy-diference")
     for cell in results.cells():
         rewrite(results, cell.name, lambda row: None if row["metric"] == "confidence" else row)
     assert sections.confidence(results) == ""
-    assert cli.main(["study", "confidence", str(results.root), "--metric", METRIC]) == 2
-    assert "`geovp run --fresh` computes its rows anew" in capsys.readouterr().err
+    said = refused("study", "confidence", results.root, "--metric", METRIC)
+    assert "`geovp run --fresh` computes its rows anew" in said

@@ -8,32 +8,23 @@ import pytest
 from geovp_benchmarks import cli, matrix
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic.errors import BadData
+from tests.benchmarks.made import write_matrix
 
 pytest.importorskip("torch", reason="torch is not installed: devices need the extra 'learned'")
 
-MATRIX = """
-[protocol]
-dataset = { name = "synthetic", num_clips = 1 }
-num_past = 3
-num_future = 2
-size_px = [64, 64]
-stride = 10
-device = "auto"
+PROTOCOL = {"dataset": {"name": "synthetic", "num_clips": 1}, "num_past": 3, "num_future": 2, "size_px": [64, 64]}
+PROTOCOL |= {"stride": 10}
+FRAME = ["psnr", {"name": "lpips", "weights": "nowhere.npz"}]
 
-[predictors]
-svg = "svg"
 
-[metrics]
-frame = ["psnr", { name = "lpips", weights = "nowhere.npz" }]
-trajectory = []
-"""
+def written(folder: Path, **more: str) -> Path:
+    tables = {"protocol": PROTOCOL | more, "predictors": {"svg": "svg"}, "metrics": {"frame": FRAME, "trajectory": []}}
+    return write_matrix(folder / "one.toml", tables)
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    path = tmp_path / "one.toml"
-    path.write_text(MATRIX.replace('device = "auto"\n', ""))
-    return path
+    return written(tmp_path)
 
 
 def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(file: Path, tmp_path: Path) -> None:
@@ -61,11 +52,9 @@ def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(file: Path, caps
         PredictionRequest(Path("clip.mp4"), predictor="svg", device="cuda:99").build()
 
 
-def test_the_file_names_a_device_and_the_command_line_another(file: Path) -> None:
-    file.write_text(MATRIX)
-    read = matrix.read(file)
+def test_the_file_names_a_device_and_the_command_line_another(tmp_path: Path) -> None:
+    read = matrix.read(written(tmp_path, device="auto"))
     assert (read.device, read.with_device(None).device, read.with_device("cpu").device) == ("auto", "auto", "cpu")
     assert matrix.Matrix.from_json(read.to_json()) == read
-    file.write_text(MATRIX.replace('"auto"', '"abacus"'))
     with pytest.raises(BadData, match=r"protocol\.device is 'abacus', expected cpu, cuda, cuda:N or auto"):
-        matrix.read(file)
+        matrix.read(written(tmp_path, device="abacus"))

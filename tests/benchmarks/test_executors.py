@@ -6,12 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import executors, matrix
-from geovp_benchmarks.planning import Options
-from geovp_benchmarks.run import run
-from geovp_benchmarks.store import Results
+from geovp_benchmarks import executors
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
+from tests.benchmarks.made import STILL, content, go, rows
 
 distributed = pytest.importorskip("distributed", reason="needs the extra: cluster")
 
@@ -77,16 +75,11 @@ def test_errors_of_a_task_come_back_as_they_were(scheduler: str) -> None:
 
 
 def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(scheduler: str, tmp_path: Path, toys: Path) -> None:
-    tables = {
-        "protocol": {"dataset": "toy-road", "num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1},
-        "predictors": {"noise": {"name": "toy-noise", "num_samples": 2}, "still": {"name": "toy-still"}},
-        "metrics": {"frame": ["toy-difference"], "trajectory": []},
-    }
+    tables = content(predictors={"noise": {"name": "toy-noise", "num_samples": 2}, **STILL})
     found = []
     for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):
-        results = Results(tmp_path / name)
-        run(matrix.parse("m", tables), results, Options(), executor, lambda done, total: None)
-        found.append([row for cell in results.cells() for row in results.scores(cell.name).to_pylist()])
+        cells = go(tmp_path / name, tables, executor)
+        found.append([row for cell in cells for row in rows(tmp_path / name, cell)])
     assert found[0] == found[1]
     assert len(found[0]) == 5 * 2 * (2 + 1)
 

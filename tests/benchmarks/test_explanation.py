@@ -1,18 +1,18 @@
 """`geovp metrics explain A B`: each thing that can differ has its sentence, and nothing else has one."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_benchmarks.store import Results
 from geovp_classic import files
-from tests.benchmarks.made import content, go
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import STILL, content, go
 
 pytestmark = pytest.mark.usefixtures("toys")
-STILL = {"still": {"name": "toy-still"}}
 
 
 def folder(
@@ -24,13 +24,16 @@ def folder(
     return path
 
 
-def explained(capsys: pytest.CaptureFixture[str], a: Path | str, b: Path | str) -> list[str]:
-    assert cli.main(["metrics", "explain", str(a), str(b)]) == 0
-    return capsys.readouterr().out.splitlines()
+Explained = Callable[..., list[str]]  # of two folders or rows
 
 
-def test_the_same_run_twice_differs_in_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = explained(capsys, folder(tmp_path / "a"), folder(tmp_path / "b"))
+@pytest.fixture
+def explained(printed: Says) -> Explained:
+    return lambda a, b: printed("metrics", "explain", a, b).splitlines()
+
+
+def test_the_same_run_twice_differs_in_nothing(tmp_path: Path, explained: Explained) -> None:
+    lines = explained(folder(tmp_path / "a"), folder(tmp_path / "b"))
     assert lines == [
         f"A: {tmp_path / 'a'}",
         f"B: {tmp_path / 'b'}",
@@ -43,10 +46,10 @@ def test_the_same_run_twice_differs_in_nothing(tmp_path: Path, capsys: pytest.Ca
     ]
 
 
-def test_clips_frames_and_split_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_clips_frames_and_split_are_told(tmp_path: Path, explained: Explained) -> None:
     a = folder(tmp_path / "a", {"clips": 3})
     b = folder(tmp_path / "b", {"clips": 4}, {"num_future": 4, "size_px": [8, 16]})
-    lines = explained(capsys, a, b)
+    lines = explained(a, b)
     assert lines[2].startswith("Protocol ids: ")
     assert "Data set: clips: 3 in A, 4 in B." in lines
     assert "Clips: A has 3, B 4, 3 in common; only in B: road/003." in lines
@@ -59,10 +62,10 @@ def test_clips_frames_and_split_are_told(tmp_path: Path, capsys: pytest.CaptureF
     )
 
 
-def test_two_rows_of_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_rows_of_one_folder(tmp_path: Path, explained: Explained) -> None:
     sources = {f"at-{step_m:g}": {"name": "toy-steady", "step_m": step_m} for step_m in (1.5, 3.0)}
     made = folder(tmp_path / "a", pose_sources=sources, renderers={"slide": {"name": "toy-slide"}})
-    lines = explained(capsys, f"{made}:at-1.5 + slide", f"{made}:at-3--slide")
+    lines = explained(f"{made}:at-1.5 + slide", f"{made}:at-3--slide")
     assert "at-1.5 + slide (A), at-3 + slide (B)" in lines
     assert [line for line in lines if line.startswith("Component")] == [
         "Component: pose_source.step_m: 1.5 in A, 3.0 in B."
@@ -71,7 +74,7 @@ def test_two_rows_of_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert any(line.startswith("toy gap: A 0.7500 on 5 clips, B 3.0000 on 5 clips; A - B") for line in lines)
     assert any("common clips: -2.2500" in line for line in lines)
     assert not any(line.startswith(("Protocol", "Code", "Library")) for line in lines)
-    lines = explained(capsys, f"{made}:still", f"{made}:at-3 + slide")
+    lines = explained(f"{made}:still", f"{made}:at-3 + slide")
     assert 'Row: grants: nothing in A, ["PAST_POSES"] in B.' in lines
 
 
@@ -79,21 +82,19 @@ def edited(path: Path, **changes: Any) -> None:
     path.write_bytes(files.json_bytes({**json.loads(path.read_text()), **changes}))
 
 
-def test_definitions_versions_and_weights_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_definitions_versions_and_weights_are_told(tmp_path: Path, explained: Explained) -> None:
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     shared = Results(b).protocol()
     shared["metrics"]["toy-difference"]["definition"] = "of squares"
     edited(b / "protocol.json", metrics=shared["metrics"], versions={**shared["versions"], "numpy": "0.9"})
     edited(b / "still/cell.json", about=["svg weights x"])
-    lines = explained(capsys, a, b)
+    lines = explained(a, b)
     assert any(line.endswith("in A, of squares in B.") for line in lines if "toy-difference: definition:" in line)
     assert f"Library versions: numpy: {Results(a).protocol()['versions']['numpy']} in A, 0.9 in B." in lines
     assert "Weights: svg weights x: nothing in A, used in B." in lines
 
 
-def test_clips_that_one_row_could_not_predict_and_other_code(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_clips_that_one_row_could_not_predict_and_other_code(tmp_path: Path, explained: Explained) -> None:
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     results = Results(b)
     for part in results.parts("still"):
@@ -102,7 +103,7 @@ def test_clips_that_one_row_could_not_predict_and_other_code(
         )
         why = dict.fromkeys(part.clips[:1], ("failed", "no light", ""))
         results.write_part("still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"}))
-    lines = explained(capsys, a, b)
+    lines = explained(a, b)
     said = "Only B could not predict road/000, road/002, road/004, scored as copies of the last frame: no light."
     assert said in lines
     assert any(line.startswith("Code: version: ") and line.endswith(" in A, c0de in B.") for line in lines)
@@ -112,13 +113,12 @@ def test_clips_that_one_row_could_not_predict_and_other_code(
     ("row", "says"),
     [(":stil", "has no row 'stil': did you mean 'still'?"), ("/nowhere", "has no protocol.json: not a results folder")],
 )
-def test_a_wrong_name_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str], row: str, says: str) -> None:
+def test_a_wrong_name_is_one_sentence(tmp_path: Path, refused: Says, row: str, says: str) -> None:
     made = folder(tmp_path / "a")
-    assert cli.main(["metrics", "explain", str(made), f"{made}{row}"]) == 2
-    assert says in capsys.readouterr().err
+    assert says in refused("metrics", "explain", made, f"{made}{row}")
 
 
-def test_folders_without_a_common_row_ask_for_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folders_without_a_common_row_ask_for_rows(tmp_path: Path, refused: Says) -> None:
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b", predictors={"other": {"name": "toy-still"}})
-    assert cli.main(["metrics", "explain", str(a), str(b)]) == 2
-    assert "no row is in both: still; and other: name them as DIR:ROW" in capsys.readouterr().err
+    said = refused("metrics", "explain", a, b)
+    assert "no row is in both: still; and other: name them as DIR:ROW" in said

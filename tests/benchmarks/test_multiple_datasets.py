@@ -9,31 +9,21 @@ import cv2
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks import cli, matrix, multiple_datasets
+from geovp_benchmarks import matrix, multiple_datasets
 from geovp_benchmarks.store import Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import Clip
+from tests.benchmarks.conftest import Command, Says
+from tests.benchmarks.made import intrinsics_of, write_matrix
 
-REST = """
-num_past = 3
-num_future = 2
-size_px = [32, 32]
-stride = 5
-
-[pose_sources]
-gt-3d = { name = "ground-truth" }
-
-[renderers]
-ground-far-plane = { name = "ground-far-plane" }
-
-[predictors]
-copy-last = { name = "copy-last" }
-
-[metrics]
-frame = ["psnr"]
-trajectory = ["rotation-error"]
-"""
+PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
+REST = {
+    "pose_sources": {"gt-3d": "ground-truth"},
+    "renderers": {"ground-far-plane": "ground-far-plane"},
+    "predictors": {"copy-last": "copy-last"},
+    "metrics": {"frame": ["psnr"], "trajectory": ["rotation-error"]},
+}
 
 
 @pytest.fixture(scope="module")
@@ -47,20 +37,17 @@ def matrix_file(tmp_path: Path, street: Clip) -> Path:
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(street.frames):
         cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), frame[..., ::-1])
-    camera = street.intrinsics
-    numbers = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
-    images = f'{{ name = "folder", path = "{tmp_path / "frames"}", intrinsics = {numbers}, camera_height_m = 1.65 }}'
-    path = tmp_path / "both.toml"
-    path.write_text(f'[protocol]\ndatasets = [{{ name = "synthetic", num_clips = 2 }}, {images}]\n{REST}')
-    return path
+    images = {"name": "folder", "path": str(tmp_path / "frames"), "intrinsics": intrinsics_of(street.intrinsics)}
+    datasets = [{"name": "synthetic", "num_clips": 2}, {**images, "camera_height_m": 1.65}]
+    return write_matrix(tmp_path / "both.toml", {"protocol": {"datasets": datasets, **PROTOCOL}, **REST})
 
 
 def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
-    matrix_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    matrix_file: Path, tmp_path: Path, command: Command, refused: Says
 ) -> None:
     out = tmp_path / "out"
-    assert cli.main(["run", str(matrix_file), "--out", str(out), "--no-report"]) == 1  # one row was skipped
-    printed = capsys.readouterr().out
+    ended = command("run", matrix_file, "--out", out, "--no-report")
+    assert ended.code == 1  # one row was skipped
     parts = Results(out).by_dataset()
     assert list(parts) == ["synthetic", "folder"]
     cells = {label: {cell.label: cell for cell in part.cells()} for label, part in parts.items()}
@@ -69,7 +56,7 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
         "synthetic": {row: "done", "copy-last": "done"},
         "folder": {row: "skipped", "copy-last": "done"},
     }
-    table = printed[printed.index("## out: all data sets") :]
+    table = ended.out[ended.out.index("## out: all data sets") :]
     assert (out / "tables" / "datasets.md").read_text().strip() == table.strip()
     head, _, first, second = (line for line in table.splitlines() if line.startswith("|"))
     assert [word.strip().partition(" (")[0] for word in head.strip("|").split("|")] == [
@@ -79,25 +66,22 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     assert first.count(" - ") == 2  # the folder's two columns
     assert [word.strip() == "-" for word in second.split("|")[2:-1]] == [False, True] * 2  # it has no poses
     assert f"- folder: {row}: skipped: {cells['folder'][row].reason}." in table
-    assert cli.main(["table", str(out)]) == 0
-    again = capsys.readouterr().out
+    again = command("table", out).out
     assert table.strip() in again
     assert again.count("## both/synthetic: whole frames") == again.count("## both/folder: whole frames") == 1
-    assert cli.main(["run", str(matrix_file), "--out", str(out), "--no-report"]) == 1  # nothing is computed twice
+    command("run", matrix_file, "--out", out, "--no-report")  # nothing is computed twice
     assert Results(out / "folder").cell("copy-last") == cells["folder"]["copy-last"]
-    assert cli.main(["score", str(out)]) == cli.main(["table", str(out), "--page", "x.md"]) == 2
-    told = capsys.readouterr().err
-    assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in told
-    assert "--page is of one data set" in told
+    assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in refused("score", out)
+    assert "--page is of one data set" in refused("table", out, "--page", "x.md")
 
 
-def test_a_file_with_one_data_set_gives_what_it_gave(tmp_path: Path, matrix_file: Path) -> None:
+def test_a_file_with_one_data_set_gives_what_it_gave(tmp_path: Path, matrix_file: Path, command: Command) -> None:
     """The same rows, bit by bit, whether the data set stands alone or among others; nothing lies elsewhere."""
-    alone = tmp_path / "both.toml"
     both = tmp_path / "both-out"
-    assert cli.main(["run", str(matrix_file), "--out", str(both), "--no-report"]) == 1
-    alone.write_text(f'[protocol]\ndataset = {{ name = "synthetic", num_clips = 2 }}\n{REST}')
-    assert cli.main(["run", str(alone), "--out", str(tmp_path / "one"), "--no-report"]) == 0
+    assert command("run", matrix_file, "--out", both, "--no-report").code == 1
+    protocol = {"dataset": {"name": "synthetic", "num_clips": 2}, **PROTOCOL}
+    alone = write_matrix(tmp_path / "both.toml", {"protocol": protocol, **REST})
+    assert command("run", alone, "--out", tmp_path / "one", "--no-report").code == 0
     one, among = Results(tmp_path / "one"), Results(both / "synthetic")
     assert one.by_dataset() == {"": one}
     assert not (one.root / "datasets.json").exists()
@@ -125,8 +109,7 @@ def test_what_stored_results_depend_on_has_not_changed(
 
 
 def content(**protocol: Any) -> dict[str, Any]:
-    shared = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
-    return {"protocol": {**shared, **protocol}, "predictors": {"copy": "copy-last"}}
+    return {"protocol": {**PROTOCOL, **protocol}, "predictors": {"copy": "copy-last"}}
 
 
 def test_labels_are_names_or_given() -> None:

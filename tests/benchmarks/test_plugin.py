@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks.store import Results
+from tests.benchmarks.made import content, write_matrix
 
 PROJECT = """
 [build-system]
@@ -44,21 +45,6 @@ class Grey:
         shape = (1, context.num_future, *context.frames.shape[1:])
         return Prediction(np.full(shape, self.level, np.uint8))
 '''
-MATRIX = """
-[protocol]
-dataset = { name = "toy-road", clips = 1 }
-num_past = 3
-num_future = 2
-size_px = [8, 8]
-stride = 1
-
-[predictors]
-dark = { name = "grey", level = 13 }
-
-[metrics]
-frame = ["toy-difference"]
-trajectory = []
-"""
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +71,8 @@ def test_it_is_listed_with_its_package(installed: Path, toys: Path) -> None:
 
 
 def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text(MATRIX)
-    out = str(tmp_path / "out")
-    done = geovp(installed, toys, "run", str(tmp_path / "m.toml"), "--out", out, "--no-report")
+    path = write_matrix(tmp_path / "m.toml", content({"clips": 1}, predictors={"dark": {"name": "grey", "level": 13}}))
+    done = geovp(installed, toys, "run", str(path), "--out", str(tmp_path / "out"), "--no-report")
     assert done.returncode == 0, done.stderr
     cell = Results(tmp_path / "out").cell("dark")
     assert cell is not None

@@ -11,7 +11,7 @@ from geovp_benchmarks.components import nested, weights_of
 from geovp_benchmarks.provenance import id_notes, protocol_id, row_id
 from geovp_benchmarks.rescoring import rescore, stored_metrics
 from geovp_benchmarks.store import Cell, Results
-from tests.benchmarks.made import content, go
+from tests.benchmarks.made import STILL, content, go
 
 PSNR = {"role": "frame", "asked": {"name": "psnr"}, "unit": "dB", "definition": "RGB jointly", "unavailable": None}
 PROTOCOL: dict[str, Any] = {
@@ -66,8 +66,8 @@ def test_a_row_of_another_protocol_is_named() -> None:
 
 @pytest.mark.usefixtures("toys")
 def test_cells_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
-    two = go(tmp_path / "two", content({"clips": 2}, predictors={"still": {"name": "toy-still"}}))["still"]
-    three = go(tmp_path / "three", content({"clips": 3}, predictors={"still": {"name": "toy-still"}}))["still"]
+    two = go(tmp_path / "two", content({"clips": 2}, predictors=STILL))["still"]
+    three = go(tmp_path / "three", content({"clips": 3}, predictors=STILL))["still"]
     ids = [two.record["protocol_id"], three.record["protocol_id"]]
     assert ids[0] != ids[1]
     for folder, own in zip(("two", "three"), ids, strict=True):
@@ -80,7 +80,7 @@ def test_cells_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("toys")
 def test_fewer_clips_scored_again_are_another_protocol(tmp_path: Path) -> None:
-    go(tmp_path / "all", content(predictors={"still": {"name": "toy-still"}}), keep=3)  # of five clips
+    go(tmp_path / "all", content(predictors=STILL), keep=3)  # of five clips
     before, after = Results(tmp_path / "all"), Results(tmp_path / "kept")
     (rescored,) = rescore(before, after, stored_metrics(before), lambda done, total: None)
     assert rescored.record["protocol_id"] == after.protocol()["id"] == protocol_id(after.protocol())

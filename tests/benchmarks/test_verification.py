@@ -1,5 +1,6 @@
 """Stored results are computed again and compared: what reproduces, what was changed, what was never the same twice."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -7,16 +8,26 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from geovp_benchmarks import cli, planning
+from geovp_benchmarks import planning
 from geovp_benchmarks.store import Results
+from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, crossed, go
 
 ALL = ["--sample", "99"]
 
 
-def verified(capsys: pytest.CaptureFixture[str], root: Path, *options: str) -> tuple[int, list[str]]:
-    code = cli.main(["verify", str(root), *options])
-    return code, capsys.readouterr().out.splitlines()
+Verified = Callable[..., tuple[int, list[str]]]
+
+
+@pytest.fixture
+def verified(command: Command) -> Verified:
+    """A function that verifies a folder; the exit code and the lines."""
+
+    def run(*words: object) -> tuple[int, list[str]]:
+        ended = command("verify", *words)
+        return ended.code, ended.out.splitlines()
+
+    return run
 
 
 def shift(root: Path, cell: str, clip: str, metric: str, by: float) -> None:
@@ -31,98 +42,74 @@ def shift(root: Path, cell: str, clip: str, metric: str, by: float) -> None:
 
 @pytest.mark.usefixtures("toys")
 class TestReproduction:
-    def test_all_of_it_is_identical_and_nothing_is_written(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
+    def test_all_of_it_is_identical_and_nothing_is_written(self, tmp_path: Path, verified: Verified) -> None:
         root = tmp_path / "out"
         go(root, content(predictors={"still": "toy-still"}, **crossed(tmp_path / "log")))
         before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in root.rglob("*") if path.is_file()}
-        code, lines = verified(capsys, root, *ALL)
+        code, lines = verified(root, *ALL)
         assert (code, lines[-1]) == (0, "25 of 25 reproduce")  # two sources with two renderers and still, five clips
         assert "a + r, road/000: identical" in lines
         assert before == {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in root.rglob("*") if p.is_file()}
 
-    def test_a_changed_row_is_found_and_how_far_it_is_off(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
+    def test_a_changed_row_is_found_and_how_far_it_is_off(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content(predictors={"still": "toy-still", "noise": "toy-noise"}))
         shift(tmp_path, "still", "road/003", "toy-difference", 0.25)
-        code, lines = verified(capsys, tmp_path, *ALL)
+        code, lines = verified(tmp_path, *ALL)
         assert (code, lines[-1]) == (1, "9 of 10 reproduce")
         assert [line for line in lines if "differs" in line] == [
             "still, road/003: differs: toy-difference 0.25 grey levels"
         ]
-        assert verified(capsys, tmp_path, *ALL, "--tolerance", "0.2")[0] == 1
-        code, lines = verified(capsys, tmp_path, *ALL, "--tolerance", "0.3")
+        assert verified(tmp_path, *ALL, "--tolerance", "0.2")[0] == 1
+        code, lines = verified(tmp_path, *ALL, "--tolerance", "0.3")
         assert (code, lines[3]) == (0, "still, road/003: within the tolerance: toy-difference 0.25 grey levels")
 
-    def test_what_is_never_the_same_twice_is_named(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_what_is_never_the_same_twice_is_named(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content({"clips": 1}, predictors={"dice": "toy-dice", "still": "toy-still"}))
-        code, (dice, still, last) = verified(capsys, tmp_path)
+        code, (dice, still, last) = verified(tmp_path)
         assert (code, still, last) == (1, "still, road/000: identical", "1 of 2 reproduce")
         assert dice.startswith("dice, road/000: differs: toy-difference ")
         assert dice.endswith(" grey levels; not deterministic: two computations here differ as well")
 
-    def test_the_same_seed_draws_the_same_pairs(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_the_same_seed_draws_the_same_pairs(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content(predictors={"still": "toy-still", "noise": "toy-noise"}))
-        draws = [verified(capsys, tmp_path, "--sample", "3", "--seed", seed)[1] for seed in ("1", "1", "2")]
+        draws = [verified(tmp_path, "--sample", "3", "--seed", seed)[1] for seed in ("1", "1", "2")]
         assert draws[0] == draws[1] != draws[2]
         assert [len(draw) for draw in draws] == [4, 4, 4]
 
-    def test_a_clip_that_failed_before_fails_again(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_a_clip_that_failed_before_fails_again(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content(predictors={"broken": {"name": "toy-broken", "brightness": 30}}))
-        assert verified(capsys, tmp_path, *ALL)[0] == 0
+        assert verified(tmp_path, *ALL)[0] == 0
 
-    def test_libraries_and_code_that_changed_are_named(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
+    def test_libraries_and_code_that_changed_are_named(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content({"clips": 1}, predictors={"still": "toy-still"}))
         results = Results(tmp_path)
         results.write_protocol({**results.protocol(), "versions": {**planning.versions(), "numpy": "1.0"}})
         (part,) = results.parts("still")
         results.write_part("still", results.scores("still"), part.__class__(**{**vars(part), "code": "abc"}))
-        code, lines = verified(capsys, tmp_path)
+        code, lines = verified(tmp_path)
         assert code == 0
         assert lines[0].startswith("still, road/000: identical; stored by code abc, here it is ")
         assert lines[1] == f"numpy: stored with 1.0, here {np.__version__}"
 
-    def test_a_metric_that_cannot_be_computed_here_is_said(
-        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-    ) -> None:
+    def test_a_metric_that_cannot_be_computed_here_is_said(self, tmp_path: Path, verified: Verified) -> None:
         weights = tmp_path / "weights"
         weights.touch()
         metric = {"name": "toy-weightless", "weights": str(weights)}
         metrics: Any = {"frame": ["toy-difference", metric], "trajectory": []}
         go(tmp_path / "out", content({"clips": 1}, metrics, predictors={"still": "toy-still"}))
-        assert verified(capsys, tmp_path / "out")[0] == 0
+        assert verified(tmp_path / "out")[0] == 0
         weights.unlink()
-        code, lines = verified(capsys, tmp_path / "out")
+        code, lines = verified(tmp_path / "out")
         why = "weights of toy-weightless are not here: fetch them"
-        assert (code, lines[0]) == (
-            1,
-            f"still, road/000: identical; toy-weightless cannot be compared: {why}",
-        )
-
-
-@pytest.mark.usefixtures("toys")
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [([], "has no protocol.json"), (["--root", "x"], "has no protocol.json")],
-)
-def test_no_results_are_bad_input(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], says: str
-) -> None:
-    assert cli.main(["verify", str(tmp_path), *options]) == 2
-    assert says in capsys.readouterr().err
+        assert (code, lines[0]) == (1, f"still, road/000: identical; toy-weightless cannot be compared: {why}")
 
 
 def test_another_root_is_read_and_a_missing_one_is_bad_input(
-    street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    street: Path, tmp_path: Path, verified: Verified, refused: Says
 ) -> None:
     tables = content({"name": "kitti", "root": str(street), "sequences": ["07"]}, {"frame": ["psnr"]})
     go(tmp_path, {**tables, "predictors": {"copy-last": "copy-last"}}, limit=2)
     elsewhere = tmp_path / "link"
     elsewhere.symlink_to(street)
-    assert verified(capsys, tmp_path, "--root", str(elsewhere))[0] == 0
-    assert cli.main(["verify", str(tmp_path), "--root", str(tmp_path / "nowhere")]) == 2
-    assert "nowhere" in capsys.readouterr().err
+    assert verified(tmp_path, "--root", str(elsewhere))[0] == 0
+    assert "nowhere" in refused("verify", tmp_path, "--root", tmp_path / "nowhere")

@@ -7,7 +7,6 @@ a share below 0 is worse than it. Whatever is fitted is asked about sequences th
 from __future__ import annotations
 
 import argparse
-import datetime
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -47,19 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The page's text, and with `--page` its file; BadData without windows."""
-    from geovp_benchmarks.formats import NOTES
-    from geovp_classic.data.atomic import write_bytes
+    from geovp_benchmarks.formats import write_page
 
     lines = [*_poses(chosen, progress), *(_images(chosen, progress) if chosen.root is not None else ())]
     yield from lines
     if chosen.page is not None:
-        before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""
-        _, found, kept = before.partition(NOTES)
-        images = " --root path/to/kitti" if chosen.root is not None else ""
-        heading = ["# What can be foreseen", "", "```sh", f"geovp study foreseeable path/to/poses{images}", "```", ""]
-        origin = f"Written on {datetime.date.today().isoformat()} by the same with `--page`."
-        text = "\n".join([*heading, origin, "", *lines, "", *([NOTES + kept] if found else [])])
-        write_bytes(chosen.page, text.encode())
+        command = "geovp study foreseeable path/to/poses" + " --root path/to/kitti" * (chosen.root is not None)
+        write_page(chosen.page, "What can be foreseen", [command], "the same with `--page`", "\n".join(lines))
 
 
 def _poses(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
