@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -13,6 +12,7 @@ from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.types import Clip
+from tests.benchmarks.made import write_images
 
 TOYS = Path(__file__).parent / "toys"
 
@@ -96,9 +96,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def write_kitti(root: Path, sequence: str, clip: Clip) -> None:
     """Add a clip as a sequence in KITTI odometry's layout: grey images, calibration, times and true poses."""
     folder = root / "sequences" / sequence
-    (folder / "image_0").mkdir(parents=True)
-    for index, frame in enumerate(clip.frames):
-        cv2.imwrite(str(folder / "image_0" / f"{index:06d}.png"), frame[..., ::-1])
+    write_images(folder / "image_0", clip.frames)
     matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
     (folder / "calib.txt").write_text("P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n")
     (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -14,7 +15,7 @@ from geovp_benchmarks.planning import Options
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.run import run
 from geovp_benchmarks.store import SCORES, Cell, Part, Results
-from geovp_classic.types import Intrinsics
+from geovp_classic.types import ByteArray, Intrinsics
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
 STILL = {"still": {"name": "toy-still"}}
@@ -102,6 +103,13 @@ def write_protocol(results: Results, cells: Iterable[str], clips: Iterable[str],
     """Store a protocol called demo, of ten frames seen and twenty predicted."""
     shared = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "num_past": 10, "num_future": 20}
     results.write_protocol({**shared, "size_px": [64, 48], "cells": [*cells], "clips": [*clips], **more})
+
+
+def write_images(folder: Path, frames: ByteArray, digits: int = 6) -> None:
+    """Frames [T, H, W, 3] as numbered PNG files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, frame in enumerate(frames):
+        cv2.imwrite(str(folder / f"{number:0{digits}d}.png"), frame[..., ::-1])
 
 
 def intrinsics_of(camera: Intrinsics) -> list[float]:

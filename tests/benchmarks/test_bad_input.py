@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from geovp_benchmarks.store import Results
-from tests.benchmarks.conftest import Command, Says
+from geovp_classic.types import Clip, Intrinsics, Trajectory
+from tests.benchmarks.conftest import Command, Says, write_kitti
 from tests.benchmarks.made import write_matrix
 
 FRAMES = 8
@@ -19,16 +19,12 @@ REST = {"predictors": {"copy-last": {"name": "copy-last"}}, "metrics": {"frame":
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
     """A matrix file beside a tiny KITTI folder with which everything goes well."""
-    root = tmp_path / "kitti"
-    images = root / "sequences/00/image_0"
-    images.mkdir(parents=True)
-    noise = np.random.default_rng(0)
-    for number in range(FRAMES):
-        cv2.imwrite(str(images / f"{number:06d}.png"), noise.integers(0, 256, (40, 60), dtype=np.uint8))
-    (root / "sequences/00/calib.txt").write_text("P0: 50 0 29.5 0 0 50 19.5 0 0 0 1 0\n")
-    (root / "sequences/00/times.txt").write_text("".join(f"{0.1 * number:.2f}\n" for number in range(FRAMES)))
-    (root / "poses").mkdir()
-    (root / "poses/00.txt").write_text("".join(pose(number) for number in range(FRAMES)))
+    root, times_s = tmp_path / "kitti", np.arange(FRAMES) / 10
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 2, 3] = np.arange(FRAMES)
+    noise = np.random.default_rng(0).integers(0, 256, (FRAMES, 40, 60, 3), dtype=np.uint8)
+    camera = Intrinsics(50.0, 50.0, 29.5, 19.5, 60, 40)
+    write_kitti(root, "00", Clip("noise", noise, times_s, camera, Trajectory(poses, times_s, is_metric=True)))
     protocol = {"dataset": {"name": "kitti", "root": str(root)}, **PROTOCOL}
     return write_matrix(tmp_path / "street.toml", {"protocol": protocol, **REST})
 

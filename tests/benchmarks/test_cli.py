@@ -203,11 +203,12 @@ assert not [name for name in {heavy!r} if name in sys.modules]
         assert re.search(rf"^ +{name}( |$)", text, re.MULTILINE)
 
 
-@pytest.mark.parametrize(
-    "arguments", [[], ["walk"], ["study"], ["study", "weather"], ["run"], ["run", "x.toml", "--limit", "0"], ["table"]]
-)
-def test_a_wrong_command_line_is_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        cli.main(arguments)
-    assert end.value.code == 2
+WRONG = ["", "walk", "study", "study weather", "run", "run x.toml --limit 0", "table", "study depth many"]
+WRONG += ["study depth 0", "study depth 1 2 3", "verify x --seed -1", "verify x --tolerance inf"]
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_a_wrong_command_line_is_2(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(words.split())
     assert "usage: geovp" in capsys.readouterr().err

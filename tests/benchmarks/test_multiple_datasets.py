@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import pytest
 
 import geovp_classic as geovp
@@ -15,7 +14,7 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import Clip
 from tests.benchmarks.conftest import Command, Says
-from tests.benchmarks.made import intrinsics_of, write_matrix
+from tests.benchmarks.made import intrinsics_of, write_images, write_matrix
 
 PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
 REST = {
@@ -34,9 +33,7 @@ def street() -> Clip:
 @pytest.fixture
 def matrix_file(tmp_path: Path, street: Clip) -> Path:
     """Two clips of the synthetic street, and two of the same images without poses, in a folder."""
-    (tmp_path / "frames").mkdir()
-    for number, frame in enumerate(street.frames):
-        cv2.imwrite(str(tmp_path / "frames" / f"{number}.png"), frame[..., ::-1])
+    write_images(tmp_path / "frames", street.frames)
     images = {"name": "folder", "path": str(tmp_path / "frames"), "intrinsics": intrinsics_of(street.intrinsics)}
     datasets = [{"name": "synthetic", "num_clips": 2}, {**images, "camera_height_m": 1.65}]
     return write_matrix(tmp_path / "both.toml", {"protocol": {"datasets": datasets, **PROTOCOL}, **REST})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +12,9 @@ import pytest
 
 from geovp_benchmarks import cli, protocols, reproduction, statistics, thesis
 from geovp_benchmarks.store import Results
+from geovp_classic.contracts import street
 from geovp_classic.data.synthetic import Synthetic
-from geovp_classic.types import Clip
+from tests.benchmarks.conftest import Says
 
 DRIVES = (60, 84, 93, 96)
 
@@ -83,22 +83,15 @@ def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> 
 
 
 def test_it_goes_on_with_more_clips_and_keeps_what_is_there(
-    done: tuple[int, Results], root: Path, capsys: pytest.CaptureFixture[str]
+    done: tuple[int, Results], root: Path, printed: Says
 ) -> None:
-    before = {
-        cell.name: results.stat().st_mtime_ns for cell in done[1].cells() for results in parts(done[1], cell.name)
-    }
-    arguments = ["reproduce", "fvs20", "--root", str(root), "--out", str(done[1].root), "--limit", "1"]
-    assert cli.main(arguments) == 0
-    after = {cell.name: results.stat().st_mtime_ns for cell in done[1].cells() for results in parts(done[1], cell.name)}
-    assert after == before
-    printed = capsys.readouterr().out
-    assert "## fvs20: measured here" in printed
-    assert "## Published, not measured here" in printed
-
-
-def parts(results: Results, cell: str) -> list[Path]:
-    return sorted((results.root / cell / "scores").iterdir())
+    results = done[1]
+    files = sorted(results.root.glob("*/scores/*"))
+    before = [path.stat().st_mtime_ns for path in files]
+    text = printed("reproduce", "fvs20", "--root", root, "--out", results.root, "--limit", "1")
+    assert [path.stat().st_mtime_ns for path in sorted(results.root.glob("*/scores/*"))] == before
+    assert "## fvs20: measured here" in text
+    assert "## Published, not measured here" in text
 
 
 def test_published_numbers_have_a_source_and_fit_the_protocol() -> None:
@@ -122,23 +115,14 @@ def test_published_numbers_have_a_source_and_fit_the_protocol() -> None:
         ("svg18", "protocol 'svg18' cannot be reproduced by one command yet, only thesis, fvs20"),
     ],
 )
-def test_other_protocols_are_refused(name: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["reproduce", name, "--root", str(tmp_path)]) == 2
-    assert says in capsys.readouterr().err
+def test_other_protocols_are_refused(name: str, says: str, tmp_path: Path, refused: Says) -> None:
+    assert says in refused("reproduce", name, "--root", tmp_path)
 
 
 def test_a_root_without_the_drives_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], write_kitti_raw: Callable[..., Path], small: Clip
+    tmp_path: Path, refused: Says, write_kitti_raw: Callable[..., Path]
 ) -> None:
-    write_kitti_raw(tmp_path / "raw", 1, small)
-    arguments = ["reproduce", "fvs20", "--root", str(tmp_path / "raw"), "--out", str(tmp_path / "out")]
-    assert cli.main(arguments) == 2
-    assert "drive '2011_09_26_drive_0060' is not in" in capsys.readouterr().err
-    assert not os.path.exists(tmp_path / "out")
-
-
-@pytest.fixture
-def small() -> Clip:
-    from geovp_classic.contracts import street
-
-    return street.clip()
+    write_kitti_raw(tmp_path / "raw", 1, street.clip())
+    said = refused("reproduce", "fvs20", "--root", tmp_path / "raw", "--out", tmp_path / "out")
+    assert "drive '2011_09_26_drive_0060' is not in" in said
+    assert not (tmp_path / "out").exists()

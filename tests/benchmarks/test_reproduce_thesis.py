@@ -11,7 +11,7 @@ import pytest
 from geovp_benchmarks import cli, reproduction
 from geovp_benchmarks.store import Results
 from geovp_classic.data.synthetic import Synthetic
-from tests.benchmarks.conftest import write_kitti
+from tests.benchmarks.conftest import Says, write_kitti
 
 pytest.importorskip("torch", reason="torch is not installed: the thesis's rows need the extra 'learned'")
 ROWS = ("svg-1", "svg-100", "gt-3d+ground-far-plane", "copy-last")
@@ -26,15 +26,15 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def reproduce(root: Path, out: Path, *more: str) -> int:
+def words(root: Path, out: Path, *more: str) -> list[str]:
     form = ["--root", str(root), "--split", "thesis-like-test", "--samples", "2", "--out", str(out)]
-    return cli.main(["reproduce", "thesis", *form, *more])
+    return ["reproduce", "thesis", *form, *more]
 
 
 @pytest.fixture(scope="module")
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     out = tmp_path_factory.mktemp("out")
-    return reproduce(root, out, "--limit", "2", "--rows", *ROWS), Results(out)
+    return cli.main(words(root, out, "--limit", "2", "--rows", *ROWS)), Results(out)
 
 
 def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
@@ -87,20 +87,19 @@ def test_the_thesiss_figures_are_drawn(done: tuple[int, Results]) -> None:
     assert {"strip-01-07-000000.png", "strip-02-10-000000.png", "paths-01-07-000000.png"} <= drawn
 
 
-def test_it_goes_on_where_it_was(done: tuple[int, Results], root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_goes_on_where_it_was(done: tuple[int, Results], root: Path, printed: Says) -> None:
     files = sorted(done[1].root.glob("*/scores/*.parquet"))
     before = [path.stat().st_mtime_ns for path in files]
     assert len(files) == 4
-    assert reproduce(root, done[1].root, "--limit", "2", "--rows", *ROWS) == 0
+    text = printed(*words(root, done[1].root, "--limit", "2", "--rows", *ROWS))
     assert [path.stat().st_mtime_ns for path in files] == before
-    printed = capsys.readouterr().out
-    assert "## Published, not measured here" in printed
-    assert "figure 4.5 (PSNR over time): horizon-psnr.png\n" in printed
-    assert "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in printed
+    assert "## Published, not measured here" in text
+    assert "figure 4.5 (PSNR over time): horizon-psnr.png\n" in text
+    assert "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in text
 
 
-def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path) -> None:
-    assert reproduce(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr") == 0
+def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path, printed: Says) -> None:
+    printed(*words(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr"))
     results = Results(tmp_path)
     means = dict.fromkeys(results.protocol()["clips"], 0.0)
     for row in results.scores("copy-last").filter(pc.field("metric") == "psnr").to_pylist():
@@ -110,8 +109,8 @@ def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path) -
     assert len(list(results.plots.glob("strip-*.png"))) == 2  # of the worst three there are but two
 
 
-def test_the_thesiss_own_row_names_both_of_its_networks(root: Path, tmp_path: Path) -> None:
-    assert reproduce(root, tmp_path, "--limit", "1", "--rows", "ours") == 0
+def test_the_thesiss_own_row_names_both_of_its_networks(root: Path, tmp_path: Path, printed: Says) -> None:
+    printed(*words(root, tmp_path, "--limit", "1", "--rows", "ours"))
     text = (tmp_path / "tables/thesis.md").read_text()
     assert re.search(r"^[|] Ours +[|] [*]{2}\d+[.]\d{3}[*]{2} ", text, re.M)  # one clip has no standard error
     notes = re.findall(r"^- (\w+) weights .* [(]ours[)][.]$", text, re.M)
@@ -128,10 +127,9 @@ def test_the_thesiss_own_row_names_both_of_its_networks(root: Path, tmp_path: Pa
     ],
 )
 def test_a_mistake_is_one_sentence(
-    arguments: tuple[str, ...], says: str, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], says: str, root: Path, tmp_path: Path, refused: Says
 ) -> None:
-    assert reproduce(root, tmp_path / "out", *arguments) == 2
-    assert says in capsys.readouterr().err
+    assert says in refused(*words(root, tmp_path / "out", *arguments))
 
 
 def test_samples_are_capped_not_added() -> None:

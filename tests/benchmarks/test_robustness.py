@@ -10,7 +10,6 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -18,7 +17,7 @@ from geovp_benchmarks import locking
 from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
-from tests.benchmarks.made import write_matrix
+from tests.benchmarks.made import write_images, write_matrix
 
 PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 3}
 REST = {"predictors": {"copy-last": {"name": "copy-last"}}, "metrics": {"frame": ["psnr"]}}
@@ -27,10 +26,8 @@ REST = {"predictors": {"copy-last": {"name": "copy-last"}}, "metrics": {"frame":
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
     """A matrix file beside eleven images."""
-    (tmp_path / "images").mkdir()
-    for number in range(11):
-        image = np.random.default_rng(number).integers(0, 256, (40, 40, 3), dtype=np.uint8)
-        cv2.imwrite(str(tmp_path / f"images/{number}.png"), image)
+    noise = np.random.default_rng(0).integers(0, 256, (11, 40, 40, 3), dtype=np.uint8)
+    write_images(tmp_path / "images", noise, digits=1)
     (tmp_path / "times.txt").write_text("".join(f"{number / 10}\n" for number in range(11)))
     dataset = {"name": "folder", "path": str(tmp_path / "images"), "intrinsics": [40, 40, 19.5, 19.5]}
     dataset["times"] = str(tmp_path / "times.txt")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli, matrix
+from geovp_benchmarks import matrix
 from geovp_benchmarks.intervals import Interval
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.studies.budget import offsets, stages
@@ -26,6 +26,7 @@ from geovp_classic.predictors import GeometricPredictor
 from geovp_classic.render.homography import GroundFarPlane
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from tests.benchmarks.conftest import Says
 
 MATRIX = """
 [protocol]
@@ -146,10 +147,9 @@ def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
     assert text(Interval(1.234, 1.0, -0.5, 4, 0.1), Psnr()) == "+1.23 [+1.00, -0.50]"
 
 
-def test_the_budget_of_the_street_adds_up(matrix_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
-    assert cli.main(["study", "budget", str(matrix_file), "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed("study", "budget", matrix_file, "--out", out).splitlines()
     assert lines[0] == "past + fusion: 2 clips of synthetic, every 10 frames, horizons 1, 5"
     rows = [line for line in lines if line.endswith("   2")]
     assert len(rows) == 24  # twelve stages in two metrics: depth and masks are exact here
@@ -186,13 +186,8 @@ def test_what_cannot_be_measured_is_named() -> None:
         ("copy-last", "'copy-last' is no pose source with a renderer"),
     ],
 )
-def test_a_wrong_row_gets_one_sentence(
-    row: str, says: str, matrix_file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["study", "budget", str(matrix_file), "--row", row]) == 2
-    told = capsys.readouterr().err
-    assert says in told
-    assert told.count("\n") == 1
+def test_a_wrong_row_gets_one_sentence(row: str, says: str, matrix_file: Path, refused: Says) -> None:
+    assert says in refused("study", "budget", matrix_file, "--row", row)
 
 
 def test_of_several_rows_one_must_be_chosen(matrix_file: Path) -> None:
@@ -223,10 +218,9 @@ def test_an_offset_is_a_turn_or_a_shift_of_the_camera(offset: Offset, axis: int,
     np.testing.assert_allclose(offsets.cam_from_offset(offset)[:3, axis], expected, atol=1e-12)
 
 
-def test_larger_errors_cost_more(matrix_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
-    assert cli.main(["study", "sensitivity", str(matrix_file), "--limit", "1", "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed("study", "sensitivity", matrix_file, "--limit", "1", "--out", out).splitlines()
     loss = {line[:28].strip(): float(line[28:].split()[0]) for line in lines if line.startswith(("pitch", "y 0"))}
     assert loss["pitch 2 deg"] < loss["pitch 0.5 deg"] < 0
     assert loss["y 0.5 m (30% of height)"] < loss["y 0.1 m (6% of height)"] < 0.05  # of 1.65 m

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_benchmarks.studies import depth
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Context, FloatArray, Grant, Intrinsics, Trajectory
+from tests.benchmarks.conftest import Says
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
 
@@ -95,18 +95,9 @@ def test_the_table_has_medians_over_clips() -> None:
     assert moving.split() == ["wall", "moving", "1", "0.400", "0.250", "0.00"]
 
 
-def test_the_command_measures_the_synthetic_street(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["study", "depth", "1", "3"]) == 0
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+def test_the_command_measures_the_synthetic_street(printed: Says) -> None:
+    lines = [line.split() for line in printed("study", "depth", "1", "3").splitlines()]
     errors = {(" ".join(words[:-5]), words[-5]): float(words[-3]) for words in lines[1:]}
     assert errors["given", "static"] == 0
     assert errors["multiview", "static"] < 0.25
     assert errors["multiview", "static"] <= errors["without ground", "static"] + 0.02
-
-
-@pytest.mark.parametrize("words", [["many"], ["0"], ["1", "2", "3"]])
-def test_a_wrong_command_line_is_2(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        cli.main(["study", "depth", *words])
-    assert end.value.code == 2
-    assert "usage: geovp" in capsys.readouterr().err

@@ -1,16 +1,14 @@
 """The table of dynamic objects: its counts, means and shares are those of the rows; mistakes get one sentence."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_benchmarks.studies import dynamic_objects
 from geovp_benchmarks.studies.dynamic_objects import ClipScores
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import BadData
 from geovp_classic.metrics.image import Psnr
+from tests.benchmarks.conftest import Says
 
 
 def row(
@@ -70,18 +68,16 @@ def test_seeds_and_sequences_become_data_sets() -> None:
     assert [spec["size_px"] for spec in specs] == [[256, 256], [128, 128], [256, 256]]
 
 
-@pytest.mark.parametrize("arguments", [["synthetic", "one"], ["kitti", "data"]])
-def test_bad_arguments_get_one_sentence(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["study", "dynamic-objects", *arguments]) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    assert "expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`" in told.err
-
-
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["study", "dynamic-objects", "kitti", str(tmp_path / "nowhere"), "06"]) == 2
-    assert "nowhere" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("synthetic one", "expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`"),
+        ("kitti data", "expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`"),
+        ("kitti nowhere 06", "nowhere"),
+    ],
+)
+def test_bad_arguments_get_one_sentence(words: str, says: str, refused: Says) -> None:
+    assert says in refused("study", "dynamic-objects", *words.split())
 
 
 def test_a_clip_without_poses_is_refused() -> None:

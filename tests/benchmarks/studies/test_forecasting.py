@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_benchmarks.plots.reliability import reliability_figure
 from geovp_benchmarks.studies.forecasting import evaluation, tables
 from geovp_benchmarks.studies.forecasting.evaluation import (
@@ -26,6 +25,7 @@ from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.sampling import BodyForecast, PlanarForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
+from tests.benchmarks.conftest import Says
 
 
 def circle(num_steps: int, speed_m_s: float = 10.0, turn_rad_s: float = 0.1) -> Trajectory:
@@ -109,10 +109,9 @@ def test_a_scale_error_stretches_the_past_alone() -> None:
     assert 0.0 < abs(np.log(lengths[0])) < 0.2
 
 
-def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, printed: Says) -> None:
     rows = ["--only", "hold", "CTRV, extended"]
-    assert cli.main(["forecast", "evaluate", str(folder), "--sequences", "03", "05", *rows]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed("forecast", "evaluate", folder, "--sequences", "03", "05", *rows).splitlines()
     assert lines[0] == "14 windows of 03, 05"  # 60 frames: 7 starts each
     assert lines[1] == "turning: 0 windows, by more than 15 degrees"  # 2 s of 0.1 rad/s are 11.5
     names = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
@@ -122,12 +121,12 @@ def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, caps
     assert "all six in 90% @20" in lines[8]
 
 
-def test_a_reliability_diagram_has_a_line_for_each_distribution(folder: Path) -> None:
+def test_a_reliability_diagram_has_a_line_for_each_distribution(folder: Path, printed: Says, refused: Says) -> None:
     rows = ["--only", "hold", "CTRV, extended", "--sequences", "03", "--plot"]
-    assert cli.main(["forecast", "evaluate", str(folder), *rows, str(folder / "reliable.svg")]) == 0
+    printed("forecast", "evaluate", folder, *rows, folder / "reliable.svg")
     drawn = (folder / "reliable.svg").read_text()
     assert drawn.startswith("<?xml")
-    assert cli.main(["forecast", "evaluate", str(folder), *rows, str(folder / "reliable.txt")]) == 2
+    assert refused("forecast", "evaluate", folder, *rows, folder / "reliable.txt")
     figure = reliability_figure(
         {"hold": measure(Hold(), cut(circle(40))), "k": measure(TurnRateKalman(), cut(circle(40)))}
     )
@@ -136,9 +135,9 @@ def test_a_reliability_diagram_has_a_line_for_each_distribution(folder: Path) ->
     assert line.get_ydata() == pytest.approx(1.0)  # a body that never moves is inside every interval
 
 
-def test_a_mistyped_row_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["forecast", "evaluate", str(folder), "--sequences", "03", "--only", "hol"]) == 2
-    assert "no row is called 'hol'" in capsys.readouterr().err
+def test_a_mistyped_row_is_refused(folder: Path, refused: Says) -> None:
+    said = refused("forecast", "evaluate", folder, "--sequences", "03", "--only", "hol")
+    assert "no row is called 'hol'" in said
 
 
 def test_turning_windows_have_columns_of_their_own() -> None:
@@ -160,14 +159,13 @@ def test_progress_counts_every_window() -> None:
     assert calls == [(done, 6) for done in range(1, 7)]  # 3 windows, 2 rows
 
 
-def test_sequences_too_short_for_a_window_are_refused(folder: Path) -> None:
-    with pytest.raises(BadData, match="as long as one window"):
-        evaluation.read_windows(folder, ["03"], 40, 40)
-
-
-def test_windows_of_no_pose_are_refused(folder: Path) -> None:
-    with pytest.raises(BadData, match="windows of 0 past and 20 future steps"):
-        evaluation.read_windows(folder, ["03"], 0)
+@pytest.mark.parametrize(
+    ("num_past", "num_future", "says"),
+    [(40, 40, "as long as one window"), (0, 20, "windows of 0 past and 20 future steps")],
+)
+def test_windows_that_cannot_be_are_refused(folder: Path, num_past: int, num_future: int, says: str) -> None:
+    with pytest.raises(BadData, match=says):
+        evaluation.read_windows(folder, ["03"], num_past, num_future)
 
 
 def test_kalman_regions_cover_a_circle() -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.studies.foreseeable import images, learners, windows
 from geovp_benchmarks.studies.foreseeable.windows import HORIZONS, Windows
@@ -19,6 +17,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import FloatArray, Intrinsics, Trajectory
+from tests.benchmarks.conftest import Says, write_kitti
 
 CAMERA = Intrinsics(200.0, 200.0, 127.5, 127.5, 256, 256)
 LEVEL = GroundPlane(np.array([0.0, 1.0, 0.0]), 1.65)
@@ -162,17 +161,17 @@ def test_a_cue_is_asked_about_blocks_that_it_was_not_fitted_to() -> None:
     assert images.correlations(read, "roll of the road's plane")["a"] == pytest.approx(-1, abs=0.02)
 
 
-def test_the_command_writes_its_page_and_keeps_the_notes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_its_page_and_keeps_the_notes(tmp_path: Path, printed: Says) -> None:
     for name in ("01", "02"):
         recorded = winding(150, int(name))
         pose_files.write_kitti(tmp_path / f"{name}.txt", recorded)
         (tmp_path / f"{name}_times.txt").write_text("\n".join(f"{time:.6f}" for time in recorded.times_s))
     page = tmp_path / "page.md"
     page.write_text("old\n\n## Notes\n\nStays.\n")
-    words = ["study", "foreseeable", str(tmp_path), "--sequences", "01", "--fit", "01", "02", "--stride", "10"]
-    assert cli.main([*words, "--page", str(page)]) == 0
+    words = ["study", "foreseeable", tmp_path, "--sequences", "01", "--fit", "01", "02", "--stride", "10"]
+    told = printed(*words, "--page", page)
     text = page.read_text()
-    assert capsys.readouterr().out.strip() in text
+    assert told.strip() in text
     assert text.startswith("# What can be foreseen\n\n```sh\ngeovp study foreseeable path/to/poses\n```\n")
     assert text.endswith("## Notes\n\nStays.\n")
     rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| yaw:")]
@@ -183,17 +182,8 @@ def test_the_command_writes_its_page_and_keeps_the_notes(tmp_path: Path, capsys:
 @pytest.fixture(scope="module")
 def street_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The level street of the contract tests as a KITTI folder of 31 images."""
-    root, clip = tmp_path_factory.mktemp("kitti"), street.clip(31)
-    folder = root / "sequences" / "04"
-    (folder / "image_2").mkdir(parents=True)
-    for number, frame in enumerate(clip.frames):
-        cv2.imwrite(str(folder / "image_2" / f"{number:06d}.png"), frame[..., ::-1])
-    eye = clip.intrinsics
-    row = f"{eye.fx_px} 0 {eye.cx_px} 0 0 {eye.fy_px} {eye.cy_px} 0 0 0 1 0"
-    (folder / "calib.txt").write_text("".join(f"P{camera}: {row}\n" for camera in range(4)))
-    (folder / "times.txt").write_text("\n".join(f"{time:.6f}" for time in clip.times_s))
-    (root / "poses").mkdir()
-    pose_files.write_kitti(root / "poses" / "04.txt", clip.trajectory)
+    root = tmp_path_factory.mktemp("kitti")
+    write_kitti(root, "04", street.clip(31))
     return root
 
 

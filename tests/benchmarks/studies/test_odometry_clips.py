@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks import cli
 from geovp_benchmarks.studies.odometry import clips
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, Clip, Context, Grant, Intrinsics, Trajectory
+from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import intrinsics_of
 
 
 def drive(num_frames: int) -> Clip:
@@ -68,34 +69,28 @@ def test_poses_are_needed() -> None:
         clips.errors(Skewed(), without, num_past=5)
 
 
-def test_the_command_prints_one_row_a_stretch(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["poses", str(street), "07[0:12)", "07[2:12)", "--clips", "8", "--stride", "2", "--size", "160"]
-    assert cli.main(command) == 0
-    head, *rows = capsys.readouterr().out.splitlines()
+def test_the_command_prints_one_row_a_stretch(street: Path, printed: Says) -> None:
+    words = ["poses", street, "07[0:12)", "07[2:12)", "--clips", "8", "--stride", "2", "--size", "160"]
+    head, *rows = printed(*words).splitlines()
     assert "rotation (deg/frame)" in head
     assert [row.split()[:2] for row in rows] == [["07[0:12)", "2"], ["07[2:12)", "1"]]
     assert float(rows[0].split()[3]) < 0.2  # degrees a frame
 
 
-def test_one_frame_has_no_motion(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["poses", str(street), "07", "--clips", "1"]) == 2
-    assert "expected 2 frames or more" in capsys.readouterr().err
+def test_one_frame_has_no_motion(street: Path, refused: Says) -> None:
+    assert "expected 2 frames or more" in refused("poses", street, "07", "--clips", "1")
 
 
 @pytest.mark.parametrize(("name", "length"), [("tum", "0.0"), ("euroc", "0.0"), ("colmap", "-")])
 def test_other_layouts_are_found_by_what_lies_in_them(
-    tmp_path: Path, name: str, length: str, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, name: str, length: str, request: pytest.FixtureRequest, printed: Says, refused: Says
 ) -> None:
     """Recorded poses have no error against themselves; a COLMAP model has no metres to measure a length in."""
     clip = geovp.open_clip({"name": "synthetic", "num_frames": 8, "size_px": [32, 32]})
-    camera = clip.intrinsics
     request.getfixturevalue(f"write_{name}")(tmp_path, "a", clip)
-    numbers = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
-    own = ["--data", f"intrinsics={numbers}"] if name == "tum" else []
-    command = ["poses", str(tmp_path), "a", "--clips", "4", "--stride", "3", "--size", "32", *own]
-    assert cli.main([*command, "--odometry", "ground-truth"]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].split() == ["a[0:8)", "2", "100.0%", "0.0000", "0.00", length]
-    assert cli.main(["data", "doctor", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.splitlines()[1].startswith("a         8       32x32")
-    assert cli.main([*command, "--data", "colour=1"]) == 2
-    assert "has no field 'colour'" in capsys.readouterr().err
+    own = ["--data", f"intrinsics={intrinsics_of(clip.intrinsics)}"] if name == "tum" else []
+    words = ["poses", tmp_path, "a", "--clips", "4", "--stride", "3", "--size", "32", *own]
+    last = printed(*words, "--odometry", "ground-truth").splitlines()[-1]
+    assert last.split() == ["a[0:8)", "2", "100.0%", "0.0000", "0.00", length]
+    assert printed("data", "doctor", tmp_path).splitlines()[1].startswith("a         8       32x32")
+    assert "has no field 'colour'" in refused(*words, "--data", "colour=1")

@@ -5,19 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli
 from geovp_classic.data import pose_files
+from tests.benchmarks.conftest import Says
 
 
-def lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    return capsys.readouterr().out.splitlines()
-
-
-def test_files_figure_and_drift_of_a_short_stretch(
-    street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["poses", str(street), "07[2:12)", "--out", str(tmp_path)]) == 0
-    out = lines(capsys)
+def test_files_figure_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printed: Says) -> None:
+    out = printed("poses", street, "07[2:12)", "--out", tmp_path).splitlines()
     by_alignment = {words[0]: words[1:] for line in out if (words := line.split()) and words[0] != "alignment"}
     assert {"origin", "scale", "se3", "sim3"} <= set(by_alignment)
     assert by_alignment["sim3"][:4] == ["too", "short", "too", "short"]  # ten metres have no segment of 100 m
@@ -32,10 +25,10 @@ def test_files_figure_and_drift_of_a_short_stretch(
     assert "path from above" in (tmp_path / f"{name}.svg").read_text()
 
 
-def test_without_a_scale_no_metres_are_told(street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_scale_no_metres_are_told(street: Path, tmp_path: Path, printed: Says) -> None:
     scale = 'scale={name="unit-speed"}'
-    assert cli.main(["poses", str(street), "07", "--set", scale, "--out", str(tmp_path)]) == 0
-    rows = [line.split() for line in lines(capsys)]
+    told = printed("poses", street, "07", "--set", scale, "--out", tmp_path)
+    rows = [line.split() for line in told.splitlines()]
     assert ["origin", "no", "metric", "scale"] in [row[:4] for row in rows]
     assert next(row for row in rows if row[:1] == ["sim3"])[5].replace(".", "").isdigit()
 
@@ -51,10 +44,7 @@ def test_without_a_scale_no_metres_are_told(street: Path, tmp_path: Path, capsys
     ],
 )
 def test_mistakes_get_one_sentence(
-    street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+    street: Path, tmp_path: Path, refused: Says, arguments: list[str], message: str
 ) -> None:
-    assert cli.main(["poses", str(street), *arguments, "--out", str(tmp_path)]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert message in told[-1]
-    assert "Traceback" not in "".join(told)
+    assert message in refused("poses", street, *arguments, "--out", tmp_path)
     assert not list(tmp_path.iterdir())

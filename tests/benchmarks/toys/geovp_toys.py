@@ -69,10 +69,7 @@ class Steady:
 
     step_m: float = 1.0
     log: str = ""
-
-    @property
-    def needs(self) -> Grant:
-        return Grant.PAST_POSES
+    needs: ClassVar[Grant] = Grant.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         note(self.log, "estimate")
@@ -89,10 +86,7 @@ class Slide:
     """The last frame from everywhere, its left half invented."""
 
     log: str = ""
-
-    @property
-    def needs(self) -> Grant:
-        return Grant.NONE
+    needs: ClassVar[Grant] = Grant.NONE
 
     def reconstruct(self, context: Context, past: Trajectory) -> SlideScene:
         note(self.log, "reconstruct")
@@ -117,10 +111,7 @@ class Still:
 
     sleep_s: float = 0.0
     log: str = ""
-
-    @property
-    def needs(self) -> Grant:
-        return Grant.NONE
+    needs: ClassVar[Grant] = Grant.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         note(self.log, "predict")
@@ -144,10 +135,7 @@ class Noise:
     """Random frames, the same for the same seed."""
 
     seed: int = 0
-
-    @property
-    def needs(self) -> Grant:
-        return Grant.NONE
+    needs: ClassVar[Grant] = Grant.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         shape = (num_samples, context.num_future, *context.frames.shape[1:])

@@ -85,10 +85,6 @@ class TestWriteAll:
         next(plots.figures(Results(folder)))
         assert dict(matplotlib.rcParams) == before
 
-    def test_a_folder_without_results_is_bad_data(self, tmp_path: Path) -> None:
-        with pytest.raises(BadData, match=r"not a results folder: give one that `geovp run` wrote"):
-            list(plots.write_all(Results(tmp_path)))
-
 
 class TestCurves:
     def test_mean_and_band_are_the_statistics(self, pages: dict[str, Page]) -> None:

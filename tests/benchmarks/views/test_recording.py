@@ -15,6 +15,7 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import Motion, Trajectory
+from tests.benchmarks.conftest import Says
 from tests.benchmarks.views.conftest import FUTURE, KEPT, PAST, fill, straight
 
 needs_rerun = pytest.mark.skipif(
@@ -95,8 +96,8 @@ def test_what_was_not_kept_is_one_sentence(results: Results) -> None:
 
 
 def test_without_rerun_it_says_what_to_install(
-    results: Results, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    results: Results, monkeypatch: pytest.MonkeyPatch, refused: Says
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    assert cli.main(["view", str(results.root), KEPT]) == 2
-    assert f"which is not installed: {registry.install_command('viz')}" in capsys.readouterr().err
+    said = refused("view", results.root, KEPT)
+    assert f"which is not installed: {registry.install_command('viz')}" in said

@@ -18,7 +18,6 @@ from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.strips import INPAINTED
 from geovp_benchmarks.report import films, markup, sections
 from geovp_benchmarks.store import Results
-from geovp_classic.errors import BadData
 
 
 @pytest.fixture(scope="module")
@@ -224,11 +223,6 @@ def test_every_figure_is_made_once(folder: Path, tmp_path: Path, monkeypatch: py
     assert {kind for _, kind in made} == {"png", "svg"}
     files = {tuple(path.name.rsplit(".", 1)) for path in (tmp_path / "r" / "plots").iterdir()}
     assert files == set(made)
-
-
-def test_a_folder_without_results_is_bad_data(tmp_path: Path) -> None:
-    with pytest.raises(BadData, match="not a results folder"):
-        report.write(Results(tmp_path))
 
 
 def test_a_run_that_has_only_begun_has_a_report(tmp_path: Path, folder: Path) -> None:
