@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks import confidence as confidences
 from geovp_benchmarks import plots
 from geovp_benchmarks.explanation import flat
 from geovp_benchmarks.report.markup import Html, fold, image, joined, table, tag
 from geovp_benchmarks.store import Cell, Results
 from geovp_benchmarks.stored_facts import MARKS, data_name, is_directed, summary, title
-from geovp_benchmarks.studies import confidence as confidences
 from geovp_benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")

@@ -8,11 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from geovp_benchmarks import tables
+from geovp_benchmarks import confidence, tables
 from geovp_benchmarks.provenance import protocol_id
 from geovp_benchmarks.report import sections
 from geovp_benchmarks.store import SCORES, Results
-from geovp_benchmarks.studies import confidence
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import content, crossed, go, values
