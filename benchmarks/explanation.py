@@ -77,7 +77,10 @@ def own(a: Side, b: Side) -> Iterator[str]:
     yield from _differences("Component", a.cell.components, b.cell.components)
     yield from _differences("Weights", *(dict.fromkeys(side.cell.record.get("about", ()), "used") for side in (a, b)))
     yield from _differences("Code", *({"version": _code(side)} for side in (a, b)))
-    resolved = [_resolved(side) for side in (a, b)]
+    resolved = [  # the metrics with all their settings, as rows were scored with them; none of rows scored again
+        {name: spec for part in side.results.parts(side.cell.name) for name, spec in part.metrics.items()}
+        for side in (a, b)
+    ]
     both = resolved[0].keys() & resolved[1].keys()
     yield from _differences("Metric", *({name: one[name] for name in sorted(both)} for one in resolved))
     failed = [side.results.failures(side.cell.name) for side in (a, b)]
@@ -128,11 +131,6 @@ def _code(side: Side) -> str:
     """The versions of the code that the row's clips were computed with."""
     codes = {part.code for part in side.results.parts(side.cell.name)} or {str(side.cell.record.get("code", ""))}
     return " and ".join(sorted(code or "not stored" for code in codes))
-
-
-def _resolved(side: Side) -> dict[str, Any]:
-    """The metrics with all their settings, as the row was scored with them; none of rows scored again."""
-    return {name: spec for part in side.results.parts(side.cell.name) for name, spec in part.metrics.items()}
 
 
 def _clips(a: list[str], b: list[str]) -> Iterator[str]:

@@ -54,8 +54,12 @@ def markdown(name: str, results: Results) -> str:
     protocol, published = protocols.load(name), thesis.published(name)
     shared = results.protocol()
     done = [cell for cell in results.cells() if cell.num_clips]
-    ours = {_label(cell): _values(protocol, results, cell, published["scale"]) for cell in done}
-    theirs = {row["name"]: _listed(protocol, row) for row in published["row"]}
+    names = {cell.name: f"{cell.label} [{marks(cell)}]" if cell.grants else cell.label for cell in done}
+    ours = {names[cell.name]: _values(protocol, results, cell, published["scale"]) for cell in done}
+    theirs = {
+        row["name"]: [float(value) for metric in protocol.metrics for value in row.get(metric, ())]
+        for row in published["row"]
+    }
     parts = [
         f"## {name}: measured here",
         *_block(protocol, list(protocol.metrics), ours, shared),
@@ -92,10 +96,6 @@ def _values(protocol: Protocol, results: Results, cell: Cell, scale: float) -> l
     return values
 
 
-def _listed(protocol: Protocol, row: Mapping[str, Any]) -> list[float]:
-    return [float(value) for metric in protocol.metrics if metric in row for value in row[metric]]
-
-
 def _block(protocol: Protocol, metrics: Sequence[str], lines: Mapping[str, list[float]], shared: Any) -> list[str]:
     """A column for every metric and horizon; no row is marked as the best, since some were shown the truth."""
     ks, heads = [f" t+{k}" for k in protocol.horizons] or [""], []
@@ -104,10 +104,6 @@ def _block(protocol: Protocol, metrics: Sequence[str], lines: Mapping[str, list[
         heads += [f"{title(metric)}{k} {'↑' if is_rising else '↓'}" for k in ks]
     body = [[name, *(f"{x:.{DECIMALS}f}" if np.isfinite(x) else "-" for x in line)] for name, line in lines.items()]
     return ["", *grid([["Models", *heads], *body]), ""]
-
-
-def _label(cell: Cell) -> str:
-    return f"{cell.label} [{marks(cell)}]" if cell.grants else cell.label
 
 
 def _notes(protocol: Protocol, results: Results) -> list[str]:

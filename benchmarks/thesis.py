@@ -156,7 +156,7 @@ def _line(cell: Cell, results: Results) -> Line:
         reduce = statistics.best_of_samples if cell.num_samples > 1 else statistics.mean_of_samples
         estimate = statistics.overall(reduce(cube, higher))
         values.append((float(estimate.mean), float(estimate.error)) if int(estimate.count) else None)
-    order = _order()
+    order = [_family(str(row["name"])) for row in published()["row"]]  # the thesis's
     if _family(name) in order:
         return Line(name, order.index(_family(name)), tuple(values), cell.grants)
     samples = f", best of {cell.num_samples}" if cell.num_samples > 1 else ""
@@ -183,11 +183,6 @@ def _family(name: str) -> str:
     """The name with the number of samples reduced to one or many."""
     model, dash, count = name.partition(" - ")
     return f"{model}{dash}{'1' if count == '1 Sample' else 'many'}" if dash else name
-
-
-def _order() -> list[str]:
-    """The families in the thesis's order."""
-    return [_family(str(row["name"])) for row in published()["row"]]
 
 
 def published(name: str = PUBLISHED) -> Mapping[str, Any]:

@@ -1,8 +1,8 @@
 """The error budget and the sensitivity curves: toy images by hand, and whole runs on the synthetic street."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,35 +27,27 @@ from geovp_classic.render.homography import GroundFarPlane
 from geovp_classic.renderers import DepthFusion
 from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
 from tests.benchmarks.conftest import Says
+from tests.benchmarks.made import write_matrix
 
-MATRIX = """
-[protocol]
-dataset = { name = "synthetic", num_clips = 2 }
-num_past = 6
-num_future = 6
-size_px = [96, 96]
-stride = 10
-[pose_sources]
-past = { name = "chained", odometry = { name = "ground-truth" }, forecaster = { name = "constant-velocity" } }
-[renderers]
-fusion = { name = "depth-fusion" }
-[predictors]
-copy-last = { name = "copy-last" }
-[metrics]
-frame = ["psnr", "ssim"]
-"""
+PAST = {"name": "chained", "odometry": {"name": "ground-truth"}, "forecaster": {"name": "constant-velocity"}}
+TABLES: dict[str, dict[str, Any]] = {
+    "protocol": {"dataset": {"name": "synthetic", "num_clips": 2}, "num_past": 6, "num_future": 6, "stride": 10},
+    "pose_sources": {"past": PAST},
+    "renderers": {"fusion": "depth-fusion"},
+    "predictors": {"copy-last": "copy-last"},
+    "metrics": {"frame": ["psnr", "ssim"]},
+}
+TABLES["protocol"]["size_px"] = [96, 96]
 
 
 @pytest.fixture
 def matrix_file(tmp_path: Path) -> Path:
-    path = tmp_path / "street.toml"
-    path.write_text(MATRIX)
-    return path
+    return write_matrix(tmp_path / "street.toml", TABLES)
 
 
 def subject_of(metric: Psnr) -> Subject:
     """A row of two parts that nothing is asked of, on one clip."""
-    read = matrix.parse("m", tomllib.loads(MATRIX))
+    read = matrix.parse("m", TABLES)
     dataset = Synthetic(num_clips=1, num_frames=12, size_px=(96, 96))
     return Subject("row", GeometricPredictor(StandStill(), Half()), read, dataset, 1, dataset[0], {"psnr": metric})
 
@@ -190,17 +182,15 @@ def test_a_wrong_row_gets_one_sentence(row: str, says: str, matrix_file: Path, r
     assert says in refused("study", "budget", matrix_file, "--row", row)
 
 
-def test_of_several_rows_one_must_be_chosen(matrix_file: Path) -> None:
-    several = matrix_file.read_text().replace("[renderers]", '[renderers]\nplanes = { name = "ground-far-plane" }')
-    matrix_file.write_text(several)
+def test_of_several_rows_one_must_be_chosen() -> None:
+    several = {**TABLES, "renderers": {"fusion": "depth-fusion", "planes": "ground-far-plane"}}
     with pytest.raises(BadData, match="expected one of them: known are copy-last, past \\+ fusion, past \\+ planes"):
-        find_row(matrix.read(matrix_file), None)
+        find_row(matrix.parse("m", several), None)
 
 
-def test_a_predictor_made_of_both_parts_is_a_row(matrix_file: Path) -> None:
-    parts = '{ name = "geometric", pose_source = { name = "stand-still" }, renderer = { name = "depth-fusion" } }'
-    matrix_file.write_text(MATRIX.replace('copy-last = { name = "copy-last" }', f"whole = {parts}"))
-    label, predictor = find_row(matrix.read(matrix_file), "whole")
+def test_a_predictor_made_of_both_parts_is_a_row() -> None:
+    whole = {"name": "geometric", "pose_source": {"name": "stand-still"}, "renderer": {"name": "depth-fusion"}}
+    label, predictor = find_row(matrix.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole")
     assert label == "whole"
     assert isinstance(predictor.renderer, DepthFusion)
 
