@@ -168,7 +168,7 @@ def test_equal_values_have_an_interval_without_width(value: float) -> None:
     assert found.p_zero == float(value == 0)
 
 
-@pytest.mark.parametrize(("count", "level"), [(10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
+@pytest.mark.parametrize(("count", "level"), [(5, 0.95), (10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
 def test_the_width_is_students_with_the_degrees_that_there_are(count: int, level: float) -> None:
     values = np.tile([1.0, -1.0, -1.0, 1.0, 0.5, -0.5], count)[:count]  # neighbours do not correlate
     tau, visible = intervals.autocorrelation_time(values, [np.arange(count)])
