@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from geovp_benchmarks.part_files import METADATA_KEY
-from geovp_benchmarks.store import SCORES, Part, Results, check_clip_name, write_bytes
+from geovp_benchmarks.store import Part, Results, check_clip_name, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores, write_row
