@@ -161,3 +161,10 @@ def test_a_step_too_long_in_any_direction_is_a_relative_error(axis: int) -> None
     wrong = twists + 0.05 * np.eye(6)[axis]
     np.testing.assert_allclose(odometry.relative_error(drive(wrong), drive(twists))[0], 0.05, atol=1e-9)
     np.testing.assert_allclose(odometry.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9)
+
+
+@pytest.mark.parametrize("steps", [0, 6, 7])
+def test_a_relative_error_spans_at_least_one_step_of_the_path(steps: int) -> None:
+    with pytest.raises(BadData, match=f"over {steps} steps, expected 1 to 5"):
+        odometry.relative_error(straight(5), straight(5), steps)
+    assert len(odometry.relative_error(straight(5), straight(5), 5)[0]) == 1
