@@ -305,3 +305,10 @@ def test_a_clips_name_fits_a_files_name() -> None:
         check_clip_name("a" * 227)
     with pytest.raises(BadData, match="takes 232 bytes"):
         check_clip_name("\u00e9" * 38)  # two bytes in UTF-8, %C3%A9 in the file's name
+
+
+def test_what_older_runs_did_not_say_of_a_cell_is_nothing(tmp_path: Path) -> None:
+    cell = begun(tmp_path).cell("x")
+    assert cell is not None
+    assert (cell.num_failed, cell.num_outdated, cell.reason) == (0, 0, "")
+    assert (cell.pose_source, cell.renderer) == (None, None)

@@ -153,3 +153,18 @@ def test_segments_are_those_of_the_development_kit() -> None:
     found = odometry.kitti_drift(path, path)
     assert found.num_segments == sum((900 - length) // 10 for length in range(100, 801, 100)) == 360
     assert (found.translation_percent, found.rotation_deg_per_100m) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_step_too_long_in_any_direction_is_a_relative_error(axis: int) -> None:
+    twists = np.tile([0.3, 0.2, 1.0, 0, 0, 0], (20, 1))
+    wrong = twists + 0.05 * np.eye(6)[axis]
+    np.testing.assert_allclose(odometry.relative_error(drive(wrong), drive(twists))[0], 0.05, atol=1e-9)
+    np.testing.assert_allclose(odometry.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9)
+
+
+@pytest.mark.parametrize("steps", [0, 6, 7])
+def test_a_relative_error_spans_at_least_one_step_of_the_path(steps: int) -> None:
+    with pytest.raises(BadData, match=f"over {steps} steps, expected 1 to 5"):
+        odometry.relative_error(straight(5), straight(5), steps)
+    assert len(odometry.relative_error(straight(5), straight(5), 5)[0]) == 1

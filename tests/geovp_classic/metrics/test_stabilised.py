@@ -102,6 +102,11 @@ def test_what_the_predicted_camera_did_not_see_does_not_count() -> None:
     view, seen = turned_by(heavens(looking()), looking(right_rad=np.arctan(0.1)), looking())
     assert not seen[0, 30, :12].any()
     assert seen[0, 30, 12:].all()
+    # at u_predicted = 80 the other way round: 80 - 11.2 = 68.8; at v_predicted = 60: 30 + 100 (.3 - .1) / 1.03 = 49.4
+    _, seen = turned_by(heavens(looking()), looking(right_rad=-np.arctan(0.1)), looking())
+    np.testing.assert_array_equal(seen[0, 30], np.arange(81) <= 68)
+    _, seen = turned_by(heavens(looking()), looking(up_rad=np.arctan(0.1)), looking())
+    np.testing.assert_array_equal(seen[0, :, 40], np.arange(61) <= 49)
     behind, unseen = turned_by(heavens(looking()), looking(right_rad=np.pi), looking())
     assert not unseen.any()
     assert np.isnan(Stabilised()(behind, view, unseen)[0])
