@@ -23,7 +23,7 @@ def skimage_ssim(predicted: ByteArray, target: ByteArray, mask: BoolArray | None
     """SSIM [F] with the Gaussian window of Wang 2004, of frames [F, H, W, 3]."""
     given = {"channel_axis": -1, "gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
     pairs = zip(predicted, target, strict=True)
-    return np.array([structural_similarity(a, b, **given) for a, b in pairs])  # type: ignore[no-untyped-call]
+    return np.array([structural_similarity(a, b, **given) for a, b in pairs])
 
 
 def line(name: str, rounds: int) -> str:
