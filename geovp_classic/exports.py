@@ -75,7 +75,7 @@ def write_colmap(
     COLMAP's pixel coordinates start at the image's corner, ours at the first pixel's centre: its principal point is
     0.5 larger. Points have no tracks: they come from dense depth, not from matched features.
     """
-    import pycolmap
+    from geovp_classic.colmap_library import pycolmap
 
     model = pycolmap.Reconstruction()
     params = [camera.fx_px, camera.fy_px, camera.cx_px + 0.5, camera.cy_px + 0.5]

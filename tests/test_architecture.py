@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = [
     {"errors"},
     {"types"},
-    {"geometry", "interfaces", "parallel", "files"},
+    {"geometry", "interfaces", "parallel", "files", "colmap_library"},
     {"odometry", "forecasting", "pose_refinement", "depth", "dynamic_objects", "render", "data", "metrics", "registry"},
     {"pose_sources", "refined", "renderers", "volume_fusion", "exports"},
     {"predictors", "contracts"},

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pycolmap
 
 from geovp_benchmarks.performance import rounds_parser, timed
+from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust

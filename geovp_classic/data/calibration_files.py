@@ -106,7 +106,7 @@ def _kitti(path: Path, images: Path) -> Calibration:
 
 def _colmap(path: Path, text: str) -> Calibration:
     """The only camera of a cameras.txt; COLMAP's pixels start at the image's corner, ours at a pixel's centre."""
-    import pycolmap
+    from geovp_classic.colmap_library import pycolmap
 
     rows = [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if len(rows) != 1:

@@ -97,7 +97,7 @@ def _lacking(images: Path, files: list[Path], registered: dict[str, Any]) -> lis
 
 def _registered(model: Path) -> dict[str, tuple[FloatArray, DistortedCamera]]:
     """world_from_cam [4, 4] and camera of every registered image by its name; BadData when the files are damaged."""
-    import pycolmap
+    from geovp_classic.colmap_library import pycolmap
 
     colmap_sizes.check(model)
     try:

@@ -41,7 +41,7 @@ class DistortedCamera:
         cls, model: str, numbers: tuple[float, float, float, float], distortion: Iterable[float], size_px: Size
     ) -> DistortedCamera:
         """The camera of (fx, fy, cx, cy) with (0, 0) the top-left pixel's centre; fx where its model has one focal."""
-        import pycolmap
+        from geovp_classic.colmap_library import pycolmap
 
         fx, fy, cx, cy = numbers
         focal = (fx, fy)[: len(pycolmap.Camera(model=model).focal_length_idxs())]
@@ -61,7 +61,7 @@ class DistortedCamera:
 
     @property
     def _colmap(self) -> Any:  # pycolmap.Camera
-        import pycolmap
+        from geovp_classic.colmap_library import pycolmap
 
         return pycolmap.Camera(model=self.model, params=self.params, width=self.width_px, height=self.height_px)
 

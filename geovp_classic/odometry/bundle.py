@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pycolmap
 
+from geovp_classic.colmap_library import pycolmap
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.types import FloatArray
 

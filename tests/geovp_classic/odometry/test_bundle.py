@@ -1,5 +1,8 @@
 """Resection, bundle adjustment and the window of keyframes, on points whose place is known."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pycolmap
 import pytest
@@ -206,3 +209,10 @@ def test_parallax_ignores_rotation() -> None:
     turned = se3.exp(np.array([0, 0, 0, 0, 0.05, 0])) @ path(5)[-1]
     window.pixels[:] = project(points, turned)
     assert window.parallax(turned) < 1e-6
+
+
+def test_a_program_that_is_asked_to_end_may_say_so_itself() -> None:
+    said = "import os, signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7)); "
+    said += "import geovp_classic.odometry.bundle; os.kill(os.getpid(), signal.SIGTERM); signal.pause()"
+    ended = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stderr) == (7, "")
