@@ -24,7 +24,7 @@ CLIP |= {"camera_height_m": ("f", 0)}
 
 def read_prediction(path: Path) -> Prediction:
     """Frames [S, F, H, W, 3], covered [S, F, H, W] or None, motion or None."""
-    arrays = _read(path, PREDICTION, "frames")
+    arrays = read_arrays(path, PREDICTION, "frames")
     motion = None
     if "futures" in arrays:
         uncertainty = float(arrays["scale_uncertainty"]) if "scale_uncertainty" in arrays else None
@@ -46,7 +46,7 @@ def write_prediction(path: Path, prediction: Prediction) -> None:
 
 def read_clip(path: Path, name: str) -> Clip:
     """Frames, camera, trajectory, depths, moving; never wide or right frames."""
-    arrays = _read(path, CLIP, "frames", "times_s", "intrinsics")
+    arrays = read_arrays(path, CLIP, "frames", "times_s", "intrinsics")
     fx, fy, cx, cy, width, height = arrays["intrinsics"].tolist()
     trajectory = None
     if "world_from_cam" in arrays:
@@ -83,7 +83,8 @@ def is_whole(path: Path) -> bool:
     return True
 
 
-def _read(path: Path, kinds: Mapping[str, tuple[str, int]], *needed: str) -> dict[str, Any]:
+def read_arrays(path: Path, kinds: Mapping[str, tuple[str, int]], *needed: str) -> dict[str, Any]:
+    """The arrays of a file, each of the kind and number of axes that `kinds` says; BadData when one is not or lacks."""
     if not path.exists():
         raise BadData(f"{path} does not exist: only the predictions of a few clips are kept, see --keep")
     found = files.read_npz(path)

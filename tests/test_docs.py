@@ -261,9 +261,12 @@ def test_shell_line(
     elif program == "python":
         compile((ROOT / arguments[0]).read_text(), arguments[0], "exec")
     elif program == "make":
-        targets, settings = arguments[0], arguments[1:]
-        assert re.search(rf"^{targets}:", (ROOT / "Makefile").read_text(), re.MULTILINE)
-        assert all((ROOT / setting.partition("=")[2]).exists() for setting in settings)
+        target, settings, makefile = arguments[0], arguments[1:], (ROOT / "Makefile").read_text()
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE)
+        for name, _, value in (setting.partition("=") for setting in settings):
+            assert re.search(rf"^{name} \?=", makefile, re.MULTILINE)
+            assert name != "TESTS" or (ROOT / value).exists()
+            assert name != "MODULE" or (ROOT / "tests" / "mutation_testing" / f"{value}.toml").exists()
     else:
         assert [program, arguments[0]] == ["pip", "install"], f"{program} is not a program that this test knows"
         extras = re.findall(r"\[(.*)\]", " ".join(arguments))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import record_files
+from geovp_benchmarks import kept_files, record_files
 from geovp_classic import files
 from geovp_classic.errors import BadData
 
@@ -21,7 +21,7 @@ CLIP = {"frames": FRAMES[0], "times_s": np.arange(2.0), "intrinsics": np.arange(
 
 def cell(folder: Path, **changed: Any) -> dict[str, Any]:
     (folder / "cell.json").write_bytes(files.json_bytes(CELL | changed))
-    return record_files.cell(folder / "cell.json")
+    return dict(record_files.cell(folder / "cell.json").record)
 
 
 @pytest.mark.parametrize(
@@ -82,8 +82,8 @@ def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> Non
 
 def kept(folder: Path, arrays: dict[str, Any], is_clip: bool = False) -> dict[str, Any]:
     np.savez(folder / "a.npz", **arrays)
-    kinds, needed = (record_files.CLIP, tuple(CLIP)) if is_clip else (record_files.PREDICTION, ("frames",))
-    return record_files.arrays(folder / "a.npz", kinds, *needed)
+    kinds, needed = (kept_files.CLIP, tuple(CLIP)) if is_clip else (kept_files.PREDICTION, ("frames",))
+    return kept_files.read_arrays(folder / "a.npz", kinds, *needed)
 
 
 @pytest.mark.parametrize(
@@ -144,12 +144,12 @@ def test_other_arrays_of_a_clip_are_refused(changed: dict[str, Any], says: str, 
 
 def test_what_was_not_kept_is_said_to_be_so(tmp_path: Path) -> None:
     with pytest.raises(BadData, match=r"b\.npz does not exist: only the predictions of a few clips are kept"):
-        record_files.arrays(tmp_path / "b.npz", record_files.PREDICTION, "frames")
+        kept_files.read_arrays(tmp_path / "b.npz", kept_files.PREDICTION, "frames")
 
 
 def test_a_file_is_whole_or_not(tmp_path: Path) -> None:
     kept(tmp_path, {"frames": FRAMES})
     path = tmp_path / "a.npz"
-    assert record_files.is_whole(path)
+    assert kept_files.is_whole(path)
     path.write_bytes(path.read_bytes()[:-30])
-    assert not record_files.is_whole(path)
+    assert not kept_files.is_whole(path)
