@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks import plausibility
+from geovp_benchmarks import matrix, plausibility
 from geovp_benchmarks.components import on_device
 from geovp_classic import registry
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.predictors import GeometricPredictor
 
@@ -40,6 +40,7 @@ class PredictionRequest:
     pose_source: Spec | None = None  # in place of the best we have, as in a matrix
     renderer: Spec | None = None
     predictor: Spec | None = None  # in place of both
+    row: tuple[str, str] | None = None  # a matrix file or a built-in one's name, and a row of it, in place of all three
     num_samples: int = 1
     device: str | None = None  # of networks that do not name one
 
@@ -49,6 +50,10 @@ class PredictionRequest:
             return self._build()
 
     def _build(self) -> FramePredictor:
+        if self.row is not None:
+            if (self.predictor, self.pose_source, self.renderer) != (None, None, None):
+                raise BadData("--row takes the place of --predictor, --pose-source and --renderer: give it alone")
+            return _of_row(*self.row)
         if self.predictor is not None:
             if self.pose_source is not None or self.renderer is not None:
                 raise BadData("--predictor takes the place of --pose-source and --renderer: give it alone")
@@ -71,6 +76,17 @@ class PredictionRequest:
             {"name": "road-height", "frames": frames},
         ]
         return {"name": "refined", "source": {"name": "chained", "odometry": odometry}, "refinements": refinements}
+
+
+def _of_row(file: str, label: str) -> FramePredictor:
+    """What a row of a matrix predicts with; UnknownComponent says the nearest row."""
+    read = matrix.read(Path(file))
+    plans = {plan.label: plan for plan in read.cells}
+    if label not in plans:
+        raise UnknownComponent(f"{file} has no row {label!r}{registry.nearest(label, plans)}")
+    chosen = plans[label].components.values()
+    parts = [registry.build(role, read.specs[role, name], f"{file}: {name}") for role, name in chosen]
+    return GeometricPredictor(*parts) if len(parts) > 1 else parts[0]
 
 
 def output_size(asked: tuple[int, int] | int | None, width_px: int, height_px: int) -> tuple[int, int]:

@@ -47,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     spec = "as in a matrix: a name or a table such as '{ name = \"chained\" }'"
     for name, role in (("--pose-source", "pose_sources"), ("--renderer", "renderers"), ("--predictor", "predictors")):
         parser.add_argument(name, type=_spec, metavar="SPEC", help=f"{spec}; see `geovp list {role}`")
+    of_matrix = "a row of a matrix in place of these: a file or a built-in one's name, and the row's name"
+    parser.add_argument("--row", nargs=2, metavar=("MATRIX", "ROW"), help=of_matrix)
     parser.add_argument("--samples", dest="num_samples", type=positive, default=1, metavar="N", help="futures (1)")
     add_device(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
@@ -82,7 +84,7 @@ def run(chosen: argparse.Namespace) -> int:
     if chosen.out is not None:
         prediction_files.check_free(chosen.out)
     fields = {field.name: getattr(chosen, field.name) for field in dataclasses.fields(PredictionRequest)}
-    numbers = {name: fields[name] and tuple(fields[name]) for name in ("intrinsics", "distortion")}
+    numbers = {name: fields[name] and tuple(fields[name]) for name in ("intrinsics", "distortion", "row")}
     request = PredictionRequest(**{**fields, **numbers})
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import shutil
+import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -338,6 +340,33 @@ def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
     assert not (copied / "poses.tum.txt").exists()
     last, ahead = (cv2.imread(str(copied / name)) for name in ("seen/000009.png", "frames/000011.png"))
     assert (last == ahead).all()
+
+
+def test_a_row_of_a_matrix(images: Path, tmp_path: Path, refused: Says) -> None:
+    given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "6", "--future", "2", "--size", "64"]
+    assert (
+        cli.main(
+            [*given, "--camera-height", "1.6", "--row", "fusion", "vo+prior + fusion", "--out", str(tmp_path / "a")]
+        )
+        == 0
+    )
+    about = json.loads((tmp_path / "a" / "predict.json").read_text())["predictor"]
+    assert (about["pose_source"]["name"], about["renderer"]["name"]) == ("chained", "depth-fusion")  # not refined
+    assert cli.main([*given, "--row", "demo", "copy-last", "--out", str(tmp_path / "b")]) == 0
+    assert json.loads((tmp_path / "b" / "predict.json").read_text())["predictor"]["name"] == "copy-last"
+    assert "has no row 'copy'" in refused(*given, "--row", "demo", "copy")
+    assert "needs" in refused(*given, "--row", "demo", "gt-3d + fusion")  # recorded poses, which a video does not have
+    assert "give it alone" in refused(*given, "--row", "demo", "copy-last", "--predictor", "copy-last")
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
+def test_a_browser_plays_the_film(written: Path, tmp_path: Path) -> None:
+    page, film = tmp_path / "film.html", (written / "film.mp4").as_uri()
+    said = "document.title = 'plays ' + this.videoWidth + ' ' + this.duration.toFixed(1)"
+    page.write_text(f'<video muted autoplay src="{film}" onplaying="{said}" onerror="document.title = 0"></video>')
+    browser = ["chromium", "--headless=new", "--no-sandbox", "--timeout=8000", "--dump-dom", page.as_uri()]
+    shown = subprocess.run(browser, capture_output=True, text=True, timeout=120).stdout
+    assert "<title>plays 192 1.1</title>" in shown  # 11 frames, 10 a second
 
 
 def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
