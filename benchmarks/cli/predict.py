@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import sys
 import tomllib
 from pathlib import Path
@@ -51,7 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--row", nargs=2, metavar=("MATRIX", "ROW"), help=of_matrix)
     parser.add_argument("--samples", dest="num_samples", type=positive, default=1, metavar="N", help="futures (1)")
     add_device(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="a new folder (default: results/predict/NAME-FIRST)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="a new folder (default: results/predict/NAME-FIRST, with -2, ... where that is taken)",
+    )
 
 
 def _size(text: str) -> int | tuple[int, int]:
@@ -75,6 +81,12 @@ def _spec(text: str) -> dict[str, Any] | str:
     return table
 
 
+def _new_folder(wanted: Path) -> Path:
+    """The folder, or with -2, -3, ... behind its name where that is taken."""
+    names = itertools.chain([wanted], (wanted.with_name(f"{wanted.name}-{n}") for n in itertools.count(2)))
+    return next(path for path in names if not path.exists())
+
+
 def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
     from geovp_benchmarks import prediction, prediction_files
@@ -89,7 +101,7 @@ def run(chosen: argparse.Namespace) -> int:
     with progress_bar("predict", "stages") as progress:
         predicted = prediction.predict(request, progress)
         name = f"{chosen.path.resolve().stem}-{predicted.first:06d}"
-        written = prediction_files.write(predicted, chosen.out or Path("results/predict") / name)
+        written = prediction_files.write(predicted, chosen.out or _new_folder(Path("results/predict") / name))
         progress(prediction.NUM_STAGES, prediction.NUM_STAGES)
     if chosen.amount != "quiet":
         print(*predicted.summary(), sep="\n", file=sys.stderr)

@@ -342,6 +342,30 @@ def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
     assert (last == ahead).all()
 
 
+def test_the_same_video_again_goes_into_a_folder_of_its_own(
+    images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = [
+        "predict",
+        str(images),
+        *INTRINSICS,
+        "--fps",
+        "10",
+        "--predictor",
+        "copy-last",
+        "--future",
+        "1",
+        "--size",
+        "32",
+    ]
+    for _ in range(3):
+        assert cli.main(given) == 0
+    folders = sorted(path.name for path in (tmp_path / "results" / "predict").iterdir())
+    first = folders[0]
+    assert folders == [first, f"{first}-2", f"{first}-3"]
+
+
 def test_a_row_of_a_matrix(images: Path, tmp_path: Path, refused: Says) -> None:
     given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "6", "--future", "2", "--size", "64"]
     assert (
