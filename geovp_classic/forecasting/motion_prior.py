@@ -39,10 +39,11 @@ class MotionPrior:
     """The centre path, or draws around it when more than one sample is asked for.
 
     Any number of past poses and any future times: the past is brought to an even grid of 0.1037 s, a shorter one
-    continued backwards by its earliest step, a longer one cut; a single pose is held. Beyond the fitted 2.2 s the path
-    goes on with its last speed and turn rate. A past without metres is taken as driven at
-    `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch and roll over the plane that the past motion suggests are foretold
-    by `body_motion`; without it they are those of the last pose.
+    continued backwards by its earliest step, a longer one cut; a single pose is held, and so are poses that are all the
+    same, from which the centre would creep by two millimetres. Beyond the fitted 2.2 s the path goes on with its last
+    speed and turn rate. A past without metres is taken as driven at `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch
+    and roll over the plane that the past motion suggests are foretold by `body_motion`; without it they are those of
+    the last pose.
     """
 
     seed: int = 0
@@ -52,7 +53,8 @@ class MotionPrior:
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4]; with one sample the centre path, otherwise all are draws."""
         ahead_s = past_motion.seconds_ahead(past, times_s)
-        if len(past) == 1:
+        stands = num_samples == 1 and bool((past.world_from_cam == past.world_from_cam[-1]).all())
+        if len(past) == 1 or stands:
             return np.tile(past.world_from_cam[-1], (num_samples, len(ahead_s), 1, 1))
         paths, unit = self._paths(past, ahead_s)
         states = paths.centre[None] if num_samples == 1 else paths.sample(num_samples, self.seed)

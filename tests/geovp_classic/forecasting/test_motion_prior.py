@@ -57,6 +57,14 @@ def test_the_world_frame_does_not_matter() -> None:
     np.testing.assert_allclose(moved_ahead, elsewhere @ ahead, atol=1e-6)
 
 
+def test_poses_that_are_all_the_same_stay_so_exactly() -> None:
+    times_s = np.arange(30) / 10
+    pose = se3.exp(np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3]))
+    past = Trajectory(np.tile(pose, (10, 1, 1)), times_s[:10], is_metric=True)
+    assert (MotionPrior().forecast(past, times_s[10:]) == pose).all()
+    assert np.ptp(MotionPrior().forecast(past, times_s[10:], 8)[:, -1, 2, 3]) > 0.01  # it may start
+
+
 def test_what_stands_still_is_expected_to_stay() -> None:
     past = drive(0.0, 0.0, 10)
     states = states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0]
