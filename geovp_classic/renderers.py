@@ -70,7 +70,7 @@ class DepthFusion:
         static = fusion.remove_masked(cloud, 0, cut[-1])
         scene: Scene = fusion.CloudScene(static, used, self.fill, self.crack_px, self.detail_strength)
         if self.frames == "wide" and not moving:
-            crop = context.frames[np.searchsorted(context.times_s[: context.num_past], last_s)]
+            crop = context.frames[np.abs(context.times_s[: context.num_past] - last_s).argmin()]
             place = patches.Source(crop, context.intrinsics, past.world_from_cam[-1])
             scene = StandingScene(scene, place, float(np.max(inverse_depths[-1])))
         scene = moving_sprites.DynamicScene(scene, moving, last_s) if moving else scene

@@ -1,6 +1,9 @@
 """Where a camera stands, uncropped frames are as good as the crop: the last one, bit by bit."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from geovp_classic import registry
 from geovp_classic.geometry import se3
@@ -12,12 +15,13 @@ from geovp_classic.types import Grant, Views
 GRANT = Grant.PAST_POSES | Grant.WIDE_FRAMES
 
 
-def test_a_wide_view_from_the_last_pose_is_the_last_frame_and_only_there() -> None:
+@pytest.mark.parametrize("late_s", [0.0, 0.03])  # poses may be stamped by another clock than the frames
+def test_a_wide_view_from_the_last_pose_is_the_last_frame_and_only_there(late_s: float) -> None:
     clip = registry.build("datasets", {"name": "synthetic", "num_frames": 12, "size_px": [64, 64], "with_wide": True})[
         0
     ]
     context, _ = clip.split(10, GRANT)
-    past = clip.trajectory[:10]
+    past = replace(clip.trajectory[:10], times_s=clip.times_s[:10] + late_s)
     renderer = DepthFusion(frames="wide", dynamic_objects=None, exposure=None)
     moved = past.world_from_cam[-1] @ se3.exp(np.array([[0, 0, 1e-5, 0, 0, 0], [0, 0, 0.5, 0, 0, 0]]))
     views = renderer.reconstruct(context.only(renderer.needs), past).view(moved, np.zeros(2) + 2, clip.intrinsics)
