@@ -387,8 +387,8 @@ def test_a_row_of_a_matrix(images: Path, tmp_path: Path, refused: Says) -> None:
 def test_a_browser_plays_the_film(written: Path, tmp_path: Path) -> None:
     page, film = tmp_path / "film.html", (written / "film.mp4").as_uri()
     said = "document.title = 'plays ' + this.videoWidth + ' ' + this.duration.toFixed(1)"
-    page.write_text(f'<video muted autoplay src="{film}" onplaying="{said}" onerror="document.title = 0"></video>')
-    browser = ["chromium", "--headless=new", "--no-sandbox", "--timeout=8000", "--dump-dom", page.as_uri()]
+    page.write_text(f'<video muted autoplay src="{film}" onloadeddata="{said}" onerror="document.title = 0"></video>')
+    browser = ["chromium", "--headless=new", "--no-sandbox", "--dump-dom", page.as_uri()]  # waits for the first frame
     shown = subprocess.run(browser, capture_output=True, text=True, timeout=120).stdout
     assert "<title>plays 192 1.1</title>" in shown  # 11 frames, 10 a second
 
