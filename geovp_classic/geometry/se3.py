@@ -7,19 +7,18 @@ of [[w]x v; 0 0] (Barfoot 2017, State Estimation for Robotics, section 7.1).
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.types import FloatArray
 
-SMALL_ANGLE_RAD = 1e-3  # below it, Taylor series to second order are exact in float64
+SMALL_ANGLE_RAD = 1e-3  # below it, Taylor series to fourth order are exact in float64
 
 
 def inverse(b_from_a: FloatArray) -> FloatArray:
     """a_from_b: [..., 4, 4] -> [..., 4, 4], without solving: (R', -R't)."""
-    a_from_b, rotation = np.zeros(b_from_a.shape), np.swapaxes(b_from_a[..., :3, :3], -1, -2)
-    a_from_b[..., :3, :3], a_from_b[..., 3, 3] = rotation, 1.0
-    a_from_b[..., :3, 3:] = -(rotation @ b_from_a[..., :3, 3:])
-    return a_from_b
+    rotation = np.swapaxes(b_from_a[..., :3, :3], -1, -2)
+    return compose(rotation, -(rotation @ b_from_a[..., :3, 3:])[..., 0])
 
 
 def compose(
@@ -46,26 +45,16 @@ def exp(twist: FloatArray) -> FloatArray:
     """Twists [..., 6] to rigid motions [..., 4, 4]."""
     twist = np.asarray(twist, dtype=np.float64)
     translational, rotation_vector = twist[..., :3], twist[..., 3:]
-    angle_rad, safe, small = _angles(rotation_vector)
-    cross = cross_matrix(rotation_vector)
-    square = cross @ cross
-    first = np.where(small, 0.5 - angle_rad**2 / 24, (1 - np.cos(safe)) / safe**2)
-    second = np.where(small, 1 / 6 - angle_rad**2 / 120, (safe - np.sin(safe)) / safe**3)
-    # Rodrigues' formula, and the left Jacobian I + (1 - cos a) / a^2 [w]x + (a - sin a) / a^3 [w]x^2
-    rotation = np.eye(3) + (1 - angle_rad**2 * second) * cross + first * square
-    jacobian = np.eye(3) + first * cross + second * square
-    return compose(rotation, (jacobian @ translational[..., None])[..., 0])
+    rotation = _rotation_matrix(rotation_vector)
+    return compose(rotation, (_left_jacobian(rotation_vector) @ translational[..., None])[..., 0])
 
 
 def log(b_from_a: FloatArray) -> FloatArray:
     """Rigid motions [..., 4, 4] to twists [..., 6]; rotation angles in [0, pi]."""
     b_from_a = np.asarray(b_from_a, dtype=np.float64)
-    rotation_vector, shift = _rotation_vector(b_from_a[..., :3, :3]), b_from_a[..., :3, 3:]
-    angle_rad, safe, small = _angles(rotation_vector)
-    second = np.where(small, 1 / 12 + angle_rad**2 / 720, (1 - safe / 2 / np.tan(safe / 2)) / safe**2)
-    cross = cross_matrix(rotation_vector)
-    translational = (np.eye(3) - cross / 2 + second * (cross @ cross)) @ shift  # by the inverse left Jacobian
-    return np.concatenate([translational[..., 0], rotation_vector], axis=-1)
+    rotation_vector = _rotation_vector(b_from_a[..., :3, :3])
+    translational = np.linalg.solve(_left_jacobian(rotation_vector), b_from_a[..., :3, 3:])[..., 0]
+    return np.concatenate([translational, rotation_vector], axis=-1)
 
 
 def interpolate(
@@ -91,8 +80,7 @@ def turned(
     rotation_vector: FloatArray,  # [..., 3], in c
 ) -> FloatArray:
     """The same positions with their rotations turned."""
-    rotation = exp(np.concatenate([np.zeros_like(rotation_vector), rotation_vector], axis=-1))[..., :3, :3]
-    return compose(rotation @ c_from_a[..., :3, :3], c_from_a[..., :3, 3])
+    return compose(_rotation_matrix(rotation_vector) @ c_from_a[..., :3, :3], c_from_a[..., :3, 3])
 
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
@@ -114,25 +102,28 @@ def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray
     return compose(u @ vt, b_from_a[..., :3, 3])
 
 
+def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
+    flat = Rotation.from_rotvec(
+        np.array(rotation_vector).reshape(-1, 3)
+    ).as_matrix()  # a copy: SciPy 1.15 wants to write
+    return np.asarray(flat).reshape(*rotation_vector.shape[:-1], 3, 3)
+
+
 def _rotation_vector(rotation: FloatArray) -> FloatArray:
-    """By way of the unit quaternion: the row of 4 q q' with the largest diagonal entry (Shepperd 1978)."""
-    flat = rotation.reshape(-1, 3, 3)
-    across = flat.swapaxes(1, 2)
-    products, trace = np.empty((len(flat), 4, 4)), flat[:, 0, 0] + flat[:, 1, 1] + flat[:, 2, 2]
-    products[:, 1:, 1:] = flat + across + (1 - trace)[:, None, None] * np.eye(3)
-    products[:, 0, 0] = 1 + trace
-    products[:, 0, 1:] = products[:, 1:, 0] = (flat - across)[:, (2, 0, 1), (1, 2, 0)]
-    quaternion = products[np.arange(len(flat)), products.diagonal(axis1=1, axis2=2).argmax(axis=1)]
-    cosine, sines = np.abs(quaternion[:, :1]), quaternion[:, 1:] * np.where(quaternion[:, :1] < 0, -1.0, 1.0)
-    sine = np.sqrt((sines**2).sum(axis=1, keepdims=True))  # with the shorter way round
-    return (sines * 2 * np.arctan2(sine, cosine) / np.where(sine > 0, sine, 1.0)).reshape(rotation.shape[:-1])
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
 
 
-def _angles(rotation_vector: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Angles [..., 1, 1], the same with 1 in place of small ones, and which are small."""
+def _left_jacobian(rotation_vector: FloatArray) -> FloatArray:
+    """V with exp(v, w) = (R, V v): I + (1 - cos a) / a^2 [w]x + (a - sin a) / a^3 [w]x^2."""
     angle_rad = np.linalg.norm(rotation_vector, axis=-1)[..., None, None]
     small = angle_rad < SMALL_ANGLE_RAD
-    return angle_rad, np.where(small, 1.0, angle_rad), small
+    safe = np.where(small, 1.0, angle_rad)
+    square = angle_rad**2
+    first = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
+    cross = cross_matrix(rotation_vector)
+    return np.eye(3) + first * cross + second * (cross @ cross)
 
 
 def cross_matrix(vector: FloatArray) -> FloatArray:

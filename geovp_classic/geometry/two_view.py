@@ -11,6 +11,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, FloatArray
@@ -83,8 +84,7 @@ def best_rotation(
     a, b = a / np.linalg.norm(a, axis=1, keepdims=True), b / np.linalg.norm(b, axis=1, keepdims=True)
     weight, rotation = np.ones(len(a)), np.eye(3)
     for _ in range(num_rounds):
-        u, _, vt = np.linalg.svd((b * weight[:, None]).T @ a)  # Kabsch 1976
-        rotation = u * np.array([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        rotation = np.asarray(Rotation.align_vectors(b, a, weight)[0].as_matrix())
         residual = np.linalg.norm(a @ rotation.T - b, axis=1)
         kernel = max(noise, float(np.median(residual)))
         weight = 1 / (1 + (residual / kernel) ** 2) ** 2
@@ -137,7 +137,7 @@ def refine(
         weighted = terms.by_motion / (1 + (terms.distance / noise) ** 2)[:, None]
         step = -np.linalg.solve(weighted.T @ terms.by_motion + 1e-9 * np.eye(5), weighted.T @ terms.distance)
         direction = b_from_a[:3, 3] + step[3:] @ terms.tangent
-        rotation = se3.exp(np.concatenate([np.zeros(3), step[:3]]))[:3, :3] @ b_from_a[:3, :3]
+        rotation = np.asarray(Rotation.from_rotvec(step[:3]).as_matrix()) @ b_from_a[:3, :3]
         b_from_a = se3.compose(rotation, direction / np.linalg.norm(direction))
         if np.abs(step).max() < min_step:
             break
