@@ -11,12 +11,13 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(1)
 
 
-@pytest.mark.parametrize("sigma_px", [1.0, 4.0, 6.0, 8.0, 20.0])
-def test_nearly_equals_the_blur_at_full_size(sigma_px: float) -> None:
-    image = cv2.GaussianBlur(rng().uniform(0, 255, (96, 128, 3)).astype(np.float32), (0, 0), 1.0)
+@pytest.mark.parametrize(("number", "sigma_px"), enumerate([1.0, 4.0, 6.0, 8.0, 20.0]))
+def test_nearly_equals_the_blur_at_full_size(number: int, sigma_px: float) -> None:
+    noise = rng().uniform(0, 255, (5, 96, 128, 3))[number].astype(np.float32)
+    image = cv2.GaussianBlur(noise, (0, 0), 1.0)
     exact = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
     off = np.abs(wide_blur(image, sigma_px) - exact)  # grey levels of 255
-    assert off[8:-8, 8:-8].max() < 2.0
+    assert off[8:-8, 8:-8].max() < 1.5
     assert off.mean() < 0.3 * exact.std() + 0.1
 
 
