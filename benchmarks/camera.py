@@ -30,7 +30,7 @@ class Camera:
 
     intrinsics: Intrinsics
     source: str  # "given", "fov", "calibration", "exif", "motion" or "assumed"
-    undone: tuple[float, ...] = ()  # coefficients of the distortion that was taken out
+    removed_distortion: tuple[float, ...] = ()  # coefficients of the distortion that was taken out
     interval_px: tuple[float, float] | None = None  # 90 % interval of an estimated focal length
     warnings: tuple[str, ...] = ()
 

@@ -110,8 +110,8 @@ class Predicted:
         focal_px, width_px = camera.intrinsics.fx_px, camera.intrinsics.width_px
         sure = "" if camera.interval_px is None else " (90 %: {:.0f} to {:.0f})".format(*camera.interval_px)
         source, fov_deg = CAMERA_SOURCES[camera.source], fov_of_focal(focal_px, width_px)
-        undone = ", lens distortion taken out" if camera.undone else ""
-        lines = [f"camera: {source}, focal length {focal_px:.1f} px{sure}, {fov_deg:.0f} degrees wide{undone}"]
+        lens = ", lens distortion taken out" if camera.removed_distortion else ""
+        lines = [f"camera: {source}, focal length {focal_px:.1f} px{sure}, {fov_deg:.0f} degrees wide{lens}"]
         if motion is not None:
             unit = "metres" if motion.past.is_metric else "an unknown unit (--camera-height gives metres)"
             if motion.past.scale_uncertainty is not None:

@@ -17,8 +17,8 @@ from geovp_classic.types import BoolArray, FloatArray
 SumArray = npt.NDArray[np.uint16]
 PathArray = npt.NDArray[np.int16]
 
-# One pass goes down the rows and one up. Each follows four directions: from the neighbour beside, as (du, dv) of the
-# downward pass, and from the three in the row before.
+# One pass goes down the rows and one up. Each follows four directions: from the neighbour in the row, as (du, dv) of
+# the downward pass, and from the three in the row before.
 FROM = ((-1, 0), (-1, -1), (0, -1), (1, -1))
 PRECISION = 16  # path costs are counted in sixteenths: their sums stay below 2**16
 UNIT = np.float32(2 * len(FROM) * PRECISION)  # of the sums over all directions
@@ -113,15 +113,15 @@ def _pass(
         before, here = rows[(i + 1) % 2], rows[i % 2]
         for j in range(width):
             row, column = (height - 1 - i, width - 1 - j) if turned else (i, j)
-            cost, beside = costs[row, column], along[j % 2]
-            _extend(along[(j + 1) % 2] if j > 0 else start, cost, small_step, large_steps[0, i, j], beside)
+            cost, horizontal = costs[row, column], along[j % 2]
+            _extend(along[(j + 1) % 2] if j > 0 else start, cost, small_step, large_steps[0, i, j], horizontal)
             for d in range(3):
                 k = j + d - 1
                 previous = before[d, k] if i > 0 and 0 <= k < width else start
                 _extend(previous, cost, small_step, large_steps[d + 1, i, j], here[d, j])
             left, down, right, total = here[0, j], here[1, j], here[2, j], sums[row, column]
             for n in range(num):
-                total[n] = np.uint16(beside[n + 1] + left[n + 1] + down[n + 1] + right[n + 1])
+                total[n] = np.uint16(horizontal[n + 1] + left[n + 1] + down[n + 1] + right[n + 1])
 
 
 @numba.njit(nogil=True, cache=True)

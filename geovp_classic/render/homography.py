@@ -49,8 +49,8 @@ class GroundFarPlane:
         last = patches.Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
         normal_last = planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3]
         scene = GroundFarScene(last, normal_last, context.camera_height_m, self.fill)
-        nearest = float((pinhole.rays(context.intrinsics) @ normal_last).max()) / context.camera_height_m
-        return StandingScene(scene, last, nearest)
+        largest_inverse_depth = float((pinhole.rays(context.intrinsics) @ normal_last).max()) / context.camera_height_m
+        return StandingScene(scene, last, largest_inverse_depth)
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ class StandingScene:
 
     scene: Scene
     last: patches.Source  # the last observed frame, at the size asked for
-    nearest: float  # its largest inverse depth
+    largest_inverse_depth: float  # of it, per unit of the poses
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4] at the times [F]."""
         views = self.scene.view(world_from_cam, times_s, intrinsics)
         moved = se3.inverse(self.last.world_from_source) @ world_from_cam
-        moved_rad = se3.rotation_angle_rad(moved) + np.linalg.norm(moved[:, :3, 3], axis=1) * self.nearest
+        moved_rad = se3.rotation_angle_rad(moved) + np.linalg.norm(moved[:, :3, 3], axis=1) * self.largest_inverse_depth
         stands = intrinsics.fx_px * moved_rad < MOVED_PX
         if intrinsics != self.last.camera or not stands.any():
             return views

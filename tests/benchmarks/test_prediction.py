@@ -467,6 +467,6 @@ def test_lens_distortion_is_taken_out(
     said = ["--calibration", str(camera)] if by_file else [*INTRINSICS, "--distortion", *map(str, LENS)]
     common = ["predict", bent, "--fps", "10", "--first", "0", *SHORT]
     assert "lens distortion taken out" in command(*common, *said, "--out", tmp_path / "straight").err
-    assert json.loads((tmp_path / "straight" / "predict.json").read_text())["camera"]["undone"] == [*LENS]
+    assert json.loads((tmp_path / "straight" / "predict.json").read_text())["camera"]["removed_distortion"] == [*LENS]
     assert command(*common, *INTRINSICS, "--out", tmp_path / "bent").code == 0
     assert error_in_the_middle(tmp_path / "straight", written) < 0.3 * error_in_the_middle(tmp_path / "bent", written)
