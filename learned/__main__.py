@@ -26,14 +26,16 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument(
         "config", type=Path, metavar="CONFIG.toml", help="a training config, or the name of a shipped one"
     )
-    train.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/CONFIG)")
+    train.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/CONFIG[-VARIANT][-SEED])")
     train.add_argument("--root", type=Path, metavar="FOLDER", help="root of the data sets, in place of the config's")
+    _add_variant(train)
     train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
     card.add_argument(
         "--config", "--recipe", type=Path, metavar="CONFIG.toml", help="its training config; adds the command"
     )
+    _add_variant(card)
     card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log; adds its curves")
     export = verbs.add_parser("export", help="write a network as an ONNX file")
     export.add_argument("name", help="deepvo, lpips")
@@ -43,6 +45,11 @@ def _parser() -> argparse.ArgumentParser:
     export.add_argument("--future", type=int, default=20, metavar="F", help="predicted steps of deepvo (20)")
     export.add_argument("--size", type=int, default=256, metavar="PX", help="sides of the images of lpips (256)")
     return parser
+
+
+def _add_variant(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
+    parser.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
 
 
 def _export(options: argparse.Namespace) -> int:
@@ -58,7 +65,7 @@ def _export(options: argparse.Namespace) -> int:
 def _card(options: argparse.Namespace) -> int:
     from geovp_learned import model_cards
 
-    print(model_cards.model_card(options.weights, options.config, options.log), end="")
+    print(model_cards.model_card(options.weights, options.config, options.log, options.variant, options.seed), end="")
     return 0
 
 
@@ -66,8 +73,10 @@ def _train(options: argparse.Namespace) -> int:
     from geovp_learned import training_config
     from geovp_learned.training import WEIGHTS, train
 
-    config = training_config.load(options.method, options.config, options.root)
-    folder = options.out or Path("runs") / options.config.stem
+    variant, seed = options.variant, options.seed
+    config = training_config.load(options.method, options.config, options.root, variant, seed)
+    name = "-".join(str(part) for part in (options.config.stem, variant, seed) if part is not None)
+    folder = options.out or Path("runs") / name
     run = train(config, folder, options.limit_seconds)
     progress, state = run.progress, "finished" if run.finished else "stopped, goes on when started again,"
     if run.fabric.is_global_zero:

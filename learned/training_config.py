@@ -4,10 +4,12 @@
     [training]     fields of `Training`
     [[train]]      data sets as in a matrix file, any number of them
     [[validation]]
+    [variants.X]   what a variant has in place of the above, such as method.loss = "relative"
 
 `$VARIABLES` in a data set's root are those of the environment.
 """
 
+import dataclasses
 import os
 import re
 import tomllib
@@ -22,7 +24,7 @@ from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.interfaces import Dataset
 from geovp_learned import methods
 
-TABLES = ("about", "method", "training", "train", "validation")
+TABLES = ("about", "method", "training", "train", "validation", "variants")
 
 
 @dataclass(frozen=True)
@@ -70,19 +72,29 @@ class TrainingConfig:
     validation: tuple[Dataset, ...]
 
 
-def load(method_name: str, file: Path, root: Path | None = None) -> TrainingConfig:
+def load(
+    method_name: str, file: Path, root: Path | None = None, variant: str | None = None, seed: int | None = None
+) -> TrainingConfig:
     """The config of a file, or of the name of a shipped one such as "deepvo-small".
 
-    `root` replaces the root of every data set that has one. Raises BadData or UnknownComponent naming the field.
+    `root` replaces the root of every data set that has one, `variant` is a key of its variants, `seed` replaces that
+    of the training. Raises BadData or UnknownComponent naming the field.
     """
-    method, training, content = settings(method_name, file)
+    method, training, content = settings(method_name, file, variant, seed)
     datasets = (tuple(_datasets(content, key, file, root)) for key in ("train", "validation"))
     return TrainingConfig(method_name, method, training, *datasets)
 
 
-def settings(method_name: str, file: Path) -> tuple[methods.Method, Training, Mapping[str, Any]]:
-    """The method and training of a config, and its tables, without building data sets; errors as those of `load`."""
+def settings(
+    method_name: str, file: Path, variant: str | None = None, seed: int | None = None
+) -> tuple[methods.Method, Training, Mapping[str, Any]]:
+    """The method and training of a config, and its tables, without building data sets; arguments and errors: `load`."""
     content, kinds = _read(file), {"method": methods.load(method_name), "training": Training}
+    if variant is not None:
+        known = content.get("variants", {})
+        if variant not in known:
+            raise UnknownComponent(f"{file} has no variant {variant!r}: it has {', '.join(known) or 'none'}")
+        content = _merged(content, known[variant])
     for key in content:
         if key not in TABLES:
             raise UnknownComponent(f"{file} has an unknown table {key!r}{registry.nearest(key, TABLES)}")
@@ -90,7 +102,13 @@ def settings(method_name: str, file: Path) -> tuple[methods.Method, Training, Ma
         if not isinstance(content.get(key, {}), Mapping):
             raise BadData(f"{key} is {content[key]!r}, expected a table [{key}]")
     method, training = (registry.construct(kinds[key], content.get(key, {}), f"{file}: {key}") for key in kinds)
-    return method, training, content
+    return method, training if seed is None else dataclasses.replace(training, seed=seed), content
+
+
+def _merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The table with the changes, tables within it changed in the same way."""
+    both = {key: _merged(table[key], value) for key, value in changes.items() if isinstance(table.get(key), Mapping)}
+    return {**table, **changes, **both}
 
 
 def shipped() -> list[str]:
