@@ -26,7 +26,9 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument(
         "config", type=Path, metavar="CONFIG.toml", help="a training config, or the name of a shipped one"
     )
-    train.add_argument("--out", type=Path, metavar="DIR", help="folder of the run (default: runs/CONFIG[-VARIANT][-SEED])")
+    train.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of the run (default: runs/CONFIG[-VARIANT][-SEED])"
+    )
     train.add_argument("--root", type=Path, metavar="FOLDER", help="root of the data sets, in place of the config's")
     _add_variant(train)
     train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")

@@ -70,9 +70,7 @@ def curves(rows: Iterable[Mapping[str, str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _command(
-    weights: Path, metadata: Mapping[str, Any], config: Path, variant: str | None, seed: int | None
-) -> str:
+def _command(weights: Path, metadata: Mapping[str, Any], config: Path, variant: str | None, seed: int | None) -> str:
     name = str(metadata.get("method"))
     method, training, _ = training_config.settings(name, config, variant, seed)
     wanted = {"method": checkpoints.plain(method), "training": training.decisive}

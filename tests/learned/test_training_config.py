@@ -1,5 +1,6 @@
 """Training configs and the command line: messages for mistakes; training needs neither Open3D nor pycolmap."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -115,6 +116,41 @@ def test_a_mistake_is_2_and_one_sentence(
     complaint = capsys.readouterr().err
     assert says in complaint
     assert complaint.count("\n") == 1
+
+
+VARIED = (
+    CONFIG
+    + """
+[variants]
+plain = {}
+wide = { method.architecture.lstm_size = 16, training.num_steps = 6 }
+"""
+)
+
+
+def test_a_variant_changes_what_it_names_alone_and_a_seed_only_the_seed(tmp_path: Path, kitti: Path) -> None:
+    file = written(tmp_path, VARIED)
+    plain = training_config.load("deepvo", file, kitti, "plain")
+    wide = training_config.load("deepvo", file, kitti, "wide", seed=7)
+    assert isinstance(plain.method, DeepVoTraining)
+    assert plain.method == training_config.load("deepvo", file, kitti).method
+    architecture = dataclasses.replace(plain.method.architecture, lstm_size=16)
+    assert wide.method == dataclasses.replace(plain.method, architecture=architecture)
+    assert wide.training == dataclasses.replace(plain.training, num_steps=6, seed=7)
+
+
+def test_a_variant_has_a_folder_of_its_own_and_its_card_its_command(
+    tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    file, chosen = written(tmp_path, VARIED), ["--variant", "wide", "--seed", "7"]
+    assert main(["train", "deepvo", str(file), "--root", str(kitti), *chosen]) == 0
+    weights = tmp_path / "runs" / "config-wide-7" / "weights.safetensors"
+    assert main(["card", str(weights), "--config", str(file), *chosen]) == 0
+    assert f"train deepvo {file} --variant wide --seed 7\n" in capsys.readouterr().out
+    assert main(["card", str(weights), "--config", str(file)]) == 2
+    assert main(["train", "deepvo", str(file), "--variant", "wid"]) == 2
+    assert "has no variant 'wid': it has plain, wide" in capsys.readouterr().err
 
 
 def test_an_unknown_method_and_a_missing_file(tmp_path: Path) -> None:
