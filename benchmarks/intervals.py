@@ -4,8 +4,9 @@ Clips that follow each other show the same road and share frames, so a mean over
 ones: N / tau, with tau the integrated autocorrelation time (Sokal 1997), summed while correlation is visible and then
 continued geometrically; it is corrected for the means having been taken out (Marriott & Pope 1954). Blocks of
 neighbours are resampled within each sequence (Kuensch 1989; circular: Politis & Romano 1992). With so few blocks their
-percentiles are too narrow: the distribution is widened to the variance of the mean by tau and to Student's t, with as
-many degrees of freedom as the estimate of tau has. An interval is one for these sequences; what others would give
+percentiles are too narrow: the distribution is widened to the standard error of the equal-weighted cosine estimator
+(Mueller 2007; Lazarus et al. 2018), which looks at the slowest changes of the values alone, and to Student's t, with
+as many degrees of freedom as there are of them. An interval is one for these sequences; what others would give
 cannot be told from a few. `geovp study coverage` shows how often such intervals hold the truth.
 """
 
@@ -17,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import fft, stats
 
 from geovp_classic.types import FloatArray
 
@@ -27,7 +28,8 @@ Bounds = tuple[float, float]
 UNBOUNDED: Bounds = (-np.inf, np.inf)
 VISIBLE = 1.5  # standard errors of a correlation that count
 LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
-FEWEST_DEGREES, FEWEST_EFFECTIVE = 3.0, 4.0  # of freedom; independent clips
+FEWEST_EFFECTIVE = 4.0  # independent clips
+SLOW_SHARE, FEWEST_SLOW = 0.15, 2.0  # cosines, per independent clip and at least
 SHORT = 3  # clips
 LEAST_P = 1e-4  # fewer resamples than its inverse tell nothing of less
 MOST_LOST = 0.5  # share of the variance that is taken to have gone with the means
@@ -77,7 +79,8 @@ def interval(
     values, sequences = values[known], sequences[known]
     if not len(values):
         return NOTHING
-    groups = _groups(sequences)
+    long, short = _groups(sequences)
+    groups = [*long, short] if len(short) else long
     mean, count = float(values.mean()), len(values)
     tau, visible = autocorrelation_time(values, groups)
     if count < 3:
@@ -86,19 +89,39 @@ def interval(
     sums = np.zeros(NUM_RESAMPLES)
     for group in groups:
         sums += _resampled_sums(values[group], min(visible + 1, len(group)), rng)
-    off, within = sums / count - mean, _within(values, groups)
-    lost = min(tau * len(groups) / count, MOST_LOST)
-    spread = float(np.sqrt(within @ within / count / (1 - lost) * tau / count))
-    off *= spread / off.std() if off.std() > 0 else 0.0
-    student = stats.t(max(FEWEST_DEGREES, (count - 1) / (2 * visible + 1)))
+    off = sums / count - mean
+    error, degrees = standard_error(values, [*long, *short[:, None]], tau)
+    off *= error / off.std() if off.std() > 0 else 0.0
+    student = stats.t(degrees)
     low, high = np.clip(mean + _ends(off, student, np.array([1 - level]))[:, 0], *bounds)
     return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, student))
+
+
+def standard_error(
+    values: FloatArray,  # [N]
+    groups: list[npt.NDArray[np.intp]],  # the clips of each sequence
+    tau: float,
+) -> tuple[float, int]:
+    """The standard error of the mean of dependent values, and its degrees of freedom.
+
+    From the differences of the sequences' means and each sequence's slowest cosines; what a first-order autoregression
+    of autocorrelation time `tau` has less of them than of the mean is added.
+    """
+    off, count, correlation = values - values.mean(), len(values), (tau - 1) / (tau + 1)
+    powers, expected, num = 0.0, -1.0, -1
+    for group in groups:
+        slow = min(round(max(FEWEST_SLOW, SLOW_SHARE * count / tau) * len(group) / count), len(group) - 1)
+        angles = np.pi * np.arange(slow + 1) / len(group)
+        share = (1 - correlation) ** 2 / (1 - 2 * correlation * np.cos(angles) + correlation**2)
+        powers += float((fft.dct(off[group], norm="ortho")[: slow + 1] ** 2).sum())
+        expected, num = expected + float(share.sum()), num + slow + 1
+    return float(np.sqrt(powers / expected / count)), num
 
 
 def _ends(off: FloatArray, student: Any, misses: FloatArray) -> FloatArray:
     """Ends [2, K] of the intervals that miss the truth in these shares [K] of cases, less the mean."""
     tails = 1 - misses / 2
-    return np.quantile(off, [1 - tails, tails]) * student.ppf(tails) / stats.norm.ppf(tails)
+    return np.asarray(np.quantile(off, [1 - tails, tails]) * student.ppf(tails) / stats.norm.ppf(tails))
 
 
 def _p_zero(mean: float, off: FloatArray, student: Any) -> float:
@@ -162,11 +185,13 @@ def _product(off: FloatArray, groups: list[npt.NDArray[np.intp]], lag: int) -> f
     return sum(float(later @ earlier) for later, earlier in pairs) / sum(len(later) for later, _ in pairs)
 
 
-def _groups(sequences: npt.NDArray[np.generic]) -> list[npt.NDArray[np.intp]]:
-    """The clips of each sequence; those of sequences with fewer than SHORT clips stand together, as independent."""
+def _groups(
+    sequences: npt.NDArray[np.generic],
+) -> tuple[list[npt.NDArray[np.intp]], npt.NDArray[np.intp]]:
+    """The clips of each sequence, and those of sequences with fewer than SHORT clips together, as independent."""
     found = [np.flatnonzero(sequences == one) for one in np.unique(sequences)]
-    long, short = ([group for group in found if (len(group) >= SHORT) == kind] for kind in (True, False))
-    return [*long, np.sort(np.concatenate(short))] if short else long
+    short = [group for group in found if len(group) < SHORT]
+    return [group for group in found if len(group) >= SHORT], np.sort(np.concatenate([np.arange(0), *short]))
 
 
 def _resampled_sums(values: FloatArray, block: int, rng: np.random.Generator) -> FloatArray:

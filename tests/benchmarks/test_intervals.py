@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from geovp_benchmarks import intervals
 from geovp_benchmarks.studies import coverage
 from geovp_classic import registry
+from geovp_classic.types import FloatArray
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)])
@@ -168,25 +169,56 @@ def test_equal_values_have_an_interval_without_width(value: float) -> None:
     assert found.p_zero == float(value == 0)
 
 
-@pytest.mark.parametrize(("count", "level"), [(5, 0.95), (10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
-def test_the_width_is_students_with_the_degrees_that_there_are(count: int, level: float) -> None:
-    values = np.tile([1.0, -1.0, -1.0, 1.0, 0.5, -0.5], count)[:count]  # neighbours do not correlate
-    tau, visible = intervals.autocorrelation_time(values, [np.arange(count)])
-    assert (tau, visible) == (1.0, 0)
-    found = intervals.interval(values, np.zeros(count), level)
-    # one mean is out of `count` values: the variance of the mean is s^2 / count with n - 1 in its denominator
-    low, high = stats.t.interval(level, count - 1, values.mean(), values.std(ddof=1) / np.sqrt(count))
-    assert found.high - found.low == pytest.approx(high - low, rel=0.06)
-    assert intervals.block_interval(values, np.zeros(count), level) == (found.low, found.high)
+def cosine(number: int, count: int) -> FloatArray:
+    """A cosine of length one [count] with so many half periods."""
+    return np.sqrt(2 / count) * np.cos(np.pi * number * (np.arange(count) + 0.5) / count)
 
 
-def test_correlated_values_have_fewer_degrees_of_freedom() -> None:
-    values = np.tile([1.0, 1, 1, -1, -1, -1], 50)  # tau about 2 with one visible lag, so a third of 299 degrees
-    found = intervals.interval(values, np.zeros(300))
-    tau, _ = intervals.autocorrelation_time(values, [np.arange(300)])
-    half = stats.t(299 / 3).ppf(0.975) * np.sqrt(tau / (300 - tau))  # variance 1 over 300 / tau, less what went with it
-    assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.05)
-    assert found.effective == pytest.approx(300 / tau)
+class TestStandardError:
+    """Of sums of cosines, whose powers are known."""
+
+    @pytest.mark.parametrize(("tau", "beside"), [(1.0, 1.0), (3.0, 0.25 / (1.25 - np.cos(np.pi / 10)))])
+    def test_the_two_slowest_cosines_of_few_values_count(self, tau: float, beside: float) -> None:
+        # of an autoregression with tau = 3 a step keeps one half: at an angle a 1 / 4 of 5 / 4 - cos(a) is left
+        values = 7 + 3 * cosine(1, 10) + 4 * cosine(2, 10) + 100 * cosine(9, 10)
+        more = 0.25 / (1.25 - np.cos(np.pi / 5)) if tau == 3 else 1.0
+        error, degrees = intervals.standard_error(values, [np.arange(10)], tau)
+        assert error == pytest.approx(np.sqrt(25 / (beside + more) / 10))
+        assert degrees == 2
+
+    def test_three_twentieths_of_many_independent_ones_count(self) -> None:
+        values = np.array([cosine(number, 100) for number in range(1, 100)])
+        powers = [intervals.standard_error(one, [np.arange(100)], 1.0)[0] for one in values]
+        np.testing.assert_allclose(powers, np.where(np.arange(99) < 15, np.sqrt(1 / 15 / 100), 0), atol=1e-9)
+        assert intervals.standard_error(values[0], [np.arange(100)], 10 / 3)[1] == round(15 * 0.3)
+
+    def test_clips_that_stand_alone_have_the_classical_one(self) -> None:
+        values = np.random.default_rng(9).normal(size=12)
+        error, degrees = intervals.standard_error(values, [np.array([n]) for n in range(12)], 1.0)
+        assert error == pytest.approx(values.std(ddof=1) / np.sqrt(12))
+        assert degrees == 11
+
+    def test_sequences_share_the_cosines_and_differ_in_their_means(self) -> None:
+        # 30 and 10 clips: two of the cosines are the first one's (1.5 rounded), one the second's (.5 is rounded to 0)
+        values = np.concatenate([np.full(30, 1.0) + 2 * cosine(1, 30), np.full(10, -3.0) + 5 * cosine(1, 10)])
+        groups = [np.arange(30), np.arange(30, 40)]
+        error, degrees = intervals.standard_error(values, groups, 3.0)
+        assert degrees == 1 + round(2 * 0.75) + round(2 * 0.25)
+        angles = np.pi / 30 * np.arange(1, 3)
+        expected = 1 + float((0.25 / (1.25 - np.cos(angles))).sum())
+        between = 30 * 1.0**2 + 10 * 3.0**2  # the mean of all is zero
+        assert error == pytest.approx(np.sqrt((between + 4) / expected / 40))
+
+    @pytest.mark.parametrize(("count", "level"), [(10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
+    def test_the_interval_is_students_with_its_degrees(self, count: int, level: float) -> None:
+        values = np.random.default_rng(10).normal(size=count)
+        tau, _ = intervals.autocorrelation_time(values, [np.arange(count)])
+        error, degrees = intervals.standard_error(values, [np.arange(count)], tau)
+        found = intervals.interval(values, np.zeros(count), level)
+        half = error * stats.t(degrees).ppf((1 + level) / 2)
+        assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
+        assert intervals.block_interval(values, np.zeros(count), level) == (found.low, found.high)
+        assert found.effective == pytest.approx(count / tau)
 
 
 def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:
@@ -195,7 +227,7 @@ def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:
     np.testing.assert_allclose([shifted.low, shifted.high], [found.low + 100, found.high + 100], atol=1e-9)
 
 
-def test_three_values_have_an_interval_of_at_least_three_degrees() -> None:
+def test_three_values_have_an_interval() -> None:
     found = intervals.interval(np.array([-1.0, 0.0, 1.0]), np.zeros(3))
     # resampled sums of three reach 1 at most, so that the quantile is that of few values: wider than one s / sqrt 3
     assert found.low < -1 / np.sqrt(3)
@@ -203,12 +235,15 @@ def test_three_values_have_an_interval_of_at_least_three_degrees() -> None:
     assert found.effective == 3
 
 
-def test_sequences_of_two_stand_together_and_of_three_alone() -> None:
-    def sizes(names: list[int]) -> list[list[int]]:
-        return [group.tolist() for group in intervals._groups(np.array(names))]
-
-    assert sizes([1, 1, 2, 3, 3, 3]) == [[3, 4, 5], [0, 1, 2]]
-    assert sizes([1, 1, 1, 2, 2, 2]) == [[0, 1, 2], [3, 4, 5]]
+@pytest.mark.parametrize(
+    ("names", "long", "short"),
+    [([1, 1, 2, 3, 3, 3], [[3, 4, 5]], [0, 1, 2]), ([1, 1, 1, 2, 2, 2], [[0, 1, 2], [3, 4, 5]], []), ([1], [], [0])],
+)
+def test_sequences_of_two_stand_together_and_of_three_alone(
+    names: list[int], long: list[list[int]], short: list[int]
+) -> None:
+    found, together = intervals._groups(np.array(names))
+    assert ([group.tolist() for group in found], together.tolist()) == (long, short)
 
 
 def test_another_seed_gives_another_interval_about_as_wide() -> None:
