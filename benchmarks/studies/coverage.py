@@ -11,11 +11,8 @@ import argparse
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy import stats
-from scipy.signal import lfilter
 
 from geovp_benchmarks.arguments import positive
-from geovp_benchmarks.intervals import interval
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import FloatArray
 
@@ -61,6 +58,11 @@ def coverage(
     sizes: tuple[int, ...], filters: tuple[FloatArray, FloatArray], noise: Noise, draws: int, seed: int = 0
 ) -> tuple[float, float, float]:
     """The share of draws whose interval holds zero, that of naive intervals, and the median effective number."""
+    from scipy import stats
+    from scipy.signal import lfilter
+
+    from geovp_benchmarks.intervals import interval
+
     rng = np.random.default_rng(seed)
     parts = [lfilter(*filters, noise(rng, (draws, size + BURN_IN)), axis=1)[:, BURN_IN:] for size in sizes]
     values, sequences = np.concatenate(parts, axis=1), np.repeat(np.arange(len(sizes)), sizes)
