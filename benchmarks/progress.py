@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 Item = TypeVar("Item")
 Progress = Callable[[int, int], None]  # (done, total)
 FIRST_SHOWN_S, REFRESHED_S = 0.5, 1.0
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}{postfix}]"
 
 logger = logging.getLogger("geovp_benchmarks")
 steps = logging.getLogger("geovp_benchmarks.steps")
@@ -41,7 +42,7 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
 
     is_quiet = not logger.isEnabledFor(logging.WARNING)
     with tqdm(
-        total=0, desc=description, unit=f" {unit}", file=sys.stderr, delay=FIRST_SHOWN_S, disable=is_quiet
+        total=0, desc=description, unit=unit, bar_format=BAR, file=sys.stderr, delay=FIRST_SHOWN_S, disable=is_quiet
     ) as bar:
         ended = threading.Event()
         clock = threading.Thread(target=_refresh, args=(bar, ended), daemon=True)
