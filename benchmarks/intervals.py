@@ -12,6 +12,7 @@ cannot be told from a few. `geovp study coverage` shows how often such intervals
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -92,9 +93,14 @@ def interval(
     off = sums / count - mean
     error, degrees = standard_error(values, [*long, *short[:, None]], tau)
     off *= error / off.std() if off.std() > 0 else 0.0
-    student = stats.t(degrees)
+    student = _student(degrees)
     low, high = np.clip(mean + _ends(off, student, np.array([1 - level]))[:, 0], *bounds)
     return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, student))
+
+
+@functools.cache
+def _student(degrees: int) -> Any:
+    return stats.t(degrees)  # it takes as long as a thousand resamples
 
 
 def standard_error(
