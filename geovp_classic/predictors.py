@@ -10,6 +10,7 @@ from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
+from geovp_classic.render import ego_vehicle
 from geovp_classic.types import BoolArray, ByteArray, Context, Grant, Motion, Prediction, Trajectory
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
@@ -20,7 +21,7 @@ class GeometricPredictor:
     """A pose source says where the camera will be, and a renderer shows the scene from there.
 
     `predict` runs three steps; a caller with many predictors runs them one by one and caches their results: a motion
-    per pose source, a scene per past.
+    per pose source, a scene per past. Parts of the vehicle in the image are shown to neither and stay where they are.
     """
 
     pose_source: PoseSource
@@ -38,11 +39,12 @@ class GeometricPredictor:
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Step 1: the motion."""
-        return self.pose_source.estimate(context.only(self.pose_source.needs), num_samples)
+        return self.pose_source.estimate(ego_vehicle.cut_off(context.only(self.pose_source.needs)), num_samples)
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """Step 2: the scene, which depends on the past alone."""
-        return self.renderer.reconstruct(context.only(self.renderer.needs), past)
+        seen = context.only(self.renderer.needs)
+        return ego_vehicle.in_front_of(self.renderer.reconstruct(ego_vehicle.cut_off(seen), past), seen)
 
 
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:

@@ -152,8 +152,11 @@ def measure(wanted: Sequence[Variant], data: Sequence[Any], progress: Progress) 
 
 def predict(context: Context, source: PoseSource, renderer: Renderer) -> ByteArray:
     """The predicted frames [N, H, W, 3] at the scored horizons."""
-    motion, steps = source.estimate(context.only(source.needs)), np.array(SCORED)
-    scene = renderer.reconstruct(context.only(renderer.needs), motion.past)
+    from geovp_classic.predictors import GeometricPredictor
+
+    predictor, steps = GeometricPredictor(source, renderer), np.array(SCORED)
+    motion = predictor.estimate(context)
+    scene = predictor.reconstruct(context, motion.past)
     return scene.view(motion.futures[0, steps], context.times_s[NUM_PAST + steps], context.intrinsics).frames
 
 

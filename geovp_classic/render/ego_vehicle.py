@@ -1,0 +1,105 @@
+"""The vehicle's own parts in the image, such as the hood before a camera behind the windscreen.
+
+They stay in place while the road moves below them: a surface that drives along, to any reconstruction. So
+they are cut off before anything is estimated, and every view shows them as the last frame did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from geovp_classic.geometry import frame_screening, pinhole
+from geovp_classic.interfaces import Scene
+from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Intrinsics, Views
+
+FEWEST_FRAMES, LEAST_ROWS = 3, 64  # fewer frames, or rows of an image, show too little
+STILL = 3.0  # standard deviation over the frames, in grey values, below which a pixel stays in place
+MOVING = 3.0  # mean difference of the first from the last frame above which the rest of the image moves
+LARGEST_SHARE = 0.4  # of the image's height
+LEAST_WIDTH = 0.6  # of the lowest row
+EDGE = 12.0  # grey values between what lies above its border and below it, in most frames
+MOST = 0.75  # of the frames: the border of a shadow on a road without texture is that in one of them
+MARGIN_PX = 3  # on either side of that border
+TALLEST = 0.05  # quantile of the border's columns that counts as its top
+
+
+@dataclass(frozen=True)
+class EgoVehicleScene:
+    """A scene behind the vehicle's own parts."""
+
+    scene: Scene
+    frame: ByteArray  # [H, W, 3], the last observed one
+    camera: Intrinsics
+    mask: BoolArray  # [H, W], the vehicle
+
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+        """The scene from the poses [F, 4, 4] at the times [F]; other cameras than that of the frames show it alone."""
+        views = self.scene.view(world_from_cam, times_s, intrinsics)
+        if intrinsics != self.camera:
+            return views
+        frames = np.where(self.mask[..., None], self.frame, views.frames)
+        return Views(frames, views.covered | self.mask, views.depths)
+
+
+def cut_off(context: Context) -> Context:
+    """The context with its frames, uncropped ones and depths cut off above the vehicle; as it is with right frames."""
+    if context.right is not None:
+        return context
+    wide, top = context.wide, top_row(find(context.frames))
+    if wide is not None:
+        rows = top_row(find(wide.frames))
+        camera = wide.intrinsics.cropped(0, 0, wide.intrinsics.width_px, rows)
+        wide = (
+            wide if rows == wide.intrinsics.height_px else ExtraView(wide.frames[:, :rows], camera, wide.view_from_cam)
+        )
+    if top == context.intrinsics.height_px:
+        return replace(context, wide=wide)
+    depths = None if context.past_depths is None else context.past_depths[:, :top]
+    camera = context.intrinsics.cropped(0, 0, context.intrinsics.width_px, top)
+    return replace(context, frames=context.frames[:, :top], intrinsics=camera, past_depths=depths, wide=wide)
+
+
+def in_front_of(scene: Scene, context: Context) -> Scene:
+    """The scene behind what of the vehicle the frames show; the scene itself where they show nothing."""
+    mask = find(context.frames) if context.right is None else np.zeros((1, 1), bool)
+    return EgoVehicleScene(scene, context.frames[-1], context.intrinsics, mask) if mask.any() else scene
+
+
+def top_row(mask: BoolArray) -> int:
+    """The first row of a mask [H, W] that reaches down to the last; H where it is empty."""
+    columns = mask.any(axis=0)
+    return int(np.quantile(mask.argmax(axis=0)[columns], TALLEST)) if columns.any() else len(mask)
+
+
+def find(frames: ByteArray) -> BoolArray:
+    """The pixels [H, W] of frames [P, H, W, 3] that stay in place at the bottom, behind an edge, while others move."""
+    nothing = np.zeros(frames.shape[1:3], bool)
+    frames = frames[frame_screening.usable(frames)]
+    if len(frames) < FEWEST_FRAMES or frames.shape[1] < LEAST_ROWS:
+        return nothing
+    lowest = frames[:, -MARGIN_PX:].astype(np.float32).mean(axis=(1, 3)).std(axis=0) < STILL
+    if lowest.mean() < LEAST_WIDTH:
+        return nothing
+    first = round(frames.shape[1] * (1 - LARGEST_SHARE)) - 2 * MARGIN_PX
+    grey = np.stack([pinhole.grey(frame[first:]) for frame in frames])
+    still = grey.std(axis=0) < STILL
+    labels = cv2.connectedComponents(cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5))))[1]
+    label = np.bincount(labels[-1]).argmax()
+    mask = nothing.copy()
+    mask[first:] = labels == label
+    tops = mask.argmax(axis=0)
+    own = mask.any(axis=0)
+    if label == 0 or mask[-1].mean() < LEAST_WIDTH or tops[own].min() <= first + MARGIN_PX:
+        return nothing
+    mask |= (np.arange(len(mask))[:, None] >= tops) & own
+    columns, border = np.flatnonzero(own), tops[own] - first
+    above, below = (
+        grey[:, border - MARGIN_PX, columns],
+        grey[:, np.minimum(border + MARGIN_PX, len(still) - 1), columns],
+    )
+    edge = np.quantile(np.median(np.abs(above - below), axis=1), 1 - MOST)
+    moves = np.abs(grey[-1] - grey[0])[~mask[first:]].mean()
+    return mask if edge >= EDGE and moves >= MOVING else nothing
