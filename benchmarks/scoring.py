@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
-
 from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE
 from geovp_benchmarks.profiling import release_free_memory
 from geovp_benchmarks.store import Rows
