@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +20,10 @@ class Names:
     numbers: IntArray  # [R]
 
     @classmethod
-    def of(cls, column: Iterable[str]) -> Names:
-        """From a name per row."""
-        known: dict[str, int] = {}
-        numbers = np.fromiter((known.setdefault(name, len(known)) for name in column), np.int32)
-        return cls(tuple(known), numbers)
+    def of(cls, column: Sequence[str] | npt.NDArray[np.object_]) -> Names:
+        """From a name per row [R]."""
+        known = {name: number for number, name in enumerate(dict.fromkeys(column))}
+        return cls(tuple(known), np.fromiter(map(known.__getitem__, column), np.int32, len(column)))
 
     @classmethod
     def concatenated(cls, columns: Sequence[Names]) -> Names:
@@ -59,10 +58,10 @@ class Rows:
     @classmethod
     def of(
         cls,
-        clip: Iterable[str] = (),
+        clip: Sequence[str] | npt.NDArray[np.object_] = (),
         sample: npt.ArrayLike = (),
         step: npt.ArrayLike = (),
-        metric: Iterable[str] = (),
+        metric: Sequence[str] | npt.NDArray[np.object_] = (),
         value: npt.ArrayLike = (),
     ) -> Rows:
         """From columns [R]; from nothing, no rows."""
