@@ -23,7 +23,6 @@ from geovp_classic.errors import BadData
 LIMIT_BYTES = 512 * files.MIB
 LIMIT_ROWS, ROWS_AT_ONCE = 2**24, 2**18  # 0.4 GB in memory, and twice that while they are put together
 LIMIT_NAME_BYTES = 1000  # of a clip or a metric, 0.5 GB in the rows that are read at once
-LIMIT_VALUES = 2**27  # of one metric: clips times samples times steps, 1 GB in memory
 NAME = f"if(strlen({{0}}) > {LIMIT_NAME_BYTES}, error('a name of more than {LIMIT_NAME_BYTES} bytes'), {{0}}::VARCHAR)"
 STORED = f"{NAME.format('clip')}, sample::INTEGER, step::INTEGER, {NAME.format('metric')}, value::DOUBLE"
 OPEN_FILES = "/dev/fd"  # this process's own, by their numbers
@@ -83,9 +82,6 @@ def rows(path: Path) -> Rows:
             found = Rows.concatenated(_blocks(database, place))
         if found.sample.min(initial=0) < 0 or found.step.min(initial=1) < 1:
             raise ValueError("a negative sample or step")
-        samples, steps = int(found.sample.max(initial=0)) + 1, int(found.step.max(initial=0))
-        if len(found.clip.names) * samples * steps > LIMIT_VALUES:
-            raise ValueError(f"{len(found.clip.names)} clips, {samples} samples and {steps} steps")
     except DAMAGES as problem:
         reason = f"{problem}".partition("\n")[0][:200]
         raise BadData(f"{path} is no part of results ({reason}): remove it and run again") from problem

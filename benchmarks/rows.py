@@ -78,6 +78,11 @@ class Rows:
         )
         return cls(clip, sample, step, metric, value)
 
+    @property
+    def extent(self) -> tuple[int, int, int]:
+        """The numbers of clips, samples S and steps F."""
+        return len(self.clip.names), int(self.sample.max(initial=-1)) + 1, int(self.step.max(initial=0))
+
     def of_clips(self, clips: Container[str]) -> Rows:
         """The rows of some clips."""
         return self.where(self.clip.among(clips))

@@ -43,10 +43,9 @@ class Estimate:
 def cube(rows: Rows, metric: str) -> Cube:
     """The values of one metric from the rows of one cell; clips in the order of the rows, steps 1..F."""
     rows = rows.of_metrics((metric,))
-    clips = rows.clip.names
-    values = np.full((len(clips), rows.sample.max(initial=-1) + 1, rows.step.max(initial=0)), np.nan)
+    values = np.full(rows.extent, np.nan)
     values[rows.clip.numbers, rows.sample, rows.step - 1] = rows.value
-    return Cube(clips, values)
+    return Cube(rows.clip.names, values)
 
 
 def mean_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:

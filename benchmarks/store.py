@@ -35,6 +35,7 @@ from geovp_classic.types import Clip, Prediction
 __all__ = ["EARLIER", "NOT_CELLS", "Cell", "Part", "Results", "Rows", "check_clip_name"]
 
 EARLIER = "earlier"
+LIMIT_VALUES = 2**26  # of one metric: clips times samples times steps, 0.5 GB in memory
 MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
 NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
 
@@ -84,7 +85,12 @@ class Results:
         damaged = [path for path, part in found.items() if part is None]
         if damaged:
             raise BadData(f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again")
-        return Rows.concatenated([*map(part_files.rows, found)])
+        rows = Rows.concatenated([*map(part_files.rows, found)])
+        clips, samples, steps = rows.extent
+        if clips * samples * steps > LIMIT_VALUES:
+            extent = f"{clips} clips, {samples} samples and {steps} steps"
+            raise BadData(f"{self.root / cell} has rows of {extent}, which no run has: remove it and run again")
+        return rows
 
     def failures(self, cell: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of the last frame."""

@@ -139,7 +139,6 @@ HOSTILE = {
     "SELECT * REPLACE (NULL AS step)": "a row without a clip, sample, step or metric",
     "SELECT * REPLACE (-1 AS sample)": "a negative sample or step",
     "SELECT * REPLACE (0 AS step)": "a negative sample or step",
-    "SELECT * REPLACE (2147483647 AS sample)": "1 clips, 2147483648 samples and 1 steps",
     "SELECT * REPLACE (4294967296 AS step)": ".* out of range .*",
     "SELECT * REPLACE ('much' AS value)": ".* Could not convert string 'much' to DOUBLE.*",
     "SELECT * REPLACE (repeat('b', 1001) AS metric)": ".*a name of more than 1000 bytes",
@@ -170,6 +169,17 @@ def test_a_part_with_other_columns_is_refused_in_a_sentence(
         results.scores("x")
     path.unlink()
     assert values(results) == [1.0]
+
+
+def test_rows_that_no_memory_can_hold_as_an_array_are_refused(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_part("x", scores([("a", 2**20, 1, "psnr", 1.0)]), Part(0, ("a",), "f", {}, {}, 0.0))
+    assert values(results) == [1.0]
+    results.write_part("x", scores([("b", 0, 2**10, "psnr", 1.0)]), Part(1, ("b",), "f", {}, {}, 0.0))
+    with pytest.raises(
+        BadData, match="x has rows of 2 clips, 1048577 samples and 1024 steps, which no run has: remove"
+    ):
+        results.scores("x")
 
 
 def test_equal_rows_are_equal_bytes_and_names_may_hold_quotes(tmp_path: Path) -> None:
