@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import errno
 import functools
 import json
 import tempfile
@@ -47,18 +48,21 @@ class Part:
 
 
 def write(path: Path, rows: Rows, part: Part) -> None:
-    """Write all rows of the part's clips at once; equal rows and facts give equal bytes."""
+    """Write all rows of the part's clips at once; equal rows and facts give equal bytes. OSError without room."""
     facts = {key: value for key, value in dataclasses.asdict(part).items() if key != "index"}
     about = json.dumps({files.SEAL: files.ZEROS, **facts}).replace("'", "''")
     columns = {"clip": rows.clip.spelled(), "sample": rows.sample, "step": rows.step}
     columns |= {"metric": rows.metric.spelled(), "value": rows.value}
     with _database() as (database, file, place):
         database.register("scores", columns)
-        database.execute(
-            "COPY (SELECT clip::VARCHAR AS clip, sample, step, metric::VARCHAR AS metric, "
-            "if(isnan(value), NULL, value) AS value FROM scores) "
-            f"TO {place} (FORMAT parquet, USE_TMP_FILE false, KV_METADATA {{geovp: '{about}'}})"
-        )
+        try:
+            database.execute(
+                "COPY (SELECT clip::VARCHAR AS clip, sample, step, metric::VARCHAR AS metric, "
+                "if(isnan(value), NULL, value) AS value FROM scores) "
+                f"TO {place} (FORMAT parquet, USE_TMP_FILE false, KV_METADATA {{geovp: '{about}'}})"
+            )
+        except duckdb.IOException as problem:
+            raise OSError(errno.EIO, str(problem), tempfile.gettempdir()) from problem
         file.seek(0)
         write_bytes(path, files.sealed(file.read()))
 

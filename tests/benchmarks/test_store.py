@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -207,6 +208,18 @@ def test_a_part_of_more_rows_than_are_read_at_once_comes_back(tmp_path: Path) ->
     for one, other in ((found.clip.numbers, stored.clip.numbers), (found.step, stored.step)):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(found.value, np.arange(count))
+
+
+def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
+    results, before = begun(tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        with pytest.raises(OSError, match="Could not write"):
+            results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+    assert values(results) == [1.0]
 
 
 def test_the_database_sees_no_other_file(tmp_path: Path) -> None:
