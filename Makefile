@@ -50,6 +50,7 @@ wheel-test: $(READY)  ## the wheel, built and tried in a clean environment from 
 	$(BIN)/python -m pip --python "$$folder/venv/bin/python" install --quiet --no-deps "$$folder"/*.whl; \
 	beside=$$($(BIN)/python -c 'import os, numpy; print(os.path.dirname(os.path.dirname(numpy.__file__)))'); \
 	echo "$$beside" > "$$(echo "$$folder"/venv/lib/python3*/site-packages)/beside.pth"; \
+	"$$folder/venv/bin/python" tests/install_size.py; \
 	cd "$$folder"; unset PYTHONPATH; \
 	venv/bin/geovp --version; \
 	venv/bin/geovp list > list.txt; grep -qx '  depth-fusion' list.txt; \

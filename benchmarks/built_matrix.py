@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-
 from geovp_benchmarks.components import Failure, build, code_hash, on_device
 from geovp_benchmarks.matrix import CellPlan, Matrix
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.profiling import StageProfiler
 from geovp_benchmarks.progress import announce
 from geovp_benchmarks.scoring import ScoringContext, check, score
-from geovp_benchmarks.store import Part, Results
+from geovp_benchmarks.store import Part, Results, Rows
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.predictors import CopyLast, GeometricPredictor, show
@@ -119,7 +117,7 @@ class _CellOutput:
     """One cell's rows and times in this chunk."""
 
     profiler: StageProfiler = field(default_factory=StageProfiler)
-    rows: list[pa.Table] = field(default_factory=list)
+    rows: list[Rows] = field(default_factory=list)
     failures: dict[str, Failure] = field(default_factory=dict)  # clip -> why it could not be predicted
 
 
@@ -163,7 +161,7 @@ def compute(task: Task) -> TaskResult:
             failures={clip: dataclasses.astuple(failure) for clip, failure in output.failures.items()},
             facts=facts,
         )
-        results.write_part(name, pa.concat_tables(output.rows), part)
+        results.write_part(name, Rows.concatenated(output.rows), part)
     return TaskResult(task, failures)
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import pyarrow as pa
-
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.planning import versions
 from geovp_benchmarks.profiling import StageProfiler
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.provenance import content_hash, protocol_id
 from geovp_benchmarks.scoring import Metrics, ScoringContext, score
-from geovp_benchmarks.store import Cell, Part, Results
+from geovp_benchmarks.store import Cell, Part, Results, Rows
 from geovp_classic.errors import BadData
 
 
@@ -69,4 +67,4 @@ def _rescore_cell(results: Results, into: Results, cell: Cell, clips: list[str],
     if tables:
         names, seconds = tuple(scored), profiler.seconds
         part = Part(0, names, cell.fingerprint, {}, seconds, 0.0, failures=failures, facts=facts)
-        into.write_part(cell.name, pa.concat_tables(tables), part)
+        into.write_part(cell.name, Rows.concatenated(tables), part)

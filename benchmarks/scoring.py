@@ -8,12 +8,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-import pyarrow as pa
-
 from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE
 from geovp_benchmarks.profiling import release_free_memory
-from geovp_benchmarks.store import SCORES
+from geovp_benchmarks.store import Rows
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric, TrajectoryMetric
 from geovp_classic.metrics.clip_facts import clip_facts
@@ -87,16 +84,16 @@ def check(context: ScoringContext, prediction: Prediction) -> None:
         )
 
 
-def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> pa.Table:
+def score(context: ScoringContext, prediction: Prediction, metrics: Metrics) -> Rows:
     """All rows of one clip, ordered by sample, metric and step; BadData when the prediction is of another size."""
     check(context, prediction)
-    blocks = []
+    rows: list[tuple[str, int, int, str, float]] = []
     for sample in range(len(prediction.frames)):
         if (sample + 1) % SAMPLES_PER_RELEASE == 0:  # scores lie scattered among the memory that metrics freed
             release_free_memory()
-        scored = _values(context, prediction, sample, metrics)
-        blocks += [_block(context.clip.name, sample, name, values) for name, values in scored]
-    return pa.concat_tables(blocks) if blocks else SCORES.empty_table()
+        for name, values in _values(context, prediction, sample, metrics):
+            rows += [(context.clip.name, sample, step, name, value) for step, value in enumerate(values, 1)]
+    return Rows.of(*zip(*rows, strict=True))
 
 
 def _values(
@@ -145,17 +142,3 @@ def _future(context: ScoringContext, prediction: Prediction, sample: int) -> Tra
     futures = prediction.motion.futures
     times_s = context.truth[0].times_s[context.num_past :]
     return relative_to_last_observed(prediction.motion.past, futures[sample % len(futures)], times_s)
-
-
-def _block(clip: str, sample: int, metric: str, values: FloatArray) -> pa.Table:
-    count = len(values)
-    steps = np.arange(1, count + 1, dtype=np.int32)
-    numbers = np.asarray(values, dtype=np.float64)
-    columns = [
-        pa.array([clip] * count, pa.string()),
-        pa.array(np.full(count, sample, np.int32)),
-        pa.array(steps),
-        pa.array([metric] * count, pa.string()),
-        pa.array(numbers, mask=np.isnan(numbers)),
-    ]
-    return pa.table(columns, schema=SCORES)

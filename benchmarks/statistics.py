@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.compute as pc
 
+from geovp_benchmarks.rows import Rows
 from geovp_classic.types import FloatArray
 
 KIND = "± is one standard error of the mean over clips (sample standard deviation / sqrt(n))"
@@ -41,16 +40,12 @@ class Estimate:
     count: FloatArray  # clips that have a value
 
 
-def cube(rows: pa.Table, metric: str) -> Cube:
+def cube(rows: Rows, metric: str) -> Cube:
     """The values of one metric from the rows of one cell; clips in the order of the rows, steps 1..F."""
-    rows = rows.filter(pc.equal(rows["metric"], metric))
-    clips = pc.unique(rows["clip"]).to_pylist()
-    which = pc.index_in(rows["clip"], value_set=pa.array(clips, pa.string())).to_numpy()
-    sample, step = rows["sample"].to_numpy(), rows["step"].to_numpy() - 1
-    shape = (len(clips), sample.max(initial=-1) + 1, step.max(initial=-1) + 1)
-    values = np.full(shape, np.nan)
-    values[which, sample, step] = rows["value"].to_numpy()
-    return Cube(tuple(clips), values)
+    rows = rows.of_metrics((metric,))
+    values = np.full(rows.extent, np.nan)
+    values[rows.clip.numbers, rows.sample, rows.step - 1] = rows.value
+    return Cube(rows.clip.names, values)
 
 
 def mean_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:

@@ -3,7 +3,7 @@
     <root>/protocol.json                  data set, clip names, sizes, metrics, versions
     <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory, depths where known
     <root>/<cell>/cell.json               components, grants, status, seconds per stage, peak memory; see Cell
-    <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see SCORES
+    <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see Rows
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with these
     <root>/tables  plots  recordings  report.html     views of the above
@@ -23,19 +23,19 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-import pyarrow as pa
-
 from geovp_benchmarks import kept_files, part_files, record_files
-from geovp_benchmarks.part_files import SCORES, Part
+from geovp_benchmarks.part_files import Part
 from geovp_benchmarks.record_files import Cell
+from geovp_benchmarks.rows import Rows
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Prediction
 
-__all__ = ["EARLIER", "NOT_CELLS", "SCORES", "Cell", "Part", "Results", "check_clip_name"]
+__all__ = ["EARLIER", "NOT_CELLS", "Cell", "Part", "Results", "Rows", "check_clip_name"]
 
 EARLIER = "earlier"
+LIMIT_VALUES = 2**26  # of one metric: clips times samples times steps, 0.5 GB in memory
 MAX_NAME_BYTES = 230  # of 255 that file systems allow: scratch files have longer names
 NOT_CELLS = ("clips", "tables", "plots", "recordings", EARLIER)
 
@@ -79,13 +79,18 @@ class Results:
         path = self.root / name / "cell.json"
         return record_files.cell(path) if path.exists() else None
 
-    def scores(self, cell: str) -> pa.Table:
-        """The rows of one cell, columns as SCORES; BadData when a part is damaged."""
-        damaged = self.damaged_parts(cell)
+    def scores(self, cell: str) -> Rows:
+        """The rows of one cell; BadData when a part is damaged."""
+        found = self._read_parts(cell)
+        damaged = [path for path, part in found.items() if part is None]
         if damaged:
             raise BadData(f"{damaged[0]} is damaged: `geovp run` sets it aside and computes it again")
-        paths = [self._part(cell, part.index) for part in self.parts(cell)]
-        return pa.concat_tables([SCORES.empty_table(), *map(part_files.rows, paths)])
+        rows = Rows.concatenated([*map(part_files.rows, found)])
+        clips, samples, steps = rows.extent
+        if clips * samples * steps > LIMIT_VALUES:
+            extent = f"{clips} clips, {samples} samples and {steps} steps"
+            raise BadData(f"{self.root / cell} has rows of {extent}, which no run has: remove it and run again")
+        return rows
 
     def failures(self, cell: str) -> dict[str, str]:
         """Why clips could not be predicted, by the clip's name; their rows are those of a copy of the last frame."""
@@ -114,16 +119,17 @@ class Results:
 
     def parts(self, cell: str) -> list[Part]:
         """The parts on disk that belong to the cell as it is now, by index; an unreadable file counts as absent."""
-        now = self.cell(cell)
-        parts = [part_files.read(path) for path in self._part_files(cell)]
-        return [part for part in parts if part and now and part.fingerprint == now.fingerprint]
+        return [part for part in self._read_parts(cell).values() if part]
 
     def damaged_parts(self, cell: str) -> list[Path]:
         """The part files that are not as they were written."""
-        return [path for path in self._part_files(cell) if part_files.read(path) is None]
+        return [path for path, part in self._read_parts(cell).items() if part is None]
 
-    def _part_files(self, cell: str) -> list[Path]:
-        return sorted((self.root / cell / "scores").glob("part-*.parquet"))
+    def _read_parts(self, cell: str) -> dict[Path, Part | None]:
+        """The parts of the cell as it is now by file, None for a file that is damaged."""
+        now = self.cell(cell)
+        found = {path: part_files.read(path) for path in sorted((self.root / cell / "scores").glob("part-*.parquet"))}
+        return {path: part for path, part in found.items() if not part or (now and part.fingerprint == now.fingerprint)}
 
     @property
     def tables(self) -> Path:
@@ -161,7 +167,7 @@ class Results:
         """Write a cell's cell.json."""
         write_bytes(self.root / name / "cell.json", files.json_bytes(record))
 
-    def write_part(self, cell: str, rows: pa.Table, part: Part) -> None:
+    def write_part(self, cell: str, rows: Rows, part: Part) -> None:
         """Write all rows of the part's clips at once."""
         part_files.write(self._part(cell, part.index), rows, part)
 

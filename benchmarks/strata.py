@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from geovp_benchmarks import statistics
 from geovp_benchmarks.matrix import COVERAGE
-from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.store import Cell, Results, Rows
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 
@@ -62,7 +60,7 @@ class ClipSubset(Results):
         return [
             dataclasses.replace(
                 cell,
-                num_clips=len(pc.unique(self.scores(cell.name)["clip"])),
+                num_clips=len(self.scores(cell.name).clip.names),
                 num_failed=len(self.failures(cell.name)),
             )
             for cell in super().cells()
@@ -72,10 +70,9 @@ class ClipSubset(Results):
         """Those of the chosen clips."""
         return {clip: reason for clip, reason in super().failures(cell).items() if clip in self.chosen}
 
-    def scores(self, cell: str) -> pa.Table:
+    def scores(self, cell: str) -> Rows:
         """The chosen clips' rows."""
-        rows = super().scores(cell)
-        return rows.filter(pc.is_in(rows["clip"], value_set=pa.array(sorted(self.chosen), pa.string())))
+        return super().scores(cell).of_clips(self.chosen)
 
 
 def divide(results: Results, by: str) -> list[ClipSubset]:

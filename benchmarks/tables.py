@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from geovp_benchmarks import intervals, provenance, statistics
 from geovp_benchmarks.matrix import COVERAGE, UNASKED
 from geovp_benchmarks.statistics import Cube
-from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.store import Cell, Results, Rows
 from geovp_benchmarks.stored_facts import bounds, is_directed, legend, marks, summary, title
 from geovp_benchmarks.table_model import EVERYTHING, Choice, Column, Row, Spread, Table, best, different
 from geovp_classic import registry
@@ -43,7 +41,7 @@ def build(
     rows = {cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")}
     failures = {name: results.failures(name) for name in rows}
     if strict:
-        rows = {name: _without(one, [*failures[name]]) for name, one in rows.items()}
+        rows = {name: one.of_clips({*one.clip.names} - failures[name].keys()) for name, one in rows.items()}
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
     main = choice.columns(metrics, keys) or [name for name in metrics if name not in UNASKED]
@@ -64,10 +62,6 @@ def build(
         replace(table, spread=spread, notes=(table.notes[0], _kind(spread), *table.notes[1:], *excuses))
         for table in tables
     ]
-
-
-def _without(rows: pa.Table, clips: list[str]) -> pa.Table:
-    return rows.filter(pc.invert(pc.is_in(rows["clip"], value_set=pa.array(clips, pa.string()))))
 
 
 def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
@@ -142,7 +136,7 @@ def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row])
     return Column(key, f"{words}{unit} {arrow}".strip(), higher, decimals, unavailable)
 
 
-def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]:
+def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
     """One row of a cell with one sample, three of a cell with more."""
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
@@ -150,7 +144,7 @@ def _lines(cell: Cell, rows: pa.Table, protocol: Mapping[str, Any]) -> list[Row]
     higher = {key: bool(about.get("higher_is_better")) for key, about in abouts.items()}
     ends = {key: bounds(key, about) for key, about in abouts.items()}
     clips, lines = protocol["clips"], []
-    scored = np.isin(clips, pc.unique(rows["clip"]).to_pylist())
+    scored = np.isin(clips, rows.clip.names)
     for suffix, reduce in _reductions(cubes, higher, protocol).items():
         values = {key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()}
         by_truth, own = reduce is not statistics.mean_of_samples, provenance.row_id(cell, protocol)
@@ -182,9 +176,7 @@ def _reductions(
     return reductions
 
 
-def _sampled(
-    name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, pa.Table]
-) -> list[Table]:
+def _sampled(name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, Rows]) -> list[Table]:
     """The expected best of k samples in one metric, where a cell has several samples."""
     about = protocol["metrics"][name]
     higher = bool(about.get("higher_is_better"))
@@ -228,6 +220,6 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
     return [*notes, *provenance.weights_notes(cells), *provenance.id_notes(cells, protocol)]
 
 
-def _keys(tables: Iterable[pa.Table]) -> list[str]:
+def _keys(tables: Iterable[Rows]) -> list[str]:
     """All columns that have rows, in their order."""
-    return list(dict.fromkeys(key for rows in tables for key in pc.unique(rows["metric"]).to_pylist()))
+    return list(dict.fromkeys(key for rows in tables for key in rows.metric.names))

@@ -9,15 +9,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from geovp_benchmarks.built_matrix import BuiltMatrix, Task, build_matrix, compute
 from geovp_benchmarks.components import Failure
 from geovp_benchmarks.matrix import Entry, Matrix
 from geovp_benchmarks.planning import versions
 from geovp_benchmarks.progress import announce
-from geovp_benchmarks.store import Cell, Part, Results
+from geovp_benchmarks.store import Cell, Part, Results, Rows
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Grant
 
@@ -32,10 +30,9 @@ class Stored:
     clip: str
 
     @property
-    def rows(self) -> pa.Table:
+    def rows(self) -> Rows:
         """The clip's rows."""
-        rows = self.results.scores(self.cell.name)
-        return rows.filter(pc.equal(rows["clip"], self.clip))
+        return self.results.scores(self.cell.name).of_clips((self.clip,))
 
 
 @dataclass(frozen=True)
@@ -144,7 +141,7 @@ def _matrix(results: Results, root: Path | None, stored: Stored | None = None) -
     ).with_root(root)
 
 
-def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> pa.Table:
+def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> Rows:
     """The rows of the clip as they come out here; GeovpError when the prediction fails as it did not before."""
     name, clips = stored.cell.name, stored.results.protocol()["clips"]
     with tempfile.TemporaryDirectory() as folder:
@@ -167,7 +164,7 @@ def _compute(stored: Stored, built: BuiltMatrix, missing: Mapping[str, str]) -> 
         return fresh.scores(name)
 
 
-def _differences(stored: pa.Table, fresh: pa.Table) -> dict[str, float]:
+def _differences(stored: Rows, fresh: Rows) -> dict[str, float]:
     """The largest difference of each stored metric that is not the same to the last bit."""
     before, now = _values(stored), _values(fresh)
     metrics, found = {metric for metric, *_ in before}, dict[str, float]()
@@ -179,13 +176,11 @@ def _differences(stored: pa.Table, fresh: pa.Table) -> dict[str, float]:
     return found
 
 
-def _values(rows: pa.Table) -> dict[tuple[str, int, int], float]:
+def _values(rows: Rows) -> dict[tuple[str, int, int], float]:
     """Values by metric, sample and step; NaN where one is not defined."""
-    keys = zip(*(rows[name].to_pylist() for name in ("metric", "sample", "step")), strict=True)
-    return dict(zip(keys, rows["value"].to_numpy().tolist(), strict=True))
+    return {(metric, sample, step): value for _, sample, step, metric, value in rows.lines()}
 
 
-def _without(rows: pa.Table, missing: Mapping[str, str]) -> pa.Table:
+def _without(rows: Rows, missing: Mapping[str, str]) -> Rows:
     """The rows of metrics that can be computed here."""
-    names = [name.partition("@")[0] not in missing for name in rows["metric"].to_pylist()]
-    return rows.filter(pa.array(names, pa.bool_()))
+    return rows.of_metrics([name for name in rows.metric.names if name.partition("@")[0] not in missing])

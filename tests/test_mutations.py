@@ -22,11 +22,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from geovp_benchmarks import matrix
-from geovp_benchmarks.store import SCORES, Part, Results
+from geovp_benchmarks.store import Part, Results, Rows
 from geovp_classic import predictors
 from geovp_classic.data import (
     calibration_files,
@@ -128,9 +127,8 @@ def results(folder: Path, file: str) -> Path:
     cell = {"label": "x", "kind": "predictor", "status": "done", "grants": ["PAST_POSES"], "num_samples": 1}
     cell |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {"predictor": {"name": "y"}}}
     made.write_cell("x", cell)
-    columns = [["a"] * 6, [0] * 6, list(range(6)), ["psnr"] * 6, list(np.linspace(20, 30, 6))]
-    arrays = [pa.array(each, field.type) for each, field in zip(columns, SCORES, strict=True)]
-    made.write_part("x", pa.table(arrays, schema=SCORES), Part(0, ("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
+    columns = (["a"] * 6, [0] * 6, range(1, 7), ["psnr"] * 6, np.linspace(20, 30, 6))
+    made.write_part("x", Rows.of(*columns), Part(0, ("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
     stack = np.stack([SMOOTH] * 8)
     made.write_clip(Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
@@ -139,7 +137,7 @@ def results(folder: Path, file: str) -> Path:
 
 
 def read_part(folder: Results) -> Any:
-    return folder.scores("x").to_pylist(), [part.seconds for part in folder.parts("x")]
+    return [*folder.scores("x").lines()], [part.seconds for part in folder.parts("x")]
 
 
 def kept(file: str, read: Callable[[Results], Any]) -> Reader:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pyarrow.compute as pc
 
 from geovp_benchmarks import statistics
 from geovp_benchmarks.plots import curves, style
@@ -25,9 +24,9 @@ def metrics(material: Material) -> list[str]:
     """
     known: dict[str, set[int]] = {}
     for rows in material.rows.values():
-        rows = rows.filter(pc.is_valid(rows["value"])).group_by(["metric", "step"]).aggregate([])
-        for metric, step in zip(rows["metric"].to_pylist(), rows["step"].to_pylist(), strict=True):
-            known.setdefault(metric, set()).add(step)
+        for metric in rows.metric.names:
+            steps = rows.where(rows.metric.among((metric,)) & ~np.isnan(rows.value)).step
+            known.setdefault(metric, set()).update(steps.tolist())
     explained = [name for name, about in material.protocol["metrics"].items() if "unit" in about]
     enough = min(2, material.protocol["num_future"])
     found = [metric for metric, steps in known.items() if len(steps) >= enough]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pyarrow.compute as pc
 
 from geovp_benchmarks.plots import strips, style, trajectories
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
@@ -60,13 +59,12 @@ def _strip(material: Material, cell: Cell, prediction: Prediction, clip: str, st
 
 def notes(material: Material, cell: Cell, clip: str, samples: int) -> list[str]:
     """The first sample's scores on a clip, and out of how many it is."""
-    rows = material.rows[cell.name]
-    rows = rows.filter(pc.and_(pc.equal(rows["clip"], clip), pc.equal(rows["sample"], 0)))
+    rows = material.rows[cell.name].of_clips((clip,))
     found = [f"sample 1 of {samples}"] if samples > 1 else []
     for metric, facts in material.protocol["metrics"].items():
-        values = rows.filter(pc.equal(rows["metric"], metric))["value"]
-        if facts["role"] == "frame" and values.null_count < len(values):
-            found.append(f"{title(metric)} {pc.mean(values).as_py():#.3g} {facts['unit']}".strip())
+        values = rows.where(rows.metric.among((metric,)) & (rows.sample == 0)).value
+        if facts["role"] == "frame" and not np.isnan(values).all():
+            found.append(f"{title(metric)} {np.nanmean(values):#.3g} {facts['unit']}".strip())
     return found
 
 

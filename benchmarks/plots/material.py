@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from matplotlib.figure import Figure
 
 from geovp_benchmarks import stored_facts
 from geovp_benchmarks.plots import style
-from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.store import Cell, Results, Rows
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Material:
     results: Results
     protocol: Mapping[str, Any]
     cells: Sequence[Cell]  # with rows
-    rows: Mapping[str, pa.Table]  # by cell
+    rows: Mapping[str, Rows]  # by cell
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
     @classmethod

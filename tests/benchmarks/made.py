@@ -1,20 +1,20 @@
 """What tests of the harness are made of: matrix files, runs of toy components, stored rows, and cameras."""
 
+import dataclasses
 import json
+import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import cv2
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from geovp_benchmarks import matrix
 from geovp_benchmarks.executors import Executor, Serial
 from geovp_benchmarks.planning import Options
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.run import run
-from geovp_benchmarks.store import SCORES, Cell, Part, Results
+from geovp_benchmarks.store import Cell, Part, Results, Rows
 from geovp_classic.types import ByteArray, Intrinsics
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
@@ -63,23 +63,25 @@ def go(root: Path, tables: dict[str, Any], executor: Executor | None = None, **o
 
 def rows(root: Path, cell: str) -> list[dict[str, Any]]:
     """All stored rows of a cell."""
-    found: list[dict[str, Any]] = Results(root).scores(cell).to_pylist()
-    return found
+    return dicts(Results(root).scores(cell))
+
+
+def dicts(rows: Rows) -> list[dict[str, Any]]:
+    """Each row by the names of the columns, None where its value is not defined."""
+    names = [field.name for field in dataclasses.fields(rows)]
+    return [
+        dict(zip(names, (*line, None if math.isnan(value) else value), strict=True)) for *line, value in rows.lines()
+    ]
 
 
 def values(root: Path, cell: str, metric: str) -> list[float]:
     """The stored values of one metric."""
-    table = Results(root).scores(cell)
-    numbers: list[float] = table.filter(pc.equal(table["metric"], metric))["value"].to_pylist()
-    return numbers
+    return [row["value"] for row in rows(root, cell) if row["metric"] == metric]
 
 
-def scores(lines: Iterable[tuple[str, int, int, str, float | None]]) -> pa.Table:
-    """Rows (clip, sample, step, metric, value) as they are stored."""
-    columns = list(zip(*lines, strict=True)) or [()] * len(SCORES)
-    return pa.table(
-        [pa.array(column, field.type) for column, field in zip(columns, SCORES, strict=True)], schema=SCORES
-    )
+def scores(lines: Iterable[tuple[str, int, int, str, float | None]]) -> Rows:
+    """Rows (clip, sample, step, metric, value) in columns."""
+    return Rows.of(*zip(*lines, strict=True))
 
 
 def write_row(

@@ -78,7 +78,7 @@ class TestRuns:
         go(tmp_path)
         results = Results(tmp_path)
         part = results.parts("still")[0]
-        rows = results.scores("still").slice(0, 2 * len(part.clips))
+        rows = results.scores("still").of_clips(part.clips)
         results.write_part("still", rows, dataclasses.replace(part, code=""))
         assert go(tmp_path)[0].num_outdated == len(part.clips)
 

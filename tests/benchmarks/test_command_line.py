@@ -198,7 +198,7 @@ def completions(line: str, folder: Path) -> list[str]:
         "import sys; from geovp_benchmarks import cli\n"
         "import os; leave = os._exit\n"
         "def ended(code):\n"
-        "    assert not {'numpy', 'cv2', 'pyarrow'} & set(sys.modules)\n"
+        "    assert not {'numpy', 'cv2', 'duckdb'} & set(sys.modules)\n"
         "    leave(code)\n"
         "os._exit = ended\n"
         "cli.main()"

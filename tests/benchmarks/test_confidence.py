@@ -5,25 +5,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from geovp_benchmarks import confidence, tables
 from geovp_benchmarks.provenance import protocol_id
 from geovp_benchmarks.report import sections
-from geovp_benchmarks.store import SCORES, Results
+from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
-from tests.benchmarks.made import content, crossed, go, values
+from tests.benchmarks.made import content, crossed, dicts, go, scores, values
 
 METRIC = "toy-difference"
 
 
 def rewrite(results: Results, cell: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]) -> None:
     """Change or drop stored rows."""
-    for part, rows in [(part, results.scores(cell).to_pylist()) for part in results.parts(cell)]:
+    for part, rows in [(part, dicts(results.scores(cell))) for part in results.parts(cell)]:
         kept = [new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None]
-        results.write_part(cell, pa.Table.from_pylist(kept, SCORES), part)
+        results.write_part(cell, scores(row.values() for row in kept), part)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from geovp_benchmarks.executors import Executor, Processes, Serial
 from geovp_benchmarks.store import Results
-from tests.benchmarks.made import go
+from tests.benchmarks.made import go, rows
 
 MATRIX: dict[str, Any] = {
     "protocol": {
@@ -45,7 +45,7 @@ def outcome(root: Path, threads: int, executor: Executor) -> tuple[Any, dict[str
         clip: (one.frames.tobytes(), b"" if one.motion is None else one.motion.futures.tobytes())
         for clip, one in kept.items()
     }
-    return results.scores(CELL), images
+    return rows(root, CELL), images
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Any:
 def test_frames_poses_and_scores_are_the_same_to_the_last_bit(
     plain: Any, tmp_path: Path, threads: int, executor: Executor
 ) -> None:
-    rows, images = outcome(tmp_path, threads, executor)
+    stored, images = outcome(tmp_path, threads, executor)
     assert len(images) == 3
     assert images == plain[1]
-    assert rows.equals(plain[0])
+    assert stored == plain[0]

@@ -98,9 +98,7 @@ def test_clips_that_one_row_could_not_predict_and_other_code(tmp_path: Path, exp
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     results = Results(b)
     for part in results.parts("still"):
-        rows = results.scores("still").filter(
-            [clip in part.clips for clip in results.scores("still")["clip"].to_pylist()]
-        )
+        rows = results.scores("still").of_clips(part.clips)
         why = dict.fromkeys(part.clips[:1], ("failed", "no light", ""))
         results.write_part("still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"}))
     lines = explained(a, b)

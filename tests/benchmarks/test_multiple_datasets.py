@@ -14,7 +14,7 @@ from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import Clip
 from tests.benchmarks.conftest import Command, Says
-from tests.benchmarks.made import intrinsics_of, write_images, write_matrix
+from tests.benchmarks.made import intrinsics_of, rows, write_images, write_matrix
 
 PROTOCOL = {"num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
 REST = {
@@ -83,7 +83,7 @@ def test_a_file_with_one_data_set_gives_what_it_gave(tmp_path: Path, matrix_file
     assert one.by_dataset() == {"": one}
     assert not (one.root / "datasets.json").exists()
     for cell in one.cells():
-        assert among.scores(cell.name).equals(one.scores(cell.name))
+        assert rows(among.root, cell.name) == rows(one.root, cell.name)
     protocols = [json.loads((part.root / "protocol.json").read_text()) for part in (one, among)]
     assert protocols[0]["fingerprint"] == protocols[1]["fingerprint"]
     assert protocols[0]["name"] == "both"

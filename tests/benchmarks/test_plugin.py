@@ -78,4 +78,4 @@ def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> Non
     assert cell is not None
     assert cell.components == {"predictor": {"name": "grey", "level": 13}}
     # the real frames of steps 3 and 4 have the grey levels 3 and 4
-    assert Results(tmp_path / "out").scores("dark")["value"].to_pylist() == [10.0, 9.0]
+    assert Results(tmp_path / "out").scores("dark").value.tolist() == [10.0, 9.0]

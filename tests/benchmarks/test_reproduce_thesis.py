@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pyarrow.compute as pc
 import pytest
 
 from geovp_benchmarks import cli, reproduction
 from geovp_benchmarks.store import Results
 from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import Says, write_kitti
+from tests.benchmarks.made import dicts
 
 pytest.importorskip("torch", reason="torch is not installed: the thesis's rows need the extra 'learned'")
 ROWS = ("svg-1", "svg-100", "gt-3d+ground-far-plane", "copy-last")
@@ -102,7 +102,7 @@ def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path, p
     printed(*words(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr"))
     results = Results(tmp_path)
     means = dict.fromkeys(results.protocol()["clips"], 0.0)
-    for row in results.scores("copy-last").filter(pc.field("metric") == "psnr").to_pylist():
+    for row in dicts(results.scores("copy-last").of_metrics(["psnr"])):
         means[row["clip"]] += row["value"] / 20
     worst = min(means, key=lambda clip: means[clip])
     assert results.protocol()["kept"]["clips"][0] == worst

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pyarrow.compute as pc
 import pytest
 
 from geovp_benchmarks import matrix
@@ -105,13 +104,12 @@ def chapters(file: Path) -> list[str]:
 def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: Says) -> None:
     printed(*run(file, "worst:psnr:copy-last"))
     results = Results(file.parent / "out")
-    rows = results.scores("copy-last")
-    rows = rows.filter(pc.equal(rows["metric"], "psnr")).group_by("clip").aggregate([("value", "mean")])
-    worst = [row["clip"] for row in rows.sort_by("value_mean").to_pylist()][:3]
+    rows = results.scores("copy-last").of_metrics(["psnr"])
+    worst = sorted(rows.clip.names, key=lambda clip: rows.of_clips([clip]).value.mean())[:3]
     assert results.protocol()["kept"] == {"by": "worst PSNR of copy-last", "clips": worst}
     for cell in ("still--far", "copy-last"):  # all rows, not only the one that chose
         assert {clip for clip, _ in results.predictions(cell)} == set(worst)
-        assert len(pc.unique(results.scores(cell)["clip"])) == 5
+        assert len(results.scores(cell).clip.names) == 5
     assert chapters(file) == ["worst PSNR of copy-last"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst

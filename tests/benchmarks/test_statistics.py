@@ -3,16 +3,15 @@
 import itertools
 
 import numpy as np
-import pyarrow as pa
 
 from geovp_benchmarks import statistics
-from geovp_benchmarks.store import SCORES
+from geovp_benchmarks.store import Rows
 from tests.benchmarks.made import scores
 
 NAN = float("nan")
 
 
-def rows(values: dict[tuple[str, int, int], float | None], metric: str = "psnr") -> pa.Table:
+def rows(values: dict[tuple[str, int, int], float | None], metric: str = "psnr") -> Rows:
     return scores((*key, metric, value) for key, value in values.items())
 
 
@@ -107,12 +106,12 @@ def test_expected_best_leaves_out_samples_without_a_value() -> None:
 
 
 def test_other_metrics_do_not_mix_in() -> None:
-    table = pa.concat_tables([rows({("a", 0, 1): 1.0}), rows({("a", 0, 1): 9.0}, metric="psnr@covered")])
+    table = Rows.concatenated([rows({("a", 0, 1): 1.0}), rows({("a", 0, 1): 9.0}, metric="psnr@covered")])
     np.testing.assert_array_equal(statistics.cube(table, "psnr").values, [[[1.0]]])
 
 
 def test_no_rows_are_no_clips() -> None:
-    empty = statistics.cube(SCORES.empty_table(), "psnr")
+    empty = statistics.cube(Rows.of(), "psnr")
     assert (empty.clips, empty.values.size) == ((), 0)
     assert int(statistics.overall(statistics.mean_of_samples(empty, True)).count) == 0
     assert int(statistics.overall(statistics.best_of_samples(empty, True)).count) == 0
@@ -141,7 +140,7 @@ def test_samples_and_steps_that_no_row_names_are_undefined() -> None:
 
 
 def test_a_judge_of_no_clips_judges_none() -> None:
-    empty = statistics.cube(SCORES.empty_table(), "psnr")
+    empty = statistics.cube(Rows.of(), "psnr")
     assert statistics.best_by(empty, True)(empty, True).shape == (0, 0)
     one = statistics.Cube(("a",), np.ones((1, 2, 3)))
     np.testing.assert_array_equal(statistics.best_by(empty, True)(one, True), np.full((1, 3), NAN))

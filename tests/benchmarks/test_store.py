@@ -2,19 +2,19 @@
 
 import dataclasses
 import json
+import resource
 from pathlib import Path
 from typing import Any
 
+import duckdb
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
-from geovp_benchmarks.part_files import METADATA_KEY
-from geovp_benchmarks.store import Part, Results, check_clip_name, write_bytes
+from geovp_benchmarks import part_files
+from geovp_benchmarks.store import Part, Results, Rows, check_clip_name, write_bytes
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
-from tests.benchmarks.made import scores, write_row
+from tests.benchmarks.made import dicts, scores, write_row
 
 CAMERA = Intrinsics(20.0, 21.0, 7.5, 5.5, 16, 12)
 NAME = "03[180:360)/000010 a"
@@ -31,8 +31,12 @@ def clip(**more: Any) -> Clip:
     return Clip(NAME, frames, np.arange(5) * 0.1, CAMERA, **more)
 
 
-def rows(*values: float | None) -> pa.Table:
+def rows(*values: float | None) -> Rows:
     return scores(("a", 0, step, "psnr", value) for step, value in enumerate(values, 1))
+
+
+def values(results: Results) -> list[float | None]:
+    return [row["value"] for row in dicts(results.scores("x"))]
 
 
 def begun(root: Path, fingerprint: str = "f") -> Results:
@@ -88,7 +92,7 @@ def test_rows_come_back_in_the_order_of_parts_and_undefined_is_null(tmp_path: Pa
     results = begun(tmp_path)
     results.write_part("x", rows(3.0, None), Part(1, ("b",), "f", {}, {"view": 2.0}, 10.0))
     results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {"view": 1.0}, 11.0))
-    assert results.scores("x")["value"].to_pylist() == [1.0, 3.0, None]
+    assert values(results) == [1.0, 3.0, None]
     assert [(part.index, part.clips, part.seconds) for part in results.parts("x")] == [
         (0, ("a",), {"view": 1.0}),
         (1, ("b",), {"view": 2.0}),
@@ -107,7 +111,7 @@ def test_parts_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: 
     ):
         results.scores("x")
     assert [path.name for path in results.set_damaged_aside("x")] == ["part-00002.parquet"]
-    assert results.scores("x")["value"].to_pylist() == [2.0]
+    assert values(results) == [2.0]
     assert (tmp_path / "x/scores/part-00002.parquet.damaged").exists()
 
 
@@ -115,10 +119,115 @@ def test_a_peak_is_the_cells_own_only_where_its_part_says_so(tmp_path: Path) -> 
     results = begun(tmp_path)
     results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 10.0, peak_is_own=True))
     older = {"clips": ["b"], "fingerprint": "f", "metrics": {}, "seconds": {}, "peak_memory_mb": 11.0}
-    stored = rows(2.0).replace_schema_metadata({METADATA_KEY: json.dumps(older)})
-    pq.write_table(stored, tmp_path / "x/scores/part-00001.parquet")
+    write_unsealed(tmp_path / "x/scores/part-00001.parquet", ROW, older)
     told = [(part.clips, part.peak_memory_mb, part.peak_is_own) for part in results.parts("x")]
     assert told == [(("a",), 10.0, True), (("b",), 11.0, False)]
+
+
+def test_a_part_that_pyarrow_wrote_is_read(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    write_bytes(
+        tmp_path / "x/scores/part-00000.parquet", (Path(__file__).parent / "older/pyarrow-26.parquet").read_bytes()
+    )
+    assert [*results.scores("x").of_clips(["b"]).lines()] == [("b", 0, 1, "psnr", 30.0)]
+    assert values(results) == [20.5, None, 30.0]
+    assert results.parts("x") == [Part(0, ("a", "b"), "f", {"psnr": {}}, {"view": 2.5}, 100.0, code="c0de")]
+
+
+ROW = "SELECT 'b' AS clip, 0 AS sample, 1 AS step, 'psnr' AS metric, 2.0 AS value"
+HOSTILE = {
+    "SELECT * REPLACE (NULL::VARCHAR AS clip)": "a row without a clip, sample, step or metric",
+    "SELECT * REPLACE (NULL AS step)": "a row without a clip, sample, step or metric",
+    "SELECT * REPLACE (-1 AS sample)": "a negative sample or step",
+    "SELECT * REPLACE (0 AS step)": "a negative sample or step",
+    "SELECT * REPLACE (4294967296 AS step)": ".* out of range .*",
+    "SELECT * REPLACE ('much' AS value)": ".* Could not convert string 'much' to DOUBLE.*",
+    "SELECT * REPLACE (repeat('b', 1001) AS metric)": ".*a name of more than 1000 bytes",
+    "SELECT * EXCLUDE (value)": '.*"value".*',
+    "SELECT 1 AS clip": ".*",
+    f"SELECT * EXCLUDE (n) FROM range({part_files.ROWS_AT_ONCE}) AS numbers(n),": "more than 1000 rows",
+}
+
+
+def write_unsealed(path: Path, rows: str, about: Any) -> None:
+    """A part of an older version, or one that somebody made up."""
+    key_value = f"KV_METADATA {{geovp: '{json.dumps(about)}'}}"
+    duckdb.sql(f"COPY ({rows}) TO '{path}' (FORMAT parquet, {key_value})")
+
+
+@pytest.mark.parametrize("choice", HOSTILE)
+def test_a_part_with_other_columns_is_refused_in_a_sentence(
+    tmp_path: Path, choice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(part_files, "LIMIT_ROWS", 1000)
+    results = begun(tmp_path)
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+    about = {"clips": ["b"], "fingerprint": "f", "metrics": {}, "seconds": {}, "peak_memory_mb": 11.0}
+    path = tmp_path / "x/scores/part-00001.parquet"
+    write_unsealed(path, f"{choice}{'' if choice.endswith(',') else ' FROM'} ({ROW})", about)
+    reason = rf"^.*part-00001.parquet is no part of results \({HOSTILE[choice]}\): remove it and run again$"
+    with pytest.raises(BadData, match=reason):
+        results.scores("x")
+    path.unlink()
+    assert values(results) == [1.0]
+
+
+def test_rows_that_no_memory_can_hold_as_an_array_are_refused(tmp_path: Path) -> None:
+    results = begun(tmp_path)
+    results.write_part("x", scores([("a", 2**20, 1, "psnr", 1.0)]), Part(0, ("a",), "f", {}, {}, 0.0))
+    assert values(results) == [1.0]
+    results.write_part("x", scores([("b", 0, 2**10, "psnr", 1.0)]), Part(1, ("b",), "f", {}, {}, 0.0))
+    with pytest.raises(
+        BadData, match="x has rows of 2 clips, 1048577 samples and 1024 steps, which no run has: remove"
+    ):
+        results.scores("x")
+
+
+def test_equal_rows_are_equal_bytes_and_names_may_hold_quotes(tmp_path: Path) -> None:
+    about = Part(0, ("it's",), "f", {"m'": {"a": "'"}}, {}, 0.0, failures={"it's": ("failed", "'\0\n\u00fc", "")})
+    stored = scores(("it's", 0, step, "m'", value) for step, value in enumerate((1.0, None, float("inf")), 1))
+    written = []
+    for root in (tmp_path / "a", tmp_path / "a longer name"):
+        results = begun(root)
+        results.write_part("x", stored, about)
+        written.append((root / "x/scores/part-00000.parquet").read_bytes())
+        assert dicts(results.scores("x")) == dicts(stored)
+        assert [(part.clips, part.metrics, part.failures) for part in results.parts("x")] == [
+            (("it's",), {"m'": {"a": "'"}}, {"it's": ["failed", "'\0\n\u00fc", ""]})
+        ]
+    assert written[0] == written[1]
+
+
+def test_a_part_of_more_rows_than_are_read_at_once_comes_back(tmp_path: Path) -> None:
+    count = part_files.ROWS_AT_ONCE + 1
+    results, clips = begun(tmp_path), [f"clip {number // 1000}" for number in range(count)]
+    stored = Rows.of(clips, [0] * count, np.arange(count) % 1000 + 1, ["psnr"] * count, np.arange(count))
+    results.write_part("x", stored, Part(0, tuple(stored.clip.names), "f", {}, {}, 0.0))
+    found = results.scores("x")
+    assert found.clip.names == stored.clip.names
+    for one, other in ((found.clip.numbers, stored.clip.numbers), (found.step, stored.step)):
+        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(found.value, np.arange(count))
+
+
+def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
+    results, before = begun(tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        with pytest.raises(OSError, match="Could not write"):
+            results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
+    assert values(results) == [1.0]
+
+
+def test_the_database_sees_no_other_file(tmp_path: Path) -> None:
+    (tmp_path / "secret.csv").write_text("1")
+    with part_files._database() as (database, _, _), pytest.raises(duckdb.PermissionException):
+        database.execute(f"SELECT * FROM read_csv('{tmp_path}/secret.csv')")
+    with part_files._database() as (database, _, _), pytest.raises(duckdb.Error, match="locked"):
+        database.execute("SET enable_external_access = true")
 
 
 def test_one_other_bit_in_the_middle_of_a_part_is_noticed(tmp_path: Path) -> None:
@@ -130,7 +239,7 @@ def test_one_other_bit_in_the_middle_of_a_part_is_noticed(tmp_path: Path) -> Non
     with pytest.raises(BadData, match="is damaged"):
         results.scores("x")
     path.write_bytes(whole)
-    assert results.scores("x").num_rows == 200
+    assert len(results.scores("x")) == 200
 
 
 def test_an_edited_record_is_refused_and_one_without_a_checksum_is_not(tmp_path: Path) -> None:
@@ -150,8 +259,7 @@ def test_nothing_begun_is_no_rows(tmp_path: Path) -> None:
     results = begun(tmp_path)
     assert results.cell("y") is None
     assert [cell.name for cell in results.cells()] == ["x"]
-    assert results.scores("y").num_rows == 0
-    assert results.scores("y").column_names == ["clip", "sample", "step", "metric", "value"]
+    assert len(results.scores("y")) == 0
 
 
 def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
@@ -223,12 +331,12 @@ def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path
     results.swap("x", "old", "new")
     assert not (tmp_path / "x").exists()
     begun(tmp_path, "new").write_part("x", rows(2.0, 3.0), Part(0, ("a",), "new", {}, {}, 0.0))
-    assert results.with_rows_of("x", "new").scores("x")["value"].to_pylist() == [2.0, 3.0]
+    assert values(results.with_rows_of("x", "new")) == [2.0, 3.0]
     assert results.set_aside() == {tmp_path / "earlier/old/x"}
     assert results.with_rows_of("x", "old").root == tmp_path / "earlier/old"
     results.swap("x", "new", "old")
     assert results.set_aside() == {tmp_path / "earlier/new/x"}
-    assert results.scores("x")["value"].to_pylist() == [1.0]
+    assert values(results) == [1.0]
     results.swap("x", "old", "0123456789abcdef0")  # a folder is named by 16 letters, and replaces one before it
     results.write_clip(clip())
     results.swap("clips", "", "other")
@@ -252,7 +360,7 @@ def test_what_is_set_aside_replaces_what_was(tmp_path: Path) -> None:
         begun(tmp_path).write_part("x", rows(value), Part(0, ("a",), "f", {}, {}, 0.0))
         Results(tmp_path).swap("x", "f", "g")
     Results(tmp_path).swap("x", "g", "f")
-    assert Results(tmp_path).scores("x")["value"].to_pylist() == [2.0]
+    assert values(Results(tmp_path)) == [2.0]
 
 
 def test_kept_clips_belong_to_the_protocol_of_their_fingerprint(tmp_path: Path) -> None:

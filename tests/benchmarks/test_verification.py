@@ -5,13 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from geovp_benchmarks import planning
 from geovp_benchmarks.store import Results
 from tests.benchmarks.conftest import Command, Says
-from tests.benchmarks.made import content, crossed, go
+from tests.benchmarks.made import content, crossed, dicts, go, scores
 
 ALL = ["--sample", "99"]
 
@@ -34,10 +33,10 @@ def shift(root: Path, cell: str, clip: str, metric: str, by: float) -> None:
     """Change one stored value by hand."""
     results = Results(root)
     part = next(part for part in results.parts(cell) if clip in part.clips)
-    lines = [row for row in results.scores(cell).to_pylist() if row["clip"] in part.clips]
+    lines = [row for row in dicts(results.scores(cell)) if row["clip"] in part.clips]
     changed = next(row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2))
     changed["value"] += by
-    results.write_part(cell, pa.Table.from_pylist(lines, schema=results.scores(cell).schema), part)
+    results.write_part(cell, scores(row.values() for row in lines), part)
 
 
 @pytest.mark.usefixtures("toys")

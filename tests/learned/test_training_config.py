@@ -190,7 +190,7 @@ def test_training_needs_neither_open3d_nor_pycolmap(tmp_path: Path, kitti: Path)
 import sys
 class Absent:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("open3d", "pycolmap", "filterpy", "skimage", "numba", "pyarrow", "torchvision"):
+        if name.partition(".")[0] in ("open3d", "pycolmap", "filterpy", "skimage", "numba", "duckdb", "torchvision"):
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Absent())
 from geovp_learned.__main__ import main

@@ -4,10 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
-from geovp_benchmarks.store import Part, Results
+from geovp_benchmarks.store import Part, Results, Rows
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores
 
@@ -56,7 +55,7 @@ def record(name: str) -> dict[str, Any]:
     return facts
 
 
-def rows(name: str) -> pa.Table:
+def rows(name: str) -> Rows:
     """PSNR is 20 + clip + sample - step for every cell: its mean over three clips is 21 - step with one sample."""
     clips = CLIPS[:2] if CELLS[name][2] == "partial" else CLIPS
     found = []
