@@ -19,6 +19,7 @@ from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.interfaces import FramePredictor
+from geovp_classic.render import ego_vehicle
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -74,6 +75,11 @@ class Predicted:
         return None if steps is None else [round(float(value), 4) for value in steps[0]]
 
     @cached_property
+    def own_vehicle_share(self) -> float:
+        """The share of the frame where the vehicle's own parts are; see `ego_vehicle`."""
+        return round(float(ego_vehicle.find(self.context.frames).mean()), 4)
+
+    @cached_property
     def scores(self) -> dict[str, list[float]]:
         """Per step and metric, the first sample beside the recorded future; without LPIPS where it has no weights."""
         if self.actual is None:
@@ -100,6 +106,7 @@ class Predicted:
             "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "confidence": self.confidence,
+            "own_vehicle_share": self.own_vehicle_share,
             "warnings": self.warnings,
             "scores": self.scores,
         }
@@ -118,6 +125,8 @@ class Predicted:
                 unit += f" +- {motion.past.scale_uncertainty:.0%}"
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
+        if self.own_vehicle_share:
+            lines.append(f"vehicle: its own parts take {self.own_vehicle_share:.0%} of the image and stay in place")
         if self.confidence is not None:
             lines.append(
                 f"confidence: {self.confidence[0]:.2f} at the first step, {self.confidence[-1]:.2f} at the last"

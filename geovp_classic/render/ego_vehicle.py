@@ -90,10 +90,11 @@ def find(frames: ByteArray) -> BoolArray:
     label = np.bincount(labels[-1]).argmax()
     mask = nothing.copy()
     mask[first:] = labels == label
-    tops = mask.argmax(axis=0)
-    own = mask.any(axis=0)
-    if label == 0 or mask[-1].mean() < LEAST_WIDTH or tops[own].min() <= first + MARGIN_PX:
+    top = top_row(mask)
+    mask[:top] = False  # a few columns go on into a road without texture
+    if label == 0 or mask[-1].mean() < LEAST_WIDTH or top <= first + MARGIN_PX:
         return nothing
+    tops, own = mask.argmax(axis=0), mask.any(axis=0)
     mask |= (np.arange(len(mask))[:, None] >= tops) & own
     columns, border = np.flatnonzero(own), tops[own] - first
     above, below = (

@@ -238,6 +238,18 @@ def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
     assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (angle_deg > 6)
 
 
+def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None:
+    for path in sorted(images.glob("*.png")):
+        image = cv2.imread(str(path))
+        image[-20:] = (90, 40, 30)
+        cv2.imwrite(str(tmp_path / path.name), image)
+    request = PredictionRequest(tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=96)
+    predicted = prediction.predict(request, lambda done, total: None)
+    assert predicted.about()["own_vehicle_share"] == pytest.approx(20 / 128, abs=0.01)
+    assert "vehicle: its own parts take 16% of the image and stay in place" in predicted.summary()
+    assert (np.abs(predicted.prediction.frames[..., -13:, :, :].astype(int) - (30, 40, 90)) <= 3).all()
+
+
 def test_every_frame_of_a_film_says_what_it_is() -> None:
     grey = np.full((2, 64, 120, 3), 90, np.uint8)
     film = video.side_by_side(grey, grey, grey[:1])  # of two predicted frames, one is recorded

@@ -1,0 +1,147 @@
+"""Parts of the vehicle in the image: found where they stay in place behind an edge, and shown as they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.interfaces import Scene
+from geovp_classic.pose_sources import GroundTruth
+from geovp_classic.predictors import GeometricPredictor
+from geovp_classic.render import ego_vehicle
+from geovp_classic.render.homography import GroundFarPlane
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Clip,
+    Context,
+    ExtraView,
+    FloatArray,
+    Grant,
+    Intrinsics,
+    Trajectory,
+    Views,
+)
+
+SIDE = 96
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    """Twelve frames of a street."""
+    return Synthetic(seed=3, num_clips=1, num_frames=12, size_px=(SIDE, SIDE), with_wide=True)[0]
+
+
+def arched(height: int, width: int, share: float = 0.2) -> BoolArray:
+    """A hood [H, W] that covers this share of the middle column and half as much of the outer ones."""
+    row, column = np.mgrid[:height, :width]
+    return np.asarray(row >= height * (1 - share * (1 - 0.5 * (2 * column / (width - 1) - 1) ** 2)))
+
+
+def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray:
+    """The frames with a blue hood, lighter towards the vehicle."""
+    rows = np.arange(frames.shape[1])[:, None, None] / frames.shape[1]
+    hood = np.array([40.0, 50.0, 110.0]) + 60 * rows + np.zeros((*mask.shape, 1))
+    noisy = np.random.default_rng(0).normal(hood, noise, frames.shape).clip(0, 255)
+    return np.where(mask[..., None], noisy, frames).astype(np.uint8)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
+def test_a_hood_is_found_to_within_two_pixels_of_its_border(clip: Clip, share: float) -> None:
+    mask = arched(SIDE, SIDE, share)
+    found = ego_vehicle.find(painted(clip.frames[:10], mask))
+    assert np.abs(found.sum(axis=0) - mask.sum(axis=0)).max() <= 2
+    assert abs(ego_vehicle.top_row(found) - SIDE * (1 - share)) <= 3
+
+
+def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip) -> None:
+    hooded = painted(clip.frames[:10], arched(SIDE, SIDE))
+    assert ego_vehicle.find(hooded).any()
+    assert not ego_vehicle.find(clip.frames[:10]).any()
+    assert not ego_vehicle.find(np.repeat(hooded[:1], 10, axis=0)).any()
+    assert not ego_vehicle.find(hooded[:2]).any()
+
+
+def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
+    """Its border moves on from frame to frame; what it has passed looks like a hood."""
+    row = np.arange(SIDE)[:, None, None]
+    passed = [
+        np.where(row >= SIDE - 10 - 2 * step, 30, np.where(row > SIDE // 2, 120, frame))
+        for step, frame in enumerate(clip.frames[:10])
+    ]
+    frames = np.stack(passed).astype(np.uint8)
+    assert (frames[:, -10:].std(axis=0) == 0).all()
+    assert not ego_vehicle.find(frames).any()
+
+
+class Noted:
+    """A renderer of one grey value that keeps what it was given."""
+
+    needs = ~Grant.RIGHT_FRAMES
+
+    def reconstruct(self, context: Context, past: Trajectory) -> Scene:
+        self.context = context
+        return self
+
+    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+        shape = (len(world_from_cam), intrinsics.height_px, intrinsics.width_px)
+        return Views(np.full((*shape, 3), 77, np.uint8), np.zeros(shape, bool), np.zeros(shape, np.float32))
+
+
+def hooded(clip: Clip, mask: BoolArray) -> Clip:
+    assert clip.wide is not None
+    wide = clip.wide.frames
+    covered = arched(wide.shape[1], wide.shape[2], 0.15)
+    view = ExtraView(painted(wide, covered), clip.wide.intrinsics, clip.wide.view_from_cam)
+    return replace(
+        clip, frames=painted(clip.frames, mask), wide=view, depths=np.ones(clip.frames.shape[:3], np.float32)
+    )
+
+
+def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
+    mask = arched(SIDE, SIDE)
+    renderer = Noted()
+    context, _ = hooded(clip, mask).split(10, renderer.needs)
+    prediction = GeometricPredictor(GroundTruth(), renderer).predict(context)
+    seen = renderer.context
+    assert seen.past_depths is not None
+    assert seen.wide is not None
+    assert context.wide is not None
+    assert prediction.covered is not None
+    assert abs(seen.intrinsics.height_px - SIDE * 0.8) <= 3
+    assert seen.frames.shape == (10, seen.intrinsics.height_px, SIDE, 3)
+    assert seen.past_depths.shape == seen.frames.shape[:3]
+    assert seen.intrinsics == context.intrinsics.cropped(0, 0, SIDE, seen.intrinsics.height_px)
+    assert abs(seen.wide.intrinsics.height_px - context.wide.intrinsics.height_px * 0.85) <= 3
+    found = ego_vehicle.find(context.frames)
+    shown = np.where(found[..., None], context.frames[-1], 77)
+    np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
+    np.testing.assert_array_equal(prediction.covered[0], [found] * 2)
+
+
+def test_a_camera_of_another_size_sees_the_scene_alone(clip: Clip) -> None:
+    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
+    scene = ego_vehicle.in_front_of(Noted(), context)
+    other = context.intrinsics.resized(50, 40)
+    assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
+
+
+def test_a_hood_costs_the_plane_nothing_above_it(clip: Clip) -> None:
+    mask = arched(SIDE, SIDE)
+    predictor = GeometricPredictor(GroundTruth(), GroundFarPlane())
+    context, _ = clip.split(10, predictor.needs)
+    obscured = replace(context, frames=painted(context.frames, mask))
+    free, behind = (predictor.predict(one).frames[0].astype(float) for one in (context, obscured))
+    open_road = np.arange(SIDE) < SIDE * 0.7
+    assert np.abs(free - behind)[:, open_road].mean() < 1
+    np.testing.assert_array_equal(behind[:, -4:], np.tile(obscured.frames[-1, -4:], (2, 1, 1, 1)))
+
+
+def test_with_right_frames_all_stays_as_it_is(clip: Clip) -> None:
+    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
+    right = ExtraView(context.frames, context.intrinsics, np.eye(4))
+    context = replace(context, right=right)
+    assert ego_vehicle.cut_off(context) is context
+    scene = Noted()
+    assert ego_vehicle.in_front_of(scene, context) is scene
