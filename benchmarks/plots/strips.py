@@ -16,7 +16,7 @@ from geovp_benchmarks.plots.video import mosaic
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 MOST_ROWS = 10
-TILE_IN = 1.14  # width of an image: six of them fill a page
+TILE_IN, LEAST_HEIGHT_IN = 1.14, 0.6  # width of an image: six of them fill a page; height, for two lines of a label
 LEAST_DPI = 220
 LABEL_CHARACTERS = 21
 INPAINTED = np.array([214, 39, 160])  # a colour that streets do not have
@@ -58,12 +58,12 @@ def mark_inpainted(row: Row) -> Row:
 def _page(truth: Truth, rows: Sequence[Row], heading: style.Heading) -> Figure:
     """The figure; an image's pixel is a whole number of pixels of the file, unless the images are very large."""
     height_px, width_px = truth.last_observed.shape[:2]
-    gap_px = max(1, width_px // 40)
+    tile_in, gap_px = max(TILE_IN, LEAST_HEIGHT_IN * width_px / height_px), max(1, width_px // 40)
     first_column = [truth.last_observed, *([np.full_like(truth.last_observed, 255)] * len(rows))]  # room for labels
     frames = [truth.frames, *(row.frames for row in rows)]
     sheet = mosaic([[first, *row] for first, row in zip(first_column, frames, strict=True)], gap_px)
-    size_in = (TILE_IN * sheet.shape[1] / width_px, TILE_IN * sheet.shape[0] / width_px)
-    dpi = max(1, round(LEAST_DPI * TILE_IN / width_px)) * width_px / TILE_IN
+    size_in = (tile_in * sheet.shape[1] / width_px, tile_in * sheet.shape[0] / width_px)
+    dpi = max(1, round(LEAST_DPI * tile_in / width_px)) * width_px / tile_in
     figure, axes = style.single_axes(size_in, heading, min(dpi, style.PRINT_DPI), pad_pt=26)
     axes.set_axis_off()
     axes.imshow(sheet, extent=(0, sheet.shape[1], sheet.shape[0], 0), aspect="auto")
@@ -74,10 +74,12 @@ def _page(truth: Truth, rows: Sequence[Row], heading: style.Heading) -> Figure:
     for number, row in enumerate(rows, 1):
         right_middle = (width_px, number * (height_px + gap_px) + height_px / 2)
         name = textwrap.fill(row.label, LABEL_CHARACTERS)
-        _text(axes, name, right_middle, (-3, 1), ha="right", va="bottom")
-        if 2 * height_px > width_px:
+        has_room = 2 * height_px > width_px
+        _text(axes, name, right_middle, (-3, 1 if has_room else 0), ha="right", va="bottom" if has_room else "center")
+        if has_room:
             _text(axes, row.note, right_middle, (-3, -1), ha="right", va="top", fontsize=6.5, color=style.FAINT)
-    _text(axes, "ground truth", (0, height_px / 2), (-3, 0), rotation=90, ha="right", va="center", weight="bold")
+    truth_label = "ground truth" if 2 * height_px > width_px else "ground\ntruth"
+    _text(axes, truth_label, (0, height_px / 2), (-3, 0), rotation=90, ha="right", va="center", weight="bold")
     return figure
 
 

@@ -158,6 +158,20 @@ class TestCurves:
         assert "off the axis" not in texts(score)
 
 
+def test_labels_of_wide_frames_keep_to_their_rows() -> None:
+    frame = np.zeros((64, 208, 3), np.uint8)
+    truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
+    rows = [strips.Row("vo+prior-refined + ground-far-plane", "PSNR 20 dB", frame[None]) for _ in range(2)]
+    figure = strips.draw(truth, rows, HEADING)[0]
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    sheet = axes.images[0].get_window_extent()
+    for number, label in enumerate([text for text in axes.texts if text.get_text().startswith("vo+prior")], 1):
+        extent, pitch = label.get_window_extent(), (64 + 208 // 40) * sheet.height / (3 * 64 + 2 * (208 // 40))
+        assert sheet.y1 - (number + 1) * pitch < extent.y0
+        assert extent.y1 < sheet.y1 - number * pitch + 1
+
+
 class TestStrips:
     def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, Page]) -> None:
         """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
@@ -186,7 +200,7 @@ class TestStrips:
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
         figure = strips.draw(truth, [strips.Row("m", "", frame[None])], HEADING)[0]
         assert figure.dpi == 300
-        np.testing.assert_allclose(figure.get_size_inches()[0], 1.14 * (2 * 1200 + 30) / 1200)
+        np.testing.assert_allclose(figure.get_size_inches()[0], 0.6 * (2 * 1200 + 30) / 400)
 
     def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
