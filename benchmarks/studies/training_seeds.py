@@ -41,7 +41,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
     results = Results(chosen.folder)
     known = results.protocol()["metrics"]
-    for metric in chosen.metrics:
+    for done, metric in enumerate(chosen.metrics, 1):
         if metric not in known:
             raise BadData(f"{results.root} has no metric {metric!r}: known are {', '.join(known)}")
         better = {True: ", higher is better", False: ", lower is better"}.get(known[metric]["higher_is_better"], "")
@@ -49,6 +49,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         yield f"{title(metric)}{unit}{better}"
         yield from columns(table(results, chosen.reference, metric))
         yield ""
+        progress(done, len(chosen.metrics))
 
 
 def table(results: Results, reference: str, metric: str) -> list[list[str]]:
