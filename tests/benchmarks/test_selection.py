@@ -137,7 +137,7 @@ def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path, pri
             "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are confidence, coverage,",
         ),
         ("best:psnr:copy-lst", "has 'copy-lst', expected N, all, clip names"),
-        ("03/000180", "--keep: there is no clip '03/000180': they are called seed0/"),
+        ("03/000180", "--keep: there is no clip '03/000180': they are called seed0-"),
     ],
 )
 def test_a_wrong_word_is_one_sentence_before_anything_runs(file: Path, refused: Says, keep: str, says: str) -> None:

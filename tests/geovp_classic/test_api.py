@@ -46,7 +46,7 @@ def test_the_version_is_the_packages() -> None:
 
 class TestOpenClip:
     def test_by_a_table_is_the_data_sets_own_clip(self, clip: geovp.Clip) -> None:
-        assert clip.name == "seed0/straight-000"
+        assert clip.name == "seed0-straight/000"
         assert clip.frames.shape == (8, 64, 64, 3)
         second = geovp.open_clip(STREET, index=1)
         assert second.name != clip.name

@@ -112,9 +112,9 @@ class Synthetic:
         return tuple(self.clip_name(index) for index in range(self.num_clips))
 
     def clip_name(self, index: int) -> str:
-        """As "seed0/left-turn-000": the street, the manoeuvre and the first frame."""
+        """As "seed0-left-turn/000": the drive, which is a sequence, and the first frame."""
         seed, manoeuvre, first = self.window(index)
-        return f"seed{seed}/{manoeuvre.value}-{first:03d}"
+        return f"seed{seed}-{manoeuvre.value}/{first:03d}"
 
     def _render(self, index: int) -> Arrays:
         seed, manoeuvre, first = self.window(index)

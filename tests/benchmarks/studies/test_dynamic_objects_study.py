@@ -50,7 +50,7 @@ def test_a_car_of_the_synthetic_street_is_measured() -> None:
     clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[5]
     assert clip.moving is not None
     found = dynamic_objects.measure(clip, {"psnr": Psnr()})
-    assert (found.clip, found.num_objects, found.moving_px) == ("seed0/accelerate-000", 1, clip.moving[9].sum())
+    assert (found.clip, found.num_objects, found.moving_px) == ("seed0-accelerate/000", 1, clip.moving[9].sum())
     assert found.overlap_px <= min(found.moving_px, found.detected_px)
     assert found.overlap_px > 0.65 * found.detected_px
     assert set(found.scores) == {"psnr", "psnr@moving"}

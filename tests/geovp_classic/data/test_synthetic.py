@@ -31,7 +31,7 @@ def stereo(cache: Path) -> Clip:
 
 
 def test_clips_hold_everything_in_the_right_shape(stereo: Clip) -> None:
-    assert stereo.name == "seed0/straight-000"
+    assert stereo.name == "seed0-straight/000"
     assert stereo.frames.shape == (4, 48, 48, 3)
     np.testing.assert_allclose(stereo.times_s, [0.0, 0.1, 0.2, 0.3])
     assert stereo.depths.dtype == np.float32
@@ -83,17 +83,17 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process(tmp_path: Path, c
 
 def test_another_seed_gives_another_street(cache: Path) -> None:
     first, second = (Synthetic(**TINY, seed=seed, cache=cache)[0] for seed in (0, 1))
-    assert second.name == "seed1/straight-000"
+    assert second.name == "seed1-straight/000"
     assert np.abs(first.frames.astype(int) - second.frames).mean() > 10
 
 
 def test_clips_go_round_the_manoeuvres_then_on_along_their_drives_then_to_new_streets() -> None:
     data = Synthetic(num_clips=40, num_frames=30, stride=10)
     assert [data.window(index)[1] for index in range(8)] == list(Manoeuvre)
-    assert data.clip_name(1) == "seed0/left-turn-000"
-    assert data.clip_name(9) == "seed0/left-turn-010"
-    assert data.clip_name(1 + 8 * 3) == "seed0/left-turn-030"  # frames 30..59: the end of the drive
-    assert data.clip_name(1 + 8 * 4) == "seed1000/left-turn-000"
+    assert data.clip_name(1) == "seed0-left-turn/000"
+    assert data.clip_name(9) == "seed0-left-turn/010"
+    assert data.clip_name(1 + 8 * 3) == "seed0-left-turn/030"  # frames 30..59: the end of the drive
+    assert data.clip_name(1 + 8 * 4) == "seed1000-left-turn/000"
     assert len({data.clip_name(index) for index in range(40)}) == 40
     assert len(data) == 40
 
