@@ -51,8 +51,8 @@ def write(path: Path, rows: Rows, part: Part) -> None:
     """Write all rows of the part's clips at once; equal rows and facts give equal bytes. OSError without room."""
     facts = {key: value for key, value in dataclasses.asdict(part).items() if key != "index"}
     about = json.dumps({files.SEAL: files.ZEROS, **facts}).replace("'", "''")
-    columns = {"clip": rows.clip.spelled(), "sample": rows.sample, "step": rows.step}
-    columns |= {"metric": rows.metric.spelled(), "value": rows.value}
+    columns = {"clip": rows.clip.values(), "sample": rows.sample, "step": rows.step}
+    columns |= {"metric": rows.metric.values(), "value": rows.value}
     with _database() as (database, file, place):
         database.register("scores", columns)
         try:

@@ -75,9 +75,9 @@ class Predicted:
         return None if steps is None else [round(float(value), 4) for value in steps[0]]
 
     @cached_property
-    def own_vehicle_share(self) -> float:
+    def ego_vehicle_share(self) -> float:
         """The share of the frame where the vehicle's own parts are; see `ego_vehicle`."""
-        return round(float(ego_vehicle.find(self.context.frames).mean()), 4)
+        return round(float(ego_vehicle.vehicle_mask(self.context.frames).mean()), 4)
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:
@@ -106,7 +106,7 @@ class Predicted:
             "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "confidence": self.confidence,
-            "own_vehicle_share": self.own_vehicle_share,
+            "ego_vehicle_share": self.ego_vehicle_share,
             "warnings": self.warnings,
             "scores": self.scores,
         }
@@ -125,8 +125,8 @@ class Predicted:
                 unit += f" +- {motion.past.scale_uncertainty:.0%}"
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
-        if self.own_vehicle_share:
-            lines.append(f"vehicle: its own parts take {self.own_vehicle_share:.0%} of the image and stay in place")
+        if self.ego_vehicle_share:
+            lines.append(f"vehicle: its own parts take {self.ego_vehicle_share:.0%} of the image and stay in place")
         if self.confidence is not None:
             lines.append(
                 f"confidence: {self.confidence[0]:.2f} at the first step, {self.confidence[-1]:.2f} at the last"

@@ -44,8 +44,8 @@ def cube(rows: Rows, metric: str) -> Cube:
     """The values of one metric from the rows of one cell; clips in the order of the rows, steps 1..F."""
     rows = rows.of_metrics((metric,))
     values = np.full(rows.extent, np.nan)
-    values[rows.clip.numbers, rows.sample, rows.step - 1] = rows.value
-    return Cube(rows.clip.names, values)
+    values[rows.clip.codes, rows.sample, rows.step - 1] = rows.value
+    return Cube(rows.clip.categories, values)
 
 
 def mean_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:

@@ -60,7 +60,7 @@ class ClipSubset(Results):
         return [
             dataclasses.replace(
                 cell,
-                num_clips=len(self.scores(cell.name).clip.names),
+                num_clips=len(self.scores(cell.name).clip.categories),
                 num_failed=len(self.failures(cell.name)),
             )
             for cell in super().cells()

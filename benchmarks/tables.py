@@ -41,7 +41,7 @@ def build(
     rows = {cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")}
     failures = {name: results.failures(name) for name in rows}
     if strict:
-        rows = {name: one.of_clips({*one.clip.names} - failures[name].keys()) for name, one in rows.items()}
+        rows = {name: one.of_clips({*one.clip.categories} - failures[name].keys()) for name, one in rows.items()}
     keys = _keys(rows.values())
     metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
     main = choice.columns(metrics, keys) or [name for name in metrics if name not in UNASKED]
@@ -144,7 +144,7 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
     higher = {key: bool(about.get("higher_is_better")) for key, about in abouts.items()}
     ends = {key: bounds(key, about) for key, about in abouts.items()}
     clips, lines = protocol["clips"], []
-    scored = np.isin(clips, rows.clip.names)
+    scored = np.isin(clips, rows.clip.categories)
     for suffix, reduce in _reductions(cubes, higher, protocol).items():
         values = {key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()}
         by_truth, own = reduce is not statistics.mean_of_samples, provenance.row_id(cell, protocol)
@@ -222,4 +222,4 @@ def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequenc
 
 def _keys(tables: Iterable[Rows]) -> list[str]:
     """All columns that have rows, in their order."""
-    return list(dict.fromkeys(key for rows in tables for key in rows.metric.names))
+    return list(dict.fromkeys(key for rows in tables for key in rows.metric.categories))

@@ -183,4 +183,4 @@ def _values(rows: Rows) -> dict[tuple[str, int, int], float]:
 
 def _without(rows: Rows, missing: Mapping[str, str]) -> Rows:
     """The rows of metrics that can be computed here."""
-    return rows.of_metrics([name for name in rows.metric.names if name.partition("@")[0] not in missing])
+    return rows.of_metrics([name for name in rows.metric.categories if name.partition("@")[0] not in missing])

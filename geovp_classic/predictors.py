@@ -39,12 +39,12 @@ class GeometricPredictor:
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Step 1: the motion."""
-        return self.pose_source.estimate(ego_vehicle.cut_off(context.only(self.pose_source.needs)), num_samples)
+        return self.pose_source.estimate(ego_vehicle.without_vehicle(context.only(self.pose_source.needs)), num_samples)
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """Step 2: the scene, which depends on the past alone."""
         seen = context.only(self.renderer.needs)
-        return ego_vehicle.in_front_of(self.renderer.reconstruct(ego_vehicle.cut_off(seen), past), seen)
+        return ego_vehicle.with_vehicle(self.renderer.reconstruct(ego_vehicle.without_vehicle(seen), past), seen)
 
 
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:

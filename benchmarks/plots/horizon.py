@@ -24,7 +24,7 @@ def metrics(material: Material) -> list[str]:
     """
     known: dict[str, set[int]] = {}
     for rows in material.rows.values():
-        for metric in rows.metric.names:
+        for metric in rows.metric.categories:
             steps = rows.where(rows.metric.among((metric,)) & ~np.isnan(rows.value)).step
             known.setdefault(metric, set()).update(steps.tolist())
     explained = [name for name, about in material.protocol["metrics"].items() if "unit" in about]

@@ -1,4 +1,4 @@
-"""The vehicle's own parts in the image, such as the hood before a camera behind the windscreen.
+"""The ego vehicle's parts in the image, such as the hood before a camera behind the windscreen.
 
 They stay in place while the road moves below them: a surface that drives along, to any reconstruction. So
 they are cut off before anything is estimated, and every view shows them as the last frame did.
@@ -21,9 +21,9 @@ MOVING = 3.0  # mean difference of the first from the last frame above which the
 LARGEST_SHARE = 0.4  # of the image's height
 LEAST_WIDTH = 0.6  # of the lowest row
 EDGE = 12.0  # grey values between what lies above its border and below it, in most frames
-MOST = 0.75  # of the frames: the border of a shadow on a road without texture is that in one of them
+EDGE_SHARE = 0.75  # of the frames: the border of a shadow on a road without texture is that in one of them
 MARGIN_PX = 3  # on either side of that border
-TALLEST = 0.05  # quantile of the border's columns that counts as its top
+TOP_QUANTILE = 0.05  # of the border's rows over the columns: its top, whatever single columns do
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class EgoVehicleScene:
         return Views(frames, views.covered | self.mask, views.depths)
 
 
-def cut_off(context: Context) -> Context:
+def without_vehicle(context: Context) -> Context:
     """The context with its frames, uncropped ones and depths cut off above the vehicle; as it is with right frames."""
     if context.right is not None:
         return context
-    wide, top = context.wide, top_row(find(context.frames))
+    wide, top = context.wide, top_row(vehicle_mask(context.frames))
     if wide is not None:
-        rows = top_row(find(wide.frames))
+        rows = top_row(vehicle_mask(wide.frames))
         camera = wide.intrinsics.cropped(0, 0, wide.intrinsics.width_px, rows)
         wide = (
             wide if rows == wide.intrinsics.height_px else ExtraView(wide.frames[:, :rows], camera, wide.view_from_cam)
@@ -62,19 +62,19 @@ def cut_off(context: Context) -> Context:
     return replace(context, frames=context.frames[:, :top], intrinsics=camera, past_depths=depths, wide=wide)
 
 
-def in_front_of(scene: Scene, context: Context) -> Scene:
+def with_vehicle(scene: Scene, context: Context) -> Scene:
     """The scene behind what of the vehicle the frames show; the scene itself where they show nothing."""
-    mask = find(context.frames) if context.right is None else np.zeros((1, 1), bool)
+    mask = vehicle_mask(context.frames) if context.right is None else np.zeros((1, 1), bool)
     return EgoVehicleScene(scene, context.frames[-1], context.intrinsics, mask) if mask.any() else scene
 
 
 def top_row(mask: BoolArray) -> int:
     """The first row of a mask [H, W] that reaches down to the last; H where it is empty."""
     columns = mask.any(axis=0)
-    return int(np.quantile(mask.argmax(axis=0)[columns], TALLEST)) if columns.any() else len(mask)
+    return int(np.quantile(mask.argmax(axis=0)[columns], TOP_QUANTILE)) if columns.any() else len(mask)
 
 
-def find(frames: ByteArray) -> BoolArray:
+def vehicle_mask(frames: ByteArray) -> BoolArray:
     """The pixels [H, W] of frames [P, H, W, 3] that stay in place at the bottom, behind an edge, while others move."""
     nothing = np.zeros(frames.shape[1:3], bool)
     frames = frames[frame_screening.usable(frames)]
@@ -101,6 +101,6 @@ def find(frames: ByteArray) -> BoolArray:
         grey[:, border - MARGIN_PX, columns],
         grey[:, np.minimum(border + MARGIN_PX, len(still) - 1), columns],
     )
-    edge = np.quantile(np.median(np.abs(above - below), axis=1), 1 - MOST)
+    edge = np.quantile(np.median(np.abs(above - below), axis=1), 1 - EDGE_SHARE)
     moves = np.abs(grey[-1] - grey[0])[~mask[first:]].mean()
     return mask if edge >= EDGE and moves >= MOVING else nothing

@@ -177,13 +177,13 @@ def cosine(number: int, count: int) -> FloatArray:
 class TestStandardError:
     """Of sums of cosines, whose powers are known."""
 
-    @pytest.mark.parametrize(("tau", "beside"), [(1.0, 1.0), (3.0, 0.25 / (1.25 - np.cos(np.pi / 10)))])
-    def test_the_two_slowest_cosines_of_few_values_count(self, tau: float, beside: float) -> None:
+    @pytest.mark.parametrize(("tau", "first_share"), [(1.0, 1.0), (3.0, 0.25 / (1.25 - np.cos(np.pi / 10)))])
+    def test_the_two_slowest_cosines_of_few_values_count(self, tau: float, first_share: float) -> None:
         # of an autoregression with tau = 3 a step keeps one half: at an angle a 1 / 4 of 5 / 4 - cos(a) is left
         values = 7 + 3 * cosine(1, 10) + 4 * cosine(2, 10) + 100 * cosine(9, 10)
-        more = 0.25 / (1.25 - np.cos(np.pi / 5)) if tau == 3 else 1.0
+        second_share = 0.25 / (1.25 - np.cos(np.pi / 5)) if tau == 3 else 1.0
         error, degrees = intervals.standard_error(values, [np.arange(10)], tau)
-        assert error == pytest.approx(np.sqrt(25 / (beside + more) / 10))
+        assert error == pytest.approx(np.sqrt(25 / (first_share + second_share) / 10))
         assert degrees == 2
 
     def test_three_twentieths_of_many_independent_ones_count(self) -> None:
@@ -209,7 +209,7 @@ class TestStandardError:
         between = 30 * 1.0**2 + 10 * 3.0**2  # the mean of all is zero
         assert error == pytest.approx(np.sqrt((between + 4) / expected / 40))
 
-    @pytest.mark.parametrize(("count", "level"), [(10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
+    @pytest.mark.parametrize(("count", "level"), [(5, 0.95), (10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
     def test_the_interval_is_students_with_its_degrees(self, count: int, level: float) -> None:
         values = np.random.default_rng(10).normal(size=count)
         tau, _ = intervals.autocorrelation_time(values, [np.arange(count)])
@@ -219,6 +219,19 @@ class TestStandardError:
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
         assert intervals.block_interval(values, np.zeros(count), level) == (found.low, found.high)
         assert found.effective == pytest.approx(count / tau)
+
+
+@pytest.mark.parametrize("count", [5, 10, 60])
+def test_neighbours_that_do_not_correlate_count_in_full(count: int) -> None:
+    values = np.tile([1.0, -1.0, -1.0, 1.0, 0.5, -0.5], count)[:count]
+    assert intervals.autocorrelation_time(values, [np.arange(count)]) == (1.0, 0)
+    assert intervals.interval(values, np.zeros(count)).effective == count
+
+
+def test_correlated_values_are_worth_fewer() -> None:
+    values = np.tile([1.0, 1, 1, -1, -1, -1], 50)
+    tau, _ = intervals.autocorrelation_time(values, [np.arange(300)])
+    assert intervals.interval(values, np.zeros(300)).effective == pytest.approx(300 / tau)
 
 
 def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:

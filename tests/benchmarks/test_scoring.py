@@ -94,9 +94,9 @@ def test_a_row_without_a_camera_has_no_stabilised_score() -> None:
     clip = drive()
     still = Prediction(np.tile(clip.frames[PAST - 1], (1, FUTURE, 1, 1, 1)))
     rows = score(ScoringContext(clip, PAST), still, METRICS)
-    assert rows.metric.names == ("psnr",)
+    assert rows.metric.categories == ("psnr",)
     unknown = replace(clip, trajectory=None)
-    assert score(ScoringContext(unknown, PAST), predicted(clip, 1.0), METRICS).metric.names == ("psnr",)
+    assert score(ScoringContext(unknown, PAST), predicted(clip, 1.0), METRICS).metric.categories == ("psnr",)
 
 
 def content(**metrics: Any) -> dict[str, Any]:
@@ -192,7 +192,7 @@ def test_every_set_of_pixels_has_a_column_and_every_step_a_row(metric: Brightnes
         assert values(rows, "coverage", sample) == [0.5, 0.0]
     assert rows.step.tolist() == [1, 2] * 14
     assert rows.sample.tolist() == [0] * 14 + [1] * 14
-    assert rows.clip.names == ("drive",)
+    assert rows.clip.categories == ("drive",)
     assert set(metric.asked) == {"many" if isinstance(metric, Masked) else "one"}
 
 
@@ -242,4 +242,4 @@ def test_memory_is_released_after_every_fifth_sample(samples: int, times: int, m
 
 def test_no_samples_and_no_metrics_are_no_rows() -> None:
     rows = score(ScoringContext(drive(), PAST), Prediction(drive().frames[None, PAST:]), Metrics({}, {}))
-    assert (len(rows), rows.clip.names, rows.metric.names) == (0, (), ())
+    assert (len(rows), rows.clip.categories, rows.metric.categories) == (0, (), ())

@@ -105,11 +105,11 @@ def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: 
     printed(*run(file, "worst:psnr:copy-last"))
     results = Results(file.parent / "out")
     rows = results.scores("copy-last").of_metrics(["psnr"])
-    worst = sorted(rows.clip.names, key=lambda clip: rows.of_clips([clip]).value.mean())[:3]
+    worst = sorted(rows.clip.categories, key=lambda clip: rows.of_clips([clip]).value.mean())[:3]
     assert results.protocol()["kept"] == {"by": "worst PSNR of copy-last", "clips": worst}
     for cell in ("still--far", "copy-last"):  # all rows, not only the one that chose
         assert {clip for clip, _ in results.predictions(cell)} == set(worst)
-        assert len(results.scores(cell).clip.names) == 5
+        assert len(results.scores(cell).clip.categories) == 5
     assert chapters(file) == ["worst PSNR of copy-last"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst

@@ -202,10 +202,10 @@ def test_a_part_of_more_rows_than_are_read_at_once_comes_back(tmp_path: Path) ->
     count = part_files.ROWS_AT_ONCE + 1
     results, clips = begun(tmp_path), [f"clip {number // 1000}" for number in range(count)]
     stored = Rows.of(clips, [0] * count, np.arange(count) % 1000 + 1, ["psnr"] * count, np.arange(count))
-    results.write_part("x", stored, Part(0, tuple(stored.clip.names), "f", {}, {}, 0.0))
+    results.write_part("x", stored, Part(0, tuple(stored.clip.categories), "f", {}, {}, 0.0))
     found = results.scores("x")
-    assert found.clip.names == stored.clip.names
-    for one, other in ((found.clip.numbers, stored.clip.numbers), (found.step, stored.step)):
+    assert found.clip.categories == stored.clip.categories
+    for one, other in ((found.clip.codes, stored.clip.codes), (found.step, stored.step)):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(found.value, np.arange(count))
 

@@ -200,7 +200,11 @@ class TestStrips:
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
         figure = strips.draw(truth, [strips.Row("m", "", frame[None])], HEADING)[0]
         assert figure.dpi == 300
-        np.testing.assert_allclose(figure.get_size_inches()[0], 0.6 * (2 * 1200 + 30) / 400)
+        np.testing.assert_allclose(figure.get_size_inches()[0], 0.6 * (2 * 1200 + 30) / 400)  # as high as two lines
+        upright = np.zeros((1200, 1200, 3), np.uint8)
+        truth = strips.Truth(upright, upright[None], [1], np.array([0.1]))
+        figure = strips.draw(truth, [strips.Row("m", "", upright[None])], HEADING)[0]
+        np.testing.assert_allclose(figure.get_size_inches()[0], 1.14 * (2 * 1200 + 30) / 1200)
 
     def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""

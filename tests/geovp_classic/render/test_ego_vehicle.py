@@ -50,17 +50,17 @@ def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
 def test_a_hood_is_found_to_within_two_pixels_of_its_border(clip: Clip, share: float) -> None:
     mask = arched(SIDE, SIDE, share)
-    found = ego_vehicle.find(painted(clip.frames[:10], mask))
+    found = ego_vehicle.vehicle_mask(painted(clip.frames[:10], mask))
     assert np.abs(found.sum(axis=0) - mask.sum(axis=0)).max() <= 2
     assert abs(ego_vehicle.top_row(found) - SIDE * (1 - share)) <= 3
 
 
 def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip) -> None:
     hooded = painted(clip.frames[:10], arched(SIDE, SIDE))
-    assert ego_vehicle.find(hooded).any()
-    assert not ego_vehicle.find(clip.frames[:10]).any()
-    assert not ego_vehicle.find(np.repeat(hooded[:1], 10, axis=0)).any()
-    assert not ego_vehicle.find(hooded[:2]).any()
+    assert ego_vehicle.vehicle_mask(hooded).any()
+    assert not ego_vehicle.vehicle_mask(clip.frames[:10]).any()
+    assert not ego_vehicle.vehicle_mask(np.repeat(hooded[:1], 10, axis=0)).any()
+    assert not ego_vehicle.vehicle_mask(hooded[:2]).any()
 
 
 def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
@@ -72,7 +72,7 @@ def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
     ]
     frames = np.stack(passed).astype(np.uint8)
     assert (frames[:, -10:].std(axis=0) == 0).all()
-    assert not ego_vehicle.find(frames).any()
+    assert not ego_vehicle.vehicle_mask(frames).any()
 
 
 class Noted:
@@ -114,7 +114,7 @@ def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
     assert seen.past_depths.shape == seen.frames.shape[:3]
     assert seen.intrinsics == context.intrinsics.cropped(0, 0, SIDE, seen.intrinsics.height_px)
     assert abs(seen.wide.intrinsics.height_px - context.wide.intrinsics.height_px * 0.85) <= 3
-    found = ego_vehicle.find(context.frames)
+    found = ego_vehicle.vehicle_mask(context.frames)
     shown = np.where(found[..., None], context.frames[-1], 77)
     np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
     np.testing.assert_array_equal(prediction.covered[0], [found] * 2)
@@ -122,7 +122,7 @@ def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
 
 def test_a_camera_of_another_size_sees_the_scene_alone(clip: Clip) -> None:
     context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
-    scene = ego_vehicle.in_front_of(Noted(), context)
+    scene = ego_vehicle.with_vehicle(Noted(), context)
     other = context.intrinsics.resized(50, 40)
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
 
@@ -142,6 +142,6 @@ def test_with_right_frames_all_stays_as_it_is(clip: Clip) -> None:
     context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
     right = ExtraView(context.frames, context.intrinsics, np.eye(4))
     context = replace(context, right=right)
-    assert ego_vehicle.cut_off(context) is context
+    assert ego_vehicle.without_vehicle(context) is context
     scene = Noted()
-    assert ego_vehicle.in_front_of(scene, context) is scene
+    assert ego_vehicle.with_vehicle(scene, context) is scene
