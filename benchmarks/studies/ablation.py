@@ -83,7 +83,7 @@ def variants() -> list[Variant]:
     add_tracked("motion prior (damped CTRA)", *networks, forecaster={"name": "acceleration-kalman"})
     add_tracked("bundle adjustment", "odometry.bundle", odometry={"name": "monocular", "max_bundle_points": 0})
     unit_speed = {"name": "monocular", "scale": {"name": "unit-speed"}}
-    add_tracked("road scale (unit speed)", "odometry.scale", "odometry.road", odometry=unit_speed)
+    add_tracked("road scale (unit speed)", "odometry.ground_plane_scale", "odometry.road", odometry=unit_speed)
     return found
 
 

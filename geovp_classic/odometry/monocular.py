@@ -14,8 +14,8 @@ from geovp_classic.geometry import frame_screening, se3
 from geovp_classic.interfaces import Scale
 from geovp_classic.odometry import consistency
 from geovp_classic.odometry.features import CornerTracker
+from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.scale import GroundPlane
 from geovp_classic.odometry.tracking import KeyframePolicy, Tracker
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory

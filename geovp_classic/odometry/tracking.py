@@ -10,19 +10,18 @@ from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import two_view
 from geovp_classic.odometry.features import NOISE_PX, CornerTracker
 from geovp_classic.odometry.lens import Lens
+from geovp_classic.odometry.relative_poses import MIN_INLIERS, Observations, RelativePoses
 from geovp_classic.odometry.resection import resect
 from geovp_classic.odometry.self_calibration import RadialEstimate
 from geovp_classic.odometry.windowed_map import WindowedMap
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
-MIN_INLIERS = 12
 MIN_INLIER_SHARE = 0.4
 MIN_START_POINTS = 30
 MIN_START_SHARE = 0.5
 MIN_SHARED = 0.3  # of the reference keyframe's points; with fewer inliers left, a new reference is taken
 MIN_FOUND_SHARE = 0.5  # of the points; with fewer found the image is bad rather than the map
 MAX_BRIDGED = 4  # images in a row, before the map is discarded
-MAX_PENDING = 60  # images whose poses may still change
 COAST_S = 1.0  # after the map is lost, a moving camera is not taken to stand still for this long
 
 
@@ -36,25 +35,6 @@ class KeyframePolicy:
     keyframe_share: float = 0.6  # a keyframe is due when fewer of the last one's points are left
     max_bundle_points: int = 300
     adjust_every: int = 1  # keyframes from one bundle adjustment to the next
-
-
-@dataclass(frozen=True)
-class Observations:
-    """Pixels of the active tracks in one image."""
-
-    track_ids: IntArray  # [M]
-    pixels: FloatArray  # [M, 2]
-    inliers: BoolArray  # [M]
-
-
-@dataclass
-class RelativePose:
-    """One image's pose relative to a keyframe, so that it improves when the keyframe's does."""
-
-    keyframe_id: int
-    keyframe_from_cam: FloatArray  # [4, 4]
-    tracked: bool
-    observations: Observations | None  # of an image that waits for the map to start
 
 
 @dataclass(frozen=True)
@@ -86,8 +66,7 @@ class Tracker:
         self._time_s, self._last_s, self._keyframe_s = 0.0, 0.0, 0.0
         self._coast_until_s = -np.inf
         self._num_bridged = 0
-        self._pending: list[RelativePose] = []
-        self._final: list[tuple[FloatArray, bool]] = []
+        self._poses = RelativePoses(self.map)
 
     def push(self, grey: ByteArray, time_s: float) -> bool:
         """Take the next image [H, W]; whether its pose, now `world_from_cam`, was tracked rather than bridged."""
@@ -100,16 +79,14 @@ class Tracker:
             self.world_from_cam = predicted
             if len(self.map) == 0 or self._num_bridged > MAX_BRIDGED:
                 tracked = self._restart(grey) and self._num_bridged == 1
-        self._record(observations, tracked)
+        self._poses.add(self.world_from_cam, tracked, observations)
         return tracked
 
     def take_final(self, *, all_of_them: bool = False) -> tuple[FloatArray, BoolArray]:
         """Poses [T, 4, 4] and marks [T] of the images since the last call that later ones cannot change."""
         if all_of_them:
-            self._finish(self.map.newest_keyframe_id + 1)
-        final, self._final = self._final, []
-        poses = np.array([pose for pose, _ in final]).reshape(-1, 4, 4)
-        return poses, np.array([tracked for _, tracked in final], dtype=bool)
+            self._poses.finish(self.map.newest_keyframe_id + 1)
+        return self._poses.take_final()
 
     def adjust_all(self) -> None:
         """One more bundle adjustment of the whole window, with only the first keyframe fixed."""
@@ -163,7 +140,7 @@ class Tracker:
         good[shared] = motion.inliers
         observations = replace(observations, inliers=good)
         if has_map:
-            self._finish(self.map.newest_keyframe_id)
+            self._poses.finish(self.map.newest_keyframe_id)
             self.map.keep_newest_only()
         cam_from_keyframe = motion.b_from_a.copy()
         cam_from_keyframe[:3, 3] *= self._baseline() if starts else 0.0
@@ -173,7 +150,7 @@ class Tracker:
             elapsed_s = max(self._time_s - self._keyframe_s, 1e-6)
             self._twist_per_s = se3.log(se3.inverse(cam_from_keyframe)) / elapsed_s
             self._add_keyframe()
-            self._localise_waiting()
+            self._poses.localise_waiting(self.seed)
         elif few_left:
             self._new_reference()
         return observations
@@ -203,7 +180,7 @@ class Tracker:
         """Add the last localised image to the map, triangulate, adjust, and detect new points."""
         assert self._last_grey is not None
         if len(self.map) == self.map.size:
-            self._finish(self.map.first_keyframe_id + 1)
+            self._poses.finish(self.map.first_keyframe_id + 1)
         moves = self.map.parallax(se3.inverse(self.world_from_cam)) > self.policy.start_parallax
         self.map.add_keyframe(se3.inverse(self.world_from_cam))
         self._calibrate()
@@ -233,7 +210,7 @@ class Tracker:
         corners = self.corners.detect(grey, np.zeros((0, 2)))
         if len(corners) < MIN_START_POINTS:
             return False
-        self._finish(self.map.newest_keyframe_id + 1)
+        self._poses.finish(self.map.newest_keyframe_id + 1)
         self.map.clear()
         self.map.add_keyframe(se3.inverse(self.world_from_cam))
         self.map.add_tracks(corners)
@@ -244,59 +221,16 @@ class Tracker:
 
     def _new_reference(self) -> None:
         """Make the last localised image the keyframe that a map may start from; waiting images refer to it."""
-        waiting = [(pending, self._pose(pending)) for pending in self._pending if pending.observations is not None]
-        self._pending = [pending for pending in self._pending if pending.observations is None]
-        self._finish(self.map.newest_keyframe_id + 1)
+        waiting = self._poses.take_waiting()
+        self._poses.finish(self.map.newest_keyframe_id + 1)
         self.map.add_keyframe(se3.inverse(self.world_from_cam))
         self.map.keep_newest_only()
         self._detect()
         self._keyframe_grey, self._keyframe_s = self._last_grey, self._time_s
-        for pending, pose in waiting:
-            pending.keyframe_id = self.map.newest_keyframe_id
-            pending.keyframe_from_cam = self.map.cam_from_world[-1] @ pose
-            self._pending.append(pending)
+        for one in waiting:
+            self._poses.add(*one)
 
     def _detect(self) -> None:
         """Start tracks at new corners of the last localised image, which is the newest keyframe."""
         assert self._last_grey is not None
         self.map.add_tracks(self.corners.detect(self._last_grey, self.map.pixels[self.map.active]))
-
-    def _localise_waiting(self) -> None:
-        """Localise the images between the two that the map has started from."""
-        for pending in self._pending:
-            if pending.observations is None:
-                continue
-            index = self.map.index_of(pending.observations.track_ids)
-            use = pending.observations.inliers & (index >= 0)
-            use[use] = self.map.triangulated[index[use]]
-            keyframe = self.map.cam_from_world[pending.keyframe_id - self.map.first_keyframe_id]
-            guess = se3.inverse(pending.keyframe_from_cam) @ keyframe
-            rays = self.map.lens.rays(pending.observations.pixels[use])
-            pose, inliers = resect(self.map.points[index[use]], rays, guess, self.map.noise, self.seed)
-            if inliers.sum() >= MIN_INLIERS:
-                pending.keyframe_from_cam = keyframe @ se3.inverse(pose)
-            pending.observations = None
-
-    def _record(self, observations: Observations | None, tracked: bool) -> None:
-        if len(self.map) == 0:
-            self._final.append((self.world_from_cam, tracked))
-            return
-        waiting = None if self.map.triangulated.any() else observations
-        keyframe_from_cam = self.map.cam_from_world[-1] @ self.world_from_cam
-        self._pending.append(RelativePose(self.map.newest_keyframe_id, keyframe_from_cam, tracked, waiting))
-        while len(self._pending) > MAX_PENDING:  # the camera stands, and there are no new keyframes
-            self._finish_first()
-
-    def _finish(self, keyframe_id: int) -> None:
-        """Poses relative to keyframes before this one are final."""
-        while self._pending and self._pending[0].keyframe_id < keyframe_id:
-            self._finish_first()
-
-    def _finish_first(self) -> None:
-        pending = self._pending.pop(0)
-        self._final.append((self._pose(pending), pending.tracked))
-
-    def _pose(self, pending: RelativePose) -> FloatArray:
-        """The current world_from_cam [4, 4]."""
-        keyframe = self.map.cam_from_world[max(0, pending.keyframe_id - self.map.first_keyframe_id)]
-        return se3.inverse(keyframe) @ pending.keyframe_from_cam

@@ -9,9 +9,10 @@ import pytest
 from geovp_classic import interfaces, registry
 from geovp_classic.errors import BadData, Incompatible, UnknownComponent
 from geovp_classic.geometry import se3
+from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.odometry.scale import GroundPlane, UnitSpeed
 from geovp_classic.odometry.speed_prior import SpeedPrior
+from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
@@ -190,7 +191,7 @@ def test_standing_for_long_keeps_nothing(straight: tuple[ByteArray, FloatArray],
     for i in range(150):
         stream.push(frame, 0.1 * i)
         settled += len(stream.take_final()[0])
-        assert len(stream._tracker._pending) <= 60
+        assert len(stream._tracker._poses._pending) <= 60
     settled += len(stream.take_final(all_of_them=True)[0])
     assert settled == 150
 

@@ -12,9 +12,10 @@ from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry import road
+from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEstimator
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.scale import GroundPlane, GroundPlaneEstimator, UnitSpeed
 from geovp_classic.odometry.speed_prior import LEAST_SPREAD, SpeedPrior, fit
+from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics, Trajectory
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]

@@ -1,4 +1,4 @@
-"""Metres per unit of the odometry: from the road and the camera's height above it, from a prior, or not at all."""
+"""Metres per unit of the odometry from the road and the camera's height above it, or from a prior of speeds."""
 
 from __future__ import annotations
 
@@ -38,25 +38,6 @@ MIN_CONSISTENT = 3  # rejected measurements in a row that agree with each other 
 
 
 @dataclass(frozen=True)
-class UnitSpeed:
-    """No metres: lengths are in mean steps, and the trajectory says so."""
-
-    @property
-    def needs(self) -> Grant:
-        """Nothing."""
-        return Grant.NONE
-
-    @property
-    def is_metric(self) -> bool:
-        """No."""
-        return False
-
-    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
-        """An estimator that measures nothing."""
-        return UnitScale()
-
-
-@dataclass(frozen=True)
 class GroundPlane:
     """Metres from the camera's known height: the road ahead is aligned from image to image.
 
@@ -92,24 +73,6 @@ class GroundPlane:
                 "give the data set's camera_height_m or use the scale 'unit-speed'"
             )
         return GroundPlaneEstimator(self, Lens(intrinsics), camera_height_m)
-
-
-@dataclass
-class UnitScale:
-    """One unit is one unit."""
-
-    unit: float = 1.0
-    confidence: float = 0.0
-    uncertainty: float = np.inf
-
-    def settle(self, length: float, duration_s: float) -> None:
-        """Nothing to assume."""
-
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
-        """Nothing to learn."""
-
-    def restart(self) -> None:
-        """Nothing to forget."""
 
 
 @dataclass

@@ -1,0 +1,47 @@
+"""The scale of an odometry without metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.interfaces import ScaleEstimator
+from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
+
+
+@dataclass(frozen=True)
+class UnitSpeed:
+    """No metres: lengths are in mean steps, and the trajectory says so."""
+
+    @property
+    def needs(self) -> Grant:
+        """Nothing."""
+        return Grant.NONE
+
+    @property
+    def is_metric(self) -> bool:
+        """No."""
+        return False
+
+    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
+        """An estimator that measures nothing."""
+        return UnitScale()
+
+
+@dataclass
+class UnitScale:
+    """One unit is one unit."""
+
+    unit: float = 1.0
+    confidence: float = 0.0
+    uncertainty: float = np.inf
+
+    def settle(self, length: float, duration_s: float) -> None:
+        """Nothing to assume."""
+
+    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
+        """Nothing to learn."""
+
+    def restart(self) -> None:
+        """Nothing to forget."""
