@@ -15,7 +15,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +32,7 @@ FEWEST_EFFECTIVE = 4.0  # independent clips
 SLOW_SHARE, FEWEST_SLOW = 0.15, 2.0  # cosines, per independent clip and at least
 SHORT = 3  # clips
 LEAST_P = 1e-4  # fewer resamples than its inverse tell nothing of less
+P_VALUES = (*np.geomspace(LEAST_P, 0.999, 200).tolist(), 1 - LEVEL)  # that are told apart
 MOST_LOST = 0.5  # share of the variance that is taken to have gone with the means
 KIND = (
     "[low, high]: 95 % interval of the mean over clips, block bootstrap within each sequence, since neighbouring clips "
@@ -93,14 +93,8 @@ def interval(
     off = sums / count - mean
     error, degrees = standard_error(values, [*long, *short[:, None]], tau)
     off *= error / off.std() if off.std() > 0 else 0.0
-    student = _student(degrees)
-    low, high = np.clip(mean + _ends(off, student, np.array([1 - level]))[:, 0], *bounds)
-    return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, student))
-
-
-@functools.cache
-def _student(degrees: int) -> Any:
-    return stats.t(degrees)  # it takes as long as a thousand resamples
+    low, high = np.clip(mean + _ends(off, degrees, (1 - level,))[:, 0], *bounds)
+    return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, degrees))
 
 
 def standard_error(
@@ -124,19 +118,26 @@ def standard_error(
     return float(np.sqrt(powers / expected / count)), num
 
 
-def _ends(off: FloatArray, student: Any, misses: FloatArray) -> FloatArray:
+def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArray:
     """Ends [2, K] of the intervals that miss the truth in these shares [K] of cases, less the mean."""
-    tails = 1 - misses / 2
-    return np.asarray(np.quantile(off, [1 - tails, tails]) * student.ppf(tails) / stats.norm.ppf(tails))
+    tails, widening = _tails(degrees, misses)
+    places = np.stack([1 - tails, tails]) * (len(off) - 1)
+    return np.asarray(np.interp(places, np.arange(len(off)), np.sort(off)) * widening)
 
 
-def _p_zero(mean: float, off: FloatArray, student: Any) -> float:
+@functools.cache
+def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+    """Upper quantiles [K], and how much farther out Student's t has them than the normal distribution."""
+    tails = 1 - np.array(misses) / 2
+    return tails, stats.t(degrees).ppf(tails) / stats.norm.ppf(tails)
+
+
+def _p_zero(mean: float, off: FloatArray, degrees: int) -> float:
     """The largest share of misses at which the interval still holds zero, down to LEAST_P."""
     if not off.any():
         return float(mean == 0)
-    shares = np.append(np.geomspace(LEAST_P, 0.999, 200), 1 - LEVEL)
-    low, high = mean + _ends(off, student, shares)
-    return float(max(shares[(low <= 0) & (high >= 0)], default=LEAST_P))
+    low, high = mean + _ends(off, degrees, P_VALUES)
+    return float(max(np.array(P_VALUES)[(low <= 0) & (high >= 0)], default=LEAST_P))
 
 
 def block_interval(values: FloatArray, groups: npt.NDArray[np.generic], level: float = LEVEL) -> tuple[float, float]:

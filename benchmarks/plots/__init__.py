@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -10,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib.style
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from geovp_benchmarks import strata
 from geovp_benchmarks.plots import horizon, kept_clips, style
@@ -94,5 +97,12 @@ def rendered(page: Page, kind: str) -> bytes:
     """The figure as a file of that kind: png, svg or pdf."""
     buffer = io.BytesIO()
     with matplotlib.style.context(style.SHEET):
-        page.figure.savefig(buffer, format=kind, dpi="figure", **SAVE_OPTIONS.get(kind, {}))
+        extent = _extent(page.figure)
+        page.figure.savefig(buffer, format=kind, dpi="figure", bbox_inches=extent, **SAVE_OPTIONS.get(kind, {}))
     return buffer.getvalue()
+
+
+@functools.lru_cache(maxsize=1)
+def _extent(figure: Figure) -> Bbox:
+    """The rectangle of all that is drawn, in inches; to look for it takes half the time that a file does."""
+    return figure.get_tightbbox().padded(matplotlib.rcParams["savefig.pad_inches"])
