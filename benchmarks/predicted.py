@@ -18,8 +18,8 @@ from geovp_benchmarks.planning import versions
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
+from geovp_classic.geometry.vehicle_mask import vehicle_mask
 from geovp_classic.interfaces import FramePredictor
-from geovp_classic.render import ego_vehicle
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -76,8 +76,8 @@ class Predicted:
 
     @cached_property
     def ego_vehicle_share(self) -> float:
-        """The share of the frame where the vehicle's own parts are; see `ego_vehicle`."""
-        return round(float(ego_vehicle.vehicle_mask(self.context.frames).mean()), 4)
+        """The share of the frame where the vehicle's own parts are."""
+        return round(float(vehicle_mask(self.context.frames).mean()), 4)
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:

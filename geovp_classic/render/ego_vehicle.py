@@ -8,22 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
-from geovp_classic.geometry import frame_screening, pinhole
+from geovp_classic.geometry.vehicle_mask import top_row, vehicle_mask
 from geovp_classic.interfaces import Scene
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Intrinsics, Views
-
-FEWEST_FRAMES, LEAST_ROWS = 3, 64  # fewer frames, or rows of an image, show too little
-STILL = 3.0  # standard deviation over the frames, in grey values, below which a pixel stays in place
-MOVING = 3.0  # mean difference of the first from the last frame above which the rest of the image moves
-LARGEST_SHARE = 0.4  # of the image's height
-LEAST_WIDTH = 0.6  # of the lowest row
-EDGE = 12.0  # grey values between what lies above its border and below it, in most frames
-EDGE_SHARE = 0.75  # of the frames: the border of a shadow on a road without texture is that in one of them
-MARGIN_PX = 3  # on either side of that border
-TOP_QUANTILE = 0.05  # of the border's rows over the columns: its top, whatever single columns do
 
 
 @dataclass(frozen=True)
@@ -66,41 +55,3 @@ def with_vehicle(scene: Scene, context: Context) -> Scene:
     """The scene behind what of the vehicle the frames show; the scene itself where they show nothing."""
     mask = vehicle_mask(context.frames) if context.right is None else np.zeros((1, 1), bool)
     return EgoVehicleScene(scene, context.frames[-1], context.intrinsics, mask) if mask.any() else scene
-
-
-def top_row(mask: BoolArray) -> int:
-    """The first row of a mask [H, W] that reaches down to the last; H where it is empty."""
-    columns = mask.any(axis=0)
-    return int(np.quantile(mask.argmax(axis=0)[columns], TOP_QUANTILE)) if columns.any() else len(mask)
-
-
-def vehicle_mask(frames: ByteArray) -> BoolArray:
-    """The pixels [H, W] of frames [P, H, W, 3] that stay in place at the bottom, behind an edge, while others move."""
-    nothing = np.zeros(frames.shape[1:3], bool)
-    frames = frames[frame_screening.usable(frames)]
-    if len(frames) < FEWEST_FRAMES or frames.shape[1] < LEAST_ROWS:
-        return nothing
-    lowest = frames[:, -MARGIN_PX:].astype(np.float32).mean(axis=(1, 3)).std(axis=0) < STILL
-    if lowest.mean() < LEAST_WIDTH:
-        return nothing
-    first = round(frames.shape[1] * (1 - LARGEST_SHARE)) - 2 * MARGIN_PX
-    grey = np.stack([pinhole.grey(frame[first:]) for frame in frames])
-    still = grey.std(axis=0) < STILL
-    labels = cv2.connectedComponents(cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5))))[1]
-    label = np.bincount(labels[-1]).argmax()
-    mask = nothing.copy()
-    mask[first:] = labels == label
-    top = top_row(mask)
-    mask[:top] = False  # a few columns go on into a road without texture
-    if label == 0 or mask[-1].mean() < LEAST_WIDTH or top <= first + MARGIN_PX:
-        return nothing
-    tops, own = mask.argmax(axis=0), mask.any(axis=0)
-    mask |= (np.arange(len(mask))[:, None] >= tops) & own
-    columns, border = np.flatnonzero(own), tops[own] - first
-    above, below = (
-        grey[:, border - MARGIN_PX, columns],
-        grey[:, np.minimum(border + MARGIN_PX, len(still) - 1), columns],
-    )
-    edge = np.quantile(np.median(np.abs(above - below), axis=1), 1 - EDGE_SHARE)
-    moves = np.abs(grey[-1] - grey[0])[~mask[first:]].mean()
-    return mask if edge >= EDGE and moves >= MOVING else nothing

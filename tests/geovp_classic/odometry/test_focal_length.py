@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -41,6 +42,18 @@ def test_a_turning_camera_tells_its_focal_length(turns: list[list[ByteArray]]) -
     assert found.low_px < 183.375 < found.high_px
     assert found.is_sure
     assert np.log(found.high_px / found.low_px) > 2 * QUANTILE * SYSTEMATIC
+
+
+def test_a_patterned_hood_changes_nothing(turns: list[list[ByteArray]]) -> None:
+    """Corners that stand still in the image would be a camera that stands still."""
+    height_px, width_px = turns[0][0].shape
+    noise = np.random.default_rng(0).normal(size=(height_px, width_px))
+    pattern = np.clip(60 + 120 * cv2.GaussianBlur(noise, (0, 0), 1.5), 0, 255).astype(np.uint8)
+    top = round(0.7 * height_px)
+    hooded = [[np.concatenate([grey[:top], pattern[top:]]) for grey in drive] for drive in turns]
+    found = estimate_focal(hooded)
+    assert found is not None
+    assert found.focal_px == pytest.approx(183.375, rel=0.05)
 
 
 @pytest.mark.parametrize("step_m", [0.3, 0.0])

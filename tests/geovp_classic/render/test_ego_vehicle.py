@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.geometry.vehicle_mask import top_row, vehicle_mask
 from geovp_classic.interfaces import Scene
 from geovp_classic.pose_sources import GroundTruth
 from geovp_classic.predictors import GeometricPredictor
@@ -50,17 +51,17 @@ def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
 def test_a_hood_is_found_to_within_two_pixels_of_its_border(clip: Clip, share: float) -> None:
     mask = arched(SIDE, SIDE, share)
-    found = ego_vehicle.vehicle_mask(painted(clip.frames[:10], mask))
+    found = vehicle_mask(painted(clip.frames[:10], mask))
     assert np.abs(found.sum(axis=0) - mask.sum(axis=0)).max() <= 2
-    assert abs(ego_vehicle.top_row(found) - SIDE * (1 - share)) <= 3
+    assert abs(top_row(found) - SIDE * (1 - share)) <= 3
 
 
 def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip) -> None:
     hooded = painted(clip.frames[:10], arched(SIDE, SIDE))
-    assert ego_vehicle.vehicle_mask(hooded).any()
-    assert not ego_vehicle.vehicle_mask(clip.frames[:10]).any()
-    assert not ego_vehicle.vehicle_mask(np.repeat(hooded[:1], 10, axis=0)).any()
-    assert not ego_vehicle.vehicle_mask(hooded[:2]).any()
+    assert vehicle_mask(hooded).any()
+    assert not vehicle_mask(clip.frames[:10]).any()
+    assert not vehicle_mask(np.repeat(hooded[:1], 10, axis=0)).any()
+    assert not vehicle_mask(hooded[:2]).any()
 
 
 def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
@@ -72,7 +73,7 @@ def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
     ]
     frames = np.stack(passed).astype(np.uint8)
     assert (frames[:, -10:].std(axis=0) == 0).all()
-    assert not ego_vehicle.vehicle_mask(frames).any()
+    assert not vehicle_mask(frames).any()
 
 
 class Noted:
@@ -114,7 +115,7 @@ def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
     assert seen.past_depths.shape == seen.frames.shape[:3]
     assert seen.intrinsics == context.intrinsics.cropped(0, 0, SIDE, seen.intrinsics.height_px)
     assert abs(seen.wide.intrinsics.height_px - context.wide.intrinsics.height_px * 0.85) <= 3
-    found = ego_vehicle.vehicle_mask(context.frames)
+    found = vehicle_mask(context.frames)
     shown = np.where(found[..., None], context.frames[-1], 77)
     np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
     np.testing.assert_array_equal(prediction.covered[0], [found] * 2)
