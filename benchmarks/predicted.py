@@ -18,7 +18,7 @@ from geovp_benchmarks.planning import versions
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
-from geovp_classic.geometry.vehicle_mask import vehicle_mask
+from geovp_classic.geometry.static_regions import static_mask
 from geovp_classic.interfaces import FramePredictor
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
@@ -75,9 +75,9 @@ class Predicted:
         return None if steps is None else [round(float(value), 4) for value in steps[0]]
 
     @cached_property
-    def ego_vehicle_share(self) -> float:
-        """The share of the frame where the vehicle's own parts are."""
-        return round(float(vehicle_mask(self.context.frames).mean()), 4)
+    def static_share(self) -> float:
+        """The share of the frame that shows no scene: black bars, and the vehicle's own parts."""
+        return round(float(static_mask(self.context.frames).mean()), 4)
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:
@@ -106,7 +106,7 @@ class Predicted:
             "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "confidence": self.confidence,
-            "ego_vehicle_share": self.ego_vehicle_share,
+            "static_share": self.static_share,
             "warnings": self.warnings,
             "scores": self.scores,
         }
@@ -125,8 +125,10 @@ class Predicted:
                 unit += f" +- {motion.past.scale_uncertainty:.0%}"
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
-        if self.ego_vehicle_share:
-            lines.append(f"vehicle: its own parts take {self.ego_vehicle_share:.0%} of the image and stay in place")
+        if self.static_share:
+            lines.append(
+                f"static: black bars and parts of the vehicle take {self.static_share:.0%} of the image"
+            )
         if self.confidence is not None:
             lines.append(
                 f"confidence: {self.confidence[0]:.2f} at the first step, {self.confidence[-1]:.2f} at the last"

@@ -10,7 +10,7 @@ from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
-from geovp_classic.render import ego_vehicle
+from geovp_classic.render.static_regions import behind_static_regions, without_static_regions
 from geovp_classic.types import BoolArray, ByteArray, Context, Grant, Motion, Prediction, Trajectory
 
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
@@ -39,12 +39,12 @@ class GeometricPredictor:
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Step 1: the motion."""
-        return self.pose_source.estimate(ego_vehicle.without_vehicle(context.only(self.pose_source.needs)), num_samples)
+        return self.pose_source.estimate(without_static_regions(context.only(self.pose_source.needs)), num_samples)
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """Step 2: the scene, which depends on the past alone."""
         seen = context.only(self.renderer.needs)
-        return ego_vehicle.with_vehicle(self.renderer.reconstruct(ego_vehicle.without_vehicle(seen), past), seen)
+        return behind_static_regions(self.renderer.reconstruct(without_static_regions(seen), past), seen)
 
 
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:

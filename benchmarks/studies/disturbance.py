@@ -68,8 +68,15 @@ def _blur(image: ByteArray, step: int, level: Level) -> ByteArray:
 
 def _hood(image: ByteArray, step: int, level: Level) -> ByteArray:
     hooded = image.copy()
-    hooded[round(len(image) * (1 - (0.05, 0.1, 0.2, 0.3)[level])) :] = 15
+    hooded[round(len(image) * (1 - (0.05, 0.1, 0.2, 0.3)[level])) :] = 40  # brighter than a bar
     return hooded
+
+
+def _bars(image: ByteArray, step: int, level: Level) -> ByteArray:
+    """Black bars above and below, as of a film."""
+    barred, rows = image.copy(), round(len(image) * (0.04, 0.08, 0.12, 0.2)[level])
+    barred[:rows] = barred[len(image) - rows :] = 0
+    return barred
 
 
 def _rain(image: ByteArray, step: int, level: Level) -> ByteArray:
@@ -152,6 +159,7 @@ DISTURBANCES = {
     "flicker": Disturbance(_flicker),
     "tilt": Disturbance(_tilt),
     "hood": Disturbance(_hood),
+    "black bars": Disturbance(_bars),
     "wrong focal length": Disturbance(context=_camera(_focal)),
     "wrong principal point": Disturbance(context=_camera(_centre)),
     "jittered times": Disturbance(context=_jittered_times),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.geometry.vehicle_mask import top_row, vehicle_mask
+from geovp_classic.geometry.static_regions import scene_window, static_mask, top_row, vehicle_mask
 from geovp_classic.interfaces import Scene
 from geovp_classic.pose_sources import GroundTruth
 from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.render import ego_vehicle
+from geovp_classic.render import static_regions
 from geovp_classic.render.homography import GroundFarPlane
 from geovp_classic.types import (
     BoolArray,
@@ -76,6 +76,26 @@ def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
     assert not vehicle_mask(frames).any()
 
 
+@pytest.mark.parametrize("bars", [(12, 12, 0, 0), (0, 15, 0, 0), (0, 0, 20, 9), (5, 6, 7, 8), (0, 0, 0, 0)])
+def test_black_bars_are_static_and_the_picture_between_them_is_not(clip: Clip, bars: tuple[int, ...]) -> None:
+    top, bottom, left, right = bars
+    frames = np.zeros_like(clip.frames[:10])
+    picture = slice(top, SIDE - bottom), slice(left, SIDE - right)
+    frames[:, *picture] = clip.frames[:10, *picture]
+    mask = static_mask(frames)
+    (rows, columns) = scene_window(mask)
+    found = rows.start, SIDE - rows.stop, columns.start, SIDE - columns.stop
+    assert found == tuple(bar + 2 * (bar > 0) for bar in bars)  # the picture's border is blended with the bar
+    assert not mask[rows, columns].any()
+
+
+def test_the_night_and_a_black_clip_have_no_bars(clip: Clip) -> None:
+    dark = clip.frames[:10].copy()
+    dark[:, : SIDE // 2 + 1] = 3
+    assert not static_mask(dark).any()
+    assert not static_mask(np.zeros_like(dark)).any()
+
+
 class Noted:
     """A renderer of one grey value that keeps what it was given."""
 
@@ -123,7 +143,7 @@ def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
 
 def test_a_camera_of_another_size_sees_the_scene_alone(clip: Clip) -> None:
     context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
-    scene = ego_vehicle.with_vehicle(Noted(), context)
+    scene = static_regions.behind_static_regions(Noted(), context)
     other = context.intrinsics.resized(50, 40)
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
 
@@ -143,6 +163,6 @@ def test_with_right_frames_all_stays_as_it_is(clip: Clip) -> None:
     context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
     right = ExtraView(context.frames, context.intrinsics, np.eye(4))
     context = replace(context, right=right)
-    assert ego_vehicle.without_vehicle(context) is context
+    assert static_regions.without_static_regions(context) is context
     scene = Noted()
-    assert ego_vehicle.with_vehicle(scene, context) is scene
+    assert static_regions.behind_static_regions(scene, context) is scene

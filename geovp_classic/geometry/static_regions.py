@@ -1,4 +1,7 @@
-"""Where an image shows the vehicle that carries the camera: still below a lasting edge, while the rest moves."""
+"""Where frames show no scene: black bars at their borders, and the vehicle that carries the camera.
+
+The vehicle's parts, such as the hood, stay in place below a lasting edge while the rest of the image moves.
+"""
 
 import cv2
 import numpy as np
@@ -6,6 +9,9 @@ import numpy as np
 from geovp_classic.geometry import frame_screening, pinhole
 from geovp_classic.types import BoolArray, ByteArray
 
+BLACK, LIT_SHARE = 20, 0.02  # grey values of a bar; share of a line's pixels that are brighter where there is none
+LEAST_PICTURE = 0.5  # of the height and the width; the night is no bar
+BORDER_PX = 2  # of the picture, where it is blended with the bar
 FEWEST_FRAMES, LEAST_ROWS = 3, 64  # fewer frames, or rows of an image, show too little
 STILL = 3.0  # standard deviation over the frames, in grey values, below which a pixel stays in place
 MOVING = 3.0  # mean difference of the first from the last frame above which the rest of the image moves
@@ -15,6 +21,38 @@ EDGE = 12.0  # grey values between what lies above its border and below it, in m
 EDGE_SHARE = 0.75  # of the frames: the border of a shadow on a road without texture is that in one of them
 MARGIN_PX = 3  # on either side of that border
 TOP_QUANTILE = 0.05  # of the border's rows over the columns: its top, whatever single columns do
+
+
+def static_mask(frames: ByteArray) -> BoolArray:
+    """The pixels [H, W] of frames [P, H, W, 3] that show no scene."""
+    window = _between_bars(frames)
+    mask = np.ones(frames.shape[1:3], bool)
+    mask[window] = vehicle_mask(frames[:, *window])
+    return mask
+
+
+def scene_window(mask: BoolArray) -> tuple[slice, slice]:
+    """The rows and columns of a static mask [H, W] that show the scene: all between the bars, down to the vehicle."""
+    rows, columns = (np.flatnonzero(~mask.all(axis=axis)) for axis in (1, 0))
+    across = slice(int(columns[0]), int(columns[-1]) + 1)
+    return slice(int(rows[0]), int(rows[0]) + top_row(mask[rows[0] :, across])), across
+
+
+def _between_bars(frames: ByteArray) -> tuple[slice, slice]:
+    found = []
+    for lines in (frames, frames.swapaxes(1, 2)):
+        whole = slice(0, lines.shape[1])
+        found.append(whole)
+        if all((lines[:, end] > BLACK).any(axis=(0, 2)).mean() > LIT_SHARE for end in (0, -1)):
+            continue
+        lit = np.flatnonzero((lines.max(axis=(0, 3)) > BLACK).mean(axis=1) > LIT_SHARE)
+        if len(lit):
+            first, last = int(lit[0]), int(lit[-1])
+            start = first + BORDER_PX if first > 0 else 0
+            stop = last + 1 - BORDER_PX if last + 1 < whole.stop else whole.stop
+            if stop - start >= LEAST_PICTURE * whole.stop:
+                found[-1] = slice(start, stop)
+    return found[0], found[1]
 
 
 def top_row(mask: BoolArray) -> int:
