@@ -30,6 +30,7 @@ VISIBLE = 1.5  # standard errors of a correlation that count
 LARGEST_CORRELATION, LARGEST_DECAY = 0.97, 0.95
 FEWEST_EFFECTIVE = 4.0  # independent clips
 SLOW_SHARE, FEWEST_SLOW = 0.15, 2.0  # cosines, per independent clip and at least
+LEAST_ERROR = 0.6  # of a mean, beside that of independent values
 SHORT = 3  # clips
 LEAST_P = 1e-4  # fewer resamples than its inverse tell nothing of less
 P_VALUES = (*np.geomspace(LEAST_P, 0.999, 200).tolist(), 1 - LEVEL)  # that are told apart
@@ -92,6 +93,7 @@ def interval(
         sums += _resampled_sums(values[group], min(visible + 1, len(group)), rng)
     off = sums / count - mean
     error, degrees = standard_error(values, [*long, *short[:, None]], tau)
+    error = max(error, LEAST_ERROR * float(stats.sem(values)))  # few slow cosines can be small by chance
     off *= error / off.std() if off.std() > 0 else 0.0
     low, high = np.clip(mean + _ends(off, degrees, (1 - level,))[:, 0], *bounds)
     return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, degrees))

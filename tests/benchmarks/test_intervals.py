@@ -35,6 +35,12 @@ def test_clips_that_are_alike_count_as_fewer() -> None:
     assert intervals.interval(values, np.zeros(200)).effective < 25
 
 
+def test_values_without_slow_changes_are_not_certain() -> None:
+    values = cosine(5, 10)  # nothing is left of the slowest two
+    found = intervals.interval(values, np.zeros(10))
+    assert found.high - found.low > 0.6 * 2 * 1.96 * stats.sem(values)
+
+
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
     values = np.random.default_rng(4).normal(size=10).repeat(2)  # neighbours are equal; of each pair one a sequence
     together, _ = intervals.autocorrelation_time(values, [np.arange(20)])
