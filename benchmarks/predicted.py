@@ -126,9 +126,7 @@ class Predicted:
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
         if self.static_share:
-            lines.append(
-                f"static: black bars and parts of the vehicle take {self.static_share:.0%} of the image"
-            )
+            lines.append(f"static: black bars and parts of the vehicle take {self.static_share:.0%} of the image")
         if self.confidence is not None:
             lines.append(
                 f"confidence: {self.confidence[0]:.2f} at the first step, {self.confidence[-1]:.2f} at the last"

@@ -130,8 +130,7 @@ class Choice:
         for name in self.methods:
             own = [cell for cell in cells if _is_of(name, cell.label)]
             if not own:
-                labels = [cell.label for cell in cells]
-                raise BadData(f"no row is called {name!r}{nearest(name, labels)}; known are {', '.join(labels)}")
+                raise BadData(f"no row is called {name!r}{nearest(name, (cell.label for cell in cells))}")
             found.update({cell.name: cell for cell in own})
         return [*found.values()] if self.methods else list(cells)
 

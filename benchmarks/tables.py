@@ -74,12 +74,14 @@ def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
 
 
 def against(results: Results, name: str, *, strict: bool = False, choice: Choice = EVERYTHING) -> Table:
-    """Paired differences of all rows of the main table from one of them, over the clips that both have."""
+    """Paired differences of all rows of the main table from one of them, over the clips that both have.
+
+    Of a method with samples the row of the mean one.
+    """
     main = build(results, strict=strict, choice=choice.including(name))[0]
-    chosen = next((row for row in main.rows if row.name == name), None)
+    chosen = next((row for row in main.rows if row.name == name or row.name.startswith(f"{name}, mean of ")), None)
     if chosen is None:
-        known = [row.name for row in main.rows]
-        raise BadData(f"no row is called {name!r}{registry.nearest(name, known)}: known are {', '.join(known)}")
+        raise BadData(f"no row is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}")
     clips, rows = results.protocol()["clips"], []
     for row in (row for row in main.rows if row is not chosen and row.num_clips):
         values = {key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values}

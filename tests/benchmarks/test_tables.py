@@ -188,6 +188,12 @@ def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(samp
     assert row_of(text, "chance, best of 3 by PSNR")[2:] == ["13.00 ± 0.00", "unavailable", "3.000 ± 0.000"]
 
 
+def test_a_methods_name_compares_with_its_mean_sample(sampled: Results) -> None:
+    by_name = {one.name: one for one in tables.against(sampled, "chance").rows}
+    assert "chance, mean of 3" not in by_name
+    assert by_name["still"].estimates["psnr"].mean == pytest.approx(11.5 - 34 / 3)
+
+
 def test_best_of_k_has_a_table_per_metric(sampled: Results) -> None:
     tables_by_name = {table.name: formats.markdown(table).splitlines() for table in tables.build(sampled)}
     assert list(tables_by_name) == ["scores", "samples-psnr", "samples-translation-error"]
