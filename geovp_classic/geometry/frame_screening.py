@@ -1,4 +1,4 @@
-"""Observed frames that say nothing: without texture (a black or white one), or the same as the frame before."""
+"""Observed frames that say nothing: without texture (a black or white one), the same as before, or of another scene."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import cv2
 import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Trajectory
 
 FLAT = 4.0  # standard deviation of the grey values below which a frame shows nothing
 SAME = 0.3  # mean difference of the grey values below which a frame is a repetition; noise and coding exceed it
 MOVING = 3.0  # the same of a camera that moves on: what stays the same after it is a repetition, not a stop
 LEAST = 2  # frames that must remain
+CUT_CHANGE = 1.25  # of the median change of the image, from which it may be a cut to another scene
+CUT_TRACKED = 0.2  # share of corners; with fewer found again it is one. In streets, also in turns, at least a half is
+CUT_HEIGHT_PX, CUT_CORNERS, CUT_WINDOW_PX = 96, (15, 80), 11  # of the images that are compared
 
 
 def usable(frames: ByteArray) -> BoolArray:
@@ -26,7 +30,42 @@ def usable(frames: ByteArray) -> BoolArray:
         change = cv2.norm(grey[a], grey[b], cv2.NORM_L1) / grey[a].size
         kept[b] = change >= SAME or before < MOVING
         before = change if change >= SAME else before
+    shown = np.flatnonzero(kept)
+    kept[shown[: _last_cut([grey[step] for step in shown])]] = False
     return kept if kept.sum() >= LEAST else np.ones(len(frames), dtype=bool)
+
+
+def _last_cut(images: list[FloatArray]) -> int:
+    """The first grey image [H, W] after the last cut to another scene; 0 where there is none.
+
+    No image before a cut shows what the ones after it do, so that one bad image is none.
+    """
+    pairs = list(itertools.pairwise(range(len(images))))
+    changes = np.array([cv2.norm(images[a], images[b], cv2.NORM_L1) for a, b in pairs])
+    for a, b in reversed(pairs[:-1]):
+        if changes[a] > CUT_CHANGE * np.median(changes):
+            others = [(a, b), (a, b + 1), (max(a - 1, 0), b)]
+            if all(_found_again(images[one], images[other]) < CUT_TRACKED for one, other in others):
+                return b
+    return 0
+
+
+def _found_again(before_grey: FloatArray, now_grey: FloatArray) -> float:
+    """The share of an image's corners that are tracked to another one and back; 1 where it has too few."""
+    (least, most), before, now = CUT_CORNERS, _normalised(before_grey), _normalised(now_grey)
+    corners = cv2.goodFeaturesToTrack(before, most, 0.01, 5)
+    if corners is None or len(corners) < least:
+        return 1.0
+    pixels = np.asarray(corners.reshape(-1, 2), np.float32)
+    return float(track_points((before, now), pixels, pixels, CUT_WINDOW_PX)[1].mean())
+
+
+def _normalised(grey: FloatArray) -> ByteArray:
+    """A small image of a mean and a contrast that no exposure changes."""
+    small = cv2.resize(
+        grey, (round(grey.shape[1] * CUT_HEIGHT_PX / len(grey)), CUT_HEIGHT_PX), interpolation=cv2.INTER_AREA
+    )
+    return np.clip(128 + 48 * (small - small.mean()) / max(float(small.std()), 1e-3), 0, 255).astype(np.uint8)
 
 
 def screened(context: Context, past: Trajectory) -> tuple[Context, Trajectory]:

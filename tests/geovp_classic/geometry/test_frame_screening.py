@@ -1,8 +1,10 @@
 """Frames that say nothing are found, and poses without a frame lie on the way between their neighbours."""
 
+import cv2
 import numpy as np
 import pytest
 
+from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.frame_screening import bridged, screened, usable
 from geovp_classic.types import ByteArray, Context, Intrinsics, Trajectory
@@ -101,3 +103,41 @@ def test_two_known_poses_are_a_motion_and_times_are_not_steps() -> None:
     np.testing.assert_allclose(bridged(np.where(known[:, None, None], poses, 0), times_s, known), poses, atol=1e-12)
     alone = np.array([False, True, False, False])
     np.testing.assert_array_equal(bridged(poses, times_s, alone), poses)
+
+
+@pytest.fixture(scope="module")
+def street() -> ByteArray:
+    """Ten frames of a drive round a corner."""
+    return Synthetic(num_clips=2, num_frames=10, size_px=(96, 96))[1].frames
+
+
+@pytest.mark.parametrize("cut", [2, 5, 8])
+def test_what_lies_before_a_cut_to_another_scene_says_nothing(street: ByteArray, cut: int) -> None:
+    frames = street.copy()
+    frames[:cut] = frames[:cut, :, ::-1]
+    np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
+    frames[0] = 0  # a black frame more changes nothing
+    np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
+
+
+def test_of_two_cuts_the_last_one_counts(street: ByteArray) -> None:
+    frames = street.copy()
+    frames[3:6] = frames[3:6, :, ::-1]
+    np.testing.assert_array_equal(usable(frames), np.arange(10) >= 6)
+
+
+def test_a_turn_one_bad_frame_and_a_jump_of_the_exposure_are_no_cuts(street: ByteArray) -> None:
+    assert usable(street).all()
+    blurred, torn, dim = street.copy(), street.copy(), street.copy()
+    blurred[6] = cv2.blur(blurred[6], (31, 1))
+    torn[4] = torn[4, :, ::-1]
+    dim[5:] = dim[5:] // 4
+    assert usable(blurred).all()
+    assert usable(torn).all()
+    assert usable(dim).all()
+
+
+def test_with_one_frame_of_a_new_scene_nothing_is_left_out(street: ByteArray) -> None:
+    frames = street.copy()
+    frames[9] = frames[9, :, ::-1]
+    assert usable(frames).all()
