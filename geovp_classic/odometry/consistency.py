@@ -9,10 +9,19 @@ import numpy as np
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, FloatArray
 
+SIDEWAYS = 0.5
 TOLERANCE = 0.3  # of a median step
 LEAST_SHARE = 0.6  # of the frames that must agree, or nothing is said
 NUM_TRIALS = 300
 SEED = 0
+
+
+def is_sideways(
+    world_from_cam: FloatArray,  # [P, 4, 4]
+) -> bool:
+    """Whether the camera went more than half as far to its side as along its axis: rarely what a vehicle's does."""
+    steps = np.abs((se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])[:, :3, 3]).sum(axis=0)
+    return bool(steps[0] > SIDEWAYS * steps[2])
 
 
 def driven(

@@ -72,14 +72,13 @@ class Monocular:
         kept = frame_screening.usable(view.frames)
         view, times_s = view[kept], all_times_s[kept]
         estimator = self.scale.estimator(view.intrinsics, context.camera_height_m)
-        policy = KeyframePolicy(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
-        lens = Lens(view.intrinsics, self.radial)
-        tracker = Tracker(CornerTracker(self.num_features), lens, policy, self.seed)
         greys = [as_grey(frame) for frame in view.frames]
-        for grey, time_s in zip(greys, times_s, strict=True):
-            tracker.push(grey, float(time_s))
-        tracker.adjust_all()
-        poses, tracked = tracker.take_final(all_of_them=True)
+        poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
+        if consistency.is_sideways(poses):
+            # Two views of a turn also fit a sharper one with a step to the side; other views may not.
+            backward, marks, backward_error, backward_radial = self._path(greys[::-1], -times_s[::-1], view.intrinsics)
+            if backward_error < error:
+                poses, tracked, radial = se3.inverse(backward[-1]) @ backward[::-1], marks[::-1], backward_radial
         known = consistency.driven(poses, times_s)
         poses, tracked = frame_screening.bridged(poses, times_s, known), tracked & known
         stride = min(2, len(poses) - 1)  # a longer baseline says more about the road
@@ -87,7 +86,7 @@ class Monocular:
             before = now - stride
             if tracked[now] and tracked[before]:
                 before_from_now = se3.inverse(poses[before]) @ poses[now]
-                estimator.update(greys[before], greys[now], before_from_now, tracker.radial.mean)
+                estimator.update(greys[before], greys[now], before_from_now, radial)
         estimator.settle(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
         poses[:, :3, 3] *= estimator.unit
         found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
@@ -95,6 +94,17 @@ class Monocular:
         found[kept], marks[kept] = poses, tracked
         found = frame_screening.bridged(found, all_times_s, kept)
         return _trajectory(found, all_times_s, self.scale.is_metric, estimator.uncertainty), marks
+
+    def _path(
+        self, greys: list[ByteArray], times_s: FloatArray, intrinsics: Intrinsics
+    ) -> tuple[FloatArray, BoolArray, float, float]:
+        """Poses [P, 4, 4] of all images, which are tracked [P], the error of their map and the lens's `radial`."""
+        policy = KeyframePolicy(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
+        tracker = Tracker(CornerTracker(self.num_features), Lens(intrinsics, self.radial), policy, self.seed)
+        for grey, time_s in zip(greys, times_s, strict=True):
+            tracker.push(grey, float(time_s))
+        tracker.adjust_all()
+        return *tracker.take_final(all_of_them=True), tracker.map.error, tracker.radial.mean
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
         """A tracker for images that come one by one."""

@@ -61,6 +61,15 @@ class WindowedMap:
         return triangulated
 
     @property
+    def error(self) -> float:
+        """The median reprojection error of the points' observations, in standard deviations; infinite without any."""
+        index = np.flatnonzero(self.triangulated)
+        rays = self.lens.rays(self.observations[:, index])
+        errors = reprojection_errors(self.points[index], rays, self.cam_from_world)
+        known = errors[np.isfinite(errors)]
+        return float(np.median(known)) / self.noise if len(known) else np.inf
+
+    @property
     def newest_keyframe_id(self) -> int:
         """Keyframes are numbered from the start."""
         return self.first_keyframe_id + len(self) - 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import driven
+from geovp_classic.odometry.consistency import driven, is_sideways
 from geovp_classic.types import FloatArray
 
 TIMES_S = 0.1 * np.arange(10)
@@ -34,3 +34,10 @@ def test_braking_standing_and_reversing_are_driven(acceleration: float) -> None:
 def test_where_nothing_agrees_nothing_is_said() -> None:
     progress = np.random.default_rng(1).uniform(-5, 5, 10)
     assert driven(path(progress), TIMES_S).all()
+
+
+def test_a_camera_goes_sideways_where_it_does() -> None:
+    assert not is_sideways(path(8.0 * TIMES_S))
+    assert not is_sideways(path(-3.0 * TIMES_S))
+    assert is_sideways(se3.exp(TIMES_S[:, None] * np.array([-5.0, 0, 2.0, 0, 1.3, 0])))
+    assert not is_sideways(path(TIMES_S[:1]))

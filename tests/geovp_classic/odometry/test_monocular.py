@@ -2,6 +2,8 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -194,6 +196,48 @@ def test_standing_for_long_keeps_nothing(straight: tuple[ByteArray, FloatArray],
         assert len(stream._tracker._poses._pending) <= 60
     settled += len(stream.take_final(all_of_them=True)[0])
     assert settled == 150
+
+
+@pytest.mark.parametrize(("backward_error", "turns"), [(0.5, False), (2.0, True)])
+def test_a_path_to_the_side_is_tracked_backwards_too(
+    backward_error: float, turns: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the two paths the one whose map has the smaller reprojection error is taken, from its first frame on."""
+    straight = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0, 0])
+    sideways = se3.exp(np.arange(10.0)[:, None] * [-0.8, 0, 0.1, 0, 0.14, 0])
+    asked = []
+
+    def path(self: Monocular, greys: list[ByteArray], times_s: FloatArray, camera: Intrinsics) -> Any:
+        asked.append((greys[0].mean(), times_s[0]))
+        error, poses = (1.0, sideways) if len(asked) == 1 else (backward_error, straight[::-1])
+        return poses, np.ones(10, bool), error, 0.0
+
+    monkeypatch.setattr(Monocular, "_path", path)
+    brightness = 20 * np.arange(1, 11, dtype=np.uint8)[:, None, None, None]
+    frames = np.random.default_rng(0).integers(0, 20, (10, 64, 64, 3), dtype=np.uint8) + brightness
+    trajectory, _ = Monocular(scale=UnitSpeed()).track(context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64)))
+    assert asked[0][0] < asked[1][0]  # the last frame, which is brighter, comes first
+    assert asked[1][1] == pytest.approx(-0.9)
+    unit = np.linalg.norm(trajectory.world_from_cam[1, :3, 3])
+    step = (sideways if turns else straight)[1]
+    np.testing.assert_allclose(trajectory.world_from_cam[1, :3, 3] / unit, step[:3, 3] / np.linalg.norm(step[:3, 3]))
+    np.testing.assert_allclose(trajectory.world_from_cam[0], np.eye(4), atol=1e-12)
+
+
+def test_a_real_turn_of_which_little_is_seen() -> None:
+    """Letterboxed, the turn's first frames also fit 8 degrees a frame with a step to the side."""
+    root = os.environ.get("GEOVP_TEST_DATA")
+    if root is None:
+        pytest.skip("GEOVP_TEST_DATA is not set: needs kitti/sequences/03")
+    spec = {"name": "kitti", "root": f"{root}/kitti", "sequences": ["03[100:111)"], "num_frames": 11, "stride": 11}
+    clip = next(iter(registry.build("datasets", spec)))
+    given, _ = clip.split(10, Grant.CAMERA_HEIGHT)
+    top, height = 32, 192
+    cut = replace(
+        given, frames=given.frames[:, top : top + height], intrinsics=given.intrinsics.cropped(0, top, 256, height)
+    )
+    trajectory, _ = Monocular().track(cut)
+    assert step_errors(trajectory, clip.trajectory.world_from_cam[:10])[0].max() < 0.2
 
 
 def test_a_real_street_in_metres() -> None:
