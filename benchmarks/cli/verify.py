@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the stored one"
     )
-    help_text = "largest difference that still reproduces, in each metric's own unit such as dB (0: to the last bit)"
-    parser.add_argument("--tolerance", type=at_least(0, float), default=0.0, metavar="X", help=help_text)
+    help_text = "largest difference that still reproduces, in each metric's own unit (1e-4; 0: to the last bit)"
+    parser.add_argument("--tolerance", type=at_least(0, float), default=1e-4, metavar="X", help=help_text)
 
 
 def run(chosen: argparse.Namespace) -> int:

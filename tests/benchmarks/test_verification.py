@@ -62,6 +62,13 @@ class TestReproduction:
         code, lines = verified(tmp_path, *ALL, "--tolerance", "0.3")
         assert (code, lines[3]) == (0, "still, road/003: within the tolerance: toy-difference 0.25 grey levels")
 
+    def test_what_no_table_prints_is_said_and_reproduces(self, tmp_path: Path, verified: Verified) -> None:
+        go(tmp_path, content({"clips": 1}, predictors={"still": "toy-still"}))
+        shift(tmp_path, "still", "road/000", "toy-difference", 1e-6)
+        code, lines = verified(tmp_path)
+        assert (code, lines[0]) == (0, "still, road/000: within the tolerance: toy-difference 1e-06 grey levels")
+        assert verified(tmp_path, "--tolerance", "0")[0] == 1
+
     def test_what_is_never_the_same_twice_is_named(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content({"clips": 1}, predictors={"dice": "toy-dice", "still": "toy-still"}))
         code, (dice, still, last) = verified(tmp_path)
