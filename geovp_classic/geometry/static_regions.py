@@ -10,6 +10,7 @@ from geovp_classic.geometry import frame_screening, pinhole
 from geovp_classic.types import BoolArray, ByteArray
 
 BLACK, LIT_SHARE = 20, 0.02  # grey values of a bar; share of a line's pixels that are brighter where there is none
+BLACK_SHARE = 0.1  # of the image's brightness (a quantile of 0.95) that a bar stays below, too: dim films are no bars
 LEAST_PICTURE = 0.5  # of the height and the width; the night is no bar
 BORDER_PX = 2  # of the picture, where it is blended with the bar
 FEWEST_FRAMES, LEAST_ROWS = 3, 64  # fewer frames, or rows of an image, show too little
@@ -45,7 +46,9 @@ def _between_bars(frames: ByteArray) -> tuple[slice, slice]:
         found.append(whole)
         if all((lines[:, end] > BLACK).any(axis=(0, 2)).mean() > LIT_SHARE for end in (0, -1)):
             continue
-        lit = np.flatnonzero((lines.max(axis=(0, 3)) > BLACK).mean(axis=1) > LIT_SHARE)
+        brightest = lines.max(axis=(0, 3))
+        black = min(BLACK, BLACK_SHARE * float(np.quantile(brightest, 0.95)))
+        lit = np.flatnonzero((brightest > black).mean(axis=1) > LIT_SHARE)
         if len(lit):
             first, last = int(lit[0]), int(lit[-1])
             start = first + BORDER_PX if first > 0 else 0

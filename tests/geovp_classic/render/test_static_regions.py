@@ -89,11 +89,14 @@ def test_black_bars_are_static_and_the_picture_between_them_is_not(clip: Clip, b
     assert not mask[rows, columns].any()
 
 
-def test_the_night_and_a_black_clip_have_no_bars(clip: Clip) -> None:
+def test_the_night_a_black_and_a_dim_clip_have_no_bars(clip: Clip) -> None:
     dark = clip.frames[:10].copy()
     dark[:, : SIDE // 2 + 1] = 3
     assert not static_mask(dark).any()
     assert not static_mask(np.zeros_like(dark)).any()
+    dim = clip.frames[:10] // 12
+    assert dim.max() > 20 >= dim[:, 0].max()  # the sky's upper edge would be a bar
+    assert not static_mask(dim).any()
 
 
 class Noted:
