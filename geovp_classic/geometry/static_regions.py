@@ -11,8 +11,8 @@ from geovp_classic.types import BoolArray, ByteArray
 
 BLACK, LIT_SHARE = 20, 0.02  # grey values of a bar; share of a line's pixels that are brighter where there is none
 BLACK_SHARE = 0.1  # of the image's brightness (a quantile of 0.95) that a bar stays below, too: dim films are no bars
-LEAST_PICTURE = 0.5  # of the height and the width; the night is no bar
-BORDER_PX = 2  # of the picture, where it is blended with the bar
+LEAST_IMAGE = 0.5  # of the height and the width, between bars; the night is none
+BORDER_PX = 2  # of the image between bars, where it is blended with them
 FEWEST_FRAMES, LEAST_ROWS = 3, 64  # fewer frames, or rows of an image, show too little
 STILL = 3.0  # standard deviation over the frames, in grey values, below which a pixel stays in place
 MOVING = 3.0  # mean difference of the first from the last frame above which the rest of the image moves
@@ -53,7 +53,7 @@ def _between_bars(frames: ByteArray) -> tuple[slice, slice]:
             first, last = int(lit[0]), int(lit[-1])
             start = first + BORDER_PX if first > 0 else 0
             stop = last + 1 - BORDER_PX if last + 1 < whole.stop else whole.stop
-            if stop - start >= LEAST_PICTURE * whole.stop:
+            if stop - start >= LEAST_IMAGE * whole.stop:
                 found[-1] = slice(start, stop)
     return found[0], found[1]
 

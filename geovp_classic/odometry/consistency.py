@@ -9,7 +9,7 @@ import numpy as np
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, FloatArray
 
-SIDEWAYS = 0.5
+SIDEWAYS = 0.5  # of the way along the axis
 TOLERANCE = 0.3  # of a median step
 LEAST_SHARE = 0.6  # of the frames that must agree, or nothing is said
 NUM_TRIALS = 300

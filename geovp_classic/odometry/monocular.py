@@ -104,7 +104,7 @@ class Monocular:
         for grey, time_s in zip(greys, times_s, strict=True):
             tracker.push(grey, float(time_s))
         tracker.adjust_all()
-        return *tracker.take_final(all_of_them=True), tracker.map.error, tracker.radial.mean
+        return *tracker.take_final(all_of_them=True), tracker.map.reprojection_error, tracker.radial.mean
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
         """A tracker for images that come one by one."""

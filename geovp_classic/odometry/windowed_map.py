@@ -61,7 +61,7 @@ class WindowedMap:
         return triangulated
 
     @property
-    def error(self) -> float:
+    def reprojection_error(self) -> float:
         """The median reprojection error of the points' observations, in standard deviations; infinite without any."""
         index = np.flatnonzero(self.triangulated)
         rays = self.lens.rays(self.observations[:, index])

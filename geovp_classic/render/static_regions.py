@@ -16,8 +16,8 @@ from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatA
 
 
 @dataclass(frozen=True)
-class FramedScene:
-    """A scene behind static regions."""
+class MaskedScene:
+    """A scene behind a mask of static regions."""
 
     scene: Scene
     frame: ByteArray  # [H, W, 3], the last observed one
@@ -54,7 +54,7 @@ def without_static_regions(context: Context) -> Context:
 def behind_static_regions(scene: Scene, context: Context) -> Scene:
     """The scene behind the static regions of the frames; the scene itself where there are none."""
     mask = static_mask(context.frames) if context.right is None else np.zeros((1, 1), bool)
-    return FramedScene(scene, context.frames[-1], context.intrinsics, mask) if mask.any() else scene
+    return MaskedScene(scene, context.frames[-1], context.intrinsics, mask) if mask.any() else scene
 
 
 def _cut(camera: Intrinsics, rows: slice, columns: slice) -> Intrinsics:

@@ -77,15 +77,15 @@ def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
 
 
 @pytest.mark.parametrize("bars", [(12, 12, 0, 0), (0, 15, 0, 0), (0, 0, 20, 9), (5, 6, 7, 8), (0, 0, 0, 0)])
-def test_black_bars_are_static_and_the_picture_between_them_is_not(clip: Clip, bars: tuple[int, ...]) -> None:
+def test_black_bars_are_static_and_the_image_between_them_is_not(clip: Clip, bars: tuple[int, ...]) -> None:
     top, bottom, left, right = bars
     frames = np.zeros_like(clip.frames[:10])
-    picture = slice(top, SIDE - bottom), slice(left, SIDE - right)
-    frames[:, *picture] = clip.frames[:10, *picture]
+    image = slice(top, SIDE - bottom), slice(left, SIDE - right)
+    frames[:, *image] = clip.frames[:10, *image]
     mask = static_mask(frames)
     (rows, columns) = scene_window(mask)
     found = rows.start, SIDE - rows.stop, columns.start, SIDE - columns.stop
-    assert found == tuple(bar + 2 * (bar > 0) for bar in bars)  # the picture's border is blended with the bar
+    assert found == tuple(bar + 2 * (bar > 0) for bar in bars)  # the image's border is blended with the bar
     assert not mask[rows, columns].any()
 
 
