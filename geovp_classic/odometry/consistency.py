@@ -1,4 +1,4 @@
-"""Steps of a path that no vehicle drove: frames that were swapped, or stand where the next ones should."""
+"""Poses of a path that say nothing: not measured, or where no vehicle drove, since frames were swapped or stand."""
 
 from __future__ import annotations
 
@@ -22,6 +22,21 @@ def is_sideways(
     """Whether the camera went more than half as far to its side as along its axis: rarely what a vehicle's does."""
     steps = np.abs((se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])[:, :3, 3]).sum(axis=0)
     return bool(steps[0] > SIDEWAYS * steps[2])
+
+
+def measured(
+    tracked: BoolArray,  # [P]
+    most_bridged: int,  # images in a row that were not tracked, before tracking starts anew
+) -> BoolArray:
+    """Which poses [P] were measured relative to one another: tracked ones, and the image that tracking started from.
+
+    Before the first motion is known, images that are not tracked stand where the one before them does, and an image
+    that so many of them follow has nothing to do with what is tracked later.
+    """
+    found, later = tracked.copy(), np.flatnonzero(tracked[1:]) + 1
+    if len(later) and later[0] > most_bridged + 1:
+        found[0], found[later[0] - 1] = False, True
+    return found
 
 
 def driven(

@@ -25,7 +25,7 @@ from geovp_classic.odometry.speed_prior import SpeedPrior
 from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 
 COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the images while the height is searched, and once it is known
-SEARCHED_HEIGHTS = np.geomspace(0.4, 40.0, 50)  # in lengths of the motion
+SEARCHED_HEIGHTS = np.geomspace(0.15, 40.0, 60)  # in lengths of the motion
 SEARCHED_PITCHES_RAD = np.radians([0.0, -2.0, 2.0])
 MIN_SAMPLES = 50
 UNKNOWN_TILT_RAD = np.radians(1.0)  # of pitch and roll before the first measurement

@@ -11,15 +11,16 @@ import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import frame_screening, se3
-from geovp_classic.interfaces import Scale
+from geovp_classic.interfaces import Scale, ScaleEstimator
 from geovp_classic.odometry import consistency
 from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.tracking import KeyframePolicy, Tracker
+from geovp_classic.odometry.tracking import MAX_BRIDGED, KeyframePolicy, Tracker
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
+SCALE_STRIDES = (1, 2, 4)  # from image to image; longer ones only where a slow camera's steps tell no scale
 MAX_BACKLOG = 200  # final poses that wait until the scale is known
 
 
@@ -79,14 +80,11 @@ class Monocular:
             backward, marks, backward_error, backward_radial = self._path(greys[::-1], -times_s[::-1], view.intrinsics)
             if backward_error < error:
                 poses, tracked, radial = se3.inverse(backward[-1]) @ backward[::-1], marks[::-1], backward_radial
-        known = consistency.driven(poses, times_s)
+        known = consistency.driven(poses, times_s) & consistency.measured(tracked, MAX_BRIDGED)
         poses, tracked = frame_screening.bridged(poses, times_s, known), tracked & known
-        stride = min(2, len(poses) - 1)  # a longer baseline says more about the road
-        for now in range(stride, len(poses), stride) if stride else ():
-            before = now - stride
-            if tracked[now] and tracked[before]:
-                before_from_now = se3.inverse(poses[before]) @ poses[now]
-                estimator.update(greys[before], greys[now], before_from_now, radial)
+        for stride in SCALE_STRIDES:
+            if estimator.confidence == 0:
+                _measure_scale(estimator, greys[::stride], poses[::stride], tracked[::stride], radial)
         estimator.settle(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
         poses[:, :3, 3] *= estimator.unit
         found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
@@ -215,6 +213,15 @@ def _view(context: Context, which: str) -> ExtraView:
     if context.wide is None:
         raise Incompatible("the odometry wants wide frames, the clip has none: use frames = 'crop' or another data set")
     return context.wide
+
+
+def _measure_scale(
+    estimator: ScaleEstimator, greys: list[ByteArray], poses: FloatArray, tracked: BoolArray, radial: float
+) -> None:
+    """Update the scale by every image and the one before it."""
+    for now in range(1, len(greys)):
+        if tracked[now - 1] and tracked[now]:
+            estimator.update(greys[now - 1], greys[now], se3.inverse(poses[now - 1]) @ poses[now], radial)
 
 
 def _step_lengths(poses: FloatArray) -> FloatArray:

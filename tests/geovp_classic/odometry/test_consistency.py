@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import driven, is_sideways
+from geovp_classic.odometry.consistency import driven, is_sideways, measured
 from geovp_classic.types import FloatArray
 
 TIMES_S = 0.1 * np.arange(10)
@@ -41,3 +41,20 @@ def test_a_camera_goes_sideways_where_it_does() -> None:
     assert not is_sideways(path(-3.0 * TIMES_S))
     assert is_sideways(se3.exp(TIMES_S[:, None] * np.array([-5.0, 0, 2.0, 0, 1.3, 0])))
     assert not is_sideways(path(TIMES_S[:1]))
+
+
+@pytest.mark.parametrize(
+    ("tracked", "known"),
+    [
+        ("1111111111", "1111111111"),
+        ("1000010000", "1000010000"),  # found again in the same map: measured relative to the first
+        ("1000001111", "0000011111"),  # started anew from the sixth; the first has nothing to do with it
+        ("1111000000", "1111000000"),
+        ("1110000001", "1110000001"),
+        ("1000000000", "1000000000"),
+        ("1", "1"),
+    ],
+)
+def test_what_was_measured_of_a_path_with_gaps(tracked: str, known: str) -> None:
+    marks = np.array([mark == "1" for mark in tracked])
+    assert "".join("1" if found else "0" for found in measured(marks, most_bridged=4)) == known

@@ -224,6 +224,23 @@ def test_a_path_to_the_side_is_tracked_backwards_too(
     np.testing.assert_allclose(trajectory.world_from_cam[0], np.eye(4), atol=1e-12)
 
 
+@pytest.mark.parametrize(("lost", "at"), [((1, 2, 3), 0), ((1, 2, 3, 4, 5, 6), 6)])
+def test_what_was_not_tracked_moved_on_evenly(lost: tuple[int, ...], at: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before the first motion is known, the tracker leaves lost images where the one before them was."""
+    true = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0.05, 0])
+    poses, tracked = true.copy(), np.ones(10, bool)
+    poses[list(lost)], tracked[list(lost)] = true[0], False
+    poses[max(lost) + 1 :] = se3.inverse(true[at]) @ true[max(lost) + 1 :]  # started anew there
+    monkeypatch.setattr(Monocular, "_path", lambda *_: (poses.copy(), tracked, 1.0, 0.0))
+    frames = np.random.default_rng(0).integers(0, 255, (10, 64, 64, 3), dtype=np.uint8)
+    frames = np.broadcast_to(frames[:1], frames.shape) // 2 + np.arange(10, dtype=np.uint8)[:, None, None, None]
+    trajectory, marks = Monocular(scale=UnitSpeed()).track(context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64)))
+    tracked[0] = at == 0
+    np.testing.assert_array_equal(marks, tracked)
+    np.testing.assert_allclose(steps(trajectory.world_from_cam)[:, 2, 3], 1, atol=0.01)
+    np.testing.assert_allclose(se3.rotation_angle_rad(steps(trajectory.world_from_cam)), 0.05, atol=1e-6)
+
+
 def test_a_real_turn_of_which_little_is_seen() -> None:
     """Letterboxed, the turn's first frames also fit 8 degrees a frame with a step to the side."""
     root = os.environ.get("GEOVP_TEST_DATA")
