@@ -93,7 +93,9 @@ def interval(
         sums += _resampled_sums(values[group], min(visible + 1, len(group)), rng)
     off = sums / count - mean
     error, degrees = standard_error(values, [*long, *short[:, None]], tau)
-    error = max(error, LEAST_ERROR * float(stats.sem(values)))  # few slow cosines can be small by chance
+    error = max(
+        error, LEAST_ERROR * float(values.std(ddof=1)) / np.sqrt(count)
+    )  # few slow cosines can be small by chance
     off *= error / off.std() if off.std() > 0 else 0.0
     low, high = np.clip(mean + _ends(off, degrees, (1 - level,))[:, 0], *bounds)
     return Interval(mean, float(low), float(high), count / tau, _p_zero(mean, off, degrees))
