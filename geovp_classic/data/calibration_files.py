@@ -26,6 +26,7 @@ MAX_ASPECT_CHANGE = 0.01
 MAX_DISTORTION = 1e4  # of any coefficient
 OPENCV_COEFFICIENTS = (2, 4, 5, 8)  # k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV, ROS's plumb_bob, Kalibr's radtan)
 FISHEYE = ("equidistant", "fisheye")  # ROS's and Kalibr's words for Kannala and Brandt's four coefficients
+MAX_SIDE_PX = 2**16  # of images
 SIZE_LIMIT = files.MIB
 
 
@@ -112,8 +113,11 @@ def _colmap(path: Path, text: str) -> Calibration:
     if len(rows) != 1:
         raise BadData(f"{path} holds {len(rows)} lines of cameras, expected one: give {EXPECTED}")
     try:
-        _, model, width, height, *params = rows[0]
-        camera = pycolmap.Camera(model=model, width=int(width), height=int(height), params=[float(p) for p in params])
+        (_, name, width, height), params = rows[0][:4], [float(each) for each in rows[0][4:]]
+        model = pycolmap.CameraModelId(name)  # refuses unknown names cleanly: Camera leaks recursion depth at each
+        if not 0 < min(int(width), int(height)) <= max(int(width), int(height)) <= MAX_SIDE_PX:
+            raise ValueError(f"its images are {width}x{height}")
+        camera = pycolmap.Camera(model=model, width=int(width), height=int(height), params=params)
         if not camera.verify_params():
             raise ValueError("its parameters are too few or too many")
         shared, centre = list(camera.focal_length_idxs()), list(camera.principal_point_idxs())

@@ -69,6 +69,8 @@ def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> N
         ("a.yaml", "a: [", "is not a calibration"),
         ("cameras.txt", "1 PINHOLE 640 480 500 510", "is not a camera"),
         ("cameras.txt", "1 NOTHING 640 480 500 510", "is not a camera"),
+        ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240", "its images are 640x0"),
+        ("cameras.txt", "1 PINHOLE 640 4000000000000 500 510 320 240", "its images are 640x4000000000000"),
         ("cameras.txt", "", "0 lines of cameras"),
         ("calib.txt", "P2: 1 2 3", "3 numbers"),
     ],
@@ -78,6 +80,14 @@ def test_a_wrong_file_gets_one_sentence(tmp_path: Path, name: str, text: str, me
     with pytest.raises(BadData, match=message) as caught:
         read_calibration(tmp_path / name, tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_unknown_models_are_refused_however_many(tmp_path: Path) -> None:
+    """Pycolmap loses a level of recursion at every name that it does not know."""
+    (tmp_path / "cameras.txt").write_text("1 NOTHING 640 480 500 510\n")
+    for _ in range(1100):
+        with pytest.raises(BadData, match="is not a camera"):
+            read_calibration(tmp_path / "cameras.txt", tmp_path)
 
 
 def test_a_photos_equivalent_focal_length_refers_to_the_diagonal(tmp_path: Path) -> None:
