@@ -20,7 +20,8 @@ from geovp_classic.odometry.tracking import MAX_BRIDGED, KeyframePolicy, Tracker
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
-SCALE_STRIDES = (1, 2, 4)  # from image to image; longer ones only where a slow camera's steps tell no scale
+SCALE_STRIDES = (1, 2, 4)  # from image to image, to measure the scale with
+SHORT = 0.3  # camera heights between two images; less says little about the road
 MAX_BACKLOG = 200  # final poses that wait until the scale is known
 
 
@@ -72,7 +73,6 @@ class Monocular:
         view, all_times_s = _view(context, self.frames), context.times_s[: context.num_past]
         kept = frame_screening.usable(view.frames)
         view, times_s = view[kept], all_times_s[kept]
-        estimator = self.scale.estimator(view.intrinsics, context.camera_height_m)
         greys = [as_grey(frame) for frame in view.frames]
         poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
         if consistency.is_sideways(poses):
@@ -82,9 +82,7 @@ class Monocular:
                 poses, tracked, radial = se3.inverse(backward[-1]) @ backward[::-1], marks[::-1], backward_radial
         known = consistency.driven(poses, times_s) & consistency.measured(tracked, MAX_BRIDGED)
         poses, tracked = frame_screening.bridged(poses, times_s, known), tracked & known
-        for stride in SCALE_STRIDES:
-            if estimator.confidence == 0:
-                _measure_scale(estimator, greys[::stride], poses[::stride], tracked[::stride], radial)
+        estimator = self._measured_scale(greys, poses, tracked, radial, view.intrinsics, context.camera_height_m)
         estimator.settle(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
         poses[:, :3, 3] *= estimator.unit
         found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
@@ -103,6 +101,28 @@ class Monocular:
             tracker.push(grey, float(time_s))
         tracker.adjust_all()
         return *tracker.take_final(all_of_them=True), tracker.map.reprojection_error, tracker.radial.mean
+
+    def _measured_scale(
+        self,
+        greys: list[ByteArray],
+        poses: FloatArray,  # [P, 4, 4]
+        tracked: BoolArray,  # [P]
+        radial: float,
+        intrinsics: Intrinsics,
+        height_m: float | None,
+    ) -> ScaleEstimator:
+        """The scale by every image and an earlier one: the one before it, unless the camera is too slow for that."""
+        found, step = self.scale.estimator(intrinsics, height_m), float(_step_lengths(poses).sum()) / len(poses)
+        for stride in SCALE_STRIDES:
+            estimator = self.scale.estimator(intrinsics, height_m)
+            for before, now in zip(range(len(poses)), range(stride, len(poses)), strict=False):
+                if tracked[before] and tracked[now]:
+                    before_from_now = se3.inverse(poses[before]) @ poses[now]
+                    estimator.update(greys[before], greys[now], before_from_now, radial)
+            found = estimator if estimator.confidence > 0 else found
+            if found.confidence > 0 and stride * step * found.unit >= SHORT * (height_m or 0):
+                break
+        return found
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
         """A tracker for images that come one by one."""
@@ -213,15 +233,6 @@ def _view(context: Context, which: str) -> ExtraView:
     if context.wide is None:
         raise Incompatible("the odometry wants wide frames, the clip has none: use frames = 'crop' or another data set")
     return context.wide
-
-
-def _measure_scale(
-    estimator: ScaleEstimator, greys: list[ByteArray], poses: FloatArray, tracked: BoolArray, radial: float
-) -> None:
-    """Update the scale by every image and the one before it."""
-    for now in range(1, len(greys)):
-        if tracked[now - 1] and tracked[now]:
-            estimator.update(greys[now - 1], greys[now], se3.inverse(poses[now - 1]) @ poses[now], radial)
 
 
 def _step_lengths(poses: FloatArray) -> FloatArray:

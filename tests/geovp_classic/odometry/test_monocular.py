@@ -81,6 +81,17 @@ def test_a_hidden_road_leaves_metres_with_a_stated_spread(
     assert (alone.is_metric, alone.scale_uncertainty) == (False, None)
 
 
+@pytest.mark.parametrize("step_m", [0.1, 0.25, 2.7])
+def test_slow_and_fast_cameras_come_back_in_metres(drive: Film, camera: Intrinsics, step_m: float) -> None:
+    """A car in a yard, one at 30 images a second, and one on a motorway, at ten."""
+    frames, poses = drive(np.tile([0, 0, step_m, 0, np.radians(0.3), 0], (9, 1)))
+    trajectory, _ = Monocular().track(context(frames, camera))
+    assert trajectory.scale_uncertainty is not None
+    assert trajectory.scale_uncertainty < 0.1
+    lengths = np.linalg.norm(steps(trajectory.world_from_cam)[:, :3, 3], axis=1)
+    assert lengths.sum() == pytest.approx(np.linalg.norm(steps(poses)[:, :3, 3], axis=1).sum(), rel=0.06)
+
+
 def test_a_turn_with_sideways_motion(drive: Film, camera: Intrinsics) -> None:
     frames, poses = drive(np.tile([0.1, 0, 0.4, 0, np.radians(1.5), 0], (9, 1)))
     trajectory, tracked = Monocular().track(context(frames, camera))
