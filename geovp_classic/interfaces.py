@@ -73,8 +73,13 @@ class Scale(Component, Protocol):
     def is_metric(self) -> bool:
         """Whether lengths become metres."""
 
-    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
-        """A fresh estimator for one camera and one drive; Incompatible when what it needs is missing."""
+    def estimator(
+        self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
+    ) -> ScaleEstimator:
+        """A fresh estimator for one camera and one drive; Incompatible when what it needs is missing.
+
+        The camera looks about `pitch_rad` above the direction in which it travels.
+        """
 
 
 @runtime_checkable

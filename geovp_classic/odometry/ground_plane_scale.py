@@ -27,6 +27,7 @@ from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the images while the height is searched, and once it is known
 SEARCHED_HEIGHTS = np.geomspace(0.15, 40.0, 60)  # in lengths of the motion
 SEARCHED_PITCHES_RAD = np.radians([0.0, -2.0, 2.0])
+STEEPEST_RAD = np.radians(20.0)  # pitch of a camera whose road is looked for
 MIN_SAMPLES = 50
 UNKNOWN_TILT_RAD = np.radians(1.0)  # of pitch and roll before the first measurement
 MIN_CORRELATION = 0.5
@@ -65,14 +66,16 @@ class GroundPlane:
         """Yes."""
         return True
 
-    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
+    def estimator(
+        self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
+    ) -> ScaleEstimator:
         """An estimator for one camera; Incompatible when its height is not known."""
         if camera_height_m is None or not camera_height_m > 0:
             raise Incompatible(
                 "the ground-plane scale needs the camera's height above the road, which this clip lacks: "
                 "give the data set's camera_height_m or use the scale 'unit-speed'"
             )
-        return GroundPlaneEstimator(self, Lens(intrinsics), camera_height_m)
+        return GroundPlaneEstimator(self, intrinsics, camera_height_m, pitch_rad)
 
 
 @dataclass
@@ -80,28 +83,28 @@ class GroundPlaneEstimator:
     """A Kalman filter of the logarithm of the camera's height in units of the odometry, and of pitch and roll."""
 
     settings: GroundPlane
-    lens: Lens
+    camera: Intrinsics
     camera_height_m: float
+    pitch_rad: float = 0.0
     log_height: float = 0.0
     variance: float = np.inf
-    pitch_rad: float = 0.0
     roll_rad: float = 0.0
     num_measurements: int = 0
     rejected: list[float] = field(default_factory=list)  # logarithms of heights, in a row
+    lens: Lens = field(init=False)  # of the window
     pixels: FloatArray = field(init=False)  # [N, 2] of the window
     window: tuple[slice, slice] = field(init=False)  # rows, columns
 
     def __post_init__(self) -> None:
         """Choose the window of the image that shows the road."""
-        camera = self.lens.camera
-        pixels = road_samples(self.lens, level_plane(1.0))
-        if len(pixels) < MIN_SAMPLES:
-            self.pixels, self.window = pixels, (slice(0), slice(0))
-            return
-        rows, columns = self.window = road_window(pixels, camera)
-        self.pixels = pixels - (columns.start, rows.start)
-        shape = (columns.stop - columns.start, rows.stop - rows.start)
-        self.lens = replace(self.lens, camera=camera.cropped(columns.start, rows.start, *shape))
+        self.pitch_rad = float(np.clip(self.pitch_rad, -STEEPEST_RAD, STEEPEST_RAD))
+        self.lens, self.window = Lens(self.camera), (slice(0), slice(0))
+        self.pixels = road_samples(self.lens, level_plane(1.0, self.pitch_rad))
+        if len(self.pixels) >= MIN_SAMPLES:
+            rows, columns = self.window = road_window(self.pixels, self.camera)
+            self.pixels -= (columns.start, rows.start)
+            shape = (columns.stop - columns.start, rows.stop - rows.start)
+            self.lens = Lens(self.camera.cropped(columns.start, rows.start, *shape))
 
     @property
     def unit(self) -> float:
@@ -131,8 +134,7 @@ class GroundPlaneEstimator:
 
     def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
         """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry."""
-        length = float(np.linalg.norm(before_from_now[:3, 3]))
-        if length < 1e-6 or len(self.pixels) < MIN_SAMPLES:
+        if np.linalg.norm(before_from_now[:3, 3]) < 1e-6 or len(self.pixels) < MIN_SAMPLES:
             return
         before, now = before[self.window], now[self.window]
         self.lens = replace(self.lens, radial=radial)
@@ -148,7 +150,7 @@ class GroundPlaneEstimator:
             self.variance = np.inf
 
     def _search(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> bool:
-        """Find the height by exhaustive search, for a level camera within two degrees."""
+        """Find the height by exhaustive search, for pitches within two degrees of the current one."""
         images = [smoothed(grey, 1.5) - smoothed(grey, 6.0) for grey in (before, now)]
         length, pixels = float(np.linalg.norm(before_from_now[:3, 3])), self.pixels[::3]
         values, rays = sample(images[1], pixels), homogeneous(self.lens.rays(pixels))

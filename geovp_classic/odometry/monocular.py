@@ -112,9 +112,10 @@ class Monocular:
         height_m: float | None,
     ) -> ScaleEstimator:
         """The scale by every image and an earlier one: the one before it, unless the camera is too slow for that."""
-        found, step = self.scale.estimator(intrinsics, height_m), float(_step_lengths(poses).sum()) / len(poses)
+        pitch_rad, step = consistency.pitch_of_travel(poses, tracked), float(_step_lengths(poses).sum()) / len(poses)
+        found = self.scale.estimator(intrinsics, height_m, pitch_rad)
         for stride in SCALE_STRIDES:
-            estimator = self.scale.estimator(intrinsics, height_m)
+            estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
             for before, now in zip(range(len(poses)), range(stride, len(poses)), strict=False):
                 if tracked[before] and tracked[now]:
                     before_from_now = se3.inverse(poses[before]) @ poses[now]

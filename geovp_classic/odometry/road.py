@@ -45,7 +45,9 @@ def road_samples(
 ) -> FloatArray:
     """Pixels [N, 2] that show the road right ahead, if it is free; evenly spread over the image."""
     camera = lens.camera
-    rows, columns = np.mgrid[max(0, int(camera.cy_px)) : camera.height_px - 2, 2 : camera.width_px - 2]
+    highest = (1 / FARTHEST - normal[2] - HALF_WIDTH / NEAREST * abs(normal[0])) / normal[1]  # on the plane z = 1
+    top = int(np.clip(camera.cy_px + camera.fy_px * highest, 0, camera.height_px - 2))
+    rows, columns = np.mgrid[top : camera.height_px - 2, 2 : camera.width_px - 2]
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
     rays = homogeneous(lens.rays(pixels))
     inverse_depth = np.maximum(rays @ normal, 1e-6)

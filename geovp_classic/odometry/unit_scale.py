@@ -24,7 +24,9 @@ class UnitSpeed:
         """No."""
         return False
 
-    def estimator(self, intrinsics: Intrinsics, camera_height_m: float | None) -> ScaleEstimator:
+    def estimator(
+        self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
+    ) -> ScaleEstimator:
         """An estimator that measures nothing."""
         return UnitScale()
 

@@ -92,6 +92,19 @@ def test_slow_and_fast_cameras_come_back_in_metres(drive: Film, camera: Intrinsi
     assert lengths.sum() == pytest.approx(np.linalg.norm(steps(poses)[:, :3, 3], axis=1).sum(), rel=0.06)
 
 
+@pytest.mark.parametrize("pitch_deg", [-5.0, 8.0])
+def test_a_pitched_camera_comes_back_in_metres(drive: Film, camera: Intrinsics, pitch_deg: float) -> None:
+    """It travels along the road, so its direction of travel says where the road is."""
+    pitch_rad = np.radians(pitch_deg)
+    ahead = [0, 0.5 * np.sin(pitch_rad), 0.5 * np.cos(pitch_rad), 0, 0, 0]
+    frames, _ = drive(np.array([[0, 0, 0, pitch_rad, 0, 0], *[ahead] * 9]))
+    trajectory, _ = Monocular().track(context(frames[1:], camera))
+    assert trajectory.scale_uncertainty is not None
+    assert trajectory.scale_uncertainty < 0.1
+    lengths = np.linalg.norm(steps(trajectory.world_from_cam)[:, :3, 3], axis=1)
+    assert lengths.sum() == pytest.approx(4.5, rel=0.06)
+
+
 def test_a_turn_with_sideways_motion(drive: Film, camera: Intrinsics) -> None:
     frames, poses = drive(np.tile([0.1, 0, 0.4, 0, np.radians(1.5), 0], (9, 1)))
     trajectory, tracked = Monocular().track(context(frames, camera))
