@@ -24,6 +24,14 @@ def level_vehicle_from_cam(pitch_rad: float = 0.0, roll_rad: float = 0.0) -> Flo
     return se3.compose(pitch @ roll, np.zeros(3))
 
 
+def pitch_of_travel(
+    steps: FloatArray,  # [N, 3], each in its own camera's frame
+) -> float:
+    """How far a camera looks above the direction in which it travels, on average, in radians; 0 without any step."""
+    _, down, ahead = (steps * np.where(steps[:, 2:] < 0, -1.0, 1.0)).sum(axis=0)  # backing up is along the road as well
+    return float(np.arctan2(down, ahead))
+
+
 def reduce(
     world_from_cam: FloatArray,  # [..., T, 4, 4]
     world_from_reference: FloatArray,  # [4, 4], the reference camera

@@ -24,16 +24,6 @@ def is_sideways(
     return bool(steps[0] > SIDEWAYS * steps[2])
 
 
-def pitch_of_travel(
-    world_from_cam: FloatArray,  # [P, 4, 4]
-    tracked: BoolArray,  # [P]
-) -> float:
-    """How far a camera looks above the direction in which it travels, in radians: above a car's road, on average."""
-    steps = (se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:])[tracked[:-1] & tracked[1:], :3, 3]
-    down, forward = steps[:, 1:].sum(axis=0)
-    return float(np.arctan2(down * np.sign(forward), abs(forward)))
-
-
 def measured(
     tracked: BoolArray,  # [P]
     most_bridged: int,  # images in a row that were not tracked, before tracking starts anew

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import frame_screening, se3
+from geovp_classic.geometry import frame_screening, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
 from geovp_classic.odometry import consistency
 from geovp_classic.odometry.features import CornerTracker
@@ -112,14 +112,14 @@ class Monocular:
         height_m: float | None,
     ) -> ScaleEstimator:
         """The scale by every image and an earlier one: the one before it, unless the camera is too slow for that."""
-        pitch_rad, step = consistency.pitch_of_travel(poses, tracked), float(_step_lengths(poses).sum()) / len(poses)
+        steps = (se3.inverse(poses[:-1]) @ poses[1:])[tracked[:-1] & tracked[1:], :3, 3]
+        pitch_rad, step = planar.pitch_of_travel(steps), float(_step_lengths(poses).sum()) / len(poses)
         found = self.scale.estimator(intrinsics, height_m, pitch_rad)
         for stride in SCALE_STRIDES:
             estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
             for before, now in zip(range(len(poses)), range(stride, len(poses)), strict=False):
                 if tracked[before] and tracked[now]:
-                    before_from_now = se3.inverse(poses[before]) @ poses[now]
-                    estimator.update(greys[before], greys[now], before_from_now, radial)
+                    estimator.update(greys[before], greys[now], se3.inverse(poses[before]) @ poses[now], radial)
             found = estimator if estimator.confidence > 0 else found
             if found.confidence > 0 and stride * step * found.unit >= SHORT * (height_m or 0):
                 break

@@ -89,6 +89,4 @@ def _travel_pitch_rad(past: Trajectory, roll_rad: float) -> float:
     rotations, positions = past.world_from_cam[:, :3, :3], past.world_from_cam[:, :3, 3]
     steps_cam = np.einsum("nji,nj->ni", rotations[1:], np.diff(positions, axis=0))  # each in its own camera's frame
     unrolled = steps_cam @ planar.level_vehicle_from_cam(0.0, roll_rad)[:3, :3].T
-    forward = unrolled * np.where(unrolled[:, 2:] < 0, -1.0, 1.0)  # backing up travels along the road as well
-    _, down, ahead = forward.sum(axis=0)
-    return float(np.arctan2(down, ahead)) if ahead > MOVED_M else 0.0
+    return planar.pitch_of_travel(unrolled) if np.abs(unrolled[:, 2]).sum() > MOVED_M else 0.0

@@ -63,3 +63,13 @@ def test_samples_of_paths_are_reduced_one_by_one() -> None:
     states = np.random.default_rng(0).uniform(-2, 2, (2, 4, 3))
     level = planar.level_vehicle_from_cam()
     np.testing.assert_allclose(planar.reduce(planar.lift(states, any_pose(0), level), any_pose(0), level), states)
+
+
+@pytest.mark.parametrize("speed", [0.8, -0.3])
+def test_the_pitch_of_travel_by_hand(speed: float) -> None:
+    """Looking 6 degrees above the road, forwards and backwards, in a bend."""
+    up = se3.exp(np.array([0, 0, 0, np.radians(6.0), 0, 0]))
+    poses = se3.exp(speed * np.arange(10)[:, None] * np.array([0, 0, 1.0, 0, 0.05, 0])) @ up
+    steps = (se3.inverse(poses[:-1]) @ poses[1:])[:, :3, 3]
+    assert np.degrees(planar.pitch_of_travel(steps)) == pytest.approx(6, abs=0.01)
+    assert planar.pitch_of_travel(steps[:0]) == 0

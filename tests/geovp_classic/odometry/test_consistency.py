@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import driven, is_sideways, measured, pitch_of_travel
+from geovp_classic.odometry.consistency import driven, is_sideways, measured
 from geovp_classic.types import FloatArray
 
 TIMES_S = 0.1 * np.arange(10)
@@ -58,14 +58,3 @@ def test_a_camera_goes_sideways_where_it_does() -> None:
 def test_what_was_measured_of_a_path_with_gaps(tracked: str, known: str) -> None:
     marks = np.array([mark == "1" for mark in tracked])
     assert "".join("1" if found else "0" for found in measured(marks, most_bridged=4)) == known
-
-
-@pytest.mark.parametrize("speed", [8.0, -3.0])
-def test_the_pitch_of_travel_by_hand(speed: float) -> None:
-    """Looking 6 degrees above the road, forwards and backwards, in a bend; what was not tracked does not count."""
-    up = se3.exp(np.array([0, 0, 0, np.radians(6.0), 0, 0]))
-    poses = path(speed * TIMES_S) @ up
-    assert np.degrees(pitch_of_travel(poses, np.ones(10, bool))) == pytest.approx(6, abs=0.01)
-    poses[4, 1, 3] += 1.0
-    assert np.degrees(pitch_of_travel(poses, np.arange(10) != 4)) == pytest.approx(6, abs=0.01)
-    assert pitch_of_travel(poses[:1], np.ones(1, bool)) == 0
