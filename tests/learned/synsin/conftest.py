@@ -1,4 +1,4 @@
-"""A small street at 32x32 pixels, and SynSin small enough to learn it in seconds."""
+"""A small street at 32x32 pixels and at 16x16, and SynSin small enough to learn it in seconds."""
 
 from dataclasses import replace
 
@@ -11,21 +11,29 @@ from geovp_classic.types import Clip
 from geovp_learned.synsin.network import Architecture
 from geovp_learned.synsin.train import SynSinTraining, Weights
 
-SIZE_PX = (32, 32)
+
+def street_of(side_px: int) -> Clip:
+    """Ten frames of the contracts' street, with true depths."""
+    whole, size_px = street.clip(), (side_px, side_px)
+    step_px = whole.frames.shape[1] // side_px
+    return Clip(
+        name="street",
+        frames=np.stack([pinhole.resize(frame, size_px) for frame in whole.frames]),
+        times_s=whole.times_s,
+        intrinsics=whole.intrinsics.resized(*size_px),
+        trajectory=whole.trajectory,
+        depths=whole.depths[:, step_px // 2 :: step_px, step_px // 2 :: step_px],
+    )
 
 
 @pytest.fixture(scope="session")
 def clip() -> Clip:
-    """Ten frames of the contracts' street, with true depths."""
-    whole = street.clip()
-    return Clip(
-        name="street",
-        frames=np.stack([pinhole.resize(frame, SIZE_PX) for frame in whole.frames]),
-        times_s=whole.times_s,
-        intrinsics=whole.intrinsics.resized(*SIZE_PX),
-        trajectory=whole.trajectory,
-        depths=whole.depths[:, 2::4, 2::4],
-    )
+    return street_of(32)
+
+
+@pytest.fixture(scope="session")
+def tiny_clip() -> Clip:
+    return street_of(16)
 
 
 @pytest.fixture(scope="session")

@@ -42,7 +42,7 @@ def trained(
     return networks, history
 
 
-def test_it_learns_eight_windows_by_heart(method: SynSinTraining, clip: Clip) -> None:
+def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Clip) -> None:
     """Losses that can be zero fall to nearly that: a grey level or two of colour, and depth to four percent."""
     fine = replace(
         method,
@@ -50,7 +50,7 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, clip: Clip) ->
         weights=Weights(content=0.0, adversarial=0.0, depth=1.0),
         rate=3e-3,
     )
-    examples = fine.examples([clip], training=True)
+    examples = fine.examples([tiny_clip], training=True)
     assert len(examples) == 8
     _, history = trained(fine, examples, num_steps=450, final_share=0.0)
     first, last = history[0], history[-1]
