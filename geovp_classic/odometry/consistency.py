@@ -28,14 +28,18 @@ def measured(
     tracked: BoolArray,  # [P]
     most_bridged: int,  # images in a row that were not tracked, before tracking starts anew
 ) -> BoolArray:
-    """Which poses [P] were measured relative to one another: tracked ones, and the image that tracking started from.
+    """Which poses [P] were measured relative to one another: the tracked ones since the start that had most of them.
 
-    Before the first motion is known, images that are not tracked stand where the one before them does, and an image
-    that so many of them follow has nothing to do with what is tracked later.
+    What was tracked from different starts is related by nothing but continued motion. The image of a start, which is
+    the last one of a gap, counts as well.
     """
-    found, later = tracked.copy(), np.flatnonzero(tracked[1:]) + 1
-    if len(later) and later[0] > most_bridged + 1:
-        found[0], found[later[0] - 1] = False, True
+    steps = np.flatnonzero(tracked)
+    starts = np.flatnonzero(np.diff(steps) > most_bridged + 1) + 1  # in the list of steps
+    longest = max(np.split(steps, starts)[::-1], key=len)  # of equally long ones the last
+    found: BoolArray = np.zeros(len(tracked), dtype=bool)
+    found[longest] = True
+    if len(starts) and longest[0] > steps[0]:
+        found[longest[0] - 1] = True
     return found
 
 

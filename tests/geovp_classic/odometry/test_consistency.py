@@ -50,7 +50,9 @@ def test_a_camera_goes_sideways_where_it_does() -> None:
         ("1000010000", "1000010000"),  # found again in the same map: measured relative to the first
         ("1000001111", "0000011111"),  # started anew from the sixth; the first has nothing to do with it
         ("1111000000", "1111000000"),
-        ("1110000001", "1110000001"),
+        ("1110000011", "1110000000"),  # started anew as well, but with fewer
+        ("1100000111", "0000001111"),
+        ("1110011000", "1110011000"),
         ("1000000000", "1000000000"),
         ("1", "1"),
     ],
