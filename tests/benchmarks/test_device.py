@@ -44,7 +44,7 @@ def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(file: 
 
 
 def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run", str(file), "--device", "cuda:99"]) == 2
+    assert cli.main(["run", str(file), "--out", str(file.with_name("out")), "--device", "cuda:99"]) == 2
     assert "predictors.svg: device 'cuda:99' cannot be used" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         cli.main(["run", str(file), "--device", "abacus"])
