@@ -13,7 +13,7 @@ from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.store import Cell
 from geovp_benchmarks.stored_facts import bounds, is_directed
 
-BAND = "band: 95 % interval (block bootstrap)"
+BAND = "bands or bars: 95 % intervals (block bootstrap)"
 _Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
 
 

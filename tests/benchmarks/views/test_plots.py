@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -59,7 +60,7 @@ class TestWriteAll:
         for word in ("gt + far", "_vo + far (only 2 of 3 clips)", "kalman + far, best of 3", "copy-last", "0.5 s"):
             assert word in svg
         assert "PSNR (dB)    ↑ higher is better" in svg
-        assert "mean of 3 clips, band: 95 % interval (block bootstrap)" in svg
+        assert "mean of 3 clips, bands or bars: 95 % intervals (block bootstrap)" in svg
         assert "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
         assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
 
@@ -87,16 +88,29 @@ class TestWriteAll:
 
 
 class TestCurves:
-    def test_mean_and_band_are_the_statistics(self, pages: dict[str, Page]) -> None:
+    def test_means_and_bars_are_the_statistics(self, pages: dict[str, Page]) -> None:
         """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, and the interval that tables would show of them."""
         axes = pages["horizon-psnr"].figure.axes[0]
-        line, band = axes.lines[0], axes.collections[0]
+        line, bars = axes.lines[0], axes.collections[0]
         np.testing.assert_allclose(line.get_ydata(), 21.0 - np.arange(1, 7))
-        heights = band.get_paths()[0].vertices[:, 1]
-        at_one = np.asarray(band.get_paths()[0].vertices)[:, 0] == 1
+        (left, low), (_, high) = bars.get_segments()[0]
         expected = intervals.interval(np.array([19.0, 20.0, 21.0]), np.array(["a", "", ""]))
-        np.testing.assert_allclose([heights[at_one].min(), heights[at_one].max()], [expected.low, expected.high])
+        np.testing.assert_allclose([low, high], [expected.low, expected.high])
         assert expected.low < 20 - 1 / np.sqrt(3)  # wider than one standard error
+        lefts = [bars.get_segments()[0][0][0] for bars in axes.collections]
+        assert sorted(set(lefts)) == lefts  # beside one another
+        assert left == pytest.approx(2 - lefts[-1])
+
+    @pytest.mark.parametrize(("count", "bands"), [(3, 3), (4, 0)])
+    def test_few_lines_have_bands(self, count: int, bands: int) -> None:
+        clips = ["a/0", "b/0", "c/0", "d/0"]
+        values = np.random.default_rng(0).normal(20, 1, (4, 6))
+        looks = style.line_styles([(str(number), "") for number in range(count)])
+        drawn = [curves.Curve.of(str(n), values + n, clips, (0, 100), line) for n, line in enumerate(looks)]
+        labels = curves.AxisLabels("PSNR", "dB", higher_is_better=True, step_s=0.1)
+        axes = curves.draw(drawn, labels, style.Heading("a", "b"))[0].axes[0]
+        assert sum(isinstance(each, PolyCollection) for each in axes.collections) == bands
+        assert len(axes.collections) == count
 
     def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
         """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best 2 dB."""
