@@ -17,7 +17,7 @@ from geovp_classic.types import FloatArray
 MOST_LINES = 12
 SIZE_IN = (4.6, 3.1)  # of the axes
 OUTLIER_RATIO = 3.0  # to the second largest
-MOST_BANDS, APART = 3, 0.14  # lines with a band each; steps between the bars of more lines
+MOST_BANDS, BAR_SPACING = 3, 0.14  # lines with a band each; steps between the bars of more lines
 
 
 @dataclass(frozen=True)
@@ -96,9 +96,9 @@ def _page(curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: sty
         if len(curves[page]) <= MOST_BANDS:
             axes.fill_between(curve.steps, *curve.band, color=curve.line.colour, alpha=0.1, linewidth=0)
         else:  # bands over one another cannot be told apart
-            beside = APART * (number - page.start - (len(curves[page]) - 1) / 2)
+            shift = BAR_SPACING * (number - page.start - (len(curves[page]) - 1) / 2)
             low, high = (bound[every] for bound in curve.band)
-            axes.vlines(curve.steps[every] + beside, low, high, color=curve.line.colour, linewidth=0.8, alpha=0.6)
+            axes.vlines(curve.steps[every] + shift, low, high, color=curve.line.colour, linewidth=0.8, alpha=0.6)
         lines += axes.plot(curve.steps, curve.mean, **curve.line.kwargs(), markevery=every)
         names.append(_label(curve, highest, labels.unit))
     _set_axes(axes, curves, labels)

@@ -24,7 +24,7 @@ def level_vehicle_from_cam(pitch_rad: float = 0.0, roll_rad: float = 0.0) -> Flo
     return se3.compose(pitch @ roll, np.zeros(3))
 
 
-def pitch_of_travel(
+def travel_pitch_rad(
     steps: FloatArray,  # [N, 3], each in its own camera's frame
 ) -> float:
     """How far a camera looks above the direction in which it travels, on average, in radians; 0 without any step."""

@@ -21,7 +21,7 @@ from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
 SCALE_STRIDES = (1, 2, 4)  # from image to image, to measure the scale with
-SHORT = 0.3  # camera heights between two images; less says little about the road
+SHORTEST_HEIGHTS = 1 / 3  # camera heights between two images; less says little about the road
 MAX_BACKLOG = 200  # final poses that wait until the scale is known
 
 
@@ -112,16 +112,16 @@ class Monocular:
         height_m: float | None,
     ) -> ScaleEstimator:
         """The scale by every image and an earlier one: the one before it, unless the camera is too slow for that."""
-        steps = (se3.inverse(poses[:-1]) @ poses[1:])[tracked[:-1] & tracked[1:], :3, 3]
-        pitch_rad, step = planar.pitch_of_travel(steps), float(_step_lengths(poses).sum()) / len(poses)
+        pitch_rad = planar.travel_pitch_rad((se3.inverse(poses[:-1]) @ poses[1:])[tracked[:-1] & tracked[1:], :3, 3])
         found = self.scale.estimator(intrinsics, height_m, pitch_rad)
+        step = float(_step_lengths(poses).sum()) / max(len(poses) - 1, 1)
         for stride in SCALE_STRIDES:
             estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
             for before, now in zip(range(len(poses)), range(stride, len(poses)), strict=False):
                 if tracked[before] and tracked[now]:
                     estimator.update(greys[before], greys[now], se3.inverse(poses[before]) @ poses[now], radial)
             found = estimator if estimator.confidence > 0 else found
-            if found.confidence > 0 and stride * step * found.unit >= SHORT * (height_m or 0):
+            if found.confidence > 0 and stride * step * found.unit > SHORTEST_HEIGHTS * (height_m or 0):
                 break
         return found
 

@@ -89,4 +89,4 @@ def _travel_pitch_rad(past: Trajectory, roll_rad: float) -> float:
     rotations, positions = past.world_from_cam[:, :3, :3], past.world_from_cam[:, :3, 3]
     steps_cam = np.einsum("nji,nj->ni", rotations[1:], np.diff(positions, axis=0))  # each in its own camera's frame
     unrolled = steps_cam @ planar.level_vehicle_from_cam(0.0, roll_rad)[:3, :3].T
-    return planar.pitch_of_travel(unrolled) if np.abs(unrolled[:, 2]).sum() > MOVED_M else 0.0
+    return planar.travel_pitch_rad(unrolled) if np.abs(unrolled[:, 2]).sum() > MOVED_M else 0.0

@@ -71,5 +71,5 @@ def test_the_pitch_of_travel_by_hand(speed: float) -> None:
     up = se3.exp(np.array([0, 0, 0, np.radians(6.0), 0, 0]))
     poses = se3.exp(speed * np.arange(10)[:, None] * np.array([0, 0, 1.0, 0, 0.05, 0])) @ up
     steps = (se3.inverse(poses[:-1]) @ poses[1:])[:, :3, 3]
-    assert np.degrees(planar.pitch_of_travel(steps)) == pytest.approx(6, abs=0.01)
-    assert planar.pitch_of_travel(steps[:0]) == 0
+    assert np.degrees(planar.travel_pitch_rad(steps)) == pytest.approx(6, abs=0.01)
+    assert planar.travel_pitch_rad(steps[:0]) == 0
