@@ -6,6 +6,8 @@ edges of the image.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -33,58 +35,63 @@ def aggregate(
     small_step: int,
     large_step: float,
     edge_contrast: float,
+    out: SumArray | None = None,  # [H, W, N], where the sums are written
 ) -> SumArray:
-    """Path costs [2, H, W, N] of the downward and of the upward pass, one UNIT for an average of 1; add the two.
+    """Path costs [H, W, N] summed over all directions, one UNIT for an average of 1.
 
     A step between neighbours costs `small_step` for one hypothesis and `large_step` / (1 + contrast / `edge_contrast`)
     for more, where contrast is the difference of their grey values.
     """
     height, width, num = costs.shape
-    sums = np.empty((2, height, width, num), np.uint16)
-
-    def aggregate_pass(turned: int) -> None:
-        # The upward pass is the downward one on an image turned by 180 degrees.
+    sums = np.empty((height, width, num), np.uint16) if out is None else out
+    passes = []
+    for turned in (False, True):  # the upward pass is the downward one on an image turned by 180 degrees
         steps = _large_steps(image[::-1, ::-1] if turned else image, small_step, large_step, edge_contrast)
         # A path has a margin of one hypothesis on either side, which is never chosen, and its minimum at the end.
         rows, along = (np.full((*size, num + 3), _FAR_OFF, np.int16) for size in ((2, 3, width), (3,)))
         along[2, 1:] = 0  # a path that starts here has cost nothing so far
-        _pass(costs, bool(turned), np.int16(PRECISION * small_step), steps, rows, along, sums[turned])
+        middle = height // 2 if not turned else height - height // 2
+        passes.append((turned, middle, steps, rows, along))
 
-    parallel_map(aggregate_pass, range(2))
+    def aggregate_half(task: tuple[bool, tuple[Any, ...]]) -> None:
+        second, (turned, middle, steps, rows, along) = task
+        here = range(middle, height) if second else range(middle)
+        _pass(costs, turned, second, here.start, here.stop, np.int16(PRECISION * small_step), steps, rows, along, sums)
+
+    for second in (False, True):  # the passes meet in the middle; then each adds to what the other has left
+        parallel_map(aggregate_half, [(second, one) for one in passes])
     return sums
 
 
 def winners(
-    sums: SumArray,  # [2, H, W, N]
+    sums: SumArray,  # [H, W, N]
 ) -> tuple[FloatArray, FloatArray, SumArray]:
     """The best hypothesis [H, W], between whole ones by a parabola, its lead [H, W] over all rivals, and its sum.
 
     The lead is what the path costs (one direction's share, 255 for windows that don't correlate) of the best
     hypothesis that is no neighbour of the winner are above the winner's; 0 when there is none.
     """
-    shape = sums.shape[1:3]
+    shape = sums.shape[:2]
     best, lead, least = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.uint16)
 
     def judge(top: int) -> None:
         rows = slice(top, top + BAND_ROWS)
-        total = np.empty(sums.shape[3], np.uint16)
-        _winners(sums[0, rows], sums[1, rows], total, best[rows], lead[rows], least[rows])
+        _winners(sums[rows], best[rows], lead[rows], least[rows])
 
     parallel_map(judge, range(0, shape[0], BAND_ROWS))
     return best, lead / UNIT, least
 
 
 def excess(
-    sums: SumArray,  # [2, H, W, N]
+    sums: SumArray,  # [H, W, N]
     least: SumArray,  # [H, W], the winners' sums
     level: FloatArray,  # [M], hypotheses to judge
     where: BoolArray,  # [H, W], M of them
 ) -> FloatArray:
     """How much more than the winner [M] the better one of the two hypotheses next to a level costs, per direction."""
-    below = np.clip(level.astype(np.int64), 0, sums.shape[3] - 2)
-    down, up = (one.reshape(-1, sums.shape[3]) for one in sums)
-    pixels = np.flatnonzero(where)
-    judged = np.minimum(*(down[pixels, n] + up[pixels, n] for n in (below, below + 1)))
+    below = np.clip(level.astype(np.int64), 0, sums.shape[2] - 2)
+    rows, columns = np.nonzero(where)
+    judged = np.minimum(*(sums[rows, columns, n] for n in (below, below + 1)))
     return (judged - least[where]).astype(np.float32) / UNIT
 
 
@@ -101,15 +108,18 @@ def _large_steps(image: FloatArray, small_step: int, large_step: float, edge_con
 def _pass(
     costs: CostArray,  # [H, W, N]
     turned: bool,  # by 180 degrees
+    second: bool,  # the other pass has been here
+    top: int,  # the first row, of the turned image
+    bottom: int,  # behind the last row
     small_step: np.int16,
     large_steps: PathArray,  # [4, H, W] of the turned image
     rows: PathArray,  # [2, 3, W, N + 3], changed: the paths from the row before, of two rows
     along: PathArray,  # [3, N + 3], changed: the paths from the pixel before, of two pixels; one that starts here
-    sums: SumArray,  # [H, W, N], written
+    sums: SumArray,  # [H, W, N], written or added to
 ) -> None:
     height, width, num = costs.shape
     start = along[2]
-    for i in range(height):
+    for i in range(top, bottom):
         before, here = rows[(i + 1) % 2], rows[i % 2]
         for j in range(width):
             row, column = (height - 1 - i, width - 1 - j) if turned else (i, j)
@@ -121,7 +131,8 @@ def _pass(
                 _extend(previous, cost, small_step, large_steps[d + 1, i, j], here[d, j])
             left, down, right, total = here[0, j], here[1, j], here[2, j], sums[row, column]
             for n in range(num):
-                total[n] = np.uint16(horizontal[n + 1] + left[n + 1] + down[n + 1] + right[n + 1])
+                own = np.uint16(horizontal[n + 1] + left[n + 1] + down[n + 1] + right[n + 1])
+                total[n] = np.uint16(total[n] + own) if second else own
 
 
 @numba.njit(nogil=True, cache=True)
@@ -144,19 +155,16 @@ def _extend(
 
 @numba.njit(nogil=True, cache=True)
 def _winners(
-    down: SumArray,  # [H, W, N]
-    up: SumArray,  # [H, W, N]
-    total: SumArray,  # [N], changed
+    sums: SumArray,  # [H, W, N]
     best: FloatArray,  # [H, W], written
     lead: FloatArray,  # [H, W], written, of the sums
     least: SumArray,  # [H, W], written
 ) -> None:
-    height, width, num = down.shape
+    height, width, num = sums.shape
     for row in range(height):
         for column in range(width):
-            smallest, n = np.uint16(65535), 0
+            total, smallest, n = sums[row, column], np.uint16(65535), 0
             for k in range(num):
-                total[k] = np.uint16(down[row, column, k] + up[row, column, k])
                 smallest = min(smallest, total[k])
             while total[n] != smallest:
                 n += 1

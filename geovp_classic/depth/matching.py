@@ -23,13 +23,14 @@ UNSEEN = 128  # the cost where no source sees the point: neither good nor bad
 NOISE_VARIANCE = 2.0  # of grey values 0..255; windows flatter than this correlate with nothing
 IN_FRONT = 1e-6  # smallest z, relative to the ray
 BAND_ROWS = 32  # that a thread works on at a time, so that they stay in its cache
+BLOCK = 16  # hypotheses whose costs are written at a time: one by one they lie far apart
 
 _WINDOW = np.float32(1 / (2 * RADIUS_PX + 1) ** 2)
 _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
 _WORST, _UNSEEN = np.float32(WORST), np.float32(UNSEEN)
 
 PackedArray = npt.NDArray[np.int32]
-Buffers = tuple[FloatArray, FloatArray, FloatArray, PackedArray]  # scores, window sums, rows, and whole numbers
+Buffers = tuple[FloatArray, FloatArray, FloatArray, PackedArray, CostArray]  # scores, window sums, rows; see _buffers
 
 
 def sweep_costs(
@@ -38,6 +39,7 @@ def sweep_costs(
     infinity_from_pixel: FloatArray,  # [S, 3, 3]; K' R inv(K): where a source shows points at infinity
     epipoles: FloatArray,  # [S, 3]; K' t: what a unit of inverse depth adds
     inverse_depths: FloatArray,  # [N], the hypotheses
+    out: CostArray | None = None,  # [H, W, N], where the costs are written
 ) -> CostArray:
     """Costs [H, W, N]: the mean over the sources that see it, 0 (equal) to WORST, else UNSEEN; plus `far_prior`."""
     window, num = (2 * RADIUS_PX + 1,) * 2, len(inverse_depths)
@@ -48,7 +50,7 @@ def sweep_costs(
     infinity = infinity_from_pixel.astype(np.float32)
     assert all(np.isfinite(one).all() for one in (infinity, shifts)), "a NaN would read outside the image"
     packed = _packed(sources)
-    costs = np.empty((*reference.shape, num), np.uint8)
+    costs = np.empty((*reference.shape, num), np.uint8) if out is None else out
     padded = np.pad(reference, RADIUS_PX, mode="edge")
 
     def sweep_band(top: int) -> None:
@@ -77,10 +79,10 @@ def _packed(sources: FloatArray) -> PackedArray:
 
 
 def _buffers(rows: int, width: int) -> Buffers:
-    """Memory of a band, made here because that takes long to compile."""
+    """Memory of a band (the last two: whole numbers, costs of a block), made here: compiled, that takes long."""
     row = np.empty((8, width + 2 * RADIUS_PX), np.float32)
     scores, sums = np.empty((rows, 2, width), np.float32), np.empty((6, 3, width), np.float32)
-    return scores, sums, row, np.empty(width, np.int32)
+    return scores, sums, row, np.empty(width, np.int32), np.empty((BLOCK, rows, width), np.uint8)
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
@@ -94,16 +96,31 @@ def _sweep(
     buffers: Buffers,
     costs: CostArray,  # [rows, W, N], written
 ) -> None:
-    scores = buffers[0]
-    for n in range(costs.shape[2]):
-        _clear(scores)
-        for s in range(len(packed)):
-            _add_band(own, lines, infinity_from_pixel[s], shifts[s, n], packed[s], buffers)
+    scores, block = buffers[0], buffers[4]
+    for first in range(0, costs.shape[2], len(block)):
+        num = min(len(block), costs.shape[2] - first)
+        for k in range(num):
+            _clear(scores)
+            for s in range(len(packed)):
+                _add_band(own, lines, infinity_from_pixel[s], shifts[s, first + k], packed[s], buffers)
+            _finish(scores, prior[first + k], block[k])
         for row in range(costs.shape[0]):
             for column in range(costs.shape[1]):
-                seen = scores[row, 1, column]
-                cost = _WORST * scores[row, 0, column] / seen if seen > _ZERO else _UNSEEN
-                costs[row, column, n] = np.uint8(cost) + prior[n]
+                for k in range(num):
+                    costs[row, column, first + k] = block[k, row, column]
+
+
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def _finish(
+    scores: FloatArray,  # [rows, 2, W]
+    prior: np.uint8,
+    costs: CostArray,  # [rows, W], written
+) -> None:
+    for row in range(costs.shape[0]):
+        for column in range(costs.shape[1]):
+            seen = scores[row, 1, column]
+            cost = _WORST * scores[row, 0, column] / max(seen, _ONE) if seen > _ZERO else _UNSEEN
+            costs[row, column] = np.uint8(cost) + prior
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
@@ -127,7 +144,7 @@ def _add_band(
 ) -> None:
     """Window sums run down the rows: each row's own sums enter at the bottom and leave at the top (ring of 2 r + 1)."""
     padded, mean, inverse_deviation = own
-    scores, sums, rows, index = buffers
+    scores, sums, rows, index, _ = buffers
     _clear(sums)
     for step in range(len(lines)):
         inside, row, v = rows[step % 5], step - 2 * RADIUS_PX, np.float32(lines[step])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,21 @@ class GroundPrior:
     excess: float = 40.0  # largest extra cost of lying on a near road, where the best depth is below it
 
 
+class _Memory(threading.local):
+    """The volumes of the last sweep of this thread, for the next one: to get new ones takes as long as to fill them."""
+
+    volumes: tuple[matching.CostArray, aggregation.SumArray] | None = None
+
+    def of(self, shape: tuple[int, ...]) -> tuple[matching.CostArray, aggregation.SumArray]:
+        if self.volumes is None or self.volumes[0].shape != shape:
+            self.volumes = None  # before others are made
+            self.volumes = np.empty(shape, np.uint8), np.empty(shape, np.uint16)
+        return self.volumes
+
+
+_memory = _Memory()
+
+
 def sweep(
     images: FloatArray,  # [P, H, W] float32 grey 0..255
     camera: Intrinsics,
@@ -45,8 +61,9 @@ def sweep(
     infinity_from_pixel = camera.matrix @ source_from_reference[:, :3, :3] @ np.linalg.inv(camera.matrix)
     epipoles = source_from_reference[:, :3, 3] @ camera.matrix.T
     image = images[reference]
-    costs = matching.sweep_costs(image, images[list(sources)], infinity_from_pixel, epipoles, planes)
-    sums = aggregation.aggregate(costs, image, SMALL_STEP, LARGE_STEP, EDGE_CONTRAST)
+    volumes = _memory.of((*image.shape, num_planes))
+    costs = matching.sweep_costs(image, images[list(sources)], infinity_from_pixel, epipoles, planes, volumes[0])
+    sums = aggregation.aggregate(costs, image, SMALL_STEP, LARGE_STEP, EDGE_CONTRAST, volumes[1])
     levels, lead, least = aggregation.winners(sums)
     levels = np.asarray(cv2.medianBlur(levels, 5), np.float32)
     if not viewpoints.shows_parallax(levels * step_px):
@@ -65,6 +82,8 @@ def sweep(
     if ground is not None:
         islands |= floating_mask(inverse_depth, ground, camera, completion.speckles(levels, FLOATING_SHARE) & ~islands)
     inverse_depth = completion.fill_from_background(inverse_depth, ~islands)
-    seen = ~(costs == matching.UNSEEN + matching.far_prior(num_planes)).all(axis=-1)
-    confidence = np.where(seen & ~islands, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
+    unseen = matching.UNSEEN + matching.far_prior(num_planes)
+    sure = ~islands
+    sure[costs[..., 0] == unseen[0]] &= (costs[costs[..., 0] == unseen[0]] != unseen).any(axis=-1)
+    confidence = np.where(sure, np.clip(lead / SURE_LEAD, 0, 1), 0).astype(np.float32)
     return inverse_depth.astype(np.float32), confidence

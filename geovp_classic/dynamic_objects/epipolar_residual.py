@@ -46,7 +46,16 @@ def residual_evidence(
     static_depth = np.maximum(inverse_depth, lowest).astype(np.float32)
     tests = parallel_map(lambda step: _test_frame(step, images, camera, world_from_cam, static_depth, lowest), steps)
     strengths, shifts_px, flow_pixels = (np.stack(maps) for maps in zip(*tests, strict=True))
-    return ResidualEvidence(np.median(strengths, axis=0), np.median(shifts_px, axis=0), flow_pixels)
+    return ResidualEvidence(_median(strengths), _median(shifts_px), flow_pixels)
+
+
+def _median(maps: FloatArray) -> FloatArray:
+    """The median [H, W] of maps [K, H, W], by a sorting network: numpy's takes ten times as long for so few."""
+    ranked = list(maps)
+    for end in range(len(ranked) - 1, 0, -1):
+        for k in range(end):
+            ranked[k : k + 2] = np.minimum(*ranked[k : k + 2]), np.maximum(*ranked[k : k + 2])
+    return np.asarray((ranked[(len(ranked) - 1) // 2] + ranked[len(ranked) // 2]) / 2)
 
 
 def equalise_exposure(
@@ -120,7 +129,7 @@ def _test_frame(
     nearest_pixels, _ = between.project(np.maximum(between.triangulate(flow_pixels), lowest))
     candidates = static_pixels, nearest_pixels
     static_error = np.minimum(*(grey_difference(last, earlier, pixels) for pixels in candidates))
-    shift_px = np.minimum(*(np.linalg.norm(pixels - flow_pixels, axis=-1) for pixels in candidates))
+    shift_px = np.minimum(*(_length(pixels - flow_pixels) for pixels in candidates))
     visible = inside(flow_pixels, camera)
     strength = (static_error - flow_error) / (flow_error + np.float32(GREY_NOISE))
     return np.where(visible, strength, np.float32(0)), np.where(visible, shift_px, np.float32(0)), flow_pixels
@@ -148,6 +157,10 @@ def grey_difference(
 ) -> FloatArray:
     """Mean absolute grey difference [H, W] between the last image and the earlier one at the pixels `place`."""
     return np.asarray(cv2.blur(np.abs(_sample(earlier, place) - last), (window_px, window_px)))
+
+
+def _length(steps: FloatArray) -> FloatArray:
+    return np.sqrt(steps[..., 0] ** 2 + steps[..., 1] ** 2)
 
 
 def _sample(image: FloatArray, place: FloatArray) -> FloatArray:

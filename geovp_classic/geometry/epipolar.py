@@ -58,8 +58,9 @@ class Epipolar:
 
 def inside(pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0) -> BoolArray:
     """Which pixels [..., 2] lie in the image, up to `border_px` beyond the centres of its outermost pixels."""
-    last = np.array([camera.width_px - 1, camera.height_px - 1])
-    return np.asarray(((pixels >= -border_px) & (pixels <= last + border_px)).all(axis=-1))
+    u, v = pixels[..., 0], pixels[..., 1]
+    right, bottom = camera.width_px - 1 + border_px, camera.height_px - 1 + border_px
+    return np.asarray((u >= -border_px) & (u <= right) & (v >= -border_px) & (v <= bottom))
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")

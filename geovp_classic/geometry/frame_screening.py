@@ -23,7 +23,7 @@ CUT_HEIGHT_PX, CUT_CORNERS, CUT_WINDOW_PX = 96, (15, 80), 11  # of the images th
 def usable(frames: ByteArray) -> BoolArray:
     """Which frames [P, H, W, 3] say something; all where fewer than two would remain."""
     grey = [pinhole.grey(frame) for frame in frames]
-    kept = np.array([float(np.std(image)) > FLAT for image in grey])
+    kept = np.array([cv2.meanStdDev(image)[1].item() > FLAT for image in grey])
     shown = np.flatnonzero(kept)
     before = 0.0  # the last change of the image
     for a, b in itertools.pairwise(shown):

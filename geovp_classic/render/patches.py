@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from geovp_classic.geometry import se3
@@ -51,13 +52,10 @@ def from_depth_map(
     source: int,
 ) -> Patches:
     """The patches of all known pixels of one image."""
-    q = np.where(known, inverse_depth, np.nan)
-    slope = slopes(q)[known]
+    q = np.where(known, inverse_depth, np.nan).astype(np.float32)
     v, u = np.nonzero(known)
     number = np.full(len(u), source, dtype=np.int32)
-    return Patches(
-        np.stack([u, v], -1).astype(np.float32), q[known].astype(np.float32), slope.astype(np.float32), number
-    )
+    return Patches(np.stack([u, v], -1).astype(np.float32), q[known], slopes(q)[known], number)
 
 
 def concatenate(clouds: list[Patches]) -> Patches:
@@ -110,24 +108,34 @@ def source_pixels(
 
 def slopes(inverse_depth: FloatArray) -> FloatArray:
     """The step of the surface per pixel along u and v [H, W, 2]; inverse depth [H, W] is NaN where it is unknown."""
-    return np.stack([_slopes(inverse_depth), _slopes(inverse_depth.T).T], axis=-1)
+    found = np.empty((*inverse_depth.shape, 2), inverse_depth.dtype)
+    _slopes(inverse_depth, found)
+    return found
 
 
-def _slopes(inverse_depth: FloatArray) -> FloatArray:
-    """The step of the surface per pixel along the rows [H, W]; 0 where neither side goes on straight.
-
-    A pixel at a depth edge belongs to the side whose next step continues the slope; of two such sides to the flatter.
-    """
-    padded = np.pad(inverse_depth, ((0, 0), (2, 2)), constant_values=np.nan)
-    step = np.diff(padded, axis=1)  # [H, W + 3]; pixel c lies between steps c + 1 and c + 2
-    sides = [(step[:, 2:-1], step[:, 3:]), (step[:, 1:-2], step[:, :-3])]
-    candidates = []
-    for near, beyond in sides:
-        straight = np.abs(beyond - near) <= STRAIGHT * np.abs(near)
-        flat = np.abs(near) <= FLAT * inverse_depth
-        candidates.append(np.where(straight | flat, near, np.inf))
-    flatter = np.where(np.abs(candidates[0]) <= np.abs(candidates[1]), *candidates)
-    return np.where(np.isfinite(flatter), flatter, 0.0)
+@numba.njit(nogil=True, cache=True)
+def _slopes(
+    q: FloatArray,  # [H, W]
+    found: FloatArray,  # [H, W, 2], written; 0 where neither side goes on straight
+) -> None:
+    """A pixel at an edge belongs to the side whose next step continues the slope; of two such sides to the flatter."""
+    for row in range(q.shape[0]):
+        for column in range(q.shape[1]):
+            for axis in range(2):
+                along, size = (column, q.shape[1]) if axis == 0 else (row, q.shape[0])
+                flattest = np.inf
+                for side in (1, -1):
+                    if not 0 <= along + side < size:
+                        continue
+                    du, dv = (side, 0) if axis == 0 else (0, side)
+                    near = side * (q[row + dv, column + du] - q[row, column])
+                    straight = False
+                    if 0 <= along + 2 * side < size:
+                        beyond = side * (q[row + 2 * dv, column + 2 * du] - q[row + dv, column + du])
+                        straight = abs(beyond - near) <= STRAIGHT * abs(near)
+                    if (straight or abs(near) <= FLAT * q[row, column]) and abs(near) < abs(flattest):
+                        flattest = near
+                found[row, column, axis] = flattest if np.isfinite(flattest) else 0.0
 
 
 def depths(
