@@ -14,7 +14,6 @@ from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.odometry.focal_length import WINDOW, estimate_focal
-from geovp_classic.odometry.monocular import as_grey
 from geovp_classic.types import ByteArray, Intrinsics
 
 DEFAULT_FOV_DEG = 70.0  # of a phone or a dashboard camera, roughly
@@ -116,4 +115,4 @@ def _by_motion(recording: Recording, num_seen: int) -> Camera:
 def _grey(recording: Recording, step: int, shrink: float) -> ByteArray:
     frame = recording.frames.read(step)
     height_px, width_px = frame.shape[:2]
-    return as_grey(pinhole.resize(frame, (round(width_px * shrink), round(height_px * shrink))))
+    return pinhole.grey8(pinhole.resize(frame, (round(width_px * shrink), round(height_px * shrink))))

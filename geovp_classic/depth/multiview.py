@@ -85,9 +85,10 @@ def _swept(
     sources = viewpoints.choose_sources(world_from_cam, step, camera)
     if not sources:
         return None
-    images = np.stack([pinhole.grey(frame) for frame in frames])
+    used = [step, *sources]
+    images = np.stack([pinhole.grey(frames[each]) for each in used])
     num_planes = round(num_planes * max(1, camera.height_px / TALL_PX))
-    return sweep(images, camera, world_from_cam, step, sources, num_planes, ground)
+    return sweep(images, camera, world_from_cam[used], 0, range(1, len(used)), num_planes, ground)
 
 
 forget = _swept.cache_clear  # for measurements of time

@@ -22,7 +22,7 @@ CUT_HEIGHT_PX, CUT_CORNERS, CUT_WINDOW_PX = 96, (15, 80), 11  # of the images th
 
 def usable(frames: ByteArray) -> BoolArray:
     """Which frames [P, H, W, 3] say something; all where fewer than two would remain."""
-    grey = [pinhole.grey(frame) for frame in frames]
+    grey = [pinhole.grey8(frame) for frame in frames]
     kept = np.array([cv2.meanStdDev(image)[1].item() > FLAT for image in grey])
     shown = np.flatnonzero(kept)
     before = 0.0  # the last change of the image
@@ -35,7 +35,7 @@ def usable(frames: ByteArray) -> BoolArray:
     return kept if kept.sum() >= LEAST else np.ones(len(frames), dtype=bool)
 
 
-def _last_cut(images: list[FloatArray]) -> int:
+def _last_cut(images: list[ByteArray]) -> int:
     """The first grey image [H, W] after the last cut to another scene; 0 where there is none.
 
     No image before a cut shows what the ones after it do, so that one bad image is none.
@@ -50,7 +50,7 @@ def _last_cut(images: list[FloatArray]) -> int:
     return 0
 
 
-def _found_again(before_grey: FloatArray, now_grey: FloatArray) -> float:
+def _found_again(before_grey: ByteArray, now_grey: ByteArray) -> float:
     """The share of an image's corners that are tracked to another one and back; 1 where it has too few."""
     (least, most), before, now = CUT_CORNERS, _normalised(before_grey), _normalised(now_grey)
     corners = cv2.goodFeaturesToTrack(before, most, 0.01, 5)
@@ -60,11 +60,10 @@ def _found_again(before_grey: FloatArray, now_grey: FloatArray) -> float:
     return float(track_points((before, now), pixels, pixels, CUT_WINDOW_PX)[1].mean())
 
 
-def _normalised(grey: FloatArray) -> ByteArray:
+def _normalised(grey: ByteArray) -> ByteArray:
     """A small image of a mean and a contrast that no exposure changes."""
-    small = cv2.resize(
-        grey, (round(grey.shape[1] * CUT_HEIGHT_PX / len(grey)), CUT_HEIGHT_PX), interpolation=cv2.INTER_AREA
-    )
+    size_px = round(grey.shape[1] * CUT_HEIGHT_PX / len(grey)), CUT_HEIGHT_PX
+    small = cv2.resize(grey.astype(np.float32), size_px, interpolation=cv2.INTER_AREA)
     return np.clip(128 + 48 * (small - small.mean()) / max(float(small.std()), 1e-3), 0, 255).astype(np.uint8)
 
 

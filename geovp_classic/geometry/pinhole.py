@@ -71,4 +71,11 @@ def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
 
 def grey(frame: ByteArray) -> FloatArray:
     """The image [H, W, 3] in grey, float32 0..255."""
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)).astype(np.float32)
+    return grey8(frame).astype(np.float32)
+
+
+def grey8(frame: ByteArray) -> ByteArray:
+    """The image [H, W, 3] or [H, W] in grey, in 8 bits."""
+    if frame.ndim == 2:
+        return frame
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY), dtype=np.uint8)

@@ -6,11 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import frame_screening, planar, se3
+from geovp_classic.geometry import frame_screening, pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
 from geovp_classic.odometry import consistency
 from geovp_classic.odometry.features import CornerTracker
@@ -73,7 +72,7 @@ class Monocular:
         view, all_times_s = _view(context, self.frames), context.times_s[: context.num_past]
         kept = frame_screening.usable(view.frames)
         view, times_s = view[kept], all_times_s[kept]
-        greys = [as_grey(frame) for frame in view.frames]
+        greys = [pinhole.grey8(frame) for frame in view.frames]
         poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
         if consistency.is_sideways(poses):
             # Two views of a turn also fit a sharper one with a step to the side; other views may not.
@@ -179,7 +178,7 @@ class Stream:
     @single_threaded_blas
     def push(self, frame: ByteArray, time_s: float) -> Step:
         """Take the next image [H, W, 3] or [H, W] and say where the camera is."""
-        tracked = self._tracker.push(as_grey(frame), time_s)
+        tracked = self._tracker.push(pinhole.grey8(frame), time_s)
         poses, marks = self._tracker.take_final()
         self._backlog += list(zip(poses, marks.tolist(), strict=True))
         if self._tracker.num_starts != self._num_starts:
@@ -219,13 +218,6 @@ class _Path:
             self.world_from_cam = se3.orthonormalised(self.world_from_cam @ step)
         self.last = pose
         return self.world_from_cam
-
-
-def as_grey(frame: ByteArray) -> ByteArray:
-    """An image [H, W, 3] or [H, W] as grey [H, W]."""
-    if frame.ndim == 2:
-        return frame
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
 def _view(context: Context, which: str) -> ExtraView:

@@ -18,7 +18,7 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import frame_screening, pinhole, se3, wide_frames
 from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.pose_refinement.local_bundle import Corners, adjust
-from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Intrinsics, Motion
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Motion
 
 TALL_PX = 256  # rows of an image up to which windows keep their size
 MAX_CORNERS = 400  # in a square image
@@ -56,7 +56,7 @@ class Registration:
         """The motion with registered past poses, its futures turned about the last one."""
         recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
         kept = np.flatnonzero(frame_screening.usable(recent.frames)) - len(recent.frames)  # steps from the end
-        images = np.stack([pinhole.grey(recent.frames[step]) for step in kept])
+        images = np.stack([pinhole.grey8(recent.frames[step]) for step in kept])
         given, first = motion.past.world_from_cam, kept[0]
         found = registered(images, recent.intrinsics, given[kept], len(kept) - 1)
         past = given.copy()
@@ -78,7 +78,7 @@ class Registered:
 
 
 def registered(
-    images: FloatArray,  # [P, H, W] float32 grey 0..255
+    images: ByteArray | FloatArray,  # [P, H, W] grey 0..255
     camera: Intrinsics,
     world_from_cam: FloatArray,  # [P, 4, 4]
     reference: int,
@@ -125,14 +125,14 @@ def direction_correction(
 
 
 def track(
-    images: FloatArray,  # [P, H, W]
+    images: ByteArray | FloatArray,  # [P, H, W]
     reference: int,
 ) -> tuple[FloatArray, BoolArray]:
     """Corners of the middle of the reference image: pixels [P, N, 2] in all images, and where they are visible [P, N].
 
     They are tracked from frame to frame, away from the reference both ways, until they are lost.
     """
-    grey = [np.ascontiguousarray(image.astype(np.uint8)) for image in images]
+    grey = [np.ascontiguousarray(image, dtype=np.uint8) for image in images]
     height, width = grey[reference].shape
     wideness = float(np.clip(width / height, 1, MIDDLE))
     margin = max(0, round((width - MIDDLE * height) / 2))

@@ -11,8 +11,8 @@ from geovp_classic.contracts import street
 from geovp_classic.data.frames import image_files, read_image
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.pinhole import grey8
 from geovp_classic.odometry.focal_length import QUANTILE, SYSTEMATIC, FocalLength, estimate_focal
-from geovp_classic.odometry.monocular import as_grey
 from geovp_classic.types import ByteArray
 
 LEFT_TURN, RIGHT_TURN = 1, 4
@@ -24,14 +24,14 @@ def turns() -> list[list[ByteArray]]:
     world = Synthetic(num_clips=8, num_frames=24, size_px=(96, 96), with_wide=True)
     wide = [world[index].wide for index in (LEFT_TURN, RIGHT_TURN)]
     assert all(each is not None and each.intrinsics.fx_px == pytest.approx(183.375) for each in wide)
-    return [[as_grey(frame) for frame in each.frames] for each in wide if each is not None]
+    return [[grey8(frame) for frame in each.frames] for each in wide if each is not None]
 
 
 def straight(step_m: float) -> list[ByteArray]:
     """A drive without any rotation."""
     twist = np.array([0.0, 0.0, step_m, 0.0, 0.0, 0.0])
     frames, _ = street._render(se3.exp(np.outer(np.arange(20), twist)), street.WIDE)
-    return [as_grey(frame) for frame in frames]
+    return [grey8(frame) for frame in frames]
 
 
 def test_a_turning_camera_tells_its_focal_length(turns: list[list[ByteArray]]) -> None:
@@ -81,7 +81,7 @@ def test_calibrated_cars_of_kitti_are_met_within_a_tenth(images: str, starts: tu
     if root is None:
         pytest.skip(f"GEOVP_TEST_DATA is not set: needs kitti/sequences/{images}")
     files = image_files(Path(root) / "kitti" / "sequences" / images)
-    found = estimate_focal([as_grey(read_image(file)) for file in files[start : start + 30]] for start in starts)
+    found = estimate_focal([grey8(read_image(file)) for file in files[start : start + 30]] for start in starts)
     assert found is not None
     assert found.is_sure
     assert found.focal_px == pytest.approx(focal_px, rel=0.1)
