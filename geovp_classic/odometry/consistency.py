@@ -1,19 +1,52 @@
-"""Poses of a path that say nothing: not measured, or where no vehicle drove, since frames were swapped or stand."""
+"""What contradicts a path: a street that stands still, poses that were not measured, or where no vehicle drove."""
 
 from __future__ import annotations
 
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
+CORNERS, WINDOW_PX = (20, 150), 11  # the least and the most that are looked at
+ROWS = (0.1, 0.5)  # of the image's height: below captions, above the camera's own vehicle and most others
+STILL_PX, SLOW_PX = 0.25, 5.0
+STILL_SHARE = 0.2  # of the corners. In 104 clips of a driving car no corner stays where it is
+STILL_EXTENT = (0.5, 0.08)  # of the image's width and height: a vehicle that is followed is narrower
 SIDEWAYS = 0.5  # of the way along the axis
 TOLERANCE = 0.3  # of a median step
 LEAST_SHARE = 0.6  # of the frames that must agree, or nothing is said
 NUM_TRIALS = 300
 SEED = 0
+
+
+def stands(
+    greys: list[ByteArray],  # [H, W] each
+) -> bool:
+    """Whether the street stands still behind what moves, however much of the image that covers.
+
+    Corners of the last image that are in the same place in three earlier ones, from left to right, and hardly any that
+    moved a little, as those of a creeping camera do.
+    """
+    (height, width), (least, most) = greys[-1].shape, CORNERS
+    inner = np.zeros((height, width), np.uint8)
+    inner[round(ROWS[0] * height) : round(ROWS[1] * height)] = 255
+    corners = cv2.goodFeaturesToTrack(greys[-1], most, 0.01, height / 32, mask=inner)
+    if len(greys) < 4 or corners is None or len(corners) < least:
+        return False
+    pixels = np.asarray(corners.reshape(-1, 2), np.float32)
+    farthest = np.zeros(len(pixels))
+    for step in (0, len(greys) // 3, 2 * len(greys) // 3):
+        there, found, _ = track_points((greys[-1], greys[step]), pixels, pixels, WINDOW_PX, (1, 1))
+        farthest = np.maximum(farthest, np.where(found, np.linalg.norm(there - pixels, axis=1), np.inf))
+    still, slow = farthest < STILL_PX, (farthest >= STILL_PX) & (farthest < SLOW_PX)
+    if still.mean() < STILL_SHARE or slow.sum() > still.sum() / 2:
+        return False
+    low, high = np.percentile(pixels[still], (10, 90), axis=0)
+    return bool(((high - low) > np.array(STILL_EXTENT) * (width, height)).all())
 
 
 def is_sideways(

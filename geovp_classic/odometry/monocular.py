@@ -73,6 +73,8 @@ class Monocular:
         kept = frame_screening.usable(view.frames)
         view, times_s = view[kept], all_times_s[kept]
         greys = [pinhole.grey8(frame) for frame in view.frames]
+        if consistency.stands(greys):
+            greys = greys[-1:] * len(greys)  # whatever crosses or covers the street
         poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
         if consistency.is_sideways(poses):
             # Two views of a turn also fit a sharper one with a step to the side; other views may not.

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.studies import disturbance
-from geovp_benchmarks.studies.disturbance import DISTURBANCES, NUM_PAST, disturbed, gain_db
+from geovp_benchmarks.studies.disturbance import NUM_PAST, disturbed, gain_db
+from geovp_benchmarks.studies.disturbance.kinds import DISTURBANCES
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Grant

@@ -1,11 +1,16 @@
 """Poses that no vehicle drove through are found; driving is not."""
 
+from collections.abc import Iterable
+
+import cv2
 import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import driven, is_sideways, measured
-from geovp_classic.types import FloatArray
+from geovp_classic.odometry.consistency import driven, is_sideways, measured, stands
+from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.odometry.unit_scale import UnitSpeed
+from geovp_classic.types import ByteArray, Context, FloatArray, Intrinsics
 
 TIMES_S = 0.1 * np.arange(10)
 
@@ -60,3 +65,52 @@ def test_a_camera_goes_sideways_where_it_does() -> None:
 def test_what_was_measured_of_a_path_with_gaps(tracked: str, known: str) -> None:
     marks = np.array([mark == "1" for mark in tracked])
     assert "".join("1" if found else "0" for found in measured(marks, most_bridged=4)) == known
+
+
+def crossed(street: ByteArray, vehicle: ByteArray, left: int, size: int) -> ByteArray:
+    """The street behind a part of another image, which covers `size` of its 128 columns from `left` on."""
+    image = street.copy()
+    columns = slice(left, min(left + size, 128))
+    image[35:115, columns] = vehicle[35:115, : columns.stop - left]
+    return image
+
+
+@pytest.fixture
+def textures() -> tuple[ByteArray, ByteArray]:
+    noise = np.random.default_rng(1).random((2, 128, 128)).astype(np.float32)
+    street, vehicle = (cv2.GaussianBlur(each, (0, 0), 2) for each in noise)
+    return tuple(cv2.normalize(each, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8) for each in (street, vehicle))
+
+
+class TestStands:
+    """Streets of 128 x 128 pixels behind a vehicle, seen ten times with noise."""
+
+    @staticmethod
+    def noisy(images: Iterable[ByteArray]) -> list[ByteArray]:
+        rng = np.random.default_rng(2)
+        return [np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8) for image in images]
+
+    def test_behind_a_bus_that_crosses(self, textures: tuple[ByteArray, ByteArray]) -> None:
+        street, vehicle = textures
+        images = self.noisy(crossed(street, vehicle, 6 * k, 100) for k in range(10))
+        assert stands(images)
+        camera = Intrinsics(150.0, 150.0, 63.5, 63.5, 128, 128)
+        clip = Context(np.repeat(np.stack(images)[..., None], 3, axis=-1), 0.1 * np.arange(11), camera)
+        trajectory, tracked = Monocular(scale=UnitSpeed()).track(clip)
+        np.testing.assert_array_equal(trajectory.world_from_cam, np.tile(np.eye(4), (10, 1, 1)))
+        assert tracked.all()
+
+    def test_not_behind_a_truck_that_is_followed(self, textures: tuple[ByteArray, ByteArray]) -> None:
+        street, vehicle = textures
+        assert not stands(self.noisy(crossed(np.roll(street, 6 * k, axis=1), vehicle, 32, 60) for k in range(10)))
+
+    @pytest.mark.parametrize("step_px", [0.1, 0.3, 3.0])
+    def test_not_where_the_camera_creeps_or_turns(self, textures: tuple[ByteArray, ByteArray], step_px: float) -> None:
+        moved = (np.array([[1, 0, step_px * k], [0, 1, 0]], np.float32) for k in range(10))
+        street = textures[0]
+        assert not stands(
+            self.noisy(cv2.warpAffine(street, each, (128, 128), borderMode=cv2.BORDER_WRAP) for each in moved)
+        )
+
+    def test_not_without_corners(self) -> None:
+        assert not stands(self.noisy([np.full((128, 128), 90, np.uint8)] * 10))

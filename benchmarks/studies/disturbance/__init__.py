@@ -1,0 +1,105 @@
+"""How methods degrade: clips disturbed in twenty ways and four strengths, and what is left over copying the last frame.
+
+A line a disturbance and strength, a column a pose source and renderer: mean PSNR over steps and clips, less that of the
+disturbed last frame, copied. What lasts (noise, dimming, a hood) is in the real future as well; what passes (a black
+frame, a swap) is not. `<` marks cells more than LIMIT_DB below copying, `-` those that could not be predicted.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs, predict
+from geovp_benchmarks.studies.disturbance.kinds import DISTURBANCES, NUM_STRENGTHS, Disturbance, Level
+from geovp_classic import registry
+from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Target
+
+LIMIT_DB = 0.5
+
+
+def columns() -> dict[str, tuple[Any, Any]]:
+    """Pose source and renderer of each column."""
+    sources = {"true": {"name": "ground-truth"}, "vo": {"name": "chained"}}
+    renderers: dict[str, dict[str, Any]] = {
+        "crop": {"name": "depth-fusion"},
+        "wide": {"name": "depth-fusion", "frames": "wide"},
+        "plane": {"name": "ground-far-plane"},
+    }
+    return {
+        f"{source} {renderer}": (
+            registry.build("pose_sources", {"name": "refined", "source": spec}),
+            registry.build("renderers", renderers[renderer]),
+        )
+        for source, spec in sources.items()
+        for renderer in renderers
+    }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the data is, and what of it."""
+    parser.add_argument("root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry")
+    parser.add_argument("frames", nargs="*", default=STRETCHES[:2], metavar="FRAMES", help="stretches of sequences")
+    parser.add_argument("--stride", type=positive, default=60, metavar="N", help="frames between clips' starts (60)")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="only these disturbances, by the words of the table")
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The table."""
+    names = chosen.only or list(DISTURBANCES)
+    if unknown := [name for name in names if name not in DISTURBANCES]:
+        raise BadData(f"no disturbance is called {unknown[0]!r}{registry.nearest(unknown[0], DISTURBANCES)}")
+    specs = [{**spec, "with_wide": True} for spec in dataset_specs(chosen.root, chosen.frames, chosen.stride)]
+    clips = [
+        dataset[number] for dataset in (registry.build("datasets", s) for s in specs) for number in range(len(dataset))
+    ]
+    cells = columns()
+    yield f"{len(clips)} clips of {', '.join(chosen.frames)}; dB over copying the last frame"
+    yield f"{'disturbance':<32}" + "".join(f"{name:>12}" for name in cells)
+    levels = [(name, level) for name in names for level in range(1 if name in ("none", "standing") else NUM_STRENGTHS)]
+    for done, (name, level) in enumerate(levels, 1):
+        gains = np.array([[gain_db(clip, name, level, *cell) for cell in cells.values()] for clip in clips])
+        progress(done, len(levels))
+        yield f"{name} {level + 1}".ljust(32) + "".join(map(_text, gains.T))
+
+
+def gain_db(clip: Clip, name: str, level: Level, source: Any, renderer: Any) -> float:
+    """Mean PSNR over SCORED steps, less that of the copied last frame; NaN where nothing could be predicted."""
+    metric = registry.build("frame_metrics", "psnr")
+    context, target = disturbed(clip, DISTURBANCES[name], level, source.needs | renderer.needs)
+    try:
+        predicted = predict(context, source, renderer)
+    except GeovpError:
+        return float("nan")
+    actual, copied = target.frames[np.array(SCORED)], np.repeat(context.frames[-1:], len(SCORED), axis=0)
+    return float((metric(predicted, actual, None) - metric(copied, actual, None)).mean())
+
+
+def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[Context, Target]:
+    """Context and target of the disturbed clip."""
+    order = what.order(level)
+
+    def images(frames: ByteArray) -> ByteArray:
+        return np.stack([what.image(frames[shown], step, level) for step, shown in enumerate(order)])
+
+    wide = clip.wide and ExtraView(images(clip.wide.frames), clip.wide.intrinsics, clip.wide.view_from_cam)
+    changes: dict[str, Any] = {"frames": images(clip.frames), "wide": wide}
+    if what.poses_follow and clip.trajectory is not None:
+        changes["trajectory"] = replace(clip.trajectory, world_from_cam=clip.trajectory.world_from_cam[order])
+    context, target = replace(clip, **changes).split(NUM_PAST, needs)
+    return what.context(context, level), target
+
+
+def _text(gains: FloatArray) -> str:
+    known = gains[np.isfinite(gains)]
+    if not len(known):
+        return f"{'-':>12}"
+    return f"{known.mean():>11.1f}" + ("<" if known.mean() < -LIMIT_DB else " ")
