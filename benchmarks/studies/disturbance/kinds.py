@@ -93,7 +93,7 @@ def _bus(image: ByteArray, step: int, level: Level) -> ByteArray:
         round((0.3, 0.6, 0.8, 1.0)[level] * height),
         round((0.035 * step - 0.2) * height) + (width - height) // 2,
     )
-    spots = np.random.default_rng(level).random((12, 16)).astype(np.float32)
+    spots = np.random.default_rng(level).random((40, 60)).astype(np.float32)
     side = 40 + 160 * cv2.resize(spots, (length, rows.stop - rows.start), interpolation=cv2.INTER_CUBIC).clip(0, 1)
     columns = np.arange(max(left, 0), min(left + length, width))
     crossed = image.copy()
