@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, stats
+from scipy import fft, special
 
 from geovp_classic.types import FloatArray
 
@@ -133,7 +133,7 @@ def _ends(off: FloatArray, degrees: int, misses: tuple[float, ...]) -> FloatArra
 def _tails(degrees: int, misses: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """Upper quantiles [K], and how much farther out Student's t has them than the normal distribution."""
     tails = 1 - np.array(misses) / 2
-    return tails, stats.t(degrees).ppf(tails) / stats.norm.ppf(tails)
+    return tails, special.stdtrit(degrees, tails) / special.ndtri(tails)
 
 
 def _p_zero(mean: float, off: FloatArray, degrees: int) -> float:

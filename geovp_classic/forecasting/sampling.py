@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
-from scipy.special import logsumexp
+from scipy.special import logsumexp, stdtr
 
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray
@@ -22,11 +21,13 @@ class BodyForecast:
 
     def log_density(self, states: FloatArray) -> FloatArray:
         """Log density [N, F] at states [N, F, 3]."""
+        from scipy import stats  # half a second that no forecast needs
+
         return np.asarray(stats.t.logpdf(states, self.degrees, self.means, self.scales).sum(axis=-1))
 
     def ranks(self, states: FloatArray) -> FloatArray:
         """Probability [F, 3] of the central interval that each of the states [F, 3] bounds."""
-        return np.asarray(2 * stats.t.cdf(np.abs(states - self.means) / self.scales, self.degrees) - 1)
+        return np.asarray(2 * stdtr(self.degrees, np.abs(states - self.means) / self.scales) - 1)
 
     def sample(self, num_samples: int, seed: int) -> FloatArray:
         """States [N, F, 3], independent from step to step."""

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from lightning.fabric import is_wrapped
 from torch import Tensor, nn
 from torch.optim import Adam, Optimizer
 
@@ -118,7 +117,7 @@ class VideoTraining(ABC):
 
 def unwrapped(network: nn.Module) -> VideoNetwork:
     """The network without Fabric's wrapper."""
-    own = network.module if is_wrapped(network) else network
+    own = network if isinstance(network, VideoNetwork) else network.module
     assert isinstance(own, VideoNetwork)
     return own
 

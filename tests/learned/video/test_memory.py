@@ -1,4 +1,4 @@
-"""A hundred samples at full size fit into two gigabytes: only their bytes are ever held together."""
+"""A hundred samples at full size fit into two gigabytes: only their bytes are ever held together, and no trainer."""
 
 import subprocess
 import sys
@@ -8,6 +8,8 @@ import pytest
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="peak memory is read from /proc")
 
 PROGRAM = """
+import sys
+
 import numpy as np
 from geovp_benchmarks import profiling
 from geovp_classic import registry
@@ -18,6 +20,7 @@ frames = random.integers(0, 256, (10, 256, 256, 3), dtype=np.uint8)
 context = Context(frames, np.arange(30) / 10, Intrinsics(489.0, 489.0, 127.5, 127.5, 256, 256))
 profiling.reset_peak()
 made = registry.build("predictors", "srvp").predict(context, num_samples=100).frames
+assert "lightning" not in sys.modules, "takes three seconds to import"
 print(made.shape, made.nbytes, profiling.peak_mb())
 """
 
