@@ -15,7 +15,7 @@ import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 
 LOCK = ".lock"
 GUARD, RUN = 0, 1  # bytes of it
@@ -30,6 +30,7 @@ def unclaimed(protocol: str) -> None:
 @contextlib.contextmanager
 def results_lock(root: Path) -> Iterator[Claim]:
     """A function that claims a results folder for a protocol; BadData when a run of another one is filling it."""
+    is_new = not root.exists()
     try:
         root.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(root / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
@@ -38,7 +39,13 @@ def results_lock(root: Path) -> Iterator[Claim]:
             f"{root} cannot be a results folder ({error.strerror}): give a folder that can be written with --out"
         ) from error
     with open(descriptor, "r+", encoding="utf-8") as file:
-        yield lambda protocol: _claim(root, file.fileno(), protocol)
+        try:
+            yield lambda protocol: _claim(root, file.fileno(), protocol)
+        except GeovpError:
+            if is_new and os.listdir(root) == [LOCK] and not os.fstat(file.fileno()).st_size:  # nobody claimed it
+                os.unlink(root / LOCK)
+                os.rmdir(root)
+            raise
 
 
 def _claim(root: Path, descriptor: int, protocol: str) -> None:

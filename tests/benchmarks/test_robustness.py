@@ -162,6 +162,19 @@ def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
         claim("another")  # the lock ended with its process
 
 
+@pytest.mark.parametrize("claimed", [False, True])
+def test_a_refused_run_leaves_no_folder_unless_it_had_begun(tmp_path: Path, claimed: bool) -> None:
+    def refused() -> None:
+        with locking.results_lock(tmp_path / "new") as claim:
+            if claimed:
+                claim("a protocol")
+            raise BadData("no such data")
+
+    with pytest.raises(BadData, match="no such data"):
+        refused()
+    assert (tmp_path / "new").exists() == claimed
+
+
 def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
