@@ -65,9 +65,10 @@ class Multiview:
             raise BadData(f"multiview: frames {self.frames} of {count} observed ones: choose from -{count} to -1")
         still = None if self.level_road is None else self.level_road.inverse_depth(context, past)
         inverse_depths, confidence = np.zeros((2, *context.frames.shape[:3]), np.float32)
-        pixels, poses = context.frames.tobytes(), past.world_from_cam.tobytes()
         for step in {frame % count for frame in self.frames}:
-            found = _swept(pixels, poses, camera, step, self.num_planes, self.ground)
+            used = [step, *viewpoints.choose_sources(past.world_from_cam, step, camera)]
+            pixels, poses = context.frames[used].tobytes(), past.world_from_cam[used].tobytes()
+            found = _swept(pixels, poses, camera, self.num_planes, self.ground) if len(used) > 1 else None
             if found is not None:
                 inverse_depths[step], confidence[step] = found
             elif still is not None:
@@ -77,18 +78,13 @@ class Multiview:
 
 @functools.lru_cache(maxsize=2)  # the scene asks again for the depth that the road's height was measured with
 def _swept(
-    pixels: bytes, poses: bytes, camera: Intrinsics, step: int, num_planes: int, ground: GroundPrior | None
+    pixels: bytes, poses: bytes, camera: Intrinsics, num_planes: int, ground: GroundPrior | None
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Inverse depth and confidence [H, W] of one step; None where no other frame shows parallax."""
+    """Inverse depth and confidence [H, W] of the first frame; None where none of the others shows parallax."""
     frames = np.frombuffer(pixels, np.uint8).reshape(-1, camera.height_px, camera.width_px, 3)
-    world_from_cam = np.frombuffer(poses).reshape(-1, 4, 4)
-    sources = viewpoints.choose_sources(world_from_cam, step, camera)
-    if not sources:
-        return None
-    used = [step, *sources]
-    images = np.stack([pinhole.grey(frames[each]) for each in used])
+    images = np.stack([pinhole.grey(frame) for frame in frames])
     num_planes = round(num_planes * max(1, camera.height_px / TALL_PX))
-    return sweep(images, camera, world_from_cam[used], 0, range(1, len(used)), num_planes, ground)
+    return sweep(images, camera, np.frombuffer(poses).reshape(-1, 4, 4), 0, range(1, len(frames)), num_planes, ground)
 
 
 forget = _swept.cache_clear  # for measurements of time

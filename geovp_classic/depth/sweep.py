@@ -18,6 +18,7 @@ TALL_PX = 256  # rows; taller images are swept over more planes
 SMALL_STEP, LARGE_STEP, EDGE_CONTRAST = 5, 100.0, 20.0  # see aggregation.aggregate
 SPECKLE_SHARE = 0.0045  # of the image; smaller islands of depth are wrong matches more often than objects
 FLOATING_SHARE = 0.027  # larger ones are still wrong where they float low over the road
+LARGE_BYTES = 2**25  # beyond which glibc gives memory back to the system at once
 SURE_LEAD = 75.0  # the lead over all rivals with full confidence
 
 
@@ -29,15 +30,21 @@ class GroundPrior:
 
 
 class _Memory(threading.local):
-    """The volumes of the last sweep of this thread, for the next one: to get new ones takes as long as to fill them."""
+    """The large volumes of this thread's last sweep, for the next one: getting new ones takes as long as filling them.
+
+    Small ones are left to the allocator, which keeps them too, and from their size learns to keep others.
+    """
 
     volumes: tuple[matching.CostArray, aggregation.SumArray] | None = None
 
     def of(self, shape: tuple[int, ...]) -> tuple[matching.CostArray, aggregation.SumArray]:
-        if self.volumes is None or self.volumes[0].shape != shape:
-            self.volumes = None  # before others are made
-            self.volumes = np.empty(shape, np.uint8), np.empty(shape, np.uint16)
-        return self.volumes
+        if self.volumes is not None and self.volumes[0].shape == shape:
+            return self.volumes
+        self.volumes = None  # before others are made
+        made = np.empty(shape, np.uint8), np.empty(shape, np.uint16)
+        if made[0].nbytes > LARGE_BYTES:
+            self.volumes = made
+        return made
 
 
 _memory = _Memory()
