@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic import registry
+from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.depth import multiview
 from geovp_classic.depth.multiview import LevelRoad, Multiview
 from geovp_classic.depth.sweep import GroundPrior
@@ -143,6 +144,20 @@ def test_exposure_changes_little(observe: Observe) -> None:
     plain, _ = Multiview().inverse_depths(context, past)
     changed, _ = Multiview().inverse_depths(darker, past)
     assert np.median(np.abs(changed[-1] - plain[-1]) / plain[-1].clip(0.01)) < 0.01
+
+
+def test_a_road_without_fine_texture_lies_on_the_ground_plane() -> None:
+    """What the ground prior is for: windows that tell little about the road in front of the camera."""
+    smooth = Synthetic(seed=1, num_clips=1, num_frames=11, size_px=(128, 128), finest_detail_m=2.0)
+    context, _ = smooth[0].split(10, Grant.PAST_POSES | Grant.PAST_DEPTHS)
+    assert context.past is not None
+    assert context.past_depths is not None
+    road = 1 / context.past_depths[-1, 80:]
+    with_prior, without = (
+        np.abs(each.inverse_depths(context.only(Grant.NONE), context.past)[0][-1, 80:] / road - 1).mean()
+        for each in (Multiview(), Multiview(ground=None))
+    )
+    assert with_prior < 0.75 * without
 
 
 def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> None:
