@@ -42,43 +42,36 @@ def trained(
     return networks, history
 
 
-@pytest.fixture(scope="module")
-def by_heart(
-    method: SynSinTraining, tiny_clip: Clip
-) -> tuple[SynSinTraining, Sequence[Example], dict[str, nn.Module], list[Losses]]:
-    """A method with all losses that need no file, its eight windows, and the networks that learnt horizon 2 of them."""
-    fine = replace(method, architecture=replace(method.architecture, patch_px=1), rate=3e-3)
-    examples = fine.examples([tiny_clip], training=True)
-    return fine, examples, *trained(fine, examples, num_steps=450, final_share=0.0)
-
-
-def test_it_learns_eight_windows_by_heart(
-    by_heart: tuple[SynSinTraining, Sequence[Example], dict[str, nn.Module], list[Losses]],
-) -> None:
+def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Clip) -> None:
     """Losses that can be zero fall to nearly that: a grey level or two of colour, and depth to four percent."""
-    _, examples, _, history = by_heart
+    fine = replace(
+        method,
+        architecture=replace(method.architecture, patch_px=1),
+        weights=Weights(content=0.0, adversarial=0.0, depth=1.0),
+        rate=3e-3,
+    )
+    examples = fine.examples([tiny_clip], training=True)
     assert len(examples) == 8
+    _, history = trained(fine, examples, num_steps=450, final_share=0.0)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
     assert last["generator.colour"] < 0.008
     assert first["generator.depth"] > 1
     assert last["generator.depth"] < 0.04
-    parts = [f"generator.{name}" for name in ("colour", "depth", "reprojection")]
-    assert sum(last[name] for name in parts) < 0.08 * sum(first[name] for name in parts)
+    assert last["generator.total"] < 0.035 * first["generator.total"]
 
 
-def test_what_it_learnt_also_shows_a_horizon_that_it_was_not_shown(
-    by_heart: tuple[SynSinTraining, Sequence[Example], dict[str, nn.Module], list[Losses]],
-) -> None:
-    method, examples, networks, _ = by_heart
-    torch.manual_seed(0)
-    unseen, untrained = replace(method, max_horizon=1), method.build()
-    for network in (*networks.values(), *untrained.values()):
-        network.eval()
+def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSinTraining, clip: Clip) -> None:
+    examples = method.examples([clip], training=True)
+    networks, history = trained(method, examples, num_steps=220)
+    first, last = history[0], history[-1]
+    assert first["generator.colour"] > 0.05
+    assert last["generator.colour"] < 0.025
+    assert first["generator.depth"] > 0.5
+    assert last["generator.depth"] < 0.12
+    networks["generator"].eval()
     with torch.no_grad():
-        before, after = (unseen.validate(each, examples)["psnr"] for each in (untrained, networks))
-    assert before < 25
-    assert after > 26
+        assert method.validate(networks, examples)["psnr"] > 27  # of horizons 1 and 2, the first never seen in training
 
 
 def test_at_first_only_depth_learns(method: SynSinTraining, clip: Clip) -> None:
