@@ -6,7 +6,7 @@ edges of the image.
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numba
 import numpy as np
@@ -44,22 +44,20 @@ def aggregate(
     """
     height, width, num = costs.shape
     sums = np.empty((height, width, num), np.uint16) if out is None else out
-    passes = []
-    for turned in (False, True):  # the upward pass is the downward one on an image turned by 180 degrees
-        steps = _large_steps(image[::-1, ::-1] if turned else image, small_step, large_step, edge_contrast)
-        # A path has a margin of one hypothesis on either side, which is never chosen, and its minimum at the end.
-        rows, along = (np.full((*size, num + 3), _FAR_OFF, np.int16) for size in ((2, 3, width), (3,)))
-        along[2, 1:] = 0  # a path that starts here has cost nothing so far
-        middle = height // 2 if not turned else height - height // 2
-        passes.append((turned, middle, steps, rows, along))
+    # The upward pass is the downward one on an image turned by 180 degrees.
+    steps = [_large_steps(each, small_step, large_step, edge_contrast) for each in (image, image[::-1, ::-1])]
+    # A path has a margin of one hypothesis on either side, which is never chosen, and its minimum at the end.
+    rows, along = (np.full((2, *size, num + 3), _FAR_OFF, np.int16) for size in ((2, 3, width), (3,)))
+    along[:, 2, 1:] = 0  # a path that starts here has cost nothing so far
 
-    def aggregate_half(task: tuple[bool, tuple[Any, ...]]) -> None:
-        second, (turned, middle, steps, rows, along) = task
-        here = range(middle, height) if second else range(middle)
-        _pass(costs, turned, second, here.start, here.stop, np.int16(PRECISION * small_step), steps, rows, along, sums)
+    def aggregate_half(second: bool, turned: int) -> None:
+        middle = height - height // 2 if turned else height // 2
+        top, bottom = (middle, height) if second else (0, middle)
+        price = np.int16(PRECISION * small_step)
+        _pass(costs, bool(turned), second, top, bottom, price, steps[turned], rows[turned], along[turned], sums)
 
     for second in (False, True):  # the passes meet in the middle; then each adds to what the other has left
-        parallel_map(aggregate_half, [(second, one) for one in passes])
+        parallel_map(partial(aggregate_half, second), range(2))
     return sums
 
 

@@ -79,14 +79,14 @@ def _photometric_errors(
     interpolated from both sides of the box. Elsewhere the estimated depth counts, too.
     """
     estimated = observed.inverse_depth[box]
-    beside = np.ones(estimated.shape, dtype=bool)
-    beside[:, columns.start - box[1].start : columns.stop - box[1].start] = False
+    outside = np.ones(estimated.shape, dtype=bool)
+    outside[:, columns.start - box[1].start : columns.stop - box[1].start] = False
     own, street = [], []
     for step in steps:
         own.append(_grey_difference(np.full(estimated.shape, 1 / depth), velocity, step, box, observed))
-        behind = _grey_difference(_from_beside(observed.inverse_depth, box), np.zeros(3), step, box, observed)
+        behind = _grey_difference(_interpolated_between(observed.inverse_depth, box), np.zeros(3), step, box, observed)
         found = _grey_difference(estimated, np.zeros(3), step, box, observed)
-        street.append(np.where(beside, np.minimum(behind, found), behind))
+        street.append(np.where(outside, np.minimum(behind, found), behind))
     return np.stack(own), np.stack(street)
 
 
@@ -106,12 +106,12 @@ def _box(evidence: BoolArray, depth: float, observed: Observations) -> Box:
     return slice(max(min(top, rows.start), 0), bottom), slice(left, right)
 
 
-def _from_beside(inverse_depth: FloatArray, box: Box) -> FloatArray:
+def _interpolated_between(inverse_depth: FloatArray, box: Box) -> FloatArray:
     """Inverse depth [h, w] in the box, interpolated between its left and right neighbours row by row."""
     rows, columns = box
     width = inverse_depth.shape[1]
-    beside = [column for column in (columns.start - 1, columns.stop) if 0 <= column < width] or [0]
-    left, right = inverse_depth[rows, beside[0]], inverse_depth[rows, beside[-1]]
+    ends = [column for column in (columns.start - 1, columns.stop) if 0 <= column < width] or [0]
+    left, right = inverse_depth[rows, ends[0]], inverse_depth[rows, ends[-1]]
     share = np.linspace(0, 1, columns.stop - columns.start)
     return np.asarray(left[:, None] * (1 - share) + right[:, None] * share)
 

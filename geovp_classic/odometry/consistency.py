@@ -23,7 +23,7 @@ NUM_TRIALS = 300
 SEED = 0
 
 
-def stands(
+def is_standing(
     greys: list[ByteArray],  # [H, W] each
 ) -> bool:
     """Whether the street stands still behind what moves, however much of the image that covers.
@@ -38,11 +38,11 @@ def stands(
     if len(greys) < 4 or corners is None or len(corners) < least:
         return False
     pixels = np.asarray(corners.reshape(-1, 2), np.float32)
-    farthest = np.zeros(len(pixels))
+    farthest_px = np.zeros(len(pixels))
     for step in (0, len(greys) // 3, 2 * len(greys) // 3):
         there, found, _ = track_points((greys[-1], greys[step]), pixels, pixels, WINDOW_PX, (1, 1))
-        farthest = np.maximum(farthest, np.where(found, np.linalg.norm(there - pixels, axis=1), np.inf))
-    still, slow = farthest < STILL_PX, (farthest >= STILL_PX) & (farthest < SLOW_PX)
+        farthest_px = np.maximum(farthest_px, np.where(found, np.linalg.norm(there - pixels, axis=1), np.inf))
+    still, slow = farthest_px < STILL_PX, (farthest_px >= STILL_PX) & (farthest_px < SLOW_PX)
     if still.mean() < STILL_SHARE or slow.sum() > still.sum() / 2:
         return False
     low, high = np.percentile(pixels[still], (10, 90), axis=0)

@@ -73,7 +73,7 @@ class Monocular:
         kept = frame_screening.usable(view.frames)
         view, times_s = view[kept], all_times_s[kept]
         greys = [pinhole.grey8(frame) for frame in view.frames]
-        if consistency.stands(greys):
+        if consistency.is_standing(greys):
             greys = greys[-1:] * len(greys)  # whatever crosses or covers the street
         poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
         if consistency.is_sideways(poses):

@@ -1,4 +1,4 @@
-"""How methods degrade: clips disturbed in twenty ways and four strengths, and what is left over copying the last frame.
+"""How methods degrade: clips disturbed in 23 ways and four strengths, and what is left over copying the last frame.
 
 A line a disturbance and strength, a column a pose source and renderer: mean PSNR over steps and clips, less that of the
 disturbed last frame, copied. What lasts (noise, dimming, a hood) is in the real future as well; what passes (a black

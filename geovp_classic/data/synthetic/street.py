@@ -97,8 +97,8 @@ class _Furniture:
         for along_m in np.cumsum(self.rng.choice([6.2, 7.0, 13.0, 22.0], 80)):
             place, yaw_rad = path.at(along_m, side * (HALF_WIDTH_M - 1.05))
             middle, _ = path.at(along_m + np.array([-9.0, 9.0]))
-            beside_kerb = (self.roads.distance_m(middle) > -HALF_WIDTH_M - 0.05).all()
-            if beside_kerb and self.free(place, 0.0, -2.0) and abs(self.route.right_m(place[None])[0]) > 1.6:
+            at_kerb = (self.roads.distance_m(middle) > -HALF_WIDTH_M - 0.05).all()
+            if at_kerb and self.free(place, 0.0, -2.0) and abs(self.route.right_m(place[None])[0]) > 1.6:
                 self.put(objects.car(self.rng), place, yaw_rad + (1 - side) * np.pi / 2)
 
     def free(self, place: FloatArray, radius_m: float, from_kerb_m: float) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import driven, is_sideways, measured, stands
+from geovp_classic.odometry.consistency import driven, is_sideways, is_standing, measured
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, Context, FloatArray, Intrinsics
@@ -93,7 +93,7 @@ class TestStands:
     def test_behind_a_bus_that_crosses(self, textures: tuple[ByteArray, ByteArray]) -> None:
         street, vehicle = textures
         images = self.noisy(crossed(street, vehicle, 6 * k, 100) for k in range(10))
-        assert stands(images)
+        assert is_standing(images)
         camera = Intrinsics(150.0, 150.0, 63.5, 63.5, 128, 128)
         clip = Context(np.repeat(np.stack(images)[..., None], 3, axis=-1), 0.1 * np.arange(11), camera)
         trajectory, tracked = Monocular(scale=UnitSpeed()).track(clip)
@@ -102,15 +102,15 @@ class TestStands:
 
     def test_not_behind_a_truck_that_is_followed(self, textures: tuple[ByteArray, ByteArray]) -> None:
         street, vehicle = textures
-        assert not stands(self.noisy(crossed(np.roll(street, 6 * k, axis=1), vehicle, 32, 60) for k in range(10)))
+        assert not is_standing(self.noisy(crossed(np.roll(street, 6 * k, axis=1), vehicle, 32, 60) for k in range(10)))
 
     @pytest.mark.parametrize("step_px", [0.1, 0.3, 3.0])
     def test_not_where_the_camera_creeps_or_turns(self, textures: tuple[ByteArray, ByteArray], step_px: float) -> None:
         moved = (np.array([[1, 0, step_px * k], [0, 1, 0]], np.float32) for k in range(10))
         street = textures[0]
-        assert not stands(
+        assert not is_standing(
             self.noisy(cv2.warpAffine(street, each, (128, 128), borderMode=cv2.BORDER_WRAP) for each in moved)
         )
 
     def test_not_without_corners(self) -> None:
-        assert not stands(self.noisy([np.full((128, 128), 90, np.uint8)] * 10))
+        assert not is_standing(self.noisy([np.full((128, 128), 90, np.uint8)] * 10))
