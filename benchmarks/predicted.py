@@ -18,8 +18,8 @@ from geovp_benchmarks.planning import versions
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
-from geovp_classic.geometry.static_regions import static_mask
 from geovp_classic.interfaces import FramePredictor
+from geovp_classic.render.static_regions import hidden_mask
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -76,8 +76,8 @@ class Predicted:
 
     @cached_property
     def static_share(self) -> float:
-        """The share of the frame that shows no scene: black bars, and the vehicle's own parts."""
-        return round(float(static_mask(self.context.frames).mean()), 4)
+        """The share of the frame that shows no scene: black bars, the vehicle's own parts, one that it follows."""
+        return round(float(hidden_mask(self.context.frames).mean()), 4)
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:
@@ -126,7 +126,9 @@ class Predicted:
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
         if self.static_share:
-            lines.append(f"static: black bars and parts of the vehicle take {self.static_share:.0%} of the image")
+            lines.append(
+                f"static: black bars, parts of the vehicle or one ahead take {self.static_share:.0%} of the image"
+            )
         if self.confidence is not None:
             lines.append(
                 f"confidence: {self.confidence[0]:.2f} at the first step, {self.confidence[-1]:.2f} at the last"

@@ -1,51 +1,84 @@
-"""What of the image shows no scene: black bars, and the ego vehicle's parts, such as a hood behind the windscreen.
+"""What of the image shows no scene: black bars, the ego vehicle's parts, such as a hood, and a vehicle it follows.
 
-It stays in place while the road moves: a surface that drives along, to any reconstruction. So it is cut off before
-anything is estimated, and every view shows it as the last frame did.
+It stays in place while the road moves: a surface that drives along, to any reconstruction. So it is cut off, or painted
+over, before anything is estimated, and every view shows it as the last frame did, or where it has gone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
+from geovp_classic.geometry.followed_vehicle import FollowedVehicle, followed_vehicle
 from geovp_classic.geometry.static_regions import scene_window, static_mask
 from geovp_classic.interfaces import Scene
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Intrinsics, Views
 
+INPAINT_PX = 3.0
+
 
 @dataclass(frozen=True)
 class MaskedScene:
-    """A scene behind a mask of static regions."""
+    """A scene behind a mask of static regions and a followed vehicle."""
 
     scene: Scene
     frame: ByteArray  # [H, W, 3], the last observed one
     camera: Intrinsics
     mask: BoolArray  # [H, W], the static regions
+    vehicle: FollowedVehicle | None  # in the window of the mask that shows the scene
+    observed_s: tuple[float, float]  # the times of the first and the last frame
 
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The scene from the poses [F, 4, 4] at the times [F]; other cameras than that of the frames show it alone."""
         views = self.scene.view(world_from_cam, times_s, intrinsics)
         if intrinsics != self.camera:
             return views
-        frames = np.where(self.mask[..., None], self.frame, views.frames)
-        return Views(frames, views.covered | self.mask, views.depths)
+        frames, covered = np.where(self.mask[..., None], self.frame, views.frames), views.covered | self.mask
+        if self.vehicle is not None:
+            rows, columns = scene_window(self.mask)
+            seen, outline = np.ascontiguousarray(self.frame[rows, columns]), self.vehicle.mask.astype(np.uint8)
+            for index, share in enumerate(_shares(times_s, self.observed_s)):
+                shown = self.vehicle.moved(outline, share) > 0
+                frames[index, rows, columns][shown] = self.vehicle.moved(seen, share)[shown]
+                covered[index, rows, columns] |= shown
+        return Views(frames, covered, views.depths)
+
+
+def hidden_mask(frames: ByteArray) -> BoolArray:
+    """The pixels [H, W] of the last of frames [P, H, W, 3] that show no scene."""
+    mask, vehicle = _regions(frames)
+    if vehicle is not None:
+        mask[scene_window(mask)] |= vehicle.mask
+    return mask
 
 
 def without_static_regions(context: Context) -> Context:
-    """The context with its frames, uncropped ones and depths cut down to the scene; as it is with right frames."""
+    """The context with its frames, uncropped ones and depths cut down to the scene; as it is with right frames.
+
+    A followed vehicle is painted over in the colours around it.
+    """
     if context.right is not None:
         return context
     wide = context.wide
     if wide is not None:
         rows, columns = scene_window(static_mask(wide.frames))
         wide = ExtraView(wide.frames[:, rows, columns], _cut(wide.intrinsics, rows, columns), wide.view_from_cam)
-    rows, columns = scene_window(static_mask(context.frames))
+    mask, vehicle = _regions(context.frames)
+    rows, columns = scene_window(mask)
+    frames, camera = context.frames[:, rows, columns], _cut(context.intrinsics, rows, columns)
+    if vehicle is not None:
+        past_s, outline = context.times_s[: context.num_past], vehicle.mask.astype(np.uint8)
+        masks = [vehicle.moved(outline, share) for share in _shares(past_s, (past_s[0], past_s[-1]))]
+        frames = _inpainted(frames, masks)
+        if wide is not None:
+            masks = [_seen_by(wide, one, camera) for one in masks]
+            wide = replace(wide, frames=_inpainted(wide.frames, masks))
     return replace(
         context,
-        frames=context.frames[:, rows, columns],
-        intrinsics=_cut(context.intrinsics, rows, columns),
+        frames=frames,
+        intrinsics=camera,
         past_depths=None if context.past_depths is None else context.past_depths[:, rows, columns],
         wide=wide,
     )
@@ -53,9 +86,37 @@ def without_static_regions(context: Context) -> Context:
 
 def behind_static_regions(scene: Scene, context: Context) -> Scene:
     """The scene behind the static regions of the frames; the scene itself where there are none."""
-    mask = static_mask(context.frames) if context.right is None else np.zeros((1, 1), bool)
-    return MaskedScene(scene, context.frames[-1], context.intrinsics, mask) if mask.any() else scene
+    mask, vehicle = (np.zeros((1, 1), bool), None) if context.right is not None else _regions(context.frames)
+    if vehicle is None and not mask.any():
+        return scene
+    observed_s = float(context.times_s[0]), float(context.times_s[context.num_past - 1])
+    return MaskedScene(scene, context.frames[-1], context.intrinsics, mask, vehicle, observed_s)
+
+
+def _regions(frames: ByteArray) -> tuple[BoolArray, FollowedVehicle | None]:
+    """The static mask [H, W] of frames [P, H, W, 3], and a followed vehicle in the window that it leaves."""
+    mask = static_mask(frames)
+    return mask, followed_vehicle(frames[:, *scene_window(mask)])
+
+
+def _shares(times_s: FloatArray, observed_s: tuple[float, float]) -> FloatArray:
+    """Shares [F] of the way from the last observed time back to the first."""
+    first_s, last_s = observed_s
+    return (last_s - times_s) / (last_s - first_s)
 
 
 def _cut(camera: Intrinsics, rows: slice, columns: slice) -> Intrinsics:
     return camera.cropped(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
+
+
+def _inpainted(frames: ByteArray, masks: list[ByteArray]) -> ByteArray:
+    """Frames [P, H, W, 3] with the pixels of their masks [H, W] filled from around them (Telea 2004)."""
+    pairs = zip(frames, masks, strict=True)
+    return np.stack([cv2.inpaint(np.array(one), mask, INPAINT_PX, cv2.INPAINT_TELEA) for one, mask in pairs])
+
+
+def _seen_by(wide: ExtraView, mask: ByteArray, camera: Intrinsics) -> ByteArray:
+    """A camera's mask [H, W] in the uncropped image [H', W']."""
+    wide_from_crop = wide.intrinsics.matrix @ np.linalg.inv(camera.matrix)
+    size_px = wide.intrinsics.width_px, wide.intrinsics.height_px
+    return np.asarray(cv2.warpAffine(mask, wide_from_crop[:2], size_px, flags=cv2.INTER_NEAREST), np.uint8)

@@ -1,8 +1,9 @@
-"""How methods degrade: clips disturbed in 23 ways and four strengths, and what is left over copying the last frame.
+"""How methods degrade: clips disturbed in 24 ways and four strengths, and what is left over copying the last frame.
 
 A line a disturbance and strength, a column a pose source and renderer: mean PSNR over steps and clips, less that of the
-disturbed last frame, copied. What lasts (noise, dimming, a hood) is in the real future as well; what passes (a black
-frame, a swap) is not. `<` marks cells more than LIMIT_DB below copying, `-` those that could not be predicted.
+disturbed last frame, copied. What lasts (noise, dimming, a hood, a lorry ahead) is in the real future as well; what
+passes (a black frame, a swap) is not. `<` marks cells more than LIMIT_DB below copying, `-` those that could not be
+predicted.
 """
 
 from __future__ import annotations

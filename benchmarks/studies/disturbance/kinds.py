@@ -93,12 +93,30 @@ def _bus(image: ByteArray, step: int, level: Level) -> ByteArray:
         round((0.3, 0.6, 0.8, 1.0)[level] * height),
         round((0.035 * step - 0.2) * height) + (width - height) // 2,
     )
-    spots = np.random.default_rng(level).random((40, 60)).astype(np.float32)
-    side = 40 + 160 * cv2.resize(spots, (length, rows.stop - rows.start), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    side = _spotted(length, rows.stop - rows.start, level)
     columns = np.arange(max(left, 0), min(left + length, width))
     crossed = image.copy()
     crossed[rows, columns] = side[:, columns - left, None]
     return crossed
+
+
+def _lorry(image: ByteArray, step: int, level: Level) -> ByteArray:
+    """A vehicle right ahead at one distance, its foot on the road, that shakes a little."""
+    height, width = image.shape[:2]
+    side = round((0.25, 0.35, 0.45, 0.6)[level] * height)
+    shakes = np.random.default_rng(level).normal(0, 0.05 * height / HEIGHT_PX, (NUM_STEPS, 2)).cumsum(axis=0)[step]
+    corner = np.array([(width - side) / 2, 0.46 * height + 0.42 * side - 0.95 * side]) + shakes
+    place = np.array([[1, 0, corner[0]], [0, 1, corner[1]]])
+    back = cv2.cvtColor(_spotted(side, round(0.95 * side), level), cv2.COLOR_GRAY2RGB)
+    followed = image.copy()
+    cv2.warpAffine(back, place, (width, height), followed, borderMode=cv2.BORDER_TRANSPARENT)
+    return followed
+
+
+def _spotted(width: int, height: int, seed: int) -> ByteArray:
+    spots = np.random.default_rng(seed).random((40, 60)).astype(np.float32)
+    grey = 40 + 160 * cv2.resize(spots, (width, height), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    return grey.astype(np.uint8)
 
 
 def _shown(changes: Callable[[Level], Mapping[int, int]]) -> Callable[[Level], list[int]]:
@@ -163,6 +181,7 @@ DISTURBANCES = {
     "tilt": Disturbance(_tilt),
     "hood": Disturbance(_hood),
     "black bars": Disturbance(_bars),
+    "lorry ahead": Disturbance(_lorry),
     "wrong focal length": Disturbance(context=_camera(_focal)),
     "wrong principal point": Disturbance(context=_camera(_centre)),
     "jittered times": Disturbance(context=_jittered_times),
