@@ -1,11 +1,17 @@
 """The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, model cards, export."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from geovp_classic.errors import GeovpError
+
+if TYPE_CHECKING:
+    from geovp_learned.training_config import Changes
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,14 +36,14 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="DIR", help="folder of the run (default: runs/CONFIG[-VARIANT][-SEED])"
     )
     train.add_argument("--root", type=Path, metavar="FOLDER", help="root of the data sets, in place of the config's")
-    _add_variant(train)
+    _add_changes(train)
     train.add_argument("--limit-seconds", type=float, metavar="S", help="stop after S seconds of training")
     card = verbs.add_parser("card", help="print the model card of a weights file")
     card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
     card.add_argument(
         "--config", "--recipe", type=Path, metavar="CONFIG.toml", help="its training config; adds the command"
     )
-    _add_variant(card)
+    _add_changes(card)
     card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log; adds its curves")
     export = verbs.add_parser("export", help="write a network as an ONNX file")
     export.add_argument("name", help="deepvo, lpips")
@@ -49,9 +55,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_variant(parser: argparse.ArgumentParser) -> None:
+def _add_changes(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
     parser.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
+    parser.add_argument(
+        "--precision", help="in place of the config's, as in Lightning Fabric: 32-true, bf16-mixed, ..."
+    )
+
+
+def _changes(options: argparse.Namespace) -> Changes:
+    from geovp_learned import training_config
+
+    return training_config.Changes(options.variant, options.seed, options.precision)
 
 
 def _export(options: argparse.Namespace) -> int:
@@ -67,18 +82,19 @@ def _export(options: argparse.Namespace) -> int:
 def _card(options: argparse.Namespace) -> int:
     from geovp_learned import model_cards
 
-    print(model_cards.model_card(options.weights, options.config, options.log, options.variant, options.seed), end="")
+    print(model_cards.model_card(options.weights, options.config, options.log, _changes(options)), end="")
     return 0
 
 
 def _train(options: argparse.Namespace) -> int:
-    from geovp_learned import training_config
+    from geovp_learned import hardware, training_config
     from geovp_learned.training import WEIGHTS, train
 
-    variant, seed = options.variant, options.seed
-    config = training_config.load(options.method, options.config, options.root, variant, seed)
-    name = "-".join(str(part) for part in (options.config.stem, variant, seed) if part is not None)
+    changes = _changes(options)
+    config = training_config.load(options.method, options.config, options.root, changes)
+    name = "-".join(str(part) for part in (options.config.stem, *changes.given.values()))
     folder = options.out or Path("runs") / name
+    hardware.check_precision(config.training)
     run = train(config, folder, options.limit_seconds)
     progress, state = run.progress, "finished" if run.finished else "stopped, goes on when started again,"
     if run.fabric.is_global_zero:

@@ -21,20 +21,19 @@ def model_card(
     weights: Path,
     config: Path | None = None,
     log: Path | None = None,
-    variant: str | None = None,
-    seed: int | None = None,
+    changes: training_config.Changes = training_config.NO_CHANGES,
 ) -> str:
     """The model card of a weights file; with a training log also its curves, in about MAX_ROWS rows.
 
-    With a config also the command that trained it; BadData unless the weights have the settings of the config, and of
-    its variant and seed where they are given.
+    With a config also the command that trained it; BadData unless the weights have the settings of the config with
+    these changes.
     """
     metadata, tensors = checkpoints.read_tensors(weights)
     history = metadata.get("history", {})
     parts = [
         f"# Weights of {metadata.get('method')}",
         _facts(weights, history, sum(tensor.numel() for tensor in tensors.values())),
-        *([] if config is None else [_command(weights, metadata, config, variant, seed)]),
+        *([] if config is None else [_command(weights, metadata, config, changes)]),
         "## Trained on\n\n" + _bullets(map(_dataset, history.get("train", []))),
         "## Validated on\n\n" + _bullets(map(_dataset, history.get("validation", []))),
         "## Scores of these weights on the validation data\n\n"
@@ -70,16 +69,16 @@ def curves(rows: Iterable[Mapping[str, str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _command(weights: Path, metadata: Mapping[str, Any], config: Path, variant: str | None, seed: int | None) -> str:
+def _command(weights: Path, metadata: Mapping[str, Any], config: Path, changes: training_config.Changes) -> str:
     name = str(metadata.get("method"))
-    method, training, _ = training_config.settings(name, config, variant, seed)
+    method, training, _ = training_config.settings(name, config, changes)
     wanted = {"method": checkpoints.plain(method), "training": training.decisive}
     stored = checkpoints.read(weights, name, type(method))[0]  # with defaults for fields that are newer than the file
     given = {"method": checkpoints.plain(stored), "training": metadata.get("history", {}).get("training")}
     for table in wanted:
         if wanted[table] != given[table]:
             raise BadData(f"{weights} was trained with another [{table}] than {config} has: give its own config")
-    options = [f" --{key} {value}" for key, value in (("variant", variant), ("seed", seed)) if value is not None]
+    options = [f" --{key} {value}" for key, value in changes.given.items()]
     return f"Trained by\n\n    python -m geovp_learned train {name} {config}{''.join(options)}"
 
 

@@ -21,14 +21,13 @@ import cv2
 import numpy as np
 import torch
 from lightning.fabric import Fabric
-from lightning.fabric.plugins import MixedPrecision
 from torch import Tensor
 from tqdm import tqdm
 
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
 from geovp_classic.types import Clip
-from geovp_learned import checkpoints, schedules, training_config, training_log
+from geovp_learned import checkpoints, hardware, schedules, training_config, training_log
 from geovp_learned.methods import Batch, Losses
 from geovp_learned.training_config import TrainingConfig
 
@@ -53,20 +52,13 @@ def train(config: TrainingConfig, folder: Path, limit_seconds: float | None = No
     if settings.num_threads:
         torch.set_num_threads(settings.num_threads)
         cv2.setNumThreads(settings.num_threads)  # used by batches; its default threads slow each other down
-    names = ("accelerator", "devices", "num_nodes", "strategy", "precision")
-    fabric = Fabric(**{name: getattr(settings, name) for name in names})
-    keep_inputs(fabric)
+    fabric = hardware.fabric(settings)
+    hardware.keep_inputs(fabric)
     fabric.launch()
     trainer = Trainer(config, folder, fabric)
     with _stop_on_signal() as signals:
         trainer.fit(signals, math.inf if limit_seconds is None else limit_seconds)
     return trainer
-
-
-def keep_inputs(fabric: Fabric) -> None:
-    """Let mixed precision compute in halves, but not round the inputs: a focal length of 489.5 would become 490 px."""
-    if isinstance(precision := fabric.strategy.precision, MixedPrecision):
-        precision.convert_input = lambda data: data  # type: ignore[method-assign]
 
 
 class Trainer:

@@ -62,6 +62,23 @@ class Training:
 
 
 @dataclass(frozen=True)
+class Changes:
+    """What a run changes about a config: one of its variants instead of what it says, and fields of its training."""
+
+    variant: str | None = None
+    seed: int | None = None
+    precision: str | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Those that are not None, by name."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+
+NO_CHANGES = Changes()
+
+
+@dataclass(frozen=True)
 class TrainingConfig:
     """A config, checked; its data sets are built but not read."""
 
@@ -72,25 +89,23 @@ class TrainingConfig:
     validation: tuple[Dataset, ...]
 
 
-def load(
-    method_name: str, file: Path, root: Path | None = None, variant: str | None = None, seed: int | None = None
-) -> TrainingConfig:
+def load(method_name: str, file: Path, root: Path | None = None, changes: Changes = NO_CHANGES) -> TrainingConfig:
     """The config of a file, or of the name of a shipped one such as "deepvo-small".
 
-    `root` replaces the root of every data set that has one, `variant` is a key of its variants, `seed` replaces that
-    of the training. Raises BadData or UnknownComponent naming the field.
+    `root` replaces the root of every data set that has one. Raises BadData or UnknownComponent naming the field.
     """
-    method, training, content = settings(method_name, file, variant, seed)
+    method, training, content = settings(method_name, file, changes)
     datasets = (tuple(_datasets(content, key, file, root)) for key in ("train", "validation"))
     return TrainingConfig(method_name, method, training, *datasets)
 
 
 def settings(
-    method_name: str, file: Path, variant: str | None = None, seed: int | None = None
+    method_name: str, file: Path, changes: Changes = NO_CHANGES
 ) -> tuple[methods.Method, Training, Mapping[str, Any]]:
     """The method and training of a config, and its tables, without building data sets; arguments and errors: `load`."""
     content, kinds = _read(file), {"method": methods.load(method_name), "training": Training}
-    if variant is not None:
+    fields = changes.given
+    if (variant := fields.pop("variant", None)) is not None:
         known = content.get("variants", {})
         if variant not in known:
             raise UnknownComponent(f"{file} has no variant {variant!r}: it has {', '.join(known) or 'none'}")
@@ -102,7 +117,7 @@ def settings(
         if not isinstance(content.get(key, {}), Mapping):
             raise BadData(f"{key} is {content[key]!r}, expected a table [{key}]")
     method, training = (registry.construct(kinds[key], content.get(key, {}), f"{file}: {key}") for key in kinds)
-    return method, training if seed is None else dataclasses.replace(training, seed=seed), content
+    return method, dataclasses.replace(training, **fields), content
 
 
 def _merged(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

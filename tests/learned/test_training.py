@@ -20,7 +20,7 @@ from torch.optim import Optimizer
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Intrinsics
-from geovp_learned import checkpoints, training
+from geovp_learned import checkpoints, hardware, training
 from geovp_learned.methods import Batch, Losses, Networks
 from geovp_learned.schedules import batch_indices, learning_rate_factor
 from geovp_learned.training_config import Training, TrainingConfig
@@ -186,7 +186,7 @@ def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(tmp_path: Path, mon
         scaler = torch.amp.GradScaler("cpu", init_scale=4.0, growth_interval=7)
         return Fabric(accelerator="cpu", plugins=[MixedPrecision("16-mixed", "cpu", scaler)])
 
-    monkeypatch.setattr(training, "Fabric", halves)
+    monkeypatch.setattr(hardware, "Fabric", halves)
     mixed = config(replace(SETTINGS, precision="16-mixed", accelerator="cpu"))
     whole, pieces = whole_and_pieces(mixed, tmp_path)
     factors = [state_of(tmp_path / each)["precision"]["scaler"] for each in ("whole", "pieces")]
@@ -234,7 +234,7 @@ def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path
 @pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
 def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(name: str) -> None:
     fabric = Fabric(accelerator="cpu", precision=name)
-    training.keep_inputs(fabric)
+    hardware.keep_inputs(fabric)
     given = {}
 
     class Keeping(nn.Linear):
@@ -252,6 +252,28 @@ def test_mixed_precision_computes_in_halves_but_does_not_round_what_it_is_given(
 def test_it_also_learns_in_mixed_precision(tmp_path: Path) -> None:
     mixed = replace(SETTINGS, num_steps=300, precision="bf16-mixed", accelerator="cpu")
     assert training.train(config(mixed), tmp_path).progress.best_score < 0.01
+
+
+@pytest.mark.parametrize(
+    ("capability", "precision", "accelerator"),
+    [("AVX512", "bf16-mixed", "cpu"), ("AVX2", "32-true", "cpu"), ("AVX2", "bf16-mixed", "cuda")],
+)
+def test_bfloat16_wants_wide_vectors(
+    monkeypatch: pytest.MonkeyPatch, capability: str, precision: str, accelerator: str
+) -> None:
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
+    hardware.check_precision(replace(SETTINGS, precision=precision, accelerator=accelerator))
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
+    with pytest.raises(
+        BadData, match=r"bf16-mixed needs a processor with AVX-512 .*: AVX2\): give --precision 32-true"
+    ):
+        hardware.check_precision(replace(SETTINGS, precision="bf16-mixed", accelerator="cpu"))
+
+
+@pytest.mark.parametrize(("field", "given"), [("precision", "half"), ("accelerator", "gpus"), ("strategy", "dpp")])
+def test_settings_that_fabric_does_not_know_are_refused(field: str, given: str) -> None:
+    with pytest.raises(BadData, match=rf"\[training\] does not fit this machine: .*{given}"):
+        hardware.fabric(replace(SETTINGS, **{field: given}))
 
 
 def test_another_runs_folder_is_refused(tmp_path: Path) -> None:

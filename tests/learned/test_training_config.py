@@ -7,12 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.errors import BadData, GeovpError, UnknownComponent
 from geovp_learned import training_config
 from geovp_learned.__main__ import main
 from geovp_learned.deepvo.train import DeepVoTraining
+from geovp_learned.training_config import Changes
 
 CONFIG = """
 [method]
@@ -130,8 +132,8 @@ wide = { method.architecture.lstm_size = 16, training.num_steps = 6 }
 
 def test_a_variant_changes_what_it_names_alone_and_a_seed_only_the_seed(tmp_path: Path, kitti: Path) -> None:
     file = written(tmp_path, VARIED)
-    plain = training_config.load("deepvo", file, kitti, "plain")
-    wide = training_config.load("deepvo", file, kitti, "wide", seed=7)
+    plain = training_config.load("deepvo", file, kitti, Changes("plain"))
+    wide = training_config.load("deepvo", file, kitti, Changes("wide", seed=7))
     assert isinstance(plain.method, DeepVoTraining)
     assert plain.method == training_config.load("deepvo", file, kitti).method
     architecture = dataclasses.replace(plain.method.architecture, lstm_size=16)
@@ -151,6 +153,22 @@ def test_a_variant_has_a_folder_of_its_own_and_its_card_its_command(
     assert main(["card", str(weights), "--config", str(file)]) == 2
     assert main(["train", "deepvo", str(file), "--variant", "wid"]) == 2
     assert "has no variant 'wid': it has plain, wide" in capsys.readouterr().err
+
+
+def test_a_precision_replaces_the_configs_and_is_in_the_cards_command(
+    tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
+    file, weights = written(tmp_path, CONFIG), tmp_path / "run" / "weights.safetensors"
+    start = ["train", "deepvo", str(file), "--root", str(kitti), "--out", str(weights.parent)]
+    assert main([*start, "--precision", "64-true"]) == 0
+    assert main(["card", str(weights), "--config", str(file), "--precision", "64-true"]) == 0
+    card = capsys.readouterr().out
+    assert f"train deepvo {file} --precision 64-true\n" in card
+    assert "precision 64-true" in card
+    for refused in ("bf16-mixed", "half"):
+        assert main([*start, "--precision", refused]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_an_unknown_method_and_a_missing_file(tmp_path: Path) -> None:
