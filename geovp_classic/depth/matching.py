@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.parallel import parallel_map
+from geovp_classic.parallel import SAME_BITS, parallel_map
 from geovp_classic.types import FloatArray, IntArray
 
 CostArray = npt.NDArray[np.uint8]
@@ -85,7 +85,7 @@ def _buffers(rows: int, width: int) -> Buffers:
     return scores, sums, row, np.empty(width, np.int32), np.empty((BLOCK, rows, width), np.uint8)
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _sweep(
     own: tuple[FloatArray, FloatArray, FloatArray],  # padded by r all around; mean, one over deviation [rows, W]
     lines: IntArray,  # [rows + 2 r], the band's and the ones around it
@@ -110,7 +110,7 @@ def _sweep(
                     costs[row, column, first + k] = block[k, row, column]
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _finish(
     scores: FloatArray,  # [rows, 2, W]
     prior: np.uint8,
@@ -123,7 +123,7 @@ def _finish(
             costs[row, column] = np.uint8(cost) + prior
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _clear(
     numbers: FloatArray,  # [N, M, W], written
 ) -> None:
@@ -133,7 +133,7 @@ def _clear(
                 numbers[n, m, column] = _ZERO
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _add_band(
     own: tuple[FloatArray, FloatArray, FloatArray],
     lines: IntArray,
@@ -157,7 +157,7 @@ def _add_band(
             _score_row(sums[5], mean[row], inverse_deviation[row], inside, scores[row])
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _aim_row(
     slope: tuple[np.float32, np.float32, np.float32],
     start: tuple[np.float32, np.float32, np.float32],
@@ -179,7 +179,7 @@ def _aim_row(
         index[column] = whole_v * np.int32(size[1]) + whole_u
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _read_row(
     source: PackedArray,  # [H', W']
     part_u: FloatArray,
@@ -200,7 +200,7 @@ def _read_row(
         warped[i], warped[width + r + i] = warped[r], warped[width + r - 1]
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _sum_row(
     warped: FloatArray,  # [W + 2 r]
     own: FloatArray,  # [W + 2 r]
@@ -218,7 +218,7 @@ def _sum_row(
         leaving[0, x], leaving[1, x], leaving[2, x] = plain, square, product
 
 
-@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _score_row(
     running: FloatArray,  # [3, W]
     mean: FloatArray,  # [W]

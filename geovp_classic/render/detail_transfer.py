@@ -16,6 +16,7 @@ import cv2
 import numba
 import numpy as np
 
+from geovp_classic.parallel import SAME_BITS
 from geovp_classic.types import ByteArray, FloatArray
 
 BAND_EDGES = (1.0, 1.7, 2.7, 4.0, 6.0)  # magnifications between which each band is lost
@@ -64,7 +65,7 @@ def _planes(frame: ByteArray) -> FloatArray:
     return np.ascontiguousarray(np.moveaxis(frame, -1, 0), dtype=np.float32)
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, fastmath=SAME_BITS, error_model="numpy")
 def _add(
     image: FloatArray,  # [H, W] float32
     bands: FloatArray,  # [B, H, W] float32

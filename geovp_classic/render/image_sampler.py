@@ -15,6 +15,7 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import inside
+from geovp_classic.parallel import SAME_BITS
 from geovp_classic.render.patches import Source, projections, source_pixels
 from geovp_classic.render.rasterizer import NEAR_SHARE, NO_INDEX, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
@@ -204,7 +205,7 @@ def _project_to_sources(
                 pixels[row, column, 0], pixels[row, column, 1], ratio[row, column] = x, y, z
 
 
-@numba.njit(nogil=True, cache=True, fastmath=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, fastmath=SAME_BITS, error_model="numpy")
 def _sample(
     channels: FloatArray,  # [S, C, H', W'] float32 with margins
     channel: int,

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.parallel import parallel_map
+from geovp_classic.parallel import SAME_BITS, parallel_map
 from geovp_classic.types import FloatArray
 
 IndexArray = npt.NDArray[np.int32]
@@ -83,7 +83,7 @@ def _rasterise_view(
         start = end
 
 
-@numba.njit(cache=True, fastmath=True, error_model="numpy")
+@numba.njit(cache=True, fastmath=SAME_BITS, error_model="numpy")
 def _set_up(
     patches: FloatArray,
     start: int,
@@ -138,7 +138,7 @@ def _set_up(
         setup[DEPTH + 2 * ROW + n] = (q * det[2] + q_d * along_d[2] + q_e * along_e[2]) * share
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=SAME_BITS)
 def _homogeneous(
     along_u: Number,
     along_v: Number,
@@ -155,7 +155,7 @@ def _homogeneous(
     return middle, _HALF * along_u + q_d * shift, _HALF * along_v + q_e * shift
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=SAME_BITS)
 def _bounds(
     middle: Number,
     d: Number,
@@ -173,12 +173,12 @@ def _store(setup: FloatArray, start: int, coefficients: Vector) -> None:
     setup[start], setup[start + ROW], setup[start + 2 * ROW] = coefficients
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=SAME_BITS)
 def _cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=SAME_BITS)
 def _rasterise_patch(setup: FloatArray, n: int, number: int, z_buffer: FloatArray, winner: IndexArray) -> None:
     """Write the patch where it is nearer than the z-buffer."""
     base_x, base_y = int(setup[BASE_X + n]), int(setup[BASE_Y + n])
@@ -199,6 +199,6 @@ def _load(setup: FloatArray, start: int) -> Vector:
     return setup[start], setup[start + ROW], setup[start + 2 * ROW]
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=SAME_BITS)
 def _at(coefficients: Vector, x: Number, y: Number) -> Number:
     return coefficients[0] * x + coefficients[1] * y + coefficients[2]

@@ -1,4 +1,4 @@
-"""Same settings, same bytes, whatever the number of processes and of threads."""
+"""Same settings, same bytes: with any number of processes and threads, and compiled for any processor."""
 
 from pathlib import Path
 from typing import Any
@@ -53,10 +53,25 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return outcome(tmp_path_factory.mktemp("plain"), 1, Serial())
 
 
-@pytest.mark.parametrize(("threads", "executor"), [(2, Serial()), (1, Processes(2))], ids=["threads", "workers"])
+@pytest.mark.parametrize(
+    ("threads", "executor", "environment"),
+    [
+        (2, Serial(), {}),
+        (1, Processes(2), {}),
+        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}),
+    ],
+    ids=["threads", "workers", "processors"],
+)
 def test_frames_poses_and_scores_are_the_same_to_the_last_bit(
-    plain: Any, tmp_path: Path, threads: int, executor: Executor
+    plain: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    threads: int,
+    executor: Executor,
+    environment: dict[str, str],  # of the processes that are started
 ) -> None:
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
     stored, images = outcome(tmp_path, threads, executor)
     assert len(images) == 3
     assert images == plain[1]
