@@ -11,6 +11,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from llvmlite.binding import get_host_cpu_name
+
 from geovp_benchmarks.built_matrix import BuiltMatrix, build_matrix
 from geovp_benchmarks.locking import Claim, unclaimed
 from geovp_benchmarks.matrix import Matrix
@@ -149,8 +151,8 @@ def _split_hash(built: BuiltMatrix) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Installed versions of the packages that numbers depend on."""
-    installed = {"python": platform.python_version()}
+    """Installed versions of the packages that numbers depend on, and the kind of processor, such as "znver3"."""
+    installed = {"python": platform.python_version(), "processor": get_host_cpu_name()}
     for package in VERSIONS_OF:
         with contextlib.suppress(metadata.PackageNotFoundError):
             installed[package] = metadata.version(package)
