@@ -9,6 +9,7 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.geometry.robust import median
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Trajectory
 
 FLAT = 4.0  # standard deviation of the grey values below which a frame shows nothing
@@ -42,8 +43,9 @@ def _last_cut(images: list[ByteArray]) -> int:
     """
     pairs = list(itertools.pairwise(range(len(images))))
     changes = np.array([cv2.norm(images[a], images[b], cv2.NORM_L1) for a, b in pairs])
+    usual = median(changes) if pairs else 0.0
     for a, b in reversed(pairs[:-1]):
-        if changes[a] > CUT_CHANGE * np.median(changes):
+        if changes[a] > CUT_CHANGE * usual:
             others = [(a, b), (a, b + 1), (max(a - 1, 0), b)]
             if all(_found_again(images[one], images[other]) < CUT_TRACKED for one, other in others):
                 return b

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.robust import median
 from geovp_classic.types import BoolArray, FloatArray
 
 MIN_POINTS = 8
@@ -49,12 +50,12 @@ def two_view(
         return _unknown(len(rays_a))
     shift = np.linalg.norm(rays_b - rays_a, axis=1)
     if (shift < INLIER * noise).mean() >= MIN_STATIC_SHARE:
-        return TwoView("still", np.eye(4), shift < INLIER * noise, float(np.median(shift)))
+        return TwoView("still", np.eye(4), shift < INLIER * noise, median(shift))
     rotation = best_rotation(rays_a, rays_b, noise)
     shift = np.linalg.norm(rotate_rays(rotation, rays_a) - rays_b, axis=1)
     if (shift < INLIER * noise).mean() >= MIN_STATIC_SHARE:
         b_from_a = se3.compose(rotation, np.zeros(3))
-        return TwoView("rotation", b_from_a, shift < INLIER * noise, float(np.median(shift)))
+        return TwoView("rotation", b_from_a, shift < INLIER * noise, median(shift))
     return _general(rays_a, rays_b, noise, seed)
 
 
@@ -76,7 +77,7 @@ def best_rotation(
     noise: float,
     num_rounds: int = 12,
 ) -> FloatArray:
-    """b_from_a [3, 3] that aligns most rays: Wahba's problem, reweighted (Geman-McClure).
+    """b_from_a [3, 3] that aligns most rays: Wahba's problem (Markley 1988), reweighted (Geman-McClure).
 
     The kernel shrinks from the median residual to `noise`, so that a minority of outliers loses its weight.
     """
@@ -84,9 +85,10 @@ def best_rotation(
     a, b = a / np.linalg.norm(a, axis=1, keepdims=True), b / np.linalg.norm(b, axis=1, keepdims=True)
     weight, rotation = np.ones(len(a)), np.eye(3)
     for _ in range(num_rounds):
-        rotation = np.asarray(Rotation.align_vectors(b, a, weight)[0].as_matrix())
+        u, _, vt = np.linalg.svd((weight[:, None] * b).T @ a)
+        rotation = (u * (1, 1, np.linalg.det(u @ vt))) @ vt
         residual = np.linalg.norm(a @ rotation.T - b, axis=1)
-        kernel = max(noise, float(np.median(residual)))
+        kernel = max(noise, median(residual))
         weight = 1 / (1 + (residual / kernel) ** 2) ** 2
     return rotation
 
@@ -160,7 +162,7 @@ def _general(rays_a: FloatArray, rays_b: FloatArray, noise: float, seed: int) ->
     inliers = np.abs(sampson_terms(rays_a, rays_b, b_from_a).distance) < INLIER * noise
     inliers &= _in_front(rays_a, rays_b, b_from_a, noise)
     shift = np.linalg.norm(rotate_rays(b_from_a[:3, :3], rays_a) - rays_b, axis=1)
-    return TwoView("general", b_from_a, inliers, float(np.median(shift[inliers])) if inliers.any() else 0.0)
+    return TwoView("general", b_from_a, inliers, median(shift[inliers]) if inliers.any() else 0.0)
 
 
 def _magsac(rays_a: FloatArray, rays_b: FloatArray, threshold: float, seed: int) -> FloatArray | None:

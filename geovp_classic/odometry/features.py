@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.geometry.robust import median
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray
 
 NOISE_PX = 0.25  # standard deviation of a coordinate of a tracked corner
@@ -65,7 +66,7 @@ class CornerTracker:
         tracked = np.nan_to_num(ahead.astype(np.float64))
         found &= inside(tracked, now)
         if found.any():
-            found &= error < MAX_ERROR_RATIO * np.median(error[found]) + MAX_ERROR_OFFSET
+            found &= error < MAX_ERROR_RATIO * median(error[found]) + MAX_ERROR_OFFSET
         return tracked, found
 
 

@@ -7,6 +7,7 @@ import numba
 import numpy as np
 
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.robust import median
 from geovp_classic.types import BoolArray, FloatArray
 
 INLIER = 5.0  # largest error of an inlier, in standard deviations of the noise
@@ -82,7 +83,7 @@ def _normal_equations(
     """Gauss-Newton's matrix [6, 6], barely damped, gradient [6] by translation and rotation, and the new kernel."""
     projected, errors = np.zeros((len(points), 3)), np.full(len(points), np.inf)
     _project(points, rays, cam_from_world, projected, errors)
-    kernel = max(noise, min(float(np.median(errors)), kernel / 2))  # here, since a median takes long to compile
+    kernel = max(noise, min(median(errors), kernel / 2))  # here, since a median takes long to compile
     normal, gradient, jacobian = np.zeros((6, 6)), np.zeros(6), np.zeros((2, 6))
     _add_to_normal_equations(projected, rays, errors, kernel, jacobian, normal, gradient)
     np.fill_diagonal(normal, (1 + 1e-9) * np.diag(normal) + 1e-12)

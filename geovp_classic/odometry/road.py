@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from geovp_classic.geometry.robust import median
 from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.types import ByteArray, FloatArray, IntArray, Intrinsics
@@ -164,8 +165,8 @@ def _normal_equations(
 ) -> tuple[FloatArray, FloatArray]:
     """Gauss-Newton's matrix [3, 3] and gradient [3], with robust weights and the brightness offset eliminated."""
     difference = difference.astype(np.float64)
-    difference -= np.median(difference)
-    spread = max(GREY_NOISE, 1.4826 * float(np.median(np.abs(difference))))
+    difference -= median(difference)
+    spread = max(GREY_NOISE, 1.4826 * median(np.abs(difference)))
     weight = 1 / (1 + (difference / (2 * spread)) ** 2) ** 2
     jacobian = jacobian - weight @ jacobian / weight.sum()
     weighted = jacobian * weight[:, None] / spread**2

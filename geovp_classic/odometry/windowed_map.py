@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.robust import median
 from geovp_classic.geometry.two_view import homogeneous, rotate_rays
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
@@ -67,7 +68,7 @@ class WindowedMap:
         rays = self.lens.rays(self.observations[:, index])
         errors = reprojection_errors(self.points[index], rays, self.cam_from_world)
         known = errors[np.isfinite(errors)]
-        return float(np.median(known)) / self.noise if len(known) else np.inf
+        return median(known) / self.noise if len(known) else np.inf
 
     @property
     def newest_keyframe_id(self) -> int:
@@ -168,7 +169,7 @@ class WindowedMap:
         rotation = (cam_from_world @ se3.inverse(self.cam_from_world[-1]))[:3, :3]
         rotated = rotate_rays(rotation, self.lens.rays(self.observations[-1, shared]))
         shift = np.linalg.norm(self.lens.rays(self.pixels[shared]) - rotated, axis=1)
-        return float(np.median(shift[np.isfinite(shift)])) if np.isfinite(shift).any() else np.nan
+        return median(shift[np.isfinite(shift)]) if np.isfinite(shift).any() else np.nan
 
     def _triangulate(self, index: IntArray) -> FloatArray:
         """Points [M, 3]; NaN where parallax is missing, the error is large or the point is behind a camera."""

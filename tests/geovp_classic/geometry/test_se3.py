@@ -5,6 +5,7 @@ import pytest
 import scipy.linalg
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
@@ -129,3 +130,10 @@ def test_how_far_from_a_rotation_is_too_far() -> None:
         se3.orthonormalised(rounded, tolerance=1.99e-3)
     with pytest.raises(BadData, match=r"within 0\.0001"):
         se3.orthonormalised(rounded)
+
+
+@given(st.lists(twists(), min_size=1, max_size=5))
+def test_rotation_vectors_are_scipys(several: list[np.ndarray]) -> None:
+    turned = se3.exp(np.stack(several))
+    expected = Rotation.from_matrix(turned[:, :3, :3]).as_rotvec()
+    np.testing.assert_allclose(se3.turn(np.eye(4), turned), expected, atol=1e-9)
