@@ -73,6 +73,8 @@ setup: $(READY)  ## only the virtual environment
 clean:  ## remove the virtual environment and everything derived
 	rm -rf $(VENV) .venv-oldest .venv-newest build dist site *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
+NO_ROOM = { df -h . "$${TMPDIR:-/tmp}"; echo "Set-up failed: besides a package index it needs 4 GB here and 2 GB for temporary files (in TMPDIR, else /tmp)"; exit 1; }
+
 # torch first, by its exact pin: unpinned it would draw in gigabytes that nothing here needs.
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -80,8 +82,8 @@ $(READY): pyproject.toml constraints.txt
 	@$(MAKE) --no-print-directory debian-packages
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV) (once; some minutes, about 4 GB) ..."
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=compat --editable '.[learned,onnx,volume,video,cluster,completion,dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch || $(NO_ROOM)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=compat --editable '.[learned,onnx,volume,video,cluster,completion,dev]' || $(NO_ROOM)
 	@$(BIN)/python -c 'import open3d' 2>/dev/null || \
 	  { echo "Open3D cannot be imported: install the Debian package libusb-1.0-0 (as root: apt-get install libusb-1.0-0)"; exit 1; }
 	@touch $@
