@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +18,8 @@ from geovp_benchmarks.progress import announce
 from geovp_benchmarks.store import Cell, Part, Results, Rows
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Grant
+
+MOST_LISTED = 3  # metrics in the verdict on one pair
 
 
 @dataclass(frozen=True)
@@ -52,16 +54,31 @@ class Verdict:
 
     def sentence(self, tolerance: float) -> str:
         """The verdict in words."""
-        abouts = self.stored.results.protocol()["metrics"]
-        units = {name: abouts.get(name.partition("@")[0], {}).get("unit", "") for name in self.differences}
-        listed = ", ".join(f"{name} {value:.3g} {units[name]}".rstrip() for name, value in self.differences.items())
         agreement = "differs" if max(self.differences.values(), default=0.0) > tolerance else "within the tolerance"
+        listed = _listed(self.stored.results, self.differences, MOST_LISTED)
         parts = [self.problem or (f"{agreement}: {listed}" if listed else "identical")]
         parts += [f"{name} cannot be compared: {reason}" for name, reason in self.missing.items()]
         parts += [] if self.is_repeatable else ["not deterministic: two computations here differ as well"]
         if self.code and self.code != self.stored.part.code:
             parts.append(f"stored by code {self.stored.part.code or 'of an older version'}, here it is {self.code}")
         return f"{self.stored.cell.label}, {self.stored.clip}: {'; '.join(filter(None, parts))}"
+
+
+def largest(results: Results, verdicts: Sequence[Verdict]) -> str:
+    """The largest difference of each metric over whole images and paths; "" where all are the same."""
+    over_all: dict[str, float] = {}
+    for name, value in (each for verdict in verdicts for each in verdict.differences.items() if "@" not in each[0]):
+        over_all[name] = max(over_all.get(name, 0.0), value)
+    return f"largest differences: {_listed(results, over_all)}" if over_all else ""
+
+
+def _listed(results: Results, differences: Mapping[str, float], most: int | None = None) -> str:
+    """Differences with their units, the largest first; beyond `most` of them their number alone."""
+    abouts = results.protocol()["metrics"]
+    units = {name: abouts.get(name.partition("@")[0], {}).get("unit", "") for name in differences}
+    ordered = sorted(differences.items(), key=lambda one: -one[1])
+    shown = [f"{name} {value:.3g} {units[name]}".rstrip() for name, value in ordered[:most]]
+    return ", ".join([*shown, *([f"{len(ordered) - len(shown)} more"] if len(ordered) > len(shown) else [])])
 
 
 def sample(results: Results, count: int, seed: int) -> list[Stored]:

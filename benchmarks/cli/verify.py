@@ -39,5 +39,6 @@ def run(chosen: argparse.Namespace) -> int:
     good = sum(verdict.reproduces(chosen.tolerance) for verdict in verdicts)
     print(*(verdict.sentence(chosen.tolerance) for verdict in verdicts), sep="\n")
     versions = dict.fromkeys(line for part in parts for line in verification.other_versions(part))
-    print(*versions, f"{good} of {len(verdicts)} reproduce", sep="\n")
+    differences = verification.largest(parts[0], verdicts)
+    print(*filter(None, [differences]), *versions, f"{good} of {len(verdicts)} reproduce", sep="\n")
     return int(good < len(verdicts))
