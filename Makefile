@@ -73,7 +73,7 @@ setup: $(READY)  ## only the virtual environment
 clean:  ## remove the virtual environment and everything derived
 	rm -rf $(VENV) .venv-oldest .venv-newest build dist site *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-NO_ROOM = { df -h . "$${TMPDIR:-/tmp}"; echo "Set-up failed: besides a package index it needs 4 GB here and 2 GB for temporary files (in TMPDIR, else /tmp)"; exit 1; }
+NO_ROOM = { df -h . "$${TMPDIR:-/tmp}"; echo "Set-up failed: besides a package index it needs 4 GB here and 1 GB for temporary files (in TMPDIR, else /tmp)"; exit 1; }
 
 # torch first, by its exact pin: unpinned it would draw in gigabytes that nothing here needs.
 $(READY): pyproject.toml constraints.txt
