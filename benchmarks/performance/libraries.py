@@ -15,6 +15,7 @@ import numpy as np
 from geovp_benchmarks.performance import rounds_parser, timed
 from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.robust import median
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
@@ -133,6 +134,19 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     )
 
 
+def median_of_numbers(scene: Scene) -> Comparison:
+    """The median of as many numbers as there are points."""
+    numbers = scene.rays[0, :, 0]
+    middle = float(np.sort(numbers)[NUM_POINTS // 2 - 1 : NUM_POINTS // 2 + 1].mean())
+    return Comparison(
+        "median",
+        "",
+        lambda: np.array(median(numbers)),
+        lambda: np.array(np.median(numbers)),
+        lambda found: abs(float(found) - middle),
+    )
+
+
 @single_threaded_blas
 def measure(comparison: Comparison, rounds: int) -> str:
     """One line: both times, their ratio, and both errors."""
@@ -142,7 +156,7 @@ def measure(comparison: Comparison, rounds: int) -> str:
         milliseconds.append(1e3 * float(np.median([timed(solve)[1][1] for _ in range(rounds)])))
     (ours_ms, library_ms), (ours, library) = milliseconds, errors
     return (
-        f"{comparison.name}: ours {ours_ms:.2f} ms, library {library_ms:.2f} ms, ratio {library_ms / ours_ms:.1f}; "
+        f"{comparison.name}: ours {ours_ms:.3g} ms, library {library_ms:.3g} ms, ratio {library_ms / ours_ms:.1f}; "
         f"error {ours:.2g} and {library:.2g} {comparison.unit}"
     )
 
@@ -169,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each solver."""
     rounds = rounds_parser("Our solvers beside those of libraries.", 20).parse_args(arguments).rounds
     scene = Scene.random()
-    for problem in (triangulation, resection, relative_pose, local_bundle_adjustment):
+    for problem in (triangulation, resection, relative_pose, local_bundle_adjustment, median_of_numbers):
         print(measure(problem(scene), rounds))
 
 

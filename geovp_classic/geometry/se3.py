@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 
-LARGE_ANGLE_COSINE = -0.5  # beyond, the sine alone says too little about the axis
 SMALL_ANGLE_RAD = 1e-3  # below it, Taylor series to fourth order are exact in float64
 
 
@@ -111,15 +110,8 @@ def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
 
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:
-    """Axis times angle [..., 3]; by SciPy, which takes ten times as long, where an angle is near pi."""
-    difference = rotation - np.swapaxes(rotation, -1, -2)
-    twice_axis = np.stack([difference[..., 2, 1], difference[..., 0, 2], difference[..., 1, 0]], axis=-1)
-    sine, cosine = np.linalg.norm(twice_axis, axis=-1) / 2, (np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2
-    if (cosine < LARGE_ANGLE_COSINE).any():
-        flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
-        return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
-    ratio = np.divide(np.arctan2(sine, cosine), sine, out=np.ones_like(sine), where=sine > 0)
-    return np.asarray(ratio[..., None] * twice_axis / 2)
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
 
 
 def _left_jacobian(rotation_vector: FloatArray) -> FloatArray:

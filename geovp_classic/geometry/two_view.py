@@ -77,7 +77,7 @@ def best_rotation(
     noise: float,
     num_rounds: int = 12,
 ) -> FloatArray:
-    """b_from_a [3, 3] that aligns most rays: Wahba's problem (Markley 1988), reweighted (Geman-McClure).
+    """b_from_a [3, 3] that aligns most rays: Wahba's problem, reweighted (Geman-McClure).
 
     The kernel shrinks from the median residual to `noise`, so that a minority of outliers loses its weight.
     """
@@ -85,8 +85,7 @@ def best_rotation(
     a, b = a / np.linalg.norm(a, axis=1, keepdims=True), b / np.linalg.norm(b, axis=1, keepdims=True)
     weight, rotation = np.ones(len(a)), np.eye(3)
     for _ in range(num_rounds):
-        u, _, vt = np.linalg.svd((weight[:, None] * b).T @ a)
-        rotation = (u * (1, 1, np.linalg.det(u @ vt))) @ vt
+        rotation = np.asarray(Rotation.align_vectors(b, a, weight)[0].as_matrix())
         residual = np.linalg.norm(a @ rotation.T - b, axis=1)
         kernel = max(noise, median(residual))
         weight = 1 / (1 + (residual / kernel) ** 2) ** 2
