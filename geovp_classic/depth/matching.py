@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.parallel import SAME_BITS, parallel_map
-from geovp_classic.types import FloatArray, IntArray
+from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 CostArray = npt.NDArray[np.uint8]
 
@@ -23,14 +23,15 @@ UNSEEN = 128  # the cost where no source sees the point: neither good nor bad
 NOISE_VARIANCE = 2.0  # of grey values 0..255; windows flatter than this correlate with nothing
 IN_FRONT = 1e-6  # smallest z, relative to the ray
 BAND_ROWS = 32  # that a thread works on at a time, so that they stay in its cache
+NEAR_SHARE, STRIDE = 1 / 3, 4  # see near_sources; hypotheses from one comparison with these to the next
 BLOCK = 16  # hypotheses whose costs are written at a time: one by one they lie far apart
 
 _WINDOW = np.float32(1 / (2 * RADIUS_PX + 1) ** 2)
 _ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
-_WORST, _UNSEEN = np.float32(WORST), np.float32(UNSEEN)
+_WORST, _UNSEEN, _LEAST_SEEN = np.float32(WORST), np.float32(UNSEEN), np.float32(1 / 8)
 
 PackedArray = npt.NDArray[np.int32]
-Buffers = tuple[FloatArray, FloatArray, FloatArray, PackedArray, CostArray]  # scores, window sums, rows; see _buffers
+Buffers = tuple[FloatArray, FloatArray, FloatArray, FloatArray, PackedArray, CostArray]  # see _buffers
 
 
 def sweep_costs(
@@ -41,7 +42,11 @@ def sweep_costs(
     inverse_depths: FloatArray,  # [N], the hypotheses
     out: CostArray | None = None,  # [H, W, N], where the costs are written
 ) -> CostArray:
-    """Costs [H, W, N]: the mean over the sources that see it, 0 (equal) to WORST, else UNSEEN; plus `far_prior`."""
+    """Costs [H, W, N]: the mean over the sources that see it, 0 (equal) to WORST, else UNSEEN; plus `far_prior`.
+
+    From one hypothesis to the next the image of a near source hardly moves: it is compared at every STRIDE-th one, and
+    its scores are interpolated between.
+    """
     window, num = (2 * RADIUS_PX + 1,) * 2, len(inverse_depths)
     mean = np.asarray(cv2.boxFilter(reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32)
     square = np.asarray(cv2.boxFilter(reference * reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32)
@@ -49,7 +54,7 @@ def sweep_costs(
     shifts = (inverse_depths[:, None] * epipoles[:, None]).astype(np.float32)  # [S, N, 3]
     infinity = infinity_from_pixel.astype(np.float32)
     assert all(np.isfinite(one).all() for one in (infinity, shifts)), "a NaN would read outside the image"
-    packed = _packed(sources)
+    packed, near = _packed(sources), near_sources(epipoles)
     costs = np.empty((*reference.shape, num), np.uint8) if out is None else out
     padded = np.pad(reference, RADIUS_PX, mode="edge")
 
@@ -57,10 +62,19 @@ def sweep_costs(
         band = slice(top, top + BAND_ROWS)
         lines = np.clip(np.arange(top - RADIUS_PX, top + len(mean[band]) + RADIUS_PX), 0, len(reference) - 1)
         own = padded[top : top + len(lines)], mean[band], inverse_deviation[band]
-        _sweep(own, lines, infinity, shifts, packed, far_prior(num), _buffers(*mean[band].shape), costs[band])
+        buffers = _buffers(*mean[band].shape)
+        _sweep(own, lines, infinity, shifts, near, packed, far_prior(num), buffers, costs[band])
 
     parallel_map(sweep_band, range(0, len(reference), BAND_ROWS))
     return costs
+
+
+def near_sources(
+    epipoles: FloatArray,  # [S, 3]
+) -> BoolArray:
+    """Which sources [S] are near: a hypothesis shifts their images by less than a third of the farthest one's."""
+    shift = np.linalg.norm(epipoles, axis=1)
+    return np.asarray(shift < NEAR_SHARE * shift.max())
 
 
 def far_prior(num: int) -> CostArray:
@@ -79,10 +93,13 @@ def _packed(sources: FloatArray) -> PackedArray:
 
 
 def _buffers(rows: int, width: int) -> Buffers:
-    """Memory of a band (the last two: whole numbers, costs of a block), made here: compiled, that takes long."""
-    row = np.empty((8, width + 2 * RADIUS_PX), np.float32)
-    scores, sums = np.empty((rows, 2, width), np.float32), np.empty((6, 3, width), np.float32)
-    return scores, sums, row, np.empty(width, np.int32), np.empty((BLOCK, rows, width), np.uint8)
+    """Memory of a band (the last two: whole numbers, costs of a block), made here: compiled, that takes long.
+
+    Scores of a hypothesis, of the near sources at the two compared hypotheses around it, sums over windows, rows.
+    """
+    row, sums = np.empty((8, width + 2 * RADIUS_PX), np.float32), np.empty((6, 3, width), np.float32)
+    scores, near_scores = np.empty((rows, 2, width), np.float32), np.empty((2, rows, 2, width), np.float32)
+    return scores, near_scores, sums, row, np.empty(width, np.int32), np.empty((BLOCK, rows, width), np.uint8)
 
 
 @numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
@@ -91,18 +108,27 @@ def _sweep(
     lines: IntArray,  # [rows + 2 r], the band's and the ones around it
     infinity_from_pixel: FloatArray,  # [S, 3, 3]
     shifts: FloatArray,  # [S, N, 3]
+    near: BoolArray,  # [S]
     packed: PackedArray,  # [S, H', W']
     prior: CostArray,  # [N]
     buffers: Buffers,
     costs: CostArray,  # [rows, W, N], written
 ) -> None:
-    scores, block = buffers[0], buffers[4]
+    scores, near_scores, block, last = buffers[0], buffers[1], buffers[5], costs.shape[2] - 1
     for first in range(0, costs.shape[2], len(block)):
         num = min(len(block), costs.shape[2] - first)
         for k in range(num):
-            _clear(scores)
-            for s in range(len(packed)):
-                _add_band(own, lines, infinity_from_pixel[s], shifts[s, first + k], packed[s], buffers)
+            n = first + k
+            start, end = n - n % STRIDE, min(n - n % STRIDE + STRIDE, last)
+            before, after = near_scores[n // STRIDE % 2], near_scores[(n // STRIDE + 1) % 2]
+            if n == 0:
+                _clear(before)
+                _add_sources(own, lines, infinity_from_pixel, shifts[:, 0], near, True, packed, buffers, before)
+            if n == start:
+                _clear(after)
+                _add_sources(own, lines, infinity_from_pixel, shifts[:, end], near, True, packed, buffers, after)
+            _interpolate(before, after, np.float32(n - start) / np.float32(max(end - start, 1)), scores)
+            _add_sources(own, lines, infinity_from_pixel, shifts[:, n], near, False, packed, buffers, scores)
             _finish(scores, prior[first + k], block[k])
         for row in range(costs.shape[0]):
             for column in range(costs.shape[1]):
@@ -119,7 +145,7 @@ def _finish(
     for row in range(costs.shape[0]):
         for column in range(costs.shape[1]):
             seen = scores[row, 1, column]
-            cost = _WORST * scores[row, 0, column] / max(seen, _ONE) if seen > _ZERO else _UNSEEN
+            cost = _WORST * scores[row, 0, column] / max(seen, _LEAST_SEEN) if seen > _ZERO else _UNSEEN
             costs[row, column] = np.uint8(cost) + prior
 
 
@@ -134,6 +160,37 @@ def _clear(
 
 
 @numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
+def _interpolate(
+    before: FloatArray,  # [rows, 2, W]
+    after: FloatArray,  # [rows, 2, W]
+    share: np.float32,
+    between: FloatArray,  # [rows, 2, W], written
+) -> None:
+    for row in range(between.shape[0]):
+        for i in range(2):
+            for column in range(between.shape[2]):
+                first = before[row, i, column]
+                between[row, i, column] = first + share * (after[row, i, column] - first)
+
+
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
+def _add_sources(
+    own: tuple[FloatArray, FloatArray, FloatArray],
+    lines: IntArray,
+    infinity_from_pixel: FloatArray,  # [S, 3, 3]
+    shifts: FloatArray,  # [S, 3]
+    near: BoolArray,  # [S]
+    chosen: bool,  # the near ones, or the others
+    packed: PackedArray,  # [S, H', W']
+    buffers: Buffers,
+    scores: FloatArray,  # [rows, 2, W], added to
+) -> None:
+    for s in range(len(packed)):
+        if near[s] == chosen:
+            _add_band(own, lines, infinity_from_pixel[s], shifts[s], packed[s], buffers, scores)
+
+
+@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
 def _add_band(
     own: tuple[FloatArray, FloatArray, FloatArray],
     lines: IntArray,
@@ -141,10 +198,11 @@ def _add_band(
     shift: FloatArray,  # [3]
     source: PackedArray,  # [H', W']
     buffers: Buffers,
+    scores: FloatArray,  # [rows, 2, W], added to
 ) -> None:
     """Window sums run down the rows: each row's own sums enter at the bottom and leave at the top (ring of 2 r + 1)."""
     padded, mean, inverse_deviation = own
-    scores, sums, rows, index, _ = buffers
+    _, _, sums, rows, index, _ = buffers
     _clear(sums)
     for step in range(len(lines)):
         inside, row, v = rows[step % 5], step - 2 * RADIUS_PX, np.float32(lines[step])

@@ -84,9 +84,10 @@ def turned(
 
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
-    """The angle of the rotation part [...], right near 0 and near pi."""
-    angle_rad: FloatArray = np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1)
-    return angle_rad
+    """The angle of the rotation part R [...], right near 0 and near pi: R - R' has its sine, the trace its cosine."""
+    rotation = b_from_a[..., :3, :3]
+    twice_sine = np.linalg.norm(rotation - np.swapaxes(rotation, -1, -2), axis=(-2, -1)) / np.sqrt(2)
+    return np.asarray(np.arctan2(twice_sine, np.trace(rotation, axis1=-2, axis2=-1) - 1))
 
 
 def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray:

@@ -146,13 +146,14 @@ def track(
     visible[reference] = True
     window_px = int(WINDOW_PX * max(1, height / TALL_PX)) | 1  # odd
     for steps in (range(reference - 1, -1, -1), range(reference + 1, len(images))):
-        before = reference
+        before, motion = reference, None
         for step in steps:
             known, pixels[step] = visible[before], pixels[before]
             if known.any():
                 pair, start = (grey[before], grey[step]), pixels[before][known]
+                guess, levels = (start, 4) if motion is None else (start + motion[known], 2)
                 pixels[step, known], visible[step, known], _ = track_points(
-                    pair, start, start, window_px, (4, 1), max_return_px=RETURN_PX
+                    pair, start, guess, window_px, (levels, 1), max_return_px=RETURN_PX
                 )
-            before = step
+            before, motion = step, pixels[step] - pixels[before]
     return pixels.astype(np.float64), visible

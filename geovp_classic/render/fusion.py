@@ -38,7 +38,8 @@ def fuse(
     for source, inverse_depth, certainty in reversed(list(zip(sources, inverse_depths, confidence, strict=True))):
         known = certainty > 0 if used else np.ones(certainty.shape, dtype=bool)
         for later, later_depth in zip(used, maps, strict=True):
-            known &= _hidden_from(later, later_depth, source, inverse_depth, agreement)
+            if known.any():
+                known &= _hidden_from(later, later_depth, source, inverse_depth, agreement)
         if known.any():
             clouds.append(patches.from_depth_map(inverse_depth, known, len(used)))
             used.append(source)

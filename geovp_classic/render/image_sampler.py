@@ -40,8 +40,17 @@ WEIGHTS = lanczos_weights()
 
 def is_grey(frames: ByteArray) -> bool:
     """Whether all channels of frames [..., 3] are the same."""
-    first = frames[..., 0]
-    return bool(np.array_equal(first, frames[..., 1]) and np.array_equal(first, frames[..., 2]))
+    return bool(_is_grey(np.ascontiguousarray(frames).reshape(-1)))
+
+
+@numba.njit(nogil=True, cache=True)
+def _is_grey(
+    values: ByteArray,  # [3 N]
+) -> bool:
+    different = np.uint8(0)
+    for n in range(len(values) // 3):  # to the end, without a branch, so that the compiler vectorises it
+        different |= (values[3 * n] ^ values[3 * n + 1]) | (values[3 * n] ^ values[3 * n + 2])
+    return different == 0
 
 
 @dataclass(frozen=True)
@@ -68,8 +77,9 @@ class ImageStack:
     ) -> ByteArray:
         """Colours [H, W, 3] by Lanczos' kernel of 8 x 8, its place rounded to a 256th of a pixel."""
         planes = np.zeros((self.channels.shape[1], *source_index.shape), np.uint8)
+        columns = np.empty(WEIGHTS.shape[1], np.float32)
         for channel, plane in enumerate(planes):
-            _sample(self.channels, channel, pixels, source_index, np.array(scale, np.float32), WEIGHTS, plane)
+            _sample(self.channels, channel, pixels, source_index, np.array(scale, np.float32), WEIGHTS, columns, plane)
         return np.asarray(cv2.merge([planes[0]] * 3 if len(planes) == 1 else list(planes)), np.uint8)
 
 
@@ -213,14 +223,15 @@ def _sample(
     source_index: IndexArray,  # [H, W]
     scale: FloatArray,  # [2] float32
     weights: FloatArray,  # [PHASES + 1, 8] float32
+    columns: FloatArray,  # [8] float32, changed
     plane: ByteArray,  # [H, W], written where there is a source
 ) -> None:
     """The weighted sum of 8 x 8 values at every pixel.
 
     The compiler vectorises the innermost loop because it does not know its length; a loop of known length, or one more
-    loop around, it would unroll.
+    loop around, it would unroll. Its eight sums are added up afterwards, in an order that is always the same.
     """
-    flat, taps = channels.reshape(-1), np.uint64(weights.shape[1])
+    flat, taps = channels.reshape(-1), np.uint64(len(columns))
     count, rows, stride = np.uint64(channels.shape[1]), np.uint64(channels.shape[2]), np.uint64(channels.shape[3])
     shift_u, shift_v = _HALF * scale[0] + _FIRST, _HALF * scale[1] + _FIRST
     for row in range(source_index.shape[0]):
@@ -237,9 +248,10 @@ def _sample(
             r0 = ((np.uint64(n) * count + np.uint64(channel)) * rows + np.uint64(top)) * stride + np.uint64(left)
             r1, r2, r3, r4 = r0 + stride, r0 + _TWO * stride, r0 + _THREE * stride, r0 + _FOUR * stride
             r5, r6, r7 = r4 + stride, r4 + _TWO * stride, r4 + _THREE * stride
-            value = _HALF
             for i in range(taps):
                 upper = d0 * flat[r0 + i] + d1 * flat[r1 + i] + d2 * flat[r2 + i] + d3 * flat[r3 + i]
                 lower = d4 * flat[r4 + i] + d5 * flat[r5 + i] + d6 * flat[r6 + i] + d7 * flat[r7 + i]
-                value += weights[phase_u, i] * (upper + lower)
+                columns[i] = weights[phase_u, i] * (upper + lower)
+            left_half = (columns[0] + columns[1]) + (columns[2] + columns[3])
+            value = left_half + ((columns[4] + columns[5]) + (columns[6] + columns[7])) + _HALF
             plane[row, column] = np.uint8(min(max(value, _ZERO), _WHITE))

@@ -15,10 +15,13 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
-from geovp_classic.render.rasterizer import NO_INDEX, IndexArray, rasterise_views
+from geovp_classic.parallel import parallel_map
+from geovp_classic.render.rasterizer import HALF_PX, NO_INDEX, IndexArray, rasterise_views
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 STRAIGHT = 0.5  # a surface is straight where the next step differs by less than this share
+FINER = 0.7  # of a pixel of a coarse view, that a patch at the same depth is wide at most
+BAND_ROWS = 64  # that a thread works on at a time
 FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
 
 
@@ -54,8 +57,9 @@ def from_depth_map(
     """The patches of all known pixels of one image."""
     q = np.where(known, inverse_depth, np.nan).astype(np.float32)
     v, u = np.nonzero(known)
-    number = np.full(len(u), source, dtype=np.int32)
-    return Patches(np.stack([u, v], -1).astype(np.float32), q[known], slopes(q)[known], number)
+    pixels, number = np.empty((len(u), 2), np.float32), np.full(len(u), source, dtype=np.int32)
+    pixels[:, 0], pixels[:, 1] = u, v
+    return Patches(pixels, q[known], slopes(q)[known], number)
 
 
 def concatenate(clouds: list[Patches]) -> Patches:
@@ -70,15 +74,23 @@ def rasterise(
     world_from_cam: FloatArray,  # [F, 4, 4]
     camera: Intrinsics,
 ) -> tuple[FloatArray, IndexArray]:
-    """Inverse depth [F, H, W] of the nearest patch at every pixel's centre, and its number (NOTHING for none)."""
+    """Inverse depth [F, H, W] of the nearest patch at every pixel's centre, and its number (NO_INDEX for none).
+
+    For views that are much coarser than the sources, a part of the patches stands for all, as much larger.
+    """
+    every = max(1, int(FINER * sources[0].camera.fx_px / camera.fx_px))
     to_views = [projections(source, world_from_cam, camera) for source in sources]
     a, b = (np.stack(maps, axis=1) for maps in zip(*to_views, strict=True))  # [F, sources, 3, 3], [F, sources, 3]
     size = (len(world_from_cam), camera.height_px, camera.width_px)
     inverse_depth = np.full(size, -1.0, dtype=np.float32)
     winner = np.full(size, NO_INDEX, dtype=np.int32)
-    columns = np.stack([*cloud.pixels.T, cloud.inverse_depth, *cloud.slope.T])
-    rasterise_views(columns, cloud.source, a.astype(np.float32), b.astype(np.float32), inverse_depth, winner)
-    return inverse_depth, winner
+    columns, source = np.stack([*cloud.pixels.T, cloud.inverse_depth, *cloud.slope.T]), cloud.source
+    if every > 1:
+        column, row = (axis.astype(np.int32) % every for axis in columns[:2])
+        chosen = np.append(np.flatnonzero((column == every // 2) & (row == every // 2)), NO_INDEX).astype(np.int32)
+        columns, source = np.take(columns, chosen[:-1], axis=1), source[chosen[:-1]]
+    rasterise_views(columns, source, a.astype(np.float32), b.astype(np.float32), every * HALF_PX, inverse_depth, winner)
+    return inverse_depth, winner if every == 1 else chosen[winner]
 
 
 def projections(
@@ -109,17 +121,20 @@ def source_pixels(
 def slopes(inverse_depth: FloatArray) -> FloatArray:
     """The step of the surface per pixel along u and v [H, W, 2]; inverse depth [H, W] is NaN where it is unknown."""
     found = np.empty((*inverse_depth.shape, 2), inverse_depth.dtype)
-    _slopes(inverse_depth, found)
+    edges = range(0, len(inverse_depth), BAND_ROWS)
+    parallel_map(lambda top: _slopes(inverse_depth, top, min(top + BAND_ROWS, len(found)), found), edges)
     return found
 
 
 @numba.njit(nogil=True, cache=True)
 def _slopes(
     q: FloatArray,  # [H, W]
-    found: FloatArray,  # [H, W, 2], written; 0 where neither side goes on straight
+    first: int,
+    end: int,
+    found: FloatArray,  # [H, W, 2], these rows written; 0 where neither side goes on straight
 ) -> None:
     """A pixel at an edge belongs to the side whose next step continues the slope; of two such sides to the flatter."""
-    for row in range(q.shape[0]):
+    for row in range(first, end):
         for column in range(q.shape[1]):
             for axis in range(2):
                 along, size = (column, q.shape[1]) if axis == 0 else (row, q.shape[0])

@@ -35,7 +35,7 @@ ROW = BLOCK + 16  # numbers between two rows of a setup: with a power of two all
 LEFT, RIGHT, TOP, BOTTOM, BASE_X, BASE_Y, DET, ALONG_D, ALONG_E, DEPTH, FARTHEST, NEAREST, NUM_ROWS = (
     ROW * row for row in (0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 18, 19, 20)
 )
-_HALF, _NEAR = np.float32(HALF_PX), np.float32(NEAR_SHARE)
+_NEAR = np.float32(NEAR_SHARE)
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-30)
 
 
@@ -44,6 +44,7 @@ def rasterise_views(
     source: IndexArray,  # [N], fastest where patches of one source follow each other
     a: FloatArray,  # [F, sources, 3, 3] float32
     b: FloatArray,  # [F, sources, 3] float32
+    half_px: float,  # half the side of a patch in its source
     z_buffer: FloatArray,
     winner: IndexArray,
 ) -> None:
@@ -51,7 +52,7 @@ def rasterise_views(
 
     def rasterise(f: int) -> None:
         buffers = np.empty(NUM_ROWS, np.float32), np.empty(BLOCK + 1, np.int32)
-        _rasterise_view(patches, source, a[f], b[f], *buffers, z_buffer[f], winner[f])
+        _rasterise_view(patches, source, a[f], b[f], np.float32(half_px), *buffers, z_buffer[f], winner[f])
 
     parallel_map(rasterise, range(len(a)))
 
@@ -62,6 +63,7 @@ def _rasterise_view(
     source: IndexArray,
     a: FloatArray,
     b: FloatArray,
+    half_px: np.float32,
     setup: FloatArray,  # [NUM_ROWS], changed
     kept: IndexArray,  # [BLOCK + 1], changed
     z_buffer: FloatArray,
@@ -73,7 +75,7 @@ def _rasterise_view(
         value, end = source[start], start + 1
         while end < min(len(source), start + BLOCK) and source[end] == value:
             end += 1
-        _set_up(patches, start, end, a[value], b[value], last, setup)
+        _set_up(patches, start, end, a[value], b[value], half_px, last, setup)
         count = 0
         for n in range(end - start):
             kept[count] = n
@@ -90,6 +92,7 @@ def _set_up(
     end: int,
     a: FloatArray,  # [3, 3]
     b: FloatArray,  # [3]
+    half_px: np.float32,
     last: tuple[Number, Number],  # column and row of the view
     setup: FloatArray,  # written
 ) -> None:
@@ -104,12 +107,12 @@ def _set_up(
     slopes_u, slopes_v = patches[3, start:end], patches[4, start:end]
     for n in range(len(us)):
         u, v, q = us[n], vs[n], inverse_depths[n]
-        q_d, q_e = _HALF * slopes_u[n], _HALF * slopes_v[n]
+        q_d, q_e = half_px * slopes_u[n], half_px * slopes_v[n]
         flatter = min(_ONE, q / max(abs(q_d) + abs(q_e), _TINY))
         q_d, q_e = q_d * flatter, q_e * flatter
-        m_x, d_x, e_x = _homogeneous(along_u[0], along_v[0], origin[0], shift[0], u, v, q, q_d, q_e)
-        m_y, d_y, e_y = _homogeneous(along_u[1], along_v[1], origin[1], shift[1], u, v, q, q_d, q_e)
-        m_z, d_z, e_z = _homogeneous(along_u[2], along_v[2], origin[2], shift[2], u, v, q, q_d, q_e)
+        m_x, d_x, e_x = _homogeneous(along_u[0], along_v[0], origin[0], shift[0], half_px, u, v, q, q_d, q_e)
+        m_y, d_y, e_y = _homogeneous(along_u[1], along_v[1], origin[1], shift[1], half_px, u, v, q, q_d, q_e)
+        m_z, d_z, e_z = _homogeneous(along_u[2], along_v[2], origin[2], shift[2], half_px, u, v, q, q_d, q_e)
         is_in_front = m_z - abs(d_z) - abs(e_z) >= _NEAR
         m_z, d_z, e_z = m_z if is_in_front else _ONE, d_z if is_in_front else _ZERO, e_z if is_in_front else _ZERO
 
@@ -144,6 +147,7 @@ def _homogeneous(
     along_v: Number,
     origin: Number,
     shift: Number,
+    half_px: Number,
     u: Number,
     v: Number,
     q: Number,
@@ -152,7 +156,7 @@ def _homogeneous(
 ) -> Vector:
     """One homogeneous coordinate of the middle and of the two steps."""
     middle = along_u * u + along_v * v + origin + q * shift
-    return middle, _HALF * along_u + q_d * shift, _HALF * along_v + q_e * shift
+    return middle, half_px * along_u + q_d * shift, half_px * along_v + q_e * shift
 
 
 @numba.njit(cache=True, fastmath=SAME_BITS)

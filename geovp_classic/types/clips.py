@@ -144,6 +144,8 @@ class Context(ShortRepr):
 
     def observed(self, kept: BoolArray) -> Context:
         """The same context with only some of the observed frames, as a mask [P] says."""
+        if kept.all():
+            return self
         fewer = {field: cut(getattr(self, field), kept) for field in ("frames", "past", "past_depths", "wide", "right")}
         times_s = np.concatenate([self.times_s[: self.num_past][kept], self.times_s[self.num_past :]])
         return replace(self, times_s=times_s, **fewer)

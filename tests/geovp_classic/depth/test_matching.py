@@ -53,6 +53,28 @@ def test_costs_equal_the_slow_twin(images: FloatArray) -> None:
         assert abs(costs[row, column, n] - expected) <= 1.5, (row, column, n)
 
 
+def test_a_near_source_is_compared_at_every_fourth_hypothesis_and_interpolated_between(images: FloatArray) -> None:
+    infinity, epipoles = np.tile(np.eye(3), (2, 1, 1)), np.array([[-12.0, 2.0, 0.0], [2.0, 1.0, 0.0]])
+    assert matching.near_sources(epipoles).tolist() == [False, True]
+    planes = np.linspace(0.0, 1.0, 7)
+    costs = matching.sweep_costs(images[0], images[1:], infinity, epipoles, planes)
+
+    def twin(source: int, n: int, row: int, column: int) -> FloatArray:
+        """The score, and 1, where the source sees the pixel."""
+        homography = infinity[source] + planes[n] * np.outer(epipoles[source], [0, 0, 1])
+        score = _cost(images[0], images[1 + source], homography, row, column)
+        return np.zeros(2) if score is None else np.array([score, 1.0])
+
+    for row, column in [(0, 0), (9, 12), (19, 23), (10, 23), (3, 11)]:
+        for n in range(7):
+            start, end = (0, 4) if n < 4 else (4, 6)
+            share = (n - start) / (end - start)
+            near = (1 - share) * twin(1, start, row, column) + share * twin(1, end, row, column)
+            score, seen = twin(0, n, row, column) + near
+            expected = matching.far_prior(7)[n] + (matching.WORST * score / seen if seen else matching.UNSEEN)
+            assert abs(costs[row, column, n] - expected) <= 1.5, (row, column, n)
+
+
 def test_bands_leave_no_seam(images: FloatArray) -> None:
     tall = np.tile(images[0], (5, 1))  # 100 rows: several bands
     costs = matching.sweep_costs(tall, tall[None], np.eye(3)[None], np.array([[3.0, 0, 0]]), np.array([0.0, 1.0]))

@@ -99,3 +99,24 @@ def test_sky_is_drawn_behind_everything_and_what_is_too_near_is_not() -> None:
     _, winner = patches.rasterise(patch, [source], poses, CAMERA)
     assert winner[0, 15, 19] == 1
     assert winner[1, 15, 19] == 0  # at 2 m, it is 0.1 mm before the camera
+
+
+def test_a_coarse_view_shows_all_that_a_part_of_the_patches_stands_for() -> None:
+    camera = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
+    source = patches.Source(np.zeros((80, 100, 3), np.uint8), camera, np.eye(4))
+    inverse_depth = np.where(np.arange(100) < 60, 0.1, 0.5) + np.zeros((80, 1))  # the right part is nearer
+    cloud = patches.from_depth_map(inverse_depth, np.ones((80, 100), bool), 0)
+    poses = se3.compose(np.eye(3), np.array([[0.0, 0, 0], [0, 0, 1.0]]))
+    fine, _ = patches.rasterise(cloud, [source], poses, camera)
+    coarse, winner = patches.rasterise(cloud, [source], poses, camera.resized(10, 8))
+    assert (coarse[0] > 0).all()
+    middles = fine[:, 4::10, 4::10], fine[:, 5::10, 5::10]  # the pixels around the middle of a coarse one
+    same = middles[0] == middles[1]
+    assert same.mean() > 0.8
+    same &= coarse > 0
+    assert same.mean() > 0.8  # beside a near surface a gap may be wider
+    np.testing.assert_allclose(coarse[same], middles[0][same], rtol=1e-5)
+    # The pixel of the source that a patch shows lies within five pixels of where the view, ten times as coarse, has it
+    shown = cloud.pixels[winner[0]]
+    expected = np.stack(np.meshgrid(np.arange(10), np.arange(8)), axis=-1) * 10 + 4.5
+    assert np.abs(shown - expected).max() <= 5
