@@ -77,7 +77,7 @@ class Predicted:
     @cached_property
     def static_share(self) -> float:
         """The share of the frame that shows no scene: black bars, the vehicle's own parts, one that it follows."""
-        return round(float(hidden_mask(self.context.frames).mean()), 4)
+        return round(float(hidden_mask(self.context).mean()), 4)
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:

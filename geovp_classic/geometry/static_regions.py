@@ -3,6 +3,8 @@
 The vehicle's parts, such as the hood, stay in place below a lasting edge while the rest of the image moves.
 """
 
+import itertools
+
 import cv2
 import numpy as np
 
@@ -21,6 +23,7 @@ LEAST_WIDTH = 0.6  # of the lowest row
 EDGE = 12.0  # grey values between what lies above its border and below it, in most frames
 EDGE_SHARE = 0.75  # of the frames: the border of a shadow on a road without texture is that in one of them
 MARGIN_PX = 3  # on either side of that border
+ARC_SHARE, ARC_COLUMNS, MOST_LEAKS = 0.03, 12, 1 / 3  # see _leaks: of the image's height; columns; of the columns
 TOP_QUANTILE = 0.05  # of the border's rows over the columns: its top, whatever single columns do
 
 
@@ -64,6 +67,25 @@ def top_row(mask: BoolArray) -> int:
     return int(np.quantile(mask.argmax(axis=0)[columns], TOP_QUANTILE)) if columns.any() else len(mask)
 
 
+def _leaks(mask: BoolArray) -> BoolArray:
+    """Where a mask [H, W] goes on into a road without texture: far above the arc that most of its columns end at.
+
+    Of parabolas through the tops of three columns each, the one with the least absolute errors, cut at a bound.
+    """
+    columns = np.flatnonzero(mask.any(axis=0))
+    if len(columns) < 3:
+        return np.zeros_like(mask)
+    tops, bound_px = mask.argmax(axis=0)[columns].astype(float), ARC_SHARE * len(mask)
+    chosen = np.linspace(0, len(columns) - 1, ARC_COLUMNS).astype(int)
+    triples = np.array(list(itertools.combinations(np.unique(chosen), 3)))
+    across = columns / mask.shape[1]
+    arcs = np.linalg.solve(np.vander(across, 3)[triples], tops[triples][..., None])[..., 0] @ np.vander(across, 3).T
+    arc = arcs[np.minimum(np.abs(arcs - tops), bound_px).mean(axis=1).argmin()]
+    leaks, limit = tops < arc - bound_px, np.zeros(mask.shape[1])
+    limit[columns[leaks]] = arc[leaks] if leaks.mean() < MOST_LEAKS else 0
+    return np.asarray(np.arange(len(mask))[:, None] < limit)
+
+
 def vehicle_mask(frames: ByteArray) -> BoolArray:
     """The pixels [H, W] of frames [P, H, W, 3] that stay in place at the bottom, behind an edge, while others move."""
     nothing = np.zeros(frames.shape[1:3], bool)
@@ -80,8 +102,9 @@ def vehicle_mask(frames: ByteArray) -> BoolArray:
     label = np.bincount(labels[-1]).argmax()
     mask = nothing.copy()
     mask[first:] = labels == label
+    mask &= ~_leaks(mask)
     top = top_row(mask)
-    mask[:top] = False  # a few columns go on into a road without texture
+    mask[:top] = False
     if label == 0 or mask[-1].mean() < LEAST_WIDTH or top <= first + MARGIN_PX:
         return nothing
     tops, own = mask.argmax(axis=0), mask.any(axis=0)

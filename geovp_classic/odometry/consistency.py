@@ -16,6 +16,7 @@ ROWS = (0.1, 0.5)  # of the image's height: below captions, above the camera's o
 STILL_PX, SLOW_PX = 0.25, 5.0
 STILL_SHARE = 0.2  # of the corners. In 104 clips of a driving car no corner stays where it is
 STILL_EXTENT = (0.5, 0.08)  # of the image's width and height: a vehicle that is followed is narrower
+BLOCK_PX, NOISY_VARIANCE, WHITE = 8, 9.0, 1.5  # see changes_by_noise_alone; of grey values; 1 for white noise
 SIDEWAYS = 0.5  # of the way along the axis
 TOLERANCE = 0.3  # of a median step
 LEAST_SHARE = 0.6  # of the frames that must agree, or nothing is said
@@ -26,11 +27,13 @@ SEED = 0
 def is_standing(
     greys: list[ByteArray],  # [H, W] each
 ) -> bool:
-    """Whether the street stands still behind what moves, however much of the image that covers.
+    """Whether the street stands still behind what moves, however much of the image that covers, or behind noise.
 
     Corners of the last image that are in the same place in three earlier ones, from left to right, and hardly any that
     moved a little, as those of a creeping camera do.
     """
+    if changes_by_noise_alone(greys):
+        return True
     (height, width), (least, most) = greys[-1].shape, CORNERS
     inner = np.zeros((height, width), np.uint8)
     inner[round(ROWS[0] * height) : round(ROWS[1] * height)] = 255
@@ -47,6 +50,24 @@ def is_standing(
         return False
     low, high = np.percentile(pixels[still], (10, 90), axis=0)
     return bool(((high - low) > np.array(STILL_EXTENT) * (width, height)).all())
+
+
+def changes_by_noise_alone(
+    greys: list[ByteArray],  # [H, W] each
+) -> bool:
+    """Whether much changes from the first to the second half of the images, all of it white noise.
+
+    A mean over a block of n x n pixels has a share of 1 / n^2 of the variance of white noise, but most of that of
+    textures, which are correlated from pixel to pixel, once they have moved.
+    """
+    half, (height, width) = len(greys) // 2, greys[-1].shape
+    if half == 0 or min(height, width) < BLOCK_PX:
+        return False
+    first, second = (np.mean(images, axis=0, dtype=np.float32) for images in (greys[:half], greys[-half:]))
+    change = np.subtract(second, first)
+    blocks = cv2.resize(change, (width // BLOCK_PX, height // BLOCK_PX), interpolation=cv2.INTER_AREA)
+    variance = float(change.var())
+    return variance > NOISY_VARIANCE and float(blocks.var()) * BLOCK_PX**2 < WHITE * variance
 
 
 def is_sideways(

@@ -24,11 +24,12 @@ from geovp_classic.render.image_sampler import is_grey, resampled
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller images that are compared
-DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside are not compared
+DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside are not compared; in dim images also below
+DARK_SHARE = 0.3  # of the mean
 MIN_SHARE = 0.02  # of the image that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
 STEADY_LOG_GAIN = 0.008  # RMS log gain from frame to frame at which the confidence in an active control is one half
-LARGEST_RATE_HZ = 1.5  # log gain per second; what is faster is a jump, not a control
+LARGEST_RATE_HZ, JUMP_HZ = 1.5, 3.0  # log gain per second: of a control that goes on; beyond it a change is a jump
 HELD = 0.3  # log step of the mean from its level beyond which the level counts for little
 LARGEST_LOG_GAIN = math.log(2)
 SATURATED = 235.0  # grey values above this one are partly saturated
@@ -57,28 +58,33 @@ class Exposure:
         inverse_depth: FloatArray,  # [H, W] of the last one
         seconds: FloatArray,  # [P], 0 for the last one
     ) -> Exposure:
-        """The exposure from the surfaces that the last frame shows; constant for a single frame."""
+        """The exposure from the surfaces that the last frame shows; constant for a single frame.
+
+        A jump is no doing of the control: level and speed are those of the frames as they were with no jump to come.
+        """
         gains = _log_gains(sources, inverse_depth)
-        before = slice(-1 - TREND_STEPS, -1)
+        steps = np.diff(gains, append=0.0)
+        jumps = np.where(np.abs(steps) > JUMP_HZ * np.diff(seconds, append=0.0), steps, 0.0)
+        to_come = -np.cumsum(jumps[::-1])[::-1]
+        before, controlled = slice(-1 - TREND_STEPS, -1), gains - to_come
         span = float((seconds[before] ** 2).sum())
-        rate = -float((seconds[before] * gains[before]).sum()) / span if span > 0 else 0.0
+        rate = -float((seconds[before] * controlled[before]).sum()) / span if span > 0 else 0.0
         rate = float(np.clip(rate, -LARGEST_RATE_HZ, LARGEST_RATE_HZ))
-        variance = float((np.diff(gains) ** 2).mean()) if len(gains) > 1 else 0.0
-        levels = np.array([_log_mean(source.frame) for source in sources])
+        variance = float((np.diff(controlled) ** 2).mean()) if len(gains) > 1 else 0.0
+        levels = np.array([_log_mean(source.frame) for source in sources]) + to_come
         off = float(np.mean(levels)) - levels[-1]  # a level that the camera left for good is no longer held
         level = float(levels[-1] + off / (1 + (off / HELD) ** 4))
         return cls(seconds, gains, rate, level, variance / (variance + STEADY_LOG_GAIN**2))
 
     def match(self, sources: Sequence[patches.Source]) -> list[patches.Source]:
         """The sources [P], each as bright as the last frame would show it."""
-        return [
-            replace(
-                one,
-                frame=apply_log_gain(one.frame, gain),
-                detail=None if one.detail is None else apply_log_gain(one.detail, gain),
-            )
-            for one, gain in zip(sources, self.log_gains, strict=True)
-        ]
+
+        def matched(step: int) -> patches.Source:
+            one, gain = sources[step], float(self.log_gains[step])
+            detail = None if one.detail is None else apply_log_gain(one.detail, gain)
+            return replace(one, frame=apply_log_gain(one.frame, gain), detail=detail)
+
+        return parallel_map(matched, range(len(sources)))
 
 
 @dataclass(frozen=True)
@@ -167,10 +173,10 @@ def _log_gains(sources: Sequence[patches.Source], inverse_depth: FloatArray) -> 
         small = replace(sources[step], camera=camera)
         pixels, ratio = patches.source_pixels(small, np.asarray(depth), last.world_from_source, camera)
         u, v = np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
-        was = np.asarray(cv2.remap(images[step], u, v, cv2.INTER_LINEAR))  # outside: 0, too dark
-        comparable = ratio > 0
-        for one in (was, images[-1]):
-            comparable &= (one > DARKEST) & (one < BRIGHTEST)
+        was = np.asarray(cv2.remap(images[step], u, v, cv2.INTER_LINEAR))
+        comparable = (ratio > 0) & (was > 0)  # outside it is 0
+        for one, image in ((was, images[step]), (images[-1], images[-1])):
+            comparable &= (one > min(DARKEST, DARK_SHARE * float(image.mean()))) & (one < BRIGHTEST)
         if comparable.mean() < MIN_SHARE:
             return 0.0
         return float(np.median(np.log(images[-1][comparable] / was[comparable])))

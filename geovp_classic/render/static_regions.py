@@ -6,6 +6,7 @@ over, before anything is estimated, and every view shows it as the last frame di
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import cv2
@@ -46,9 +47,10 @@ class MaskedScene:
         return Views(frames, covered, views.depths)
 
 
-def hidden_mask(frames: ByteArray) -> BoolArray:
-    """The pixels [H, W] of the last of frames [P, H, W, 3] that show no scene."""
-    mask, vehicle = _regions(frames)
+def hidden_mask(context: Context) -> BoolArray:
+    """The pixels [H, W] of the last observed frame that show no scene."""
+    found, vehicle, _ = _regions(context)
+    mask = found.copy()
     if vehicle is not None:
         mask[scene_window(mask)] |= vehicle.mask
     return mask
@@ -62,10 +64,10 @@ def without_static_regions(context: Context) -> Context:
     if context.right is not None:
         return context
     wide = context.wide
-    if wide is not None:
-        rows, columns = scene_window(static_mask(wide.frames))
+    mask, vehicle, wide_mask = _regions(context)
+    if wide is not None and wide_mask is not None:
+        rows, columns = scene_window(wide_mask)
         wide = ExtraView(wide.frames[:, rows, columns], _cut(wide.intrinsics, rows, columns), wide.view_from_cam)
-    mask, vehicle = _regions(context.frames)
     rows, columns = scene_window(mask)
     frames, camera = context.frames[:, rows, columns], _cut(context.intrinsics, rows, columns)
     if vehicle is not None:
@@ -86,17 +88,42 @@ def without_static_regions(context: Context) -> Context:
 
 def behind_static_regions(scene: Scene, context: Context) -> Scene:
     """The scene behind the static regions of the frames; the scene itself where there are none."""
-    mask, vehicle = (np.zeros((1, 1), bool), None) if context.right is not None else _regions(context.frames)
+    if context.right is not None:
+        return scene
+    mask, vehicle, _ = _regions(context)
     if vehicle is None and not mask.any():
         return scene
     observed_s = float(context.times_s[0]), float(context.times_s[context.num_past - 1])
     return MaskedScene(scene, context.frames[-1], context.intrinsics, mask, vehicle, observed_s)
 
 
-def _regions(frames: ByteArray) -> tuple[BoolArray, FollowedVehicle | None]:
-    """The static mask [H, W] of frames [P, H, W, 3], and a followed vehicle in the window that it leaves."""
-    mask = static_mask(frames)
-    return mask, followed_vehicle(frames[:, *scene_window(mask)])
+def _regions(context: Context) -> tuple[BoolArray, FollowedVehicle | None, BoolArray | None]:
+    """The static mask [H, W], a followed vehicle in the window that it leaves, and the mask of uncropped frames.
+
+    What only the uncropped frames show to be static is so in the crop as well.
+    """
+    pixels, shape, camera, wide = context.frames.tobytes(), context.frames.shape, context.intrinsics, context.wide
+    mask, wide_mask = _static(pixels, shape), None if wide is None else static_mask(wide.frames)
+    if wide is not None and wide_mask is not None and not mask.any():
+        crop_from_wide = camera.matrix @ np.linalg.inv(wide.intrinsics.matrix)
+        size_px = camera.width_px, camera.height_px
+        mask = cv2.warpAffine(wide_mask.astype(np.uint8), crop_from_wide[:2], size_px, flags=cv2.INTER_NEAREST) > 0
+    rows, columns = scene_window(mask)
+    return mask, _followed(pixels, shape, rows.start, rows.stop, columns.start, columns.stop), wide_mask
+
+
+@functools.lru_cache(maxsize=2)  # pose source and renderer are shown the same frames, and so is what views are behind
+def _static(pixels: bytes, shape: tuple[int, ...]) -> BoolArray:
+    mask = static_mask(np.frombuffer(pixels, np.uint8).reshape(shape))
+    mask.flags.writeable = False
+    return mask
+
+
+@functools.lru_cache(maxsize=2)
+def _followed(
+    pixels: bytes, shape: tuple[int, ...], top: int, bottom: int, left: int, right: int
+) -> FollowedVehicle | None:
+    return followed_vehicle(np.frombuffer(pixels, np.uint8).reshape(shape)[:, top:bottom, left:right])
 
 
 def _shares(times_s: FloatArray, observed_s: tuple[float, float]) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import driven, is_sideways, is_standing, measured
+from geovp_classic.odometry.consistency import changes_by_noise_alone, driven, is_sideways, is_standing, measured
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, Context, FloatArray, Intrinsics
@@ -114,3 +114,20 @@ class TestStands:
 
     def test_not_without_corners(self) -> None:
         assert not is_standing(self.noisy([np.full((128, 128), 90, np.uint8)] * 10))
+
+
+@pytest.mark.parametrize("sigma", [10.0, 60.0])
+def test_a_camera_stands_behind_noise_and_drives_behind_noise(sigma: float) -> None:
+    rng = np.random.default_rng(0)
+    texture = cv2.GaussianBlur(rng.uniform(0, 255, (120, 300)).astype(np.float32), (0, 0), 2.0)
+    texture = 128 + 4 * (texture - texture.mean())
+
+    def images(step_px: float) -> list[ByteArray]:
+        shown = [texture[:, round(step_px * n) :][:, :160] for n in range(10)]
+        return [(one + rng.normal(0, sigma, one.shape)).clip(0, 255).astype(np.uint8) for one in shown]
+
+    assert changes_by_noise_alone(images(0.0))
+    assert is_standing(images(0.0))
+    assert not changes_by_noise_alone(images(0.5))
+    assert not changes_by_noise_alone(images(10.0))
+    assert not changes_by_noise_alone([images(0.0)[0]] * 10)  # nothing changes at all: corners say so

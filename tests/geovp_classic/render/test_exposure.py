@@ -185,3 +185,17 @@ def test_past_images_are_as_bright_as_they_were() -> None:
     sources, inverse_depth, seconds = drive(shown)
     found = Exposure.of(sources, inverse_depth, seconds)
     np.testing.assert_allclose(gains(found, 50, 90, np.log(100), seconds), np.log(shown), atol=0.01)
+
+
+def test_a_jump_is_no_trend_and_moves_the_level() -> None:
+    steady, jumped = (Exposure.of(*drive(np.array(gains))) for gains in ([0.5] * 8, [1.0] * 5 + [0.5] * 3))
+    np.testing.assert_allclose(jumped.log_gains[:5], np.log(0.5), atol=0.01)
+    assert jumped.log_rate_hz == pytest.approx(0.0, abs=0.05)
+    assert jumped.log_level == pytest.approx(steady.log_level, abs=0.02)
+    assert jumped.confidence < 0.05
+
+
+@pytest.mark.parametrize("dimmed", [0.5, 0.1, 0.05])
+def test_gains_of_dim_images(dimmed: float) -> None:
+    gains = dimmed * np.array([1.2, 0.9, 1.0])
+    np.testing.assert_allclose(Exposure.of(*drive(gains)).log_gains, np.log(gains[-1] / gains), atol=0.04)

@@ -104,7 +104,7 @@ def test_it_is_shown_where_it_was_and_to_no_pose_source_or_renderer(clip: Clip) 
         texture = [np.abs(cv2.Laplacian(frames[0], cv2.CV_32F))[inside].mean() for frames in (before, after)]
         assert texture[1] < texture[0] / 2
         np.testing.assert_array_equal(after[:, ~around(camera)], before[:, ~around(camera)])
-    mask = hidden_mask(context.frames)
+    mask = hidden_mask(context)
     scene = behind_static_regions(Noted(), context)
     assert isinstance(scene, MaskedScene)
     views = scene.view(np.eye(4)[None], context.times_s[PAST - 1 : PAST], context.intrinsics)

@@ -64,6 +64,16 @@ def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip
     assert not vehicle_mask(hooded[:2]).any()
 
 
+def test_it_ends_where_it_goes_on_into_a_road_without_texture(clip: Clip) -> None:
+    """Left of the middle the road is as smooth as the hood, and so still that both are one region."""
+    mask, smooth = arched(SIDE, SIDE), np.zeros((SIDE, SIDE), bool)
+    smooth[SIDE * 6 // 10 :, 10 : SIDE // 3] = True
+    road = np.where(smooth[..., None], 120, clip.frames[:10]).astype(np.uint8)
+    found = vehicle_mask(painted(road, mask))
+    assert found[mask].mean() > 0.97
+    assert found[~mask].mean() < 0.02
+
+
 def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
     """Its border moves on from frame to frame; what it has passed looks like a hood."""
     row = np.arange(SIDE)[:, None, None]
@@ -169,3 +179,13 @@ def test_with_right_frames_all_stays_as_it_is(clip: Clip) -> None:
     assert static_regions.without_static_regions(context) is context
     scene = Noted()
     assert static_regions.behind_static_regions(scene, context) is scene
+
+
+def test_a_hood_that_only_uncropped_frames_show_is_hidden_in_the_crop(clip: Clip) -> None:
+    context, _ = hooded(clip, np.zeros((SIDE, SIDE), bool)).split(10, Noted.needs)
+    assert not vehicle_mask(context.frames).any()
+    assert context.wide is not None
+    top = top_row(vehicle_mask(context.wide.frames))
+    assert top < SIDE
+    assert context.wide.intrinsics.cropped(111, 0, SIDE, SIDE) == context.intrinsics
+    assert abs(static_regions.without_static_regions(context).intrinsics.height_px - top) <= 1
