@@ -12,7 +12,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from geovp_classic.depth.matching import CostArray
+from geovp_classic.depth.correlation import CostArray
 from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, FloatArray
 

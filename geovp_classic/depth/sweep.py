@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.depth import aggregation, completion, matching, viewpoints
+from geovp_classic.depth.correlation import CostArray
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.ground_plane import clamp_to_ground, fit_ground, floating_mask
 from geovp_classic.types import FloatArray, Intrinsics
@@ -35,9 +36,9 @@ class _Memory(threading.local):
     Small ones are left to the allocator, which keeps them too, and from their size learns to keep others.
     """
 
-    volumes: tuple[matching.CostArray, aggregation.SumArray] | None = None
+    volumes: tuple[CostArray, aggregation.SumArray] | None = None
 
-    def of(self, shape: tuple[int, ...]) -> tuple[matching.CostArray, aggregation.SumArray]:
+    def of(self, shape: tuple[int, ...]) -> tuple[CostArray, aggregation.SumArray]:
         if self.volumes is not None and self.volumes[0].shape == shape:
             return self.volumes
         self.volumes = None  # before others are made

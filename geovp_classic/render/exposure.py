@@ -20,7 +20,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Scene
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render import patches
-from geovp_classic.render.image_sampler import is_grey, resampled
+from geovp_classic.render.grey_images import is_grey
+from geovp_classic.render.image_sampler import resampled
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller images that are compared

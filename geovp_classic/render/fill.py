@@ -13,7 +13,7 @@ from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.interfaces import Fill
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render.detail_transfer import wide_blur
-from geovp_classic.render.image_sampler import is_grey
+from geovp_classic.render.grey_images import is_grey
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage, depth [H, W]; [N, 3]

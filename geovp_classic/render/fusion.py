@@ -17,7 +17,8 @@ from geovp_classic.interfaces import Fill
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render import patches
 from geovp_classic.render.detail_transfer import FrameDetail
-from geovp_classic.render.image_sampler import ImageSampler, is_grey, resampled
+from geovp_classic.render.grey_images import is_grey
+from geovp_classic.render.image_sampler import ImageSampler, resampled
 from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Intrinsics, Views
 

@@ -1,7 +1,7 @@
 """Backward warping: a view's colours sampled from the source images that show its surfaces.
 
-OpenCV samples one image at a time, at 32nds of a pixel. The compiled loop here costs the same whether one image shows
-the view or ten do, and takes a third of the time.
+OpenCV samples one image at a time, at 32nds of a pixel. The loop here costs the same for one image and for ten, a
+third of it.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import inside
 from geovp_classic.parallel import SAME_BITS
+from geovp_classic.render.grey_images import is_grey
 from geovp_classic.render.patches import Source, projections, source_pixels
 from geovp_classic.render.rasterizer import NEAR_SHARE, NO_INDEX, IndexArray
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
@@ -36,21 +37,6 @@ def lanczos_weights() -> FloatArray:
 
 
 WEIGHTS = lanczos_weights()
-
-
-def is_grey(frames: ByteArray) -> bool:
-    """Whether all channels of frames [..., 3] are the same."""
-    return bool(_is_grey(np.ascontiguousarray(frames).reshape(-1)))
-
-
-@numba.njit(nogil=True, cache=True)
-def _is_grey(
-    values: ByteArray,  # [3 N]
-) -> bool:
-    different = np.uint8(0)
-    for n in range(len(values) // 3):  # to the end, without a branch, so that the compiler vectorises it
-        different |= (values[3 * n] ^ values[3 * n + 1]) | (values[3 * n] ^ values[3 * n + 2])
-    return different == 0
 
 
 @dataclass(frozen=True)
@@ -228,8 +214,8 @@ def _sample(
 ) -> None:
     """The weighted sum of 8 x 8 values at every pixel.
 
-    The compiler vectorises the innermost loop because it does not know its length; a loop of known length, or one more
-    loop around, it would unroll. Its eight sums are added up afterwards, in an order that is always the same.
+    The compiler vectorises the innermost loop because it does not know its length; one of known length, or one more
+    loop around, it would unroll. The sums of the eight columns are added up afterwards, always in the same order.
     """
     flat, taps = channels.reshape(-1), np.uint64(len(columns))
     count, rows, stride = np.uint64(channels.shape[1]), np.uint64(channels.shape[2]), np.uint64(channels.shape[3])
