@@ -14,6 +14,7 @@ from typing import Any
 from geovp_classic.errors import BadData
 
 CONFIGS = Path(__file__).parent / "configs"  # the built-in matrix files
+FIGURES = (".png", ".pdf", ".svg")
 DEVICE = re.compile(r"auto|cpu|cuda(:\d+)?")
 
 
@@ -30,6 +31,14 @@ def at_least(least: int, kind: type[int] | type[float] = int) -> Callable[[str],
 
 
 positive = at_least(1)
+
+
+def figure_file(text: str) -> Path:
+    """The type of a file that a figure is drawn into."""
+    path = Path(text)
+    if path.suffix not in FIGURES or not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is not a file {', '.join(FIGURES)} in a folder that exists")
+    return path
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -6,10 +6,9 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_json
+from geovp_benchmarks.arguments import add_json, figure_file
 from geovp_benchmarks.progress import Progress
 
-FIGURES = (".png", ".pdf", ".svg")
 TRAIN, VAL, TEST = "00 02 08 09", "01 04", "03 05 06 07 10"  # of KITTI odometry, as in DeepVO's paper
 
 
@@ -30,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scale-error", type=float, default=0.0, metavar="X", help="odometry errors: lengths off by X as a share"
     )
     picture = "also draw a reliability diagram of the predictive distributions (.png, .pdf, .svg)"
-    evaluate.add_argument("--plot", type=Path, metavar="FILE", help=picture)
+    evaluate.add_argument("--plot", type=figure_file, metavar="FILE", help=picture)
     add_json(evaluate)
     evaluate.set_defaults(lines=_evaluate)
     kalman = verbs.add_parser("fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood")
@@ -62,10 +61,8 @@ def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
 
 def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     from geovp_benchmarks.studies.forecasting import evaluation, tables
-    from geovp_classic.errors import BadData, UnknownComponent
+    from geovp_classic.errors import UnknownComponent
 
-    if chosen.plot is not None and not (chosen.plot.suffix in FIGURES and chosen.plot.parent.is_dir()):
-        raise BadData(f"--plot {chosen.plot}: expected a file {', '.join(FIGURES)} in a folder that exists")
     forecasters = evaluation.forecasters(chosen.coefficients)
     for name in chosen.only or ():
         if name not in forecasters:

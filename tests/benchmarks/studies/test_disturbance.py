@@ -3,15 +3,19 @@
 import argparse
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from geovp_benchmarks.cli import main
+from geovp_benchmarks.plots.disturbance import disturbance_figure
 from geovp_benchmarks.studies import disturbance
 from geovp_benchmarks.studies.disturbance import NUM_PAST, disturbed, gain_db
 from geovp_benchmarks.studies.disturbance.kinds import DISTURBANCES
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip, Grant
+from tests.benchmarks.conftest import write_kitti
 
 EVERYTHING = Grant.PAST_POSES | Grant.FUTURE_POSES
 
@@ -59,3 +63,46 @@ def test_a_mistyped_name_is_answered_with_the_nearest() -> None:
     chosen = argparse.Namespace(root=Path("x"), frames=["03"], stride=1, only=["blakc frames"])
     with pytest.raises(BadData, match="did you mean 'black frames'"):
         next(disturbance.run(chosen, lambda *_: None))
+
+
+def test_the_page_counts_what_is_below_copying_and_where_uncropped_frames_are_behind() -> None:
+    cells = ["true crop", "true wide", "true plane", "vo crop", "vo wide", "vo plane"]
+    gains = np.array([[9.0, 8.4, -0.6, 2.0, 1.6, np.nan], [1.0, 1.0, -0.5, 1.0, 0.4, 3.0]])
+    text = disturbance._page("2 clips", cells, {"hood": gains})
+    assert "**bold** (1 of 12)" in text
+    assert "behind the crop in 2 of 4." in text
+    assert "| hood 1                |       9.0 |       8.4 |   **-0.6** |     2.0 |     1.6 |        - |" in text
+
+
+def test_curves_have_a_panel_a_disturbance_and_a_line_a_cell() -> None:
+    cells = [("true", "crop"), ("vo", "crop")]
+    gains = {"none": np.array([[9.0, 6.0]]), "hood": np.array([[8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0]])}
+    figure = disturbance_figure(gains, cells, 0.5)
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    assert [axes.get_title() for axes in shown] == ["none", "hood"]
+    undisturbed, hood = (axes.get_lines()[1:] for axes in shown)
+    assert [line.get_label() for line in hood] == ["true crop", "vo crop"]
+    np.testing.assert_array_equal(np.asarray(undisturbed[1].get_ydata()), [6.0] * 4)
+    np.testing.assert_array_equal(np.asarray(hood[1].get_ydata()), [5.0, 4.0, np.nan, 2.0])
+
+
+def test_the_command_draws_curves_and_writes_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page, picture = tmp_path / "page.md", tmp_path / "curves.png"
+    page.write_text("# Old\n\n## Notes\n\nkept\n")
+    spec = {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}
+    write_kitti(tmp_path / "kitti", "03", registry.build("datasets", spec)[0])
+    given = ["study", "disturbance", str(tmp_path / "kitti"), "03", "--only", "standing"]
+    assert main([*given, "--plot", str(picture), "--page", str(page)]) == 0
+    assert "standing 1" in capsys.readouterr().out
+    assert cv2.imread(str(picture)).shape[1] > 1000
+    text = page.read_text()
+    assert "geovp study disturbance path/to/kitti '03' --stride 60" in text
+    assert "| standing 1 " in text
+    assert text.endswith("## Notes\n\nkept\n")
+
+
+def test_a_figure_is_written_where_it_can_be(tmp_path: Path) -> None:
+    for name in ("curves.gif", "missing/curves.png"):
+        with pytest.raises(SystemExit) as ended:
+            main(["study", "disturbance", str(tmp_path), "--plot", str(tmp_path / name)])
+        assert ended.value.code == 2
