@@ -24,9 +24,16 @@ settings.load_profile("geovp")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Forget compiled code that is older than any compiled source: numba's cache only knows a function's own file."""
-    if hasattr(config, "workerinput"):  # the process that starts the workers has done it
+    """Prepare in the process that starts the workers, where there are any."""
+    if hasattr(config, "workerinput"):
         return
+    _forget_outdated_code()
+    if config.getoption("numprocesses", default=None):
+        os.environ.setdefault("OMP_NUM_THREADS", "1")  # workers and what they start fill the cores; see parallel.py
+
+
+def _forget_outdated_code() -> None:
+    """Forget compiled code that is older than any compiled source: numba's cache only knows a function's own file."""
     package = Path(geovp_classic.__file__).parent
     sources = [path for path in package.rglob("*.py") if "numba" in path.read_text(encoding="utf-8")]
     newest = max(path.stat().st_mtime for path in sources)
