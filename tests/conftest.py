@@ -4,9 +4,10 @@ Where CI is set, they try the same examples every time, so that a checkout passe
 developer's machine they go on looking for new ones.
 """
 
+import gc
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import cv2
@@ -30,6 +31,22 @@ def pytest_configure(config: pytest.Config) -> None:
     _forget_outdated_code()
     if config.getoption("numprocesses", default=None):
         os.environ.setdefault("OMP_NUM_THREADS", "1")  # workers and what they start fill the cores; see parallel.py
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Modules and tests stay to the end: the search for garbage among them took a quarter of the time of collecting."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_unconfigure() -> None:
+    """Let everything go."""
+    gc.unfreeze()
 
 
 def _forget_outdated_code() -> None:
