@@ -29,8 +29,9 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         return
     _forget_outdated_code()
-    if config.getoption("numprocesses", default=None):
-        os.environ.setdefault("OMP_NUM_THREADS", "1")  # workers and what they start fill the cores; see parallel.py
+    if config.getoption("numprocesses", default=None):  # workers and what they start fill the cores; see parallel.py
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        os.environ.setdefault("NUMBA_THREADING_LAYER", "workqueue")  # that of OpenMP gives torch all cores again
 
 
 @pytest.hookimpl(wrapper=True)
