@@ -4,9 +4,10 @@ Where CI is set, they try the same examples every time, so that a checkout passe
 developer's machine they go on looking for new ones.
 """
 
+import gc
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import cv2
@@ -24,9 +25,33 @@ settings.load_profile("geovp")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Forget compiled code that is older than any compiled source: numba's cache only knows a function's own file."""
-    if hasattr(config, "workerinput"):  # the process that starts the workers has done it
+    """Prepare in the process that starts the workers, where there are any."""
+    if hasattr(config, "workerinput"):
         return
+    _forget_outdated_code()
+    if config.getoption("numprocesses", default=None):  # workers and what they start fill the cores; see parallel.py
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        os.environ.setdefault("NUMBA_THREADING_LAYER", "workqueue")  # that of OpenMP gives torch all cores again
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Modules and tests stay to the end: the search for garbage among them took a quarter of the time of collecting."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def pytest_unconfigure() -> None:
+    """Let everything go."""
+    gc.unfreeze()
+
+
+def _forget_outdated_code() -> None:
+    """Forget compiled code that is older than any compiled source: numba's cache only knows a function's own file."""
     package = Path(geovp_classic.__file__).parent
     sources = [path for path in package.rglob("*.py") if "numba" in path.read_text(encoding="utf-8")]
     newest = max(path.stat().st_mtime for path in sources)

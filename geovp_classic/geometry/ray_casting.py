@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from geovp_classic.types import FloatArray, IntArray
+from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 LEAF_TRIANGLES = 4
 DEEPEST = 64  # levels of a tree
@@ -43,9 +43,18 @@ class TriangleTree:
 
     def cast(self, origins: FloatArray, directions: FloatArray) -> tuple[FloatArray, IntArray]:
         """How many directions [N] away the rays [N, 3] first hit something (inf: never), and which triangle (-1)."""
-        lengths, triangles = np.full(len(origins), np.inf, np.float32), np.full(len(origins), -1)
-        _cast(self.corners, self.boxes, origins, directions, lengths, triangles)
+        lengths, triangles = self._search(origins, directions, 0.0)
         return lengths, np.where(triangles < 0, -1, self.order[triangles])
+
+    def blocks(self, origins: FloatArray, directions: FloatArray) -> BoolArray:
+        """Whether the rays [N, 3] hit anything [N]; the search ends at the first triangle, not the nearest."""
+        return self._search(origins, directions, np.inf)[1] >= 0
+
+    def _search(self, origins: FloatArray, directions: FloatArray, near_enough: float) -> tuple[FloatArray, IntArray]:
+        lengths, triangles = np.full(len(origins), np.inf, np.float32), np.full(len(origins), -1)
+        inverses = np.float32(1.0) / np.where(directions == 0, TINY, directions)
+        _cast(self.corners, self.boxes, origins, directions, inverses, near_enough, lengths, triangles)
+        return lengths, triangles
 
 
 def _halved(points: FloatArray, leaves: int) -> IntArray:
@@ -63,16 +72,18 @@ def _halved(points: FloatArray, leaves: int) -> IntArray:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _cast(corners, boxes, origins, directions, lengths, triangles):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Depth first, the nearer child first; boxes behind what was hit are left out."""
+def _cast(corners, boxes, origins, directions, inverses, near_enough, lengths, triangles):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Depth first, the nearer child first; boxes behind what was hit are left out.
+
+    A hit nearer than `near_enough` ends the search of its ray.
+    """
     num_inner = len(boxes) // 2
+    waiting, entries = np.empty(DEEPEST, np.int64), np.empty(DEEPEST, np.float32)
     for ray in range(len(origins)):
-        eye, way = origins[ray], directions[ray]
-        inverse = np.float32(1.0) / np.where(way == 0, TINY, way)
-        waiting, entries, count = np.empty(DEEPEST, np.int64), np.empty(DEEPEST, np.float32), 1
-        waiting[0], entries[0] = 0, 0.0
+        eye, way, inverse = origins[ray], directions[ray], inverses[ray]
+        waiting[0], entries[0], count = 0, 0.0, 1
         nearest = np.inf
-        while count:
+        while count and nearest >= near_enough:
             count -= 1
             node = waiting[count]
             if entries[count] >= nearest:

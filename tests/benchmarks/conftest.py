@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import built_matrix, cli
+from geovp_benchmarks import built_matrix, cli, plots
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic
@@ -72,6 +72,12 @@ def refused(command: Command) -> Says:
         return sentence
 
     return run
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are laid out and their files are empty: for tests of anything but what is in them."""
+    monkeypatch.setattr(plots, "rendered", lambda page, kind: b"")
 
 
 @pytest.fixture

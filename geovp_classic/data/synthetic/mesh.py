@@ -143,7 +143,7 @@ class Surfaces:
 
     def blocks(self, points: FloatArray, to_sun: FloatArray) -> BoolArray:
         """Whether something is between the points [N, 3] and the sun."""
-        return self.tree.cast(*_lines(points, to_sun))[1] >= 0
+        return self.tree.blocks(*_lines(points, to_sun))
 
     def hits(
         self, eye: FloatArray, rays: FloatArray, depths: FloatArray, triangles: IntArray, pixel_steps: FloatArray

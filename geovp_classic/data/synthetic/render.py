@@ -34,7 +34,7 @@ def render_drive(
     street: Street, world_from_cam: FloatArray, camera: Intrinsics, times_s: FloatArray, optics: Optics
 ) -> Rendering:
     """The street from cameras [T, 4, 4] at any times [T]; pixels at edges are averages of four rays."""
-    static = Surfaces(street.static)
+    static = street.surfaces
 
     def image(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
         traffic = street.traffic_at(float(times_s[step]))

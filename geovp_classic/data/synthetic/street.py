@@ -1,5 +1,6 @@
 """The street itself: roads, what stands beside them, what drives on them, and the weather, drawn from a seed."""
 
+import functools
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,7 +9,7 @@ import numpy as np
 
 from geovp_classic.data.synthetic import objects
 from geovp_classic.data.synthetic.drive import Journey, Manoeuvre, plan
-from geovp_classic.data.synthetic.mesh import TriangleMesh, joined
+from geovp_classic.data.synthetic.mesh import Surfaces, TriangleMesh, joined
 from geovp_classic.data.synthetic.roads import HALF_WIDTH_M, KERB_HEIGHT_M, Path, Roads, Terrain, ground, rolling
 from geovp_classic.data.synthetic.shading import Weather
 from geovp_classic.geometry import se3
@@ -27,6 +28,11 @@ class Street:
     terrain: Terrain
     weather: Weather
     ego: Journey
+
+    @functools.cached_property
+    def surfaces(self) -> Surfaces:
+        """What stands still, ready for rays; all clips and cameras of a street share it."""
+        return Surfaces(self.static)
 
     def traffic_at(self, time_s: float) -> list[TriangleMesh]:
         """The moving cars where they are at that time."""

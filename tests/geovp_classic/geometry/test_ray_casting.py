@@ -29,12 +29,14 @@ def test_the_tree_finds_what_a_search_finds(count: int) -> None:
     directions[100:150, 1:] = 0
     directions[150:] = corners.mean(axis=1)[random.integers(count, size=250)] - origins[150:]  # these hit something
     expected = searched(corners.astype(float), origins.astype(float), directions.astype(float))
-    lengths, triangles = TriangleTree.of(corners).cast(origins, directions)
+    tree = TriangleTree.of(corners)
+    lengths, triangles = tree.cast(origins, directions)
     np.testing.assert_allclose(lengths, expected.min(axis=1), rtol=1e-4)
     hit = np.isfinite(lengths)
     assert hit[150:].all()
     np.testing.assert_array_equal(triangles[hit], expected[hit].argmin(axis=1))
     assert (triangles[~hit] == -1).all()
+    np.testing.assert_array_equal(tree.blocks(origins, directions), hit)
 
 
 def test_no_ray_slips_between_two_triangles_of_a_square() -> None:

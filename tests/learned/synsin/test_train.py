@@ -61,8 +61,8 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Cli
     assert last["generator.total"] < 0.035 * first["generator.total"]
 
 
-def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSinTraining, clip: Clip) -> None:
-    examples = method.examples([clip], training=True)
+def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSinTraining, tiny_clip: Clip) -> None:
+    examples = method.examples([tiny_clip], training=True)
     networks, history = trained(method, examples, num_steps=220)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
