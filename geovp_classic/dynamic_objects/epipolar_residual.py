@@ -140,13 +140,17 @@ def _flow(pair: FloatArray, grid: FloatArray, static_pixels: FloatArray) -> tupl
 
     Dense inverse search (Kroeger 2016), from zero flow and from the flow of a static scene; the better counts.
     """
-    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     last, earlier = np.clip(pair, 0, 255).astype(np.uint8)
     start = [cv2.medianBlur(np.ascontiguousarray((static_pixels - grid)[..., axis]), SMOOTHING_PX) for axis in (0, 1)]
-    found = [grid + search.calc(last, earlier, first) for first in (np.zeros_like(grid), np.stack(start, axis=-1))]
-    differences = [grey_difference(pair[0], pair[1], place) for place in found]
+
+    def search(first: FloatArray) -> tuple[FloatArray, FloatArray]:
+        place = grid + cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(last, earlier, first)
+        return place, grey_difference(pair[0], pair[1], place)
+
+    starts: list[FloatArray] = [np.zeros_like(grid), np.stack(start, axis=-1)]
+    places, differences = zip(*parallel_map(search, starts), strict=True)
     from_rest = differences[0] < differences[1]
-    return np.where(from_rest[..., None], *found), np.minimum(*differences)
+    return np.where(from_rest[..., None], *places), np.minimum(*differences)
 
 
 def grey_difference(

@@ -9,6 +9,7 @@ from geovp_classic.dynamic_objects import epipolar_residual
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import IN_FRONT
 from geovp_classic.geometry.ground_plane import GroundPlane
+from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
 WINDOW_PX = 3  # over which differences of grey values are averaged
@@ -81,13 +82,16 @@ def _photometric_errors(
     estimated = observed.inverse_depth[box]
     outside = np.ones(estimated.shape, dtype=bool)
     outside[:, columns.start - box[1].start : columns.stop - box[1].start] = False
-    own, street = [], []
-    for step in steps:
-        own.append(_grey_difference(np.full(estimated.shape, 1 / depth), velocity, step, box, observed))
-        behind = _grey_difference(_interpolated_between(observed.inverse_depth, box), np.zeros(3), step, box, observed)
+    between = _interpolated_between(observed.inverse_depth, box)
+
+    def compare(step: int) -> tuple[FloatArray, FloatArray]:
+        own = _grey_difference(np.full(estimated.shape, 1 / depth), velocity, step, box, observed)
+        behind = _grey_difference(between, np.zeros(3), step, box, observed)
         found = _grey_difference(estimated, np.zeros(3), step, box, observed)
-        street.append(np.where(outside, np.minimum(behind, found), behind))
-    return np.stack(own), np.stack(street)
+        return own, np.where(outside, np.minimum(behind, found), behind)
+
+    own, street = (np.stack(errors) for errors in zip(*parallel_map(compare, steps), strict=True))
+    return own, street
 
 
 def _columns(mask: BoolArray) -> slice:

@@ -144,7 +144,8 @@ def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
     lines = [
         f"{what}, mean of horizons {', '.join(str(step + 1) for step in SCORED)}.",
         "True: recorded poses, refined; vo: odometry and motion prior, refined. Crop and wide: depth fusion; plane:",
-        f"ground-far-plane. Below -{LIMIT_DB} dB in **bold** ({below} of {values.size}); - where nothing was predicted.",
+        f"ground-far-plane. Below -{LIMIT_DB} dB in **bold** ({below} of {values.size}); - where nothing was "
+        "predicted.",
         f"Uncropped frames are more than {LIMIT_DB} dB behind the crop in {behind} of {wide.size}.",
     ]
     return "\n".join([*lines, "", *grid(rows)])
