@@ -14,7 +14,7 @@ from geovp_classic.types import FloatArray, IntArray
 
 CostArray = npt.NDArray[np.uint8]
 PackedArray = npt.NDArray[np.int32]
-Buffers = tuple[FloatArray, FloatArray, FloatArray, FloatArray, PackedArray, CostArray]  # see matching.py
+Buffers = tuple[FloatArray, FloatArray, FloatArray, FloatArray, PackedArray, CostArray]  # see matching._buffers
 
 RADIUS_PX = 2  # of the window; the row sums below are written out for it
 NOISE_VARIANCE = 2.0  # of grey values 0..255; windows flatter than this correlate with nothing

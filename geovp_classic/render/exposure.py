@@ -25,8 +25,8 @@ from geovp_classic.render.image_sampler import resampled
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
 
 WIDTH_PX = 128  # of the smaller images that are compared
-DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside are not compared; in dim images also below
-DARK_SHARE = 0.3  # of the mean
+DARKEST, BRIGHTEST = 20.0, 235.0  # grey values outside are not compared
+DARK_SHARE = 0.3  # of an image's mean: what dim images have above it is not too dark
 MIN_SHARE = 0.02  # of the image that must be comparable
 TREND_STEPS = 2  # how many steps back the speed of the exposure is taken from
 STEADY_LOG_GAIN = 0.008  # RMS log gain from frame to frame at which the confidence in an active control is one half
@@ -61,18 +61,18 @@ class Exposure:
     ) -> Exposure:
         """The exposure from the surfaces that the last frame shows; constant for a single frame.
 
-        A jump is no doing of the control: level and speed are those of the frames as they were with no jump to come.
+        A jump is not made by the control: it is taken out of level, speed and confidence.
         """
         gains = _log_gains(sources, inverse_depth)
         steps = np.diff(gains, append=0.0)
         jumps = np.where(np.abs(steps) > JUMP_HZ * np.diff(seconds, append=0.0), steps, 0.0)
-        to_come = -np.cumsum(jumps[::-1])[::-1]
-        before, controlled = slice(-1 - TREND_STEPS, -1), gains - to_come
+        jumped = -np.cumsum(jumps[::-1])[::-1]  # log gain of all jumps between each frame and the last one
+        before, controlled = slice(-1 - TREND_STEPS, -1), gains - jumped
         span = float((seconds[before] ** 2).sum())
         rate = -float((seconds[before] * controlled[before]).sum()) / span if span > 0 else 0.0
         rate = float(np.clip(rate, -LARGEST_RATE_HZ, LARGEST_RATE_HZ))
         variance = float((np.diff(controlled) ** 2).mean()) if len(gains) > 1 else 0.0
-        levels = np.array([_log_mean(source.frame) for source in sources]) + to_come
+        levels = np.array([_log_mean(source.frame) for source in sources]) + jumped
         off = float(np.mean(levels)) - levels[-1]  # a level that the camera left for good is no longer held
         level = float(levels[-1] + off / (1 + (off / HELD) ** 4))
         return cls(seconds, gains, rate, level, variance / (variance + STEADY_LOG_GAIN**2))

@@ -20,7 +20,7 @@ from geovp_classic.render.rasterizer import HALF_PX, NO_INDEX, IndexArray, raste
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
 STRAIGHT = 0.5  # a surface is straight where the next step differs by less than this share
-FINER = 0.7  # of a pixel of a coarse view, that a patch at the same depth is wide at most
+COARSE_PATCH_PX = 0.7  # largest width of a patch in a coarser view, at the same depth; smaller ones are thinned out
 BAND_ROWS = 64  # that a thread works on at a time
 FLAT = 0.02  # a step of less than this share of the inverse depth is a slope in any case
 
@@ -76,9 +76,9 @@ def rasterise(
 ) -> tuple[FloatArray, IndexArray]:
     """Inverse depth [F, H, W] of the nearest patch at every pixel's centre, and its number (NO_INDEX for none).
 
-    For views that are much coarser than the sources, a part of the patches stands for all, as much larger.
+    For views that are much coarser than the sources, every n-th patch along u and v, n times as wide, stands for all.
     """
-    every = max(1, int(FINER * sources[0].camera.fx_px / camera.fx_px))
+    every = max(1, int(COARSE_PATCH_PX * sources[0].camera.fx_px / camera.fx_px))
     to_views = [projections(source, world_from_cam, camera) for source in sources]
     a, b = (np.stack(maps, axis=1) for maps in zip(*to_views, strict=True))  # [F, sources, 3, 3], [F, sources, 3]
     size = (len(world_from_cam), camera.height_px, camera.width_px)
@@ -121,20 +121,20 @@ def source_pixels(
 def slopes(inverse_depth: FloatArray) -> FloatArray:
     """The step of the surface per pixel along u and v [H, W, 2]; inverse depth [H, W] is NaN where it is unknown."""
     found = np.empty((*inverse_depth.shape, 2), inverse_depth.dtype)
-    edges = range(0, len(inverse_depth), BAND_ROWS)
-    parallel_map(lambda top: _slopes(inverse_depth, top, min(top + BAND_ROWS, len(found)), found), edges)
+    tops = range(0, len(inverse_depth), BAND_ROWS)
+    parallel_map(lambda top: _slopes(inverse_depth, top, min(top + BAND_ROWS, len(found)), found), tops)
     return found
 
 
 @numba.njit(nogil=True, cache=True)
 def _slopes(
     q: FloatArray,  # [H, W]
-    first: int,
-    end: int,
+    top: int,  # the first row
+    bottom: int,  # behind the last row
     found: FloatArray,  # [H, W, 2], these rows written; 0 where neither side goes on straight
 ) -> None:
     """A pixel at an edge belongs to the side whose next step continues the slope; of two such sides to the flatter."""
-    for row in range(first, end):
+    for row in range(top, bottom):
         for column in range(q.shape[1]):
             for axis in range(2):
                 along, size = (column, q.shape[1]) if axis == 0 else (row, q.shape[0])
