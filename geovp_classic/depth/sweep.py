@@ -33,7 +33,7 @@ class GroundPrior:
 class _Memory(threading.local):
     """The large volumes of this thread's last sweep, for the next one: getting new ones takes as long as filling them.
 
-    Small ones are left to the allocator, which keeps them too, and from their size learns to keep others.
+    Small ones are left to the allocator, which keeps freed memory up to twice the largest piece that it saw freed.
     """
 
     volumes: tuple[CostArray, aggregation.SumArray] | None = None
@@ -49,6 +49,9 @@ class _Memory(threading.local):
 
 
 _memory = _Memory()
+np.empty(
+    LARGE_BYTES - 2**13, np.uint8
+)  # made and freed: what a clip gives back stays with the process for the next one
 
 
 def sweep(

@@ -10,7 +10,7 @@ from geovp_classic.types import FloatArray
 
 MAX_ITERATIONS = 8
 FOCAL_ITERATIONS = 25
-TOLERANCE = 1e-4  # relative decrease of the cost at which it stops
+TOLERANCE = 1e-3  # relative decrease of the cost at which it stops
 
 
 def bundle_adjust(

@@ -45,8 +45,10 @@ def is_standing(
     for step in (0, len(greys) // 3, 2 * len(greys) // 3):
         there, found, _ = track_points((greys[-1], greys[step]), pixels, pixels, WINDOW_PX, (1, 1))
         farthest_px = np.maximum(farthest_px, np.where(found, np.linalg.norm(there - pixels, axis=1), np.inf))
-    still, slow = farthest_px < STILL_PX, (farthest_px >= STILL_PX) & (farthest_px < SLOW_PX)
-    if still.mean() < STILL_SHARE or slow.sum() > still.sum() / 2:
+        still, slow = farthest_px < STILL_PX, (farthest_px >= STILL_PX) & (farthest_px < SLOW_PX)
+        if still.mean() < STILL_SHARE:
+            return False
+    if slow.sum() > still.sum() / 2:
         return False
     low, high = np.percentile(pixels[still], (10, 90), axis=0)
     return bool(((high - low) > np.array(STILL_EXTENT) * (width, height)).all())

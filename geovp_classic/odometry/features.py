@@ -17,6 +17,7 @@ MIN_CONTRAST = 1.5  # grey values; an image with a smaller standard deviation ha
 EXPOSURE_CHANGE = 0.08  # a larger relative change of brightness is undone before tracking
 MAX_ERROR_RATIO, MAX_ERROR_OFFSET = 3.0, 4.0  # a patch may differ by this times the median plus these grey values
 MIN_FOUND_SHARE = 0.3  # with fewer points found near the predictions, the predictions are discarded
+ENOUGH_FOUND_SHARE = 0.5  # with more found there, the others are taken for lost
 TERMINATION = (12, 0.02)  # iterations and pixels of a step after which Lucas-Kanade ends
 HALF_FROM_WIDTH_PX = 640  # wider images are searched for corners at half their size
 
@@ -25,7 +26,7 @@ HALF_FROM_WIDTH_PX = 640  # wider images are searched for corners at half their 
 class CornerTracker:
     """Shi-Tomasi corners, tracked by pyramidal Lucas-Kanade with a forward-backward check."""
 
-    num_features: int = 600
+    num_features: int = 450
     window_px: int = 11
     num_levels: int = 4
     max_return_px: float = 0.5  # largest distance between a point and where tracking it there and back ends
@@ -44,16 +45,19 @@ class CornerTracker:
         """
         before = match_exposure(before, now)
         tracked, found = self._track(before, now, pixels, predicted, num_levels=2)
-        if len(pixels) == 0 or found.all():
+        if len(pixels) == 0 or found.mean() > ENOUGH_FOUND_SHARE:
             return tracked, found
         if found.mean() < MIN_FOUND_SHARE:
             return self._track(before, now, pixels, pixels, self.num_levels)
         tracked[~found], found[~found] = self._track(before, now, pixels[~found], pixels[~found], self.num_levels)
         return tracked, found
 
-    def detect(self, grey: ByteArray, occupied: FloatArray) -> FloatArray:
-        """New corners [K, 2]: the strongest one of every cell of the image without one of the points `occupied`."""
-        return strongest_corners(grey, occupied, self.num_features)
+    def detect(self, grey: ByteArray, occupied: FloatArray, corners: FloatArray | None = None) -> FloatArray:
+        """New corners [K, 2]: the strongest one of every cell of the image without one of the points `occupied`.
+
+        `corners` [M, 2] are those of `all_corners`, where they are known already.
+        """
+        return _spread(grey, all_corners(grey) if corners is None else corners, occupied, self.num_features)
 
     def _track(
         self, before: ByteArray, now: ByteArray, pixels: FloatArray, predicted: FloatArray, num_levels: int
@@ -85,8 +89,8 @@ def match_exposure(grey: ByteArray, reference: ByteArray) -> ByteArray:
     return np.asarray(cv2.convertScaleAbs(grey, alpha=gain), dtype=np.uint8)
 
 
-def strongest_corners(grey: ByteArray, occupied: FloatArray, count: int) -> FloatArray:
-    """Corners [K, 2], at most one in each of about `count` square cells, none in cells with a point of `occupied`."""
+def all_corners(grey: ByteArray) -> FloatArray:
+    """All corners [M, 2] of an image [H, W], the strongest first."""
     shrink = 2 if grey.shape[1] >= HALF_FROM_WIDTH_PX else 1
     small = grey if shrink == 1 else cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     contrast = float(np.std(grey[::4, ::4]))
@@ -96,9 +100,13 @@ def strongest_corners(grey: ByteArray, occupied: FloatArray, count: int) -> Floa
     border = 8 // shrink
     strength[:border], strength[-border:], strength[:, :border], strength[:, -border:] = 0, 0, 0, 0
     peaks = (strength > MIN_CORNER) & (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8)))
-    rows, columns = np.nonzero(peaks)
+    rows, columns = np.divmod(np.flatnonzero(peaks), small.shape[1])
     order = np.argsort(-strength[rows, columns], kind="stable")
-    corners = (np.stack([columns, rows], axis=1)[order] + 0.5) * shrink - 0.5
+    return np.asarray((np.stack([columns, rows], axis=1)[order] + 0.5) * shrink - 0.5)
+
+
+def _spread(grey: ByteArray, corners: FloatArray, occupied: FloatArray, count: int) -> FloatArray:
+    """Corners [K, 2], at most one in each of about `count` square cells, none in cells with a point of `occupied`."""
     side_px = np.sqrt(grey.size / max(count, 1))
     per_row = int(grey.shape[1] // side_px) + 1
     cells, strongest = np.unique(_cell(corners, side_px, per_row), return_index=True)

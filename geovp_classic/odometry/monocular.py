@@ -12,11 +12,11 @@ from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import frame_screening, pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
 from geovp_classic.odometry import consistency
-from geovp_classic.odometry.features import CornerTracker
+from geovp_classic.odometry.features import CornerTracker, all_corners
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.tracking import MAX_BRIDGED, KeyframePolicy, Tracker
-from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import BoolArray, ByteArray, Context, ExtraView, FloatArray, Grant, Intrinsics, Trajectory
 
 SCALE_STRIDES = (1, 2, 4)  # from image to image, to measure the scale with
@@ -44,7 +44,7 @@ class Monocular:
     scale: Scale = field(default_factory=GroundPlane)
     frames: Literal["crop", "wide"] = "crop"
     radial: float = 0.0  # distortion known to be left in the images (`Lens.radial`); refined in turns
-    num_features: int = 600
+    num_features: int = 450
     window: int = 16  # keyframes, of a stream
     max_bundle_points: int = 300  # 0: no bundle adjustment
     seed: int = 0
@@ -98,8 +98,8 @@ class Monocular:
         """Poses [P, 4, 4] of all images, which are tracked [P], the error of their map and the lens's `radial`."""
         policy = KeyframePolicy(len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5)
         tracker = Tracker(CornerTracker(self.num_features), Lens(intrinsics, self.radial), policy, self.seed)
-        for grey, time_s in zip(greys, times_s, strict=True):
-            tracker.push(grey, float(time_s))
+        for grey, time_s, corners in zip(greys, times_s, parallel_map(all_corners, greys), strict=True):
+            tracker.push(grey, float(time_s), corners)
         tracker.adjust_all()
         return *tracker.take_final(all_of_them=True), tracker.map.reprojection_error, tracker.radial.mean
 
@@ -114,16 +114,17 @@ class Monocular:
     ) -> ScaleEstimator:
         """The scale by every image and an earlier one: the one before it, unless the camera is too slow for that."""
         pitch_rad = planar.travel_pitch_rad((se3.inverse(poses[:-1]) @ poses[1:])[tracked[:-1] & tracked[1:], :3, 3])
-        found = self.scale.estimator(intrinsics, height_m, pitch_rad)
+        found: ScaleEstimator | None = None
         step = float(_step_lengths(poses).sum()) / max(len(poses) - 1, 1)
         for stride in SCALE_STRIDES:
             estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
             for before, now in zip(range(len(poses)), range(stride, len(poses)), strict=False):
                 if tracked[before] and tracked[now]:
                     estimator.update(greys[before], greys[now], se3.inverse(poses[before]) @ poses[now], radial)
-            found = estimator if estimator.confidence > 0 else found
+            found = estimator if found is None or estimator.confidence > 0 else found
             if found.confidence > 0 and stride * step * found.unit > SHORTEST_HEIGHTS * (height_m or 0):
                 break
+        assert found is not None
         return found
 
     def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:

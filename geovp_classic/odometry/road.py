@@ -106,7 +106,7 @@ def align(
         information, gradient = _normal_equations(values[:, 0] - target[index], jacobian)
         step = -np.linalg.solve(information + prior_information, gradient + prior_information @ (plane - prior))
         plane = plane + step
-        if np.abs(step).max() < 1e-3 * np.linalg.norm(plane):
+        if np.abs(step).max() < 5e-3 * np.linalg.norm(plane):
             break
     return RoadFit(plane, information, correlation(before, target, before_from_now, lens, rays, plane))
 

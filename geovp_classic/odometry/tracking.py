@@ -64,14 +64,18 @@ class Tracker:
         self._twist_per_s: FloatArray = np.zeros(6)
         self._speed_per_s: float | None = None  # the last one that was not zero
         self._time_s, self._last_s, self._keyframe_s = 0.0, 0.0, 0.0
+        self._corners: FloatArray | None = None  # of the last image
         self._coast_until_s = -np.inf
         self._num_bridged = 0
         self._poses = RelativePoses(self.map)
 
-    def push(self, grey: ByteArray, time_s: float) -> bool:
-        """Take the next image [H, W]; whether its pose, now `world_from_cam`, was tracked rather than bridged."""
+    def push(self, grey: ByteArray, time_s: float, corners: FloatArray | None = None) -> bool:
+        """Take the next image [H, W]; whether its pose, now `world_from_cam`, was tracked rather than bridged.
+
+        `corners` are those of `features.all_corners`, where they are known already.
+        """
         predicted = self.world_from_cam @ se3.exp(self._twist_per_s * (time_s - self._time_s))
-        self._time_s, self.new_pair = time_s, None
+        self._time_s, self.new_pair, self._corners = time_s, None, corners
         observations = self._localise(grey, predicted) if len(self.map) else None
         tracked = observations is not None
         self._num_bridged = 0 if tracked else self._num_bridged + 1
@@ -207,7 +211,7 @@ class Tracker:
 
     def _restart(self, grey: ByteArray) -> bool:
         """Start anew from this image; whether it has enough corners."""
-        corners = self.corners.detect(grey, np.zeros((0, 2)))
+        corners = self.corners.detect(grey, np.zeros((0, 2)), self._corners)
         if len(corners) < MIN_START_POINTS:
             return False
         self._poses.finish(self.map.newest_keyframe_id + 1)
@@ -233,4 +237,5 @@ class Tracker:
     def _detect(self) -> None:
         """Start tracks at new corners of the last localised image, which is the newest keyframe."""
         assert self._last_grey is not None
-        self.map.add_tracks(self.corners.detect(self._last_grey, self.map.pixels[self.map.active]))
+        occupied = self.map.pixels[self.map.active]
+        self.map.add_tracks(self.corners.detect(self._last_grey, occupied, self._corners))

@@ -21,6 +21,7 @@ SHIFT_SHARE = 7e-4  # and of a given position, of the distance from the referenc
 PRIOR_SCALE = 30.0  # scale of Cauchy's function of the squared deviation from the given poses
 NUM_ROUNDS = 8
 START_DAMPING = 1e-3
+TOLERANCE = 1e-4  # relative decrease of the cost at which it stops
 NEAR = 1e-3
 
 
@@ -110,7 +111,10 @@ def adjust(corners: Corners) -> FloatArray:
         trial_cost = corners.cost(trial_depth, trial_poses, deviation)
         damping = damping / 5 if trial_cost < cost else damping * 10
         if trial_cost < cost:
+            converged = cost - trial_cost < TOLERANCE * cost
             poses, inverse_depth, cost = trial_poses, trial_depth, trial_cost
+            if converged:
+                break
             equations = corners.equations(inverse_depth, poses, deviation)
     return poses
 

@@ -14,9 +14,10 @@ from geovp_classic.interfaces import Fill
 from geovp_classic.parallel import parallel_map
 from geovp_classic.render.detail_transfer import wide_blur
 from geovp_classic.render.grey_images import is_grey
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Views
 
-FillOne = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]  # frame [H, W, 3], coverage, depth [H, W]; [N, 3]
+# A frame [H, W, 3], its coverage and depth [H, W], and the flat indices [N] of what is not covered: its colours [N, 3]
+FillOne = Callable[[ByteArray, BoolArray, FloatArray, IntArray], ByteArray]
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class NearestBackground:
         """Frames [F, H, W, 3]."""
         return _fill_each(views, last, self._fill_one)
 
-    def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        return frame.reshape(-1, 3)[background_pixels(covered, depth)[~covered]]
+    def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray, hidden: IntArray) -> ByteArray:
+        return frame.reshape(-1, 3)[background_pixels(covered, depth).ravel()[hidden]]
 
 
 @dataclass(frozen=True)
@@ -59,10 +60,10 @@ class Telea:
         """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
         return _fill_each(views, last, self._fill_one)
 
-    def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
+    def _fill_one(self, frame: ByteArray, covered: BoolArray, depth: FloatArray, hidden: IntArray) -> ByteArray:
         known, hole = np.where(covered[..., None], frame, np.uint8(0)), (~covered).astype(np.uint8)
         inpainted = cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA)
-        return np.asarray(inpainted, np.uint8)[~covered]
+        return np.asarray(inpainted, np.uint8).reshape(-1, 3)[hidden]
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,8 @@ class BorrowedDetail:
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled = self.colours.fill(views, last).copy()
+        filled = self.colours.fill(views, last)
+        filled = filled if filled.flags.writeable else filled.copy()  # the frames of views are not
         channels = slice(0, 1 if is_grey(last) and is_grey(filled) else 3)
         image = np.ascontiguousarray(last[..., channels], np.float32).squeeze()
         detail = (np.float32(self.strength) * (image - self._blur(image))).astype(np.float32)
@@ -109,10 +111,12 @@ def _fill_each(views: Views, last: ByteArray, fill_one: FillOne) -> ByteArray:
     filled = views.frames.copy()
 
     def fill_step(step: int) -> None:
-        covered = views.covered[step]
-        if not covered.all():
-            invented = fill_one(filled[step], covered, views.depths[step]) if covered.any() else last[~covered]
-            filled[step].reshape(-1, 3)[~covered.ravel()] = invented
+        covered, colours = views.covered[step], filled[step].reshape(-1, 3)
+        hidden = np.flatnonzero(~covered)
+        if len(hidden) == covered.size:
+            colours[:] = last.reshape(-1, 3)
+        elif len(hidden):
+            colours[hidden] = fill_one(filled[step], covered, views.depths[step], hidden)
 
     parallel_map(fill_step, range(len(filled)))
     return filled

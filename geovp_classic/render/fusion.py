@@ -109,7 +109,7 @@ class CloudScene:
         """The cloud from the poses [F, 4, 4]; uncovered where no observed frame shows the surface."""
         z_buffer, winner = patches.rasterise(self.cloud, self.sources, world_from_cam, intrinsics)
         frames, covered = np.empty((*z_buffer.shape, 3), np.uint8), np.empty(z_buffer.shape, dtype=bool)
-        depths, magnification = np.zeros(z_buffer.shape, np.float32), np.empty(z_buffer.shape, np.float32)
+        depths, magnification = z_buffer, np.empty(z_buffer.shape, np.float32)  # new memory takes as long as filling it
         sampler = ImageSampler.of(self.sources, intrinsics)
         source_of = np.append(self.cloud.source, np.int32(NO_INDEX))  # NO_INDEX, -1, is the last one
 
@@ -119,7 +119,7 @@ class CloudScene:
             frames[step], covered[step], magnified = sampler.sample(inverse_depth, source_index, world_from_cam[step])
             magnification[step] = np.where(covered[step], magnified, np.float32(LARGEST_MAGNIFICATION))
             with np.errstate(divide="ignore"):
-                np.divide(np.float32(1), inverse_depth, out=depths[step], where=covered[step])
+                depths[step] = np.where(covered[step], np.float32(1) / inverse_depth, np.float32(0))
 
         parallel_map(render_view, range(len(world_from_cam)))
         last = resampled(self.sources[0], intrinsics)
@@ -130,14 +130,14 @@ class CloudScene:
         if self.detail_strength == 0:
             return frames
         channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
-        detail, added = FrameDetail.of(observed[..., channels]), np.empty_like(frames)
+        detail, result = FrameDetail.of(observed[..., channels]), frames if frames.flags.writeable else frames.copy()
 
         def add(step: int) -> None:
-            result = detail.add_to(frames[step, ..., channels], magnification[step], self.detail_strength)
-            added[step] = result if result.shape[-1] == 3 else cv2.cvtColor(result, cv2.COLOR_GRAY2RGB)
+            sharper = detail.add_to(result[step, ..., channels], magnification[step], self.detail_strength)
+            result[step] = sharper if sharper.shape[-1] == 3 else cv2.cvtColor(sharper, cv2.COLOR_GRAY2RGB)
 
-        parallel_map(add, range(len(frames)))
-        return added
+        parallel_map(add, range(len(result)))
+        return result
 
 
 def _close_cracks(
@@ -148,10 +148,9 @@ def _close_cracks(
     """Gaps between surfaces that are at most 2 crack_px wide take the farther one of the surfaces beside them."""
     seen = (source_index != NO_INDEX).view(np.uint8)
     kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
-    rows, columns = np.nonzero(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel) > seen)
+    gaps = np.flatnonzero(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, kernel) > seen)
     depth, filled = np.where(seen, inverse_depth, np.float32(np.inf)), source_index.copy()
-    found, whose = depth[rows, columns], filled[rows, columns]
-    _grow_background(rows, columns, found, whose, depth, filled, 2 * crack_px)
+    _grow_background(gaps, np.empty(len(gaps), np.float32), np.empty_like(gaps), depth, filled, 2 * crack_px)
     return np.where(filled == NO_INDEX, np.float32(-1), depth), filled
 
 
@@ -173,24 +172,29 @@ def _median_filter(
 
 @numba.njit(nogil=True, cache=True)
 def _grow_background(
-    rows: IntArray,  # [N], of the gaps to be closed
-    columns: IntArray,  # [N]
+    gaps: IntArray,  # [N] pixels to be closed, in reading order; changed
     found: FloatArray,  # [N] float32, changed
-    whose: IndexArray,  # [N], changed
+    whose: IntArray,  # [N], changed
     depth: FloatArray,  # [H, W] float32, changed; infinite where unknown
     source_index: IndexArray,  # [H, W], changed
     rounds: int,
 ) -> None:
     """In each round the gaps' pixels take the farthest of their four neighbours, where one is known."""
+    (height, width), count = depth.shape, len(gaps)
     for _ in range(rounds):
-        for n in range(len(rows)):
-            row, column = rows[n], columns[n]
-            found[n], whose[n] = depth[row, column], source_index[row, column]
-            if whose[n] != NO_INDEX:
-                continue
+        for n in range(count):
+            row, column = gaps[n] // width, gaps[n] % width
+            found[n], whose[n] = np.inf, NO_INDEX
             for side in range(4):
                 y, x = row + (side == 1) - (side == 0), column + (side == 3) - (side == 2)
-                if 0 <= y < depth.shape[0] and 0 <= x < depth.shape[1] and depth[y, x] < found[n]:
+                if 0 <= y < height and 0 <= x < width and depth[y, x] < found[n]:
                     found[n], whose[n] = depth[y, x], source_index[y, x]
-        for n in range(len(rows)):
-            depth[rows[n], columns[n]], source_index[rows[n], columns[n]] = found[n], whose[n]
+        num_left = 0
+        for n in range(count):
+            if whose[n] == NO_INDEX:
+                gaps[num_left] = gaps[n]
+                num_left += 1
+            else:
+                depth[gaps[n] // width, gaps[n] % width] = found[n]
+                source_index[gaps[n] // width, gaps[n] % width] = whose[n]
+        count = num_left

@@ -70,10 +70,10 @@ def test_a_blank_image_has_no_points_and_loses_all(grey: int) -> None:
 
 def test_corners_are_spread_one_a_cell_and_keep_away_from_those_taken() -> None:
     grey = speckle(size=(200, 200))
-    found = features.strongest_corners(grey, NO_POINTS, 100)  # cells of 20 px
+    found = features.CornerTracker(100).detect(grey, NO_POINTS)  # cells of 20 px
     cells = {tuple(cell) for cell in np.floor(found / 20).astype(int)}
     assert len(cells) == len(found) > 70
-    again = features.strongest_corners(grey, found, 100)
+    again = features.CornerTracker(100).detect(grey, found)
     assert not cells & {tuple(cell) for cell in np.floor(again / 20).astype(int)}
 
 
@@ -102,20 +102,20 @@ def test_corners_are_those_of_the_loop_over_all_pixels(size: tuple[int, int]) ->
     occupied = np.random.default_rng(1).uniform(0, size[::-1], (60, 2))
     expected = slow_corners(grey, occupied, 300)
     assert len(expected) > 100
-    np.testing.assert_array_equal(features.strongest_corners(grey, occupied, 300), expected)
+    np.testing.assert_array_equal(features.CornerTracker(300).detect(grey, occupied), expected)
 
 
 def test_wide_images_are_searched_at_half_size_with_the_same_pixel_convention() -> None:
     wide = np.zeros((200, 800), dtype=np.uint8)
     wide[80:120, 300:340] = 255  # its corners lie at 299.5 and 339.5
-    found = features.strongest_corners(wide, NO_POINTS, 500)
+    found = features.CornerTracker(500).detect(wide, NO_POINTS)
     corner = np.array([299.5, 79.5])
     assert np.linalg.norm(found - corner, axis=1).min() < 2.5
 
 
 def test_low_contrast_keeps_its_corners() -> None:
     faint = np.clip(speckle() * 0.06 + 120, 0, 255).astype(np.uint8)
-    assert len(features.strongest_corners(faint, NO_POINTS, 200)) > 100
+    assert len(features.CornerTracker(200).detect(faint, NO_POINTS)) > 100
 
 
 def test_exposure_is_left_alone_when_it_is_the_same() -> None:
