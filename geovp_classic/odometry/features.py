@@ -19,6 +19,7 @@ MAX_ERROR_RATIO, MAX_ERROR_OFFSET = 3.0, 4.0  # a patch may differ by this times
 MIN_FOUND_SHARE = 0.3  # with fewer points found near the predictions, the predictions are discarded
 ENOUGH_FOUND_SHARE = 0.5  # with more found there, the others are taken for lost
 TERMINATION = (12, 0.02)  # iterations and pixels of a step after which Lucas-Kanade ends
+THINNED_WIDTH_PX = 320  # columns that are enough to compare exposures
 HALF_FROM_WIDTH_PX = 640  # wider images are searched for corners at half their size
 
 
@@ -79,7 +80,9 @@ def match_exposure(grey: ByteArray, reference: ByteArray) -> ByteArray:
 
     The gain is a median over cells of the images: new objects in a part of them don't count as exposure.
     """
-    small = [cv2.resize(image, (16, 8), interpolation=cv2.INTER_AREA).astype(np.float32) for image in (grey, reference)]
+    every = max(1, grey.shape[1] // THINNED_WIDTH_PX)
+    thinned = [np.ascontiguousarray(image[::every, ::every]) for image in (grey, reference)]
+    small = [cv2.resize(image, (16, 8), interpolation=cv2.INTER_AREA).astype(np.float32) for image in thinned]
     usable = (np.minimum(*small) > 4) & (np.maximum(*small) < 251)  # neither black nor saturated
     if usable.mean() < 0.25:
         return grey

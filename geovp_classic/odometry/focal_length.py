@@ -15,10 +15,10 @@ import numpy as np
 
 from geovp_classic.geometry.static_regions import scene_window, static_mask
 from geovp_classic.odometry.bundle import adjusted_focal
-from geovp_classic.odometry.features import CornerTracker
+from geovp_classic.odometry.features import CornerTracker, all_corners
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.tracking import KeyframePolicy, Tracker
-from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 WINDOW = 30  # images; 3 s at KITTI's rate
@@ -70,8 +70,9 @@ def _root(greys: Sequence[ByteArray]) -> tuple[float, float] | None:
         return None
     shape, seen = greys[0].shape, scene_window(static_mask(np.repeat(np.stack(greys)[..., None], 3, axis=-1)))
     greys = [grey[seen] for grey in greys]  # a hood stands still in the image, whatever the focal length
+    images = list(zip(greys, parallel_map(all_corners, greys), strict=True))
     starts = np.log(np.array(STARTS) * greys[0].shape[1])
-    steps = np.array([_step(greys, shape, seen, start) for start in starts])
+    steps = np.array([_step(images, shape, seen, start) for start in starts])
     starts, steps = starts[np.isfinite(steps)], steps[np.isfinite(steps)]
     positive = int((steps > 0).sum())
     if not 0 < positive < len(steps) or (steps[:positive] < 0).any():  # it must fall through zero once
@@ -81,14 +82,19 @@ def _root(greys: Sequence[ByteArray]) -> tuple[float, float] | None:
     sd = STEP_NOISE * (high - low) / (step_low - step_high)
     for _ in range(MAX_ROUNDS):
         middle = (low * step_high - high * step_low) / (step_high - step_low)
-        step = _step(greys, shape, seen, middle)
+        step = _step(images, shape, seen, middle)
         if not abs(step) > CLOSE:  # or NaN
             break
         low, step_low, high, step_high = (middle, step, high, step_high) if step > 0 else (low, step_low, middle, step)
     return float(middle), float(sd)
 
 
-def _step(greys: Sequence[ByteArray], shape: tuple[int, ...], seen: tuple[slice, slice], log_focal: float) -> float:
+def _step(
+    images: Sequence[tuple[ByteArray, FloatArray]],  # each with its corners
+    shape: tuple[int, ...],
+    seen: tuple[slice, slice],
+    log_focal: float,
+) -> float:
     """How far bundle adjustment moves the logarithm of a focal length that a window was tracked with; NaN: lost.
 
     The images are these rows and columns of whole ones of the shape (H, W).
@@ -96,10 +102,10 @@ def _step(greys: Sequence[ByteArray], shape: tuple[int, ...], seen: tuple[slice,
     (height_px, width_px), (rows, columns), focal_px = shape, seen, float(np.exp(log_focal))
     whole = Intrinsics(focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px)
     camera = whole.cropped(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
-    policy = KeyframePolicy(len(greys), 0.001, adjust_every=5)
+    policy = KeyframePolicy(len(images), 0.001, adjust_every=5)
     tracker = Tracker(CornerTracker(), Lens(camera), policy, seed=0)
-    for number, grey in enumerate(greys):
-        tracker.push(grey, float(number))
+    for number, (grey, corners) in enumerate(images):
+        tracker.push(grey, float(number), corners)
     points = tracker.map
     if len(points) < MIN_KEYFRAMES:
         return np.nan
