@@ -32,6 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     evaluate.add_argument("--plot", type=figure_file, metavar="FILE", help=picture)
     add_json(evaluate)
     evaluate.set_defaults(lines=_evaluate)
+    best = verbs.add_parser("best-of", help="the nearest of a few futures, drawn and representative, as a table")
+    _add_input(best, TEST)
+    best.add_argument("--stride", type=int, default=20, metavar="N", help="frames between two windows' starts (20)")
+    best.add_argument("--counts", type=int, nargs="+", default=[1, 5, 10, 20], metavar="K", help="futures (1 5 10 20)")
+    best.set_defaults(lines=_best_of)
     kalman = verbs.add_parser("fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood")
     prior = verbs.add_parser("fit-prior", help="the motion prior")
     body = verbs.add_parser("fit-body-motion", help="heave, pitch and roll over the plane")
@@ -82,6 +87,20 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         return
     yield f"{len(windows)} windows of {', '.join(chosen.sequences)}"
     yield from tables.as_lines(scores)
+
+
+def _best_of(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.studies.forecasting import best_of
+    from geovp_benchmarks.studies.forecasting.evaluation import read_windows
+    from geovp_classic.errors import BadData
+
+    if min(chosen.counts) < 1:
+        raise BadData(f"--counts {min(chosen.counts)}: expected 1 or more futures")
+    windows = {name: read_windows(chosen.poses, [name], stride=chosen.stride) for name in chosen.sequences}
+    flat, names = zip(*((window, name) for name, each in windows.items() for window in each), strict=True)
+    yield f"{len(flat)} windows of {', '.join(chosen.sequences)}"
+    table = best_of.errors(flat, best_of.forecasters(), chosen.counts, progress)
+    yield from best_of.as_lines(table, chosen.counts, names)
 
 
 def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:

@@ -183,3 +183,24 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     errors = {name: float(row.position_m.mean()) for name, row in scores.items()}
     assert min(errors, key=errors.__getitem__) != "hold"
     assert errors["motion prior"] < 1.0
+
+
+def test_the_best_of_a_few_falls_with_their_number(folder: Path, printed: Says) -> None:
+    lines = printed("forecast", "best-of", folder, "--sequences", "03", "05", "--counts", "1", "3").splitlines()
+    assert lines[0] == "4 windows of 03, 05"
+    cells = {line.split("|")[1].strip(): line.split("|")[2:-1] for line in lines[3:]}
+    assert list(cells) == [
+        *("CTRV", "CTRV, representative", "more than CTRV"),
+        *("motion prior", "motion prior, representative", "more than motion prior"),
+    ]
+    for name in ("CTRV, representative", "motion prior, representative"):
+        one, three = np.array(cells[name], float).reshape(3, 2).T
+        assert (three <= one).all()  # the first is the centre
+        drawn = np.array(cells[name.removesuffix(", representative")], float).reshape(3, 2)[:, 1]
+        more = [float(cell.split()[0]) for cell in cells[f"more than {name.removesuffix(', representative')}"][1::2]]
+        np.testing.assert_allclose(three - drawn, more, atol=0.0011)
+
+
+def test_the_best_of_no_future_is_refused(folder: Path, refused: Says) -> None:
+    said = refused("forecast", "best-of", folder, "--sequences", "03", "--counts", "0")
+    assert "--counts 0: expected 1 or more futures" in said
