@@ -25,10 +25,10 @@ NOTES = "## Notes\n"  # from this line on, a page is written by hand
 NUMBERS = ("mean", "low", "high", "standard_error", "clips", "effective_clips")
 
 
-def write_all(results: Results) -> list[Path]:
-    """Write all tables in all formats and return the files."""
+def write_all(results: Results, built: Sequence[Table] | None = None) -> list[Path]:
+    """Write all tables in all formats and return the files; those of `tables.build(results)` can be handed over."""
     written = []
-    for table in tables.build(results):
+    for table in tables.build(results) if built is None else built:
         for ending, render in FORMATS.items():
             path = results.tables / f"{table.name}.{ending}"
             write_bytes(path, render(table).encode())

@@ -110,9 +110,9 @@ def conclude(results: Results, cells: Sequence[Cell], with_report: bool, as_json
     """Print the table, write all views, and say how the cells ended."""
     from geovp_benchmarks import formats, report, tables
 
-    main = tables.build(results)[0]
-    print(formats.as_json([main]) if as_json else formats.markdown(main, width()))
-    formats.write_all(results)
+    built = tables.build(results)
+    print(formats.as_json(built[:1]) if as_json else formats.markdown(built[0], width()))
+    formats.write_all(results, built)
     paths = [f"tables: {results.tables}"]
     if with_report and any(cell.num_clips for cell in cells):
         with progress_bar("plots", "figures") as progress:

@@ -92,7 +92,7 @@ def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> 
 def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
     """The tables of one data set; where nothing else is asked for, they are written as well."""
     from geovp_benchmarks import formats, strata, tables
-    from geovp_benchmarks.table_model import Choice
+    from geovp_benchmarks.table_model import EVERYTHING, Choice
 
     choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
@@ -101,7 +101,8 @@ def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
     built = [tables.build(part, chosen.spread, strict=chosen.strict, choice=choice) for part in parts]
     if chosen.by is not None:
         return [main for main, *_ in built]
-    formats.write_all(results)
+    usual = chosen.spread == "interval" and not chosen.strict and choice == EVERYTHING
+    formats.write_all(results, built[0] if usual else None)
     return built[0]
 
 
