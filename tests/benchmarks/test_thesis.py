@@ -174,5 +174,6 @@ def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) 
         f"{poses}+{renderer}" for poses in ("gt-3d", "gt-3d-refined") for renderer in ("fusion", "ground-far-plane")
     }
     assert crossed | {"gt-3d-refined+synsin", "gt-2d-refined+synsin"} <= set(own.predictors)
-    assert [own.predictors[f"vo+{forecast}+fusion-10"].num_samples for forecast in ("ctrv", "prior")] == [10, 10]
+    drawn = [own.predictors[f"vo+{forecast}+fusion-10"].num_samples for forecast in ("ctrv", "prior", "representative")]
+    assert drawn == [10, 10, 10]
     assert "copy-last" in own.predictors

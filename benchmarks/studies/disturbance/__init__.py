@@ -22,6 +22,8 @@ from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, datas
 from geovp_benchmarks.studies.disturbance.kinds import DISTURBANCES, NUM_STRENGTHS, Disturbance, Level
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.render.image_sampler import resampled
+from geovp_classic.render.patches import Source
 from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Target
 
 LIMIT_DB = 0.5
@@ -109,7 +111,11 @@ def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[
         return np.stack([what.image(frames[shown], step, level) for step, shown in enumerate(order)])
 
     wide = clip.wide and ExtraView(images(clip.wide.frames), clip.wide.intrinsics, clip.wide.view_from_cam)
-    changes: dict[str, Any] = {"frames": images(clip.frames), "wide": wide}
+    frames = images(clip.frames)
+    if wide is not None and what.moves:
+        sources = (Source(frame, wide.intrinsics, wide.view_from_cam) for frame in wide.frames)
+        frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
+    changes: dict[str, Any] = {"frames": frames, "wide": wide}
     if what.poses_follow and clip.trajectory is not None:
         changes["trajectory"] = replace(clip.trajectory, world_from_cam=clip.trajectory.world_from_cam[order])
     context, target = replace(clip, **changes).split(NUM_PAST, needs)
