@@ -160,7 +160,7 @@ def test_each_variant_of_the_departures_changes_one_setting() -> None:
     parts = {name: {"as_published"} for name in ("colours", "holes", "opacity", "rays", "noise")}
     assert changed == {
         **{"residual": set(), **parts, "patch": {"patch_px"}, "points": {"splatter"}, "radius": {"splatter"}},
-        **{"levels": {"depth_px", "depth_channels"}, "depth-losses": {"depth", "reprojection", "roughness"}},
+        "depth-losses": {"depth", "reprojection", "roughness"},
     }
     assert [flat[name]["as_published"] for name in parts] == [(name,) for name in parts]
     assert len({training for _, training, _ in settings.values()}) == 1
