@@ -1,3 +1,6 @@
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -6,7 +9,7 @@ from torch import Tensor
 from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from geovp_learned.synsin import network, pairs
-from geovp_learned.synsin.network import Architecture, Generator
+from geovp_learned.synsin.network import Architecture, Generator, Part
 from geovp_learned.synsin.splatting import pull_push
 from geovp_learned.synsin.train import SynSinTraining
 from geovp_learned.tensors import images_from_frames
@@ -115,8 +118,96 @@ def test_pull_push_of_nothing_is_black() -> None:
         ({"features": 3}, "more than the 3 colours"),
         ({"depth_px": 100}, "a multiple of 64"),
         ({"noise_size": 0}, "noise_size is 0, expected 1 or more"),
+        ({"as_published": ("color",)}, "as_published has 'color', expected some of colours, holes, opacity, rays"),
     ],
 )
-def test_sizes_that_make_no_network_are_refused(settings: dict[str, int], message: str) -> None:
+def test_settings_that_make_no_network_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(BadData, match=message):
         Architecture(**settings)
+
+
+def with_parts(method: SynSinTraining, *parts: Part) -> Generator:
+    """A generator with these parts as published; its head is random, so that what the refinement network sees shows."""
+    torch.manual_seed(0)
+    generator = Generator(replace(method.architecture, as_published=parts)).eval()
+    torch.nn.init.normal_(generator.refinement_network.head.weight, generator=torch.Generator().manual_seed(1))
+    return generator
+
+
+def maps_seen(generator: Generator, frames: Tensor, camera: Tensor, cam_from_last: Tensor) -> Tensor:
+    """What the refinement network is given [V, C + 1, H, W]."""
+    seen: list[Tensor] = []
+    generator.refinement_network.register_forward_hook(lambda _, given, __: seen.append(given[0].detach()))
+    with torch.no_grad():
+        generator(frames, camera, cam_from_last)
+    return seen[0]
+
+
+def test_without_the_colour_shortcut_an_untrained_network_paints_grey(method: SynSinTraining, clip: Clip) -> None:
+    generator = Generator(replace(method.architecture, as_published=("colours",))).eval()
+    frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
+    assert generator.encode(frames, camera).features.shape == (1, 32 * 32, 8)  # learned ones alone
+    images, _ = generator(frames, camera, STILL)
+    assert (images.frames == 0.5).all()
+    painted = with_parts(method, "colours")(frames, camera, STILL)[0].frames
+    assert 0 <= painted.min() < 0.4 < 0.6 < painted.max() <= 1  # a tanh
+
+
+def test_holes_stay_where_they_are_not_filled(method: SynSinTraining, clip: Clip) -> None:
+    frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
+    aside = STILL.clone()
+    aside[0, 0, 0, 3] = 8.0  # all at 20 m: 0.4 focal lengths of 37.5 pixels to the right, 15 of 32 columns uncovered
+    empty, filled = (maps_seen(with_parts(method, *p), frames, camera, aside) for p in (("holes",), ()))
+    hole = filled[:, -1:] == 0
+    assert 0.35 < hole.float().mean() < 0.55
+    assert not (empty * hole).any()
+    assert filled[:, :3][hole.expand(-1, 3, -1, -1)].min() > 0.05  # colours from around
+    torch.testing.assert_close(empty[:, -1], filled[:, -1])
+
+
+def test_only_the_opacity_is_hidden(method: SynSinTraining, clip: Clip) -> None:
+    frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
+    hidden, told = (maps_seen(with_parts(method, *p), frames, camera, STILL) for p in (("opacity",), ()))
+    assert not hidden[:, -1].any()
+    assert told[:, -1].mean() > 0.9
+    assert torch.equal(hidden[:, :-1], told[:, :-1])
+
+
+@pytest.mark.parametrize(("parts", "is_equal"), [(("rays",), True), ((), False)])
+def test_without_rays_the_focal_length_does_not_matter_to_depth(
+    method: SynSinTraining, clip: Clip, parts: tuple[Part, ...], is_equal: bool
+) -> None:
+    generator, frames = with_parts(method, *parts), images_from_frames(clip.frames[:1])
+    camera = pairs.intrinsics_tensor(clip.intrinsics)
+    wide, long = (generator.encode(frames, factor * camera).inverse_depths for factor in (1, 2))
+    assert torch.equal(wide, long) == is_equal
+
+
+@pytest.mark.parametrize(("parts", "is_equal"), [(("noise",), False), ((), True)])
+def test_noise_changes_features_where_their_network_takes_it(
+    method: SynSinTraining, clip: Clip, parts: tuple[Part, ...], is_equal: bool
+) -> None:
+    generator, frames = with_parts(method, *parts), images_from_frames(clip.frames[:1])
+    camera, noise = pairs.intrinsics_tensor(clip.intrinsics), torch.ones(1, 4)
+    one, other, again = (generator.encode(frames, camera, n).features for n in (noise, -noise, noise))
+    assert torch.equal(one, again)
+    assert torch.equal(one[..., 3:], other[..., 3:]) == is_equal
+    assert torch.equal(one[..., :3], other[..., :3])  # colours have none
+    drawn = [generator.encode(frames, camera).features for _ in range(2)]
+    assert torch.equal(*drawn) == is_equal
+
+
+def test_every_part_as_published_trains_all_its_weights(method: SynSinTraining, clip: Clip) -> None:
+    everything = replace(method.architecture, as_published=("colours", "holes", "opacity", "rays", "noise"))
+    undone = replace(method, architecture=everything)
+    torch.manual_seed(0)
+    networks, examples = undone.build(), undone.examples([clip], training=True)
+    before = {name: p.clone() for name, p in networks["generator"].named_parameters()}
+    optimiser = undone.optimisers(networks)["generator"]
+    for step in range(2):  # in the first one the head of 0 stops the gradient
+        for _, parts in undone.training_step(networks, undone.batch(examples, [0, 1], np.random.default_rng(0)), step):
+            optimiser.zero_grad()
+            parts["total"].backward()
+            optimiser.step()
+    still = [name for name, p in networks["generator"].named_parameters() if torch.equal(p, before[name])]
+    assert not [name for name in still if "bias" not in name]

@@ -135,6 +135,8 @@ def test_settings_of_the_other_variant_are_refused() -> None:
         Architecture("published", noise_size=8)
     with pytest.raises(BadData, match="has its own splatter"):
         Architecture("published", splatter=Splatter(radius_px=2.0))
+    with pytest.raises(BadData, match="has its own as_published"):
+        Architecture("published", as_published=("rays",))
 
 
 @pytest.fixture

@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from geovp_learned.methods import Losses
 from geovp_learned.synsin import pairs
 from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.train import SynSinTraining, Weights
+from geovp_learned.training_config import Changes
 
 
 def trained(
@@ -142,3 +143,26 @@ def test_configs_that_come_with_the_package_are_sound(
         assert config.method.weights == Weights()  # the paper's losses alone
         assert config.method.depth_share == 1
         assert "discriminator" in sizes
+
+
+def test_each_variant_of_the_departures_changes_one_setting() -> None:
+    file = Path("synsin-departures")
+    names = training_config.settings("synsin", file)[2]["variants"]
+    settings = {name: training_config.settings("synsin", file, Changes(variant=name)) for name in names}
+    flat = {
+        name: {**asdict(method), **asdict(method.weights), **asdict(method.architecture)}
+        for name, (method, *_) in settings.items()
+    }
+    changed = {
+        name: {key for key, value in one.items() if value != flat["residual"][key]} - {"architecture", "weights"}
+        for name, one in flat.items()
+    }
+    parts = {name: {"as_published"} for name in ("colours", "holes", "opacity", "rays", "noise")}
+    assert changed == {
+        **{"residual": set(), **parts, "patch": {"patch_px"}, "points": {"splatter"}, "radius": {"splatter"}},
+        "depth-losses": {"depth", "reprojection", "roughness"},
+    }
+    assert [flat[name]["as_published"] for name in parts] == [(name,) for name in parts]
+    assert len({training for _, training, _ in settings.values()}) == 1
+    published = training_config.settings("synsin", Path("synsin-published-small"), Changes(variant="residual"))[0]
+    assert settings["residual"][0] == published  # but for steps and batches
