@@ -17,10 +17,10 @@ from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, IntArray, Trajectory
 
-DEPTH_M = 15.0  # of what the camera sees: a metre to the side moves it as much as 1 / 15 rad
+DEPTH_M = 10.0  # of what the camera sees: a metre to the side moves it as much as 1 / 10 rad
 AHEAD_SHARE = 0.5  # a metre ahead moves the image half as much as one to the side, halfway to its border
 ROLL_SHARE = 0.5  # and a turn about the axis half as much as one of the axis
-FARTHEST_RAD = 0.08  # beyond it two images have nothing in common, and more distance costs no more
+FARTHEST_RAD = 0.04  # beyond it two images have nothing in common, and more distance costs no more
 NUM_STEPS = 10  # future steps that are compared, at the most
 
 
