@@ -141,4 +141,4 @@ def test_samples_are_capped_not_added() -> None:
     matrix = reproduction.chosen_rows(reproduction.read_matrix("thesis"), None, 4, None)
     counts = {name: entry.num_samples for name, entry in matrix.predictors.items()}
     assert (counts["svg-1"], counts["svg-100"], counts["vo+prior+fusion-10"], counts["ours"]) == (1, 4, 4, 1)
-    assert len(matrix.cells) == 24
+    assert len(matrix.cells) == 25
