@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
@@ -51,19 +52,22 @@ class Representative:
         if num_samples > self.num_draws:
             raise BadData(f"representative: {num_samples} of {self.num_draws} draws asked for: set num_draws higher")
         draws = self.source.forecast(past, times_s, self.num_draws)
-        chosen, nearest = _medoids(image_motions(centre[0], draws), num_samples)
+        motions = image_motions(centre[0], draws, past_motion.in_metres(past)[1])
+        chosen, nearest = _medoids(motions, num_samples)
         shares = np.bincount(nearest, minlength=num_samples) / self.num_draws
         return np.concatenate([centre, draws[chosen]]), np.asarray(shares)
 
 
 def image_motions(
-    centre: FloatArray,  # [F, 4, 4] in metres
+    centre: FloatArray,  # [F, 4, 4]
     futures: FloatArray,  # [S, F, 4, 4]
+    metres_per_unit: float = 1.0,  # of both
 ) -> FloatArray:
     """How futures differ from the centre at NUM_STEPS steps [S, K, 6], as angles in the image (rad)."""
     steps = np.unique(np.linspace(0, len(centre) - 1, NUM_STEPS).round().astype(int))
     twists = se3.log(se3.inverse(centre[steps]) @ futures[:, steps])
-    return twists * np.array([1 / DEPTH_M, 1 / DEPTH_M, AHEAD_SHARE / DEPTH_M, 1.0, 1.0, ROLL_SHARE])
+    per_unit = metres_per_unit / DEPTH_M
+    return twists * np.array([per_unit, per_unit, AHEAD_SHARE * per_unit, 1.0, 1.0, ROLL_SHARE])
 
 
 def _medoids(

@@ -112,7 +112,7 @@ def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[
 
     wide = clip.wide and ExtraView(images(clip.wide.frames), clip.wide.intrinsics, clip.wide.view_from_cam)
     frames = images(clip.frames)
-    if wide is not None and what.moves:
+    if wide is not None and what.crop_from_wide:
         sources = (Source(frame, wide.intrinsics, wide.view_from_cam) for frame in wide.frames)
         frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
     changes: dict[str, Any] = {"frames": frames, "wide": wide}

@@ -27,7 +27,7 @@ class Disturbance:
     order: Callable[[Level], list[int]] = lambda level: list(range(NUM_STEPS))  # which frame is shown at each step
     context: Callable[[Context, Level], Context] = lambda context, level: context
     poses_follow: bool = False  # whether the true poses take the frames' order
-    moves: bool = False  # what comes into the crop from beside it is what the whole frame shows there
+    crop_from_wide: bool = False  # what comes into the crop from beside it is what the whole frame shows there
 
 
 def _gain(*factors: float, steps: range = range(NUM_STEPS)) -> Image:
@@ -179,7 +179,7 @@ DISTURBANCES = {
     "darker from frame 5 on": Disturbance(_gain(0.7, 0.5, 0.25, 0.1, steps=range(5, NUM_STEPS))),
     "darker from the last frame on": Disturbance(_gain(0.7, 0.5, 0.25, 0.1, steps=range(NUM_PAST - 1, NUM_STEPS))),
     "flicker": Disturbance(_flicker),
-    "tilt": Disturbance(_tilt, moves=True),
+    "tilt": Disturbance(_tilt, crop_from_wide=True),
     "hood": Disturbance(_hood),
     "black bars": Disturbance(_bars),
     "lorry ahead": Disturbance(_lorry),

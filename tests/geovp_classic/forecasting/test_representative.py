@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.errors import BadData
+from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.representative import DEPTH_M, FARTHEST_RAD, Representative, image_motions
@@ -82,3 +83,36 @@ def test_more_than_there_are_draws_is_refused() -> None:
         Representative(num_draws=4).forecast(circle(), TIMES_S, 5)
     with pytest.raises(BadData, match="num_draws is 1, expected 2 or more"):
         Representative(num_draws=1)
+
+
+def test_the_unit_of_the_past_changes_nothing() -> None:
+    metric = circle()
+    steps_m = np.linalg.norm(np.diff(metric.world_from_cam[:, :3, 3], axis=0), axis=1).mean()
+    poses = metric.world_from_cam.copy()
+    poses[:, :3, 3] /= steps_m
+    scaled = Trajectory(poses, metric.times_s, is_metric=False)
+    unit = past_motion.in_metres(scaled)[1]
+    in_metres = poses.copy()
+    in_metres[:, :3, 3] *= unit
+    ours, theirs = (
+        Representative(TurnsOfTheCentre(unit_m)).forecast(past, TIMES_S, 6)
+        for past, unit_m in ((scaled, unit), (Trajectory(in_metres, metric.times_s, is_metric=True), 1.0))
+    )
+    theirs[..., :3, 3] /= unit
+    np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
+@dataclass(frozen=True)
+class TurnsOfTheCentre:
+    """Draws to the side by up to a metre and turned by up to 0.05 rad, whatever the unit."""
+
+    metres_per_unit: float
+
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+        futures = np.tile(past.world_from_cam[-1], (num_samples, len(times_s), 1, 1))
+        if num_samples == 1:
+            return futures
+        aside, turn = np.random.default_rng(0).uniform(-1, 1, (2, num_samples))
+        twists = np.zeros((num_samples, 1, 6))
+        twists[:, 0, 0], twists[:, 0, 4] = aside / self.metres_per_unit, 0.05 * turn
+        return np.asarray(futures @ se3.exp(twists))
