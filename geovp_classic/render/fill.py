@@ -87,8 +87,7 @@ class BorrowedDetail:
 
     def fill(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3]."""
-        filled = self.colours.fill(views, last)
-        filled = filled if filled.flags.writeable else filled.copy()  # the frames of views are not
+        filled = self.colours.fill(views, last).copy()  # a fill of somebody else's may keep what it returns
         channels = slice(0, 1 if is_grey(last) and is_grey(filled) else 3)
         image = np.ascontiguousarray(last[..., channels], np.float32).squeeze()
         detail = (np.float32(self.strength) * (image - self._blur(image))).astype(np.float32)

@@ -130,10 +130,10 @@ class CloudScene:
         if self.detail_strength == 0:
             return frames
         channels = slice(0, 1 if is_grey(observed) and is_grey(frames) else 3)
-        detail, result = FrameDetail.of(observed[..., channels]), frames if frames.flags.writeable else frames.copy()
+        detail, result = FrameDetail.of(observed[..., channels]), np.empty_like(frames)
 
         def add(step: int) -> None:
-            sharper = detail.add_to(result[step, ..., channels], magnification[step], self.detail_strength)
+            sharper = detail.add_to(frames[step, ..., channels], magnification[step], self.detail_strength)
             result[step] = sharper if sharper.shape[-1] == 3 else cv2.cvtColor(sharper, cv2.COLOR_GRAY2RGB)
 
         parallel_map(add, range(len(result)))

@@ -1,6 +1,7 @@
 """The fused cloud: the last frame stays, earlier ones add what it hides, grain returns where it was lost."""
 
 import itertools
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,11 +13,11 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.render import patches
 from geovp_classic.render.detail_transfer import BAND_EDGES, FrameDetail, _add
-from geovp_classic.render.fill import Blank
+from geovp_classic.render.fill import Blank, BorrowedDetail
 from geovp_classic.render.fusion import _close_cracks, _hidden_from, _median_filter, fuse, remove_masked
 from geovp_classic.render.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.renderers import DepthFusion
-from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Trajectory, Views
 
 CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 PLAIN: dict[str, Any] = {"fill": Blank(), "detail_strength": 0.0, "dynamic_objects": None, "exposure": None}
@@ -142,6 +143,29 @@ def test_detail_is_added_only_where_magnification_removed_it() -> None:
     np.testing.assert_allclose(roughness[:28], before[:28])
     # Where nothing is to be seen, little is invented: the contrast of what is there bounds the grain.
     assert np.abs(detail.add_to(flat, times).astype(int) - 128).mean() < 5
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A fill that hands out an array which it keeps."""
+
+    frames: ByteArray
+
+    def fill(self, views: Views, last: ByteArray) -> ByteArray:
+        return self.frames
+
+
+@pytest.mark.parametrize("wrapped", [False, True], ids=["alone", "below-borrowed-detail"])
+def test_what_a_fill_keeps_is_not_written_to(wrapped: bool) -> None:
+    poses = drive(np.zeros(4), np.array([0.0, 0.5, 1.0, 6.0]))
+    context, past = context_of(poses, 3)
+    frames = np.random.default_rng(1).integers(0, 255, (1, 48, 64, 3)).astype(np.uint8)
+    fill = BorrowedDetail(Kept(frames.copy())) if wrapped else Kept(frames.copy())
+    scene = DepthFusion(Given(), fill=fill, dynamic_objects=None, exposure=None).reconstruct(context, past)
+    shown = scene.view(poses[3:], context.times_s[3:], CAMERA).frames
+    assert (shown != frames).any()
+    kept = fill.colours if isinstance(fill, BorrowedDetail) else fill
+    np.testing.assert_array_equal(kept.frames, frames)  # type: ignore[attr-defined]
 
 
 def test_detail_is_added_as_the_slow_twin_does() -> None:
