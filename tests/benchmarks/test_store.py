@@ -408,6 +408,7 @@ def test_scratch_files_are_no_predictions(tmp_path: Path) -> None:
 
 
 def test_a_clips_name_fits_a_files_name() -> None:
+    check_clip_name("a")
     check_clip_name("a" * 226)  # and ".npz": 230 bytes
     with pytest.raises(BadData, match=rf"the clip '{'a' * 40}'\.\.\. takes 231 bytes .* a name of 230 at most"):
         check_clip_name("a" * 227)

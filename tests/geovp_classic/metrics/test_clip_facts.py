@@ -51,6 +51,8 @@ def test_turning_is_the_largest_change_of_heading(headings_deg: list[float], yaw
 def test_without_metres_there_is_no_speed_and_without_poses_nothing() -> None:
     assert set(facts_of(clip(np.zeros(8), is_metric=False))) == {"yaw_deg"}
     assert facts_of(replace(clip(np.zeros(8)), trajectory=None)) == {}
+    context, target = clip(np.zeros(8)).split(PAST, ~Grant.NONE)
+    assert clip_facts(replace(context, past=None), target) == {}
 
 
 def test_speed_is_per_second_and_step_per_frame() -> None:

@@ -56,6 +56,7 @@ def test_psnr_takes_one_mean_square_over_all_channels() -> None:
     predicted = target.copy()
     predicted[..., 0] = 255  # MSE 1/3 jointly: 4.77 dB; per channel it would be 0 dB, inf and inf
     np.testing.assert_allclose(Psnr()(predicted, target, None), [10 * np.log10(3)])
+    np.testing.assert_allclose(Psnr(100.0, "each")(predicted, target, None), [(0 + 100 + 100) / 3])
 
 
 def test_equal_frames_score_the_ceiling_and_so_does_anything_beyond_it() -> None:
@@ -177,6 +178,9 @@ def test_frames_that_do_not_fit_are_refused(metric: FrameMetric) -> None:
         metric(target[:2], target, None)
     with pytest.raises(BadData, match=r"predicted frames are float64.*expected uint8"):
         metric(target / 255.0, target, None)
+    for other, shape in ((target[0], r"\(32, 40, 3\)"), (target[..., :1], r"\(3, 32, 40, 1\)")):
+        with pytest.raises(BadData, match=f"frames are uint8 of shape {shape}, expected"):
+            metric(other, other, None)
     with pytest.raises(BadData, match=r"mask is uint8.*expected bool of shape \(3, 32, 40\)"):
         metric(target, target, np.ones((3, 32, 40), dtype=np.uint8))
 

@@ -90,6 +90,7 @@ def test_more_noise_scores_worse() -> None:
     noisy = [np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8) for s in (4, 16, 64)]
     scores = [float(MsSsim()(each, target, None)[0]) for each in noisy]
     assert scores == sorted(scores, reverse=True)
+    assert MsSsim().higher_is_better
 
 
 def test_masks() -> None:
