@@ -165,7 +165,7 @@ def autocorrelation_time(values: FloatArray, groups: list[npt.NDArray[np.intp]])
     off, count, tau, visible = _within(values, groups), len(values), 1.0, 0
     variance = float(off @ off) / count
     lags = range(1, max(len(group) for group in groups) // 3 + 1)
-    if variance <= 1e-12 * float(values @ values) / count or count < 4 or not lags:
+    if variance <= 1e-12 * float(values @ values) / count or not lags:
         return tau, visible
     found = np.array([_product(off, groups, lag) / variance for lag in lags])
     for _ in range(4):  # the means that were taken out lower all of them

@@ -76,6 +76,11 @@ def test_a_clip_a_sequence_is_a_sample_of_sequences() -> None:
     assert found.high - found.low == pytest.approx(high - low, rel=0.25)
 
 
+def test_three_clips_of_three_sequences_have_the_standard_error_of_a_mean() -> None:
+    values, apart = np.array([1.0, 2.0, 6.0]), [np.array([index]) for index in range(3)]
+    assert intervals.standard_error(values, apart, 1.0) == pytest.approx((stats.sem(values), 2))
+
+
 def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
     found = intervals.interval(np.array([1.0, np.nan, 3.0]), np.zeros(3))
     assert found.mean == 2.0
@@ -86,7 +91,8 @@ def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
 def test_the_same_seed_gives_the_same_interval() -> None:
     values = np.random.default_rng(3).normal(size=36)
     first, again = (intervals.interval(values, np.zeros(36)) for _ in range(2))
-    assert first == again
+    assert first == again == intervals.interval(values, np.zeros(36), seed=0)
+    assert first != intervals.interval(values, np.zeros(36), seed=1)
     assert first.low < first.mean < first.high
 
 
