@@ -7,7 +7,9 @@ import dataclasses
 import errno
 import functools
 import json
+import os
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +21,7 @@ import numpy as np
 from geovp_benchmarks.rows import Rows
 from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 
 LIMIT_BYTES = 512 * files.MIB
 LIMIT_ROWS, ROWS_AT_ONCE = 2**24, 2**18  # 0.4 GB in memory, and twice that while they are put together
@@ -28,6 +30,7 @@ NAME = f"if(strlen({{0}}) > {LIMIT_NAME_BYTES}, error('a name of more than {LIMI
 STORED = f"{NAME.format('clip')}, sample::INTEGER, step::INTEGER, {NAME.format('metric')}, value::DOUBLE"
 OPEN_FILES = "/dev/fd"  # this process's own, by their numbers
 NO_EXTENSIONS = ("autoinstall_known_extensions", "autoload_known_extensions", "allow_community_extensions")
+ALONE = threading.Lock()
 DAMAGES = (duckdb.Error, ValueError, LookupError, TypeError, AttributeError, RecursionError)
 
 
@@ -120,19 +123,31 @@ def _checked(path: Path) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
 
 @contextlib.contextmanager
 def _database() -> Iterator[tuple[duckdb.DuckDBPyConnection, IO[bytes], str]]:
-    """The database, and a nameless file, which no kill leaves behind, with its place for the database."""
-    with tempfile.TemporaryFile() as file, _memory().cursor() as database:
+    """The database, and an empty nameless file, which no kill leaves behind, with its place for the database."""
+    with ALONE:
+        database, file = _memory()
         try:
-            yield database, file, f"'{OPEN_FILES}/{file.fileno()}'"
+            with database.cursor() as cursor:
+                yield cursor, file, f"'{OPEN_FILES}/{file.fileno()}'"
+        except duckdb.PermissionException as problem:  # no damage of a file
+            raise GeovpError(f"DuckDB {duckdb.__version__} refuses a file: install another version") from problem
         except duckdb.Error:
             _memory.cache_clear()  # an internal error is the end of a database
             raise
+        finally:
+            file.seek(0)
+            file.truncate()
 
 
 @functools.cache
-def _memory() -> duckdb.DuckDBPyConnection:
-    """An empty database without extensions and network, and without files but those that this process has open."""
+def _memory() -> tuple[duckdb.DuckDBPyConnection, IO[bytes]]:
+    """An empty database without extensions and network, and the only file besides open ones that it may see."""
     off = dict.fromkeys(NO_EXTENSIONS, False)
     database = duckdb.connect(":memory:", config={"threads": 1, "memory_limit": "512MB", "temp_directory": "", **off})
-    database.execute(f"SET allowed_directories = ['{OPEN_FILES}']")
-    return database.execute("SET enable_external_access = false; SET lock_configuration = true")
+    with tempfile.TemporaryDirectory() as folder:
+        file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 - as long as the database
+    seen = ", ".join("'{}'".format(one.replace("'", "''")) for one in (OPEN_FILES, os.path.realpath(folder)))
+    database.execute(
+        f"SET allowed_directories = [{seen}]"
+    )  # DuckDB 2.0.1 asks where an open file was before it lost its name
+    return database.execute("SET enable_external_access = false; SET lock_configuration = true"), file
