@@ -14,6 +14,7 @@ import numpy as np
 
 from geovp_benchmarks import plausibility
 from geovp_benchmarks.camera import Camera, fov_of_focal
+from geovp_benchmarks.components import code_hash
 from geovp_benchmarks.planning import versions
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
@@ -98,6 +99,7 @@ class Predicted:
             "settings": {key: str(value) if isinstance(value, Path) else value for key, value in asked.items()},
             "predictor": registry.describe(self.predictor),
             "versions": versions(),
+            "code": code_hash([self.predictor]),
             "camera": dataclasses.asdict(camera),
             "frames": {"first": self.first, "observed": self.context.num_past, "predicted": self.context.num_future},
             "tracked_frames": None if motion is None else int(motion.tracked.sum()),

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wide", dest="with_wide", action="store_true", help="use the whole images, not only their middle"
     )
-    spec = "as in a matrix: a name or a table such as '{ name = \"chained\" }'"
+    spec = "as in a matrix: a name, or a table '{ name = ..., ... }'"
     for name, role in (("--pose-source", "pose_sources"), ("--renderer", "renderers"), ("--predictor", "predictors")):
         parser.add_argument(name, type=_spec, metavar="SPEC", help=f"{spec}; see `geovp list {role}`")
     of_matrix = "a row of a matrix in place of these: a file or a built-in one's name, and the row's name"

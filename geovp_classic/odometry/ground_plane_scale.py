@@ -73,7 +73,7 @@ class GroundPlane:
         if camera_height_m is None or not camera_height_m > 0:
             raise Incompatible(
                 "the ground-plane scale needs the camera's height above the road, which this clip lacks: "
-                "give the data set's camera_height_m or use the scale 'unit-speed'"
+                "give the data set's camera_height_m (`geovp predict --camera-height`) or use the scale 'unit-speed'"
             )
         return GroundPlaneEstimator(self, intrinsics, camera_height_m, pitch_rad)
 

@@ -147,7 +147,6 @@ class TestJson:
         found = as_json("data", "doctor", street)
         assert found["is_sound"] is True
         assert [row["sequence"] for row in found["rows"]] == ["07"]
-        (street / "poses" / "07_times.txt").write_text((street / "sequences/07/times.txt").read_text())
         given = ["--sequences", "07", "--num-past", "5", "--num-future", "3", "--stride", "2", "--only", "hold"]
         scores = as_json("forecast", "evaluate", street / "poses", *given)
         assert scores["windows"] == 3  # of 8 among 12 poses, from 0, 2 and 4

@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 from geovp_benchmarks import cli, plausibility, prediction, prediction_files, webcam
+from geovp_benchmarks.components import code_hash
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.prediction_request import PredictionRequest, check_memory, output_size
 from geovp_classic import exports
@@ -288,6 +289,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert about["settings"]["size_px"] == 96
     assert about["predictor"]["pose_source"]["name"] == "refined"
     assert {"python", "numpy", "geovp-classic"} <= about["versions"].keys()
+    assert about["code"] == code_hash([street])  # all of its components are of this package
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
     assert about["photometric_residual"] < 0.5

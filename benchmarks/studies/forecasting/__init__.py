@@ -60,7 +60,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 
 
 def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
-    verb.add_argument("poses", type=Path, metavar="POSES_DIR", help="holds NN.txt and NN_times.txt")
+    verb.add_argument("poses", type=Path, metavar="POSES_DIR", help="NN.txt, times in NN_times.txt or ../sequences")
     verb.add_argument("--sequences", nargs="+", default=names.split(), metavar="NN", help=f"sequences ({names})")
 
 

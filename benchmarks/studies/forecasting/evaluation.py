@@ -44,11 +44,16 @@ def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
 
 
 def read_sequences(folder: Path, names: Sequence[str]) -> dict[str, Trajectory]:
-    """The trajectories folder/NN.txt with times folder/NN_times.txt; BadData says which file is wrong."""
-    return {
-        name: pose_files.read_trajectory(folder / f"{name}.txt", pose_files.read_times(folder / f"{name}_times.txt"))
-        for name in names
-    }
+    """The trajectories folder/NN.txt with their times; BadData says which file is wrong.
+
+    Times are those of folder/NN_times.txt or, as KITTI odometry has them, of folder/../sequences/NN/times.txt.
+    """
+    found = {}
+    for name in names:
+        beside, of_images = folder / f"{name}_times.txt", folder.parent / "sequences" / name / "times.txt"
+        times_s = pose_files.read_times(of_images if of_images.exists() and not beside.exists() else beside)
+        found[name] = pose_files.read_trajectory(folder / f"{name}.txt", times_s)
+    return found
 
 
 def read_windows(

@@ -34,7 +34,7 @@ INTERVALS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Pose files, images if there are any, and where the page goes."""
-    parser.add_argument("poses", type=Path, metavar="POSES_DIR", help="holds NN.txt and NN_times.txt")
+    parser.add_argument("poses", type=Path, metavar="POSES_DIR", help="NN.txt, times in NN_times.txt or ../sequences")
     parser.add_argument("--sequences", nargs="+", default=TEST.split(), metavar="NN", help=f"asked about ({TEST})")
     parser.add_argument("--fit", nargs="+", default=ALL.split(), metavar="NN", help="fitted to, but for the one asked")
     parser.add_argument("--stride", type=positive, default=4, metavar="N", help="frames between two windows (4)")
