@@ -10,7 +10,7 @@ import numpy as np
 from geovp_benchmarks import statistics
 from geovp_benchmarks.matrix import CONFIDENCE
 from geovp_benchmarks.store import Results
-from geovp_benchmarks.stored_facts import is_directed
+from geovp_benchmarks.stored_facts import higher_is_better
 from geovp_classic.errors import BadData
 from geovp_classic.registry import nearest
 from geovp_classic.types import FloatArray
@@ -43,8 +43,8 @@ def rankings(results: Results, metric: str) -> list[Ranking]:
     """A ranking for each row that has confidences; BadData for a metric that is not stored or has no better."""
     abouts = results.protocol()["metrics"]
     about = abouts.get(metric.partition("@")[0])
-    known = [name for name, one in abouts.items() if is_directed(name, one)]
-    if about is None or not is_directed(metric, about):
+    known = [name for name, one in abouts.items() if higher_is_better(name, one) is not None]
+    if about is None or higher_is_better(metric, about) is None:
         raise BadData(f"{results.root} cannot be ranked by {metric!r}{nearest(metric, known)}")
     return list(_rankings(results, metric, 1.0 if about["higher_is_better"] else -1.0))
 

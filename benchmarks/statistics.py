@@ -28,7 +28,7 @@ class Cube:
     values: FloatArray  # [N, S, F]
 
 
-Reduction = Callable[[Cube, bool], FloatArray]  # (cube, higher_is_better) -> one sample's values per clip [N, F]
+Reduction = Callable[[Cube, bool | None], FloatArray]  # (cube, higher_is_better) -> one sample's values per clip [N, F]
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,18 @@ def cube(rows: Rows, metric: str) -> Cube:
     return Cube(rows.clip.categories, values)
 
 
-def mean_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:
+def mean_of_samples(values: Cube, higher_is_better: bool | None) -> FloatArray:
     """The mean over samples [N, F]: the expected score of one sample."""
     return _nanmean(values.values, axis=1)
 
 
-def best_of_samples(values: Cube, higher_is_better: bool) -> FloatArray:
-    """The sample best over all steps, chosen per clip and metric [N, F], as SRVP does (Franceschi et al. 2020)."""
+def best_of_samples(values: Cube, higher_is_better: bool | None) -> FloatArray:
+    """The sample best over all steps, chosen per clip and metric [N, F], as SRVP does (Franceschi et al. 2020).
+
+    Where no value is the better one, the mean.
+    """
+    if higher_is_better is None:
+        return mean_of_samples(values, None)
     return values.values[np.arange(len(values.clips)), _best(values, higher_is_better)]
 
 
@@ -62,7 +67,7 @@ def best_by(judge: Cube, judge_higher_is_better: bool) -> Reduction:
     """The sample that is best in the judge's metric, for every metric: all columns show the same sample."""
     best = dict(zip(judge.clips, _best(judge, judge_higher_is_better).tolist(), strict=True))
 
-    def reduce(values: Cube, higher_is_better: bool) -> FloatArray:
+    def reduce(values: Cube, higher_is_better: bool | None) -> FloatArray:
         nothing = np.full(values.values.shape[2], np.nan)
         rows = [
             values.values[number, best[clip]] if best.get(clip, np.inf) < values.values.shape[1] else nothing

@@ -29,9 +29,9 @@ def title(metric: str) -> str:
     return f"{words}, {pixels} pixels" if pixels else words
 
 
-def is_directed(metric: str, about: Mapping[str, Any]) -> bool:
-    """Whether one of two values is the better one: not of coverage and confidence, whatever older results say."""
-    return metric.partition("@")[0] not in UNASKED and about.get("higher_is_better") is not None
+def higher_is_better(metric: str, about: Mapping[str, Any]) -> bool | None:
+    """None where no value is the better one: of coverage and confidence, whatever older results say."""
+    return None if metric.partition("@")[0] in UNASKED else about.get("higher_is_better")
 
 
 def bounds(metric: str, about: Mapping[str, Any]) -> Bounds:

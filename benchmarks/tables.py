@@ -12,7 +12,7 @@ from geovp_benchmarks import intervals, provenance, statistics
 from geovp_benchmarks.matrix import COVERAGE, UNASKED
 from geovp_benchmarks.statistics import Cube
 from geovp_benchmarks.store import Cell, Results, Rows
-from geovp_benchmarks.stored_facts import bounds, is_directed, legend, marks, summary, title
+from geovp_benchmarks.stored_facts import bounds, higher_is_better, legend, marks, summary, title
 from geovp_benchmarks.table_model import EVERYTHING, Choice, Column, Row, Spread, Table, best, different
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -130,7 +130,7 @@ def _table(
 def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
     means = np.array([float(row.estimates[key].mean) for row in rows if key in row.estimates])
     known = means[np.isfinite(means)]
-    higher = bool(about["higher_is_better"]) if is_directed(key, about) else None
+    higher = higher_is_better(key, about)
     unit = f" ({about['unit']})" if about.get("unit") else ""
     arrow = "" if higher is None else "↑" if higher else "↓"
     decimals = 2 if np.abs(known).max(initial=0.0) >= 10 else 3
@@ -143,7 +143,7 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
     keys = _keys([rows])
     cubes = {key: statistics.cube(rows, key) for key in keys}
     abouts = {key: protocol["metrics"].get(key.partition("@")[0], {}) for key in keys}
-    higher = {key: bool(about.get("higher_is_better")) for key, about in abouts.items()}
+    higher = {key: higher_is_better(key, about) for key, about in abouts.items()}
     ends = {key: bounds(key, about) for key, about in abouts.items()}
     clips, lines = protocol["clips"], []
     scored = np.isin(clips, rows.clip.categories)
@@ -161,7 +161,7 @@ def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray
 
 
 def _reductions(
-    cubes: Mapping[str, Cube], higher: Mapping[str, bool], protocol: Mapping[str, Any]
+    cubes: Mapping[str, Cube], higher: Mapping[str, bool | None], protocol: Mapping[str, Any]
 ) -> dict[str, statistics.Reduction]:
     """The reductions over samples, a row each, by the suffix of the method's name."""
     count = max((cube.values.shape[1] for cube in cubes.values()), default=1)
@@ -171,17 +171,20 @@ def _reductions(
         f", mean of {count}": statistics.mean_of_samples,
         f", best of {count}": statistics.best_of_samples,
     }
-    judges = [name for name in protocol["metrics"] if name in cubes and name not in UNASKED]
-    if judges:
-        judge = judges[0]
-        reductions[f", best of {count} by {title(judge)}"] = statistics.best_by(cubes[judge], higher[judge])
+    for judge in protocol["metrics"]:
+        rises = higher.get(judge)
+        if rises is not None:
+            reductions[f", best of {count} by {title(judge)}"] = statistics.best_by(cubes[judge], rises)
+            break
     return reductions
 
 
 def _sampled(name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, Rows]) -> list[Table]:
     """The expected best of k samples in one metric, where a cell has several samples."""
     about = protocol["metrics"][name]
-    higher = bool(about.get("higher_is_better"))
+    higher = higher_is_better(name, about)
+    if higher is None:
+        return []
     many = [cell for cell in cells if cell.name in rows and cell.num_samples > 1]
     curves = [statistics.expected_best(statistics.cube(rows[cell.name], name), higher) for cell in many]
     most = max((curve.shape[1] for curve in curves), default=1)

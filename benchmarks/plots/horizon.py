@@ -11,7 +11,7 @@ from geovp_benchmarks import statistics
 from geovp_benchmarks.plots import curves, style
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.store import Cell
-from geovp_benchmarks.stored_facts import bounds, is_directed
+from geovp_benchmarks.stored_facts import bounds, higher_is_better
 
 BAND = "bands or bars: 95 % intervals (block bootstrap)"
 _Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
@@ -62,12 +62,12 @@ def stratum_pages(parts: Mapping[str, Material], by: str, metric: str) -> list[P
 def _curves(material: Material, metric: str) -> list[curves.Curve]:
     """One curve per line that has values; those of fewer clips than the others say so."""
     facts = material.protocol["metrics"][metric.partition("@")[0]]
-    shown = []
+    higher, shown = higher_is_better(metric, facts), []
     for label, cell, reduce, line in _lines(material.cells, facts["role"]):
         cube = statistics.cube(material.rows[cell.name], metric)
-        if np.isfinite(cube.values).any():
-            values, ends = reduce(cube, bool(facts["higher_is_better"])), bounds(metric, facts)
-            shown.append(curves.Curve.of(label, values, cube.clips, ends, line))
+        has_best = higher is not None or reduce is not statistics.best_of_samples
+        if has_best and np.isfinite(cube.values).any():
+            shown.append(curves.Curve.of(label, reduce(cube, higher), cube.clips, bounds(metric, facts), line))
     most = max((curve.num_clips for curve in shown), default=0)
     for number, curve in enumerate(shown):
         if curve.num_clips < most:
@@ -84,18 +84,19 @@ def _over(material: Material, shown: Sequence[curves.Curve]) -> str:
 
 def _labels(material: Material, metric: str) -> curves.AxisLabels:
     facts = material.protocol["metrics"][metric.partition("@")[0]]
-    direction = facts["higher_is_better"] if is_directed(metric, facts) else None
-    return curves.AxisLabels(title(metric), facts["unit"], direction, material.step_s)
+    return curves.AxisLabels(title(metric), facts["unit"], higher_is_better(metric, facts), material.step_s)
 
 
 def sample_pages(material: Material, metric: str) -> list[Page]:
-    """The expected best score of k samples, over k; none where no cell has several samples."""
+    """The expected best score of k samples, over k; none where no cell has several, or no score is the better one."""
     facts = material.protocol["metrics"][metric]
-    found = []
+    higher, found = higher_is_better(metric, facts), []
+    if higher is None:
+        return []
     for cell in (cell for cell in material.cells if cell.num_samples > 1):
         cube = statistics.cube(material.rows[cell.name], metric)
         if cube.values.shape[1] > 1 and np.isfinite(cube.values).any():
-            found.append((cell.label, cube.clips, statistics.expected_best(cube, bool(facts["higher_is_better"]))))
+            found.append((cell.label, cube.clips, statistics.expected_best(cube, higher)))
     if not found:
         return []
     styles, ends = style.line_styles([(label, "") for label, *_ in found]), bounds(metric, facts)

@@ -14,7 +14,7 @@ from geovp_benchmarks import plots
 from geovp_benchmarks.explanation import flat
 from geovp_benchmarks.report.markup import Html, fold, image, joined, table, tag
 from geovp_benchmarks.store import Cell, Results
-from geovp_benchmarks.stored_facts import MARKS, data_name, is_directed, summary, title
+from geovp_benchmarks.stored_facts import MARKS, data_name, higher_is_better, summary, title
 from geovp_benchmarks.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
@@ -80,7 +80,8 @@ def horizon(figures: Sequence[EmbeddedFigure]) -> Html:
 def confidence(results: Results) -> Html:
     """How well each row's confidence ranks its errors in the first frame metric; nothing without confidences."""
     abouts = results.protocol()["metrics"]
-    metric = next((name for name, one in abouts.items() if one["role"] == "frame" and is_directed(name, one)), None)
+    frame = (name for name, one in abouts.items() if one["role"] == "frame")
+    metric = next((name for name in frame if higher_is_better(name, abouts[name]) is not None), None)
     found = [] if metric is None else confidences.rankings(results, metric)
     if metric is None or not found:
         return Html("")

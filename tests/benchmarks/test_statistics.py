@@ -49,6 +49,7 @@ def test_best_sample_is_one_sample_over_all_steps() -> None:
     cube = statistics.cube(table, "psnr")
     np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[10.0, 2.0]])
     np.testing.assert_array_equal(statistics.best_of_samples(cube, False), [[5.0, 5.0]])
+    np.testing.assert_array_equal(statistics.best_of_samples(cube, None), [[7.5, 3.5]])  # nothing is better
     np.testing.assert_array_equal(statistics.mean_of_samples(cube, True), [[7.5, 3.5]])
 
 

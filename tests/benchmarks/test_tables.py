@@ -9,6 +9,7 @@ import pytest
 
 from geovp_benchmarks import formats, tables
 from geovp_benchmarks.store import Results
+from geovp_benchmarks.table_model import Choice
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol, write_row
 
@@ -186,6 +187,17 @@ def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(samp
     assert row_of(text, "chance, mean of 3")[2:] == ["11.33 ± 0.00", "unavailable", "2.667 ± 0.000"]
     assert row_of(text, "chance, best of 3  ")[2:] == ["13.00 ± 0.00", "unavailable", "1.000 ± 0.000"]
     assert row_of(text, "chance, best of 3 by PSNR")[2:] == ["13.00 ± 0.00", "unavailable", "3.000 ± 0.000"]
+
+
+def test_no_coverage_is_the_best(sampled: Results) -> None:
+    """Shares .1, .3 and .8 of samples of 10, 13 and 11 dB: of the best in itself their mean, of the best in PSNR .3."""
+    found = {(clip, s, "psnr"): value for clip in "xy" for s, value in enumerate((10.0, 13.0, 11.0))}
+    found |= {(clip, s, "coverage"): value for clip in "xy" for s, value in enumerate((0.1, 0.3, 0.8))}
+    write(sampled, "chance", found, num_samples=3)
+    (table,) = tables.build(sampled, choice=Choice(metrics=("coverage",)))
+    means = {row.name: float(row.estimates["coverage"].mean) for row in table.rows if row.name != "still"}
+    assert list(means) == ["chance, mean of 3", "chance, best of 3", "chance, best of 3 by PSNR"]
+    assert list(means.values()) == pytest.approx([0.4, 0.4, 0.3])
 
 
 def test_a_methods_name_compares_with_its_mean_sample(sampled: Results) -> None:

@@ -21,6 +21,8 @@ from geovp_benchmarks.plots.layout import width_in
 from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
+from tests.benchmarks.made import write_protocol, write_row
+from tests.benchmarks.views.conftest import FACTS
 
 SIDE = 16
 CLIP = "01-a-b-0-9-x-y"
@@ -127,6 +129,16 @@ class TestCurves:
         np.testing.assert_allclose(line.get_ydata(), 17.5 + np.array([1.0, 5 / 3, 2.0]))
         assert axes.get_xlabel() == "samples to choose from"
         assert "gt" not in texts(pages["samples-psnr"].figure).split()
+
+    def test_no_coverage_is_the_best(self, tmp_path: Path) -> None:
+        """Of shares .2 and .6 a line of their mean alone, and no figure of the best of k."""
+        results = Results(tmp_path)
+        write_protocol(results, ["chance"], "x", metrics={"coverage": {**FACTS["psnr"], "unit": ""}})
+        found = [("x", sample, step, "coverage", share) for sample, share in enumerate((0.2, 0.6)) for step in (1, 2)]
+        write_row(results, "chance", found, num_samples=2)
+        (page,) = plots.figures(results)
+        (line,) = page.figure.axes[0].lines
+        np.testing.assert_allclose(line.get_ydata(), [0.4, 0.4])
 
     def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, Page]) -> None:
         words = texts(pages["horizon-translation-error"].figure)
