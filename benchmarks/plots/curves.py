@@ -16,7 +16,6 @@ from geovp_classic.types import FloatArray
 
 MOST_LINES = 12
 SIZE_IN = (4.6, 3.1)  # of the axes
-OUTLIER_RATIO = 3.0  # to the second largest
 MOST_BANDS, BAR_SPACING = 3, 0.14  # lines with a band each; steps between the bars of more lines
 
 
@@ -86,7 +85,6 @@ def draw_groups(
 
 def _page(curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: style.Heading) -> Figure:
     figure, axes = style.single_axes(SIZE_IN, heading)
-    highest = _limits(curves, labels)[1]
     lines, names = [], []  # a label that begins with _ would be left out of the legend
     for number, curve in enumerate(curves):
         if not page.start <= number < page.stop:
@@ -100,7 +98,7 @@ def _page(curves: Sequence[Curve], labels: AxisLabels, page: slice, heading: sty
             low, high = (bound[every] for bound in curve.band)
             axes.vlines(curve.steps[every] + shift, low, high, color=curve.line.colour, linewidth=0.8, alpha=0.6)
         lines += axes.plot(curve.steps, curve.mean, **curve.line.kwargs(), markevery=every)
-        names.append(_label(curve, highest, labels.unit))
+        names.append(curve.label)
     _set_axes(axes, curves, labels)
     axes.legend(lines, names, loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure
@@ -118,25 +116,14 @@ def _set_axes(axes: Axes, curves: Sequence[Curve], labels: AxisLabels) -> None:
     arrow = {True: "    ↑ higher is better", False: "    ↓ lower is better", None: ""}[labels.higher_is_better]
     unit = f" ({labels.unit})" if labels.unit else ""
     axes.set_ylabel(f"{labels.title}{unit}{arrow}")
-    axes.set_ylim(*_limits(curves, labels))
+    axes.set_ylim(*_limits(curves))
     axes.yaxis.set_major_locator(MaxNLocator(6))
 
 
-def _limits(curves: Sequence[Curve], labels: AxisLabels) -> tuple[float, float]:
-    """The range of all bands with a margin; at least 0 when no mean is negative.
-
-    An error far larger than all others is clipped, so that the others can be distinguished; the legend has its value.
-    """
+def _limits(curves: Sequence[Curve]) -> tuple[float, float]:
+    """The range of all bands with a margin; at least 0 when no mean is negative."""
     low = min(np.nanmin(curve.band[0]) for curve in curves)
-    highs = sorted(np.nanmax(curve.band[1]) for curve in curves)
-    is_outlier = labels.higher_is_better is False and len(highs) > 2 and highs[-1] > OUTLIER_RATIO * highs[-2] > 0
-    high = highs[-2] if is_outlier else highs[-1]
+    high = max(np.nanmax(curve.band[1]) for curve in curves)
     margin = 0.05 * (high - low) or 0.5
     floor = 0.0 if min(np.nanmin(curve.mean) for curve in curves) >= 0 else -np.inf
     return max(float(low - margin), floor), float(high + margin)
-
-
-def _label(curve: Curve, highest: float, unit: str) -> str:
-    """The legend's label, with the last value when it is above the axes."""
-    value = curve.mean[np.isfinite(curve.mean)][-1]
-    return curve.label if value <= highest else f"{curve.label} (off the axis: {f'{value:#.3g} {unit}'.strip()})"
