@@ -58,8 +58,7 @@ def _drawing(results: Results, by: str | None, layout: Layout) -> list[Callable[
     if any(cell.num_samples > 1 for cell in material.cells):
         drawing += [partial(horizon.sample_pages, material, metric) for metric in metrics if "@" not in metric]
     drawing += [
-        partial(kept_clips.pages, material, number, name, layout.most_tiles)
-        for number, (name, _) in enumerate(results.clips(), 1)
+        partial(kept_clips.pages, material, number, name, layout) for number, (name, _) in enumerate(results.clips(), 1)
     ]
     return drawing
 

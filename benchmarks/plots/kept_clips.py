@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from geovp_benchmarks.plots import strips, style, trajectories
+from geovp_benchmarks.plots.layout import Layout
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.plots.video import HORIZONS
 from geovp_benchmarks.store import Cell
+from geovp_benchmarks.stored_facts import higher_is_better
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
 
 
-def pages(material: Material, number: int, name: str, most_tiles: int | None = None) -> list[Page]:
+def pages(material: Material, number: int, name: str, layout: Layout) -> list[Page]:
     """The figures of one clip; its number goes into the names of the files, so many images stand side by side."""
     clip = material.results.clip(name)
     kept = {
@@ -20,17 +24,16 @@ def pages(material: Material, number: int, name: str, most_tiles: int | None = N
         if name in dict(material.results.predictions(cell.name))
     }
     file = f"{number:02d}-{name}"
-    return _strips(material, clip, kept, file, most_tiles) + _paths(material, clip, kept, file)
+    return _strips(material, clip, kept, file, layout) + _paths(material, clip, kept, file)
 
 
-def _strips(
-    material: Material, clip: Clip, kept: dict[str, Prediction], file: str, most_tiles: int | None
-) -> list[Page]:
+def _strips(material: Material, clip: Clip, kept: dict[str, Prediction], file: str, layout: Layout) -> list[Page]:
     past = material.protocol["num_past"]
     future = len(clip) - past
     horizons = [k for k in HORIZONS if k <= future] or [future]
-    if most_tiles is not None and most_tiles <= len(horizons):  # the first, the last, and some between
-        at = np.linspace(0, len(horizons) - 1, most_tiles - 1) if most_tiles > 2 else [len(horizons) - 1]
+    most = layout.most_tiles
+    if most is not None and most <= len(horizons):  # the first, the last, and some between
+        at = np.linspace(0, len(horizons) - 1, most - 1) if most > 2 else [len(horizons) - 1]
         horizons = [horizons[round(i)] for i in at]
     steps = [k - 1 for k in horizons]
     ahead_s = clip.times_s[past:][steps] - clip.times_s[past - 1]
@@ -39,13 +42,16 @@ def _strips(
     rows = [_strip(material, cell, kept[cell.name], clip.name, steps) for cell in cells]
     if not rows:
         return []
-    means = f"{material.data}; the small numbers are means over the {future} frames of this clip"
-    heading = style.Heading(f"Clip {clip.name}", means)
-    pages = numbered("strip", file, clip.name, heading, strips.draw(truth, rows, heading))
+    means = f"; the small numbers are means over the {future} frames of this clip"
+    if not strips.has_room(truth, rows, layout.width_in):
+        rows = [replace(row, note="") for row in rows]
+        means = "; of several samples the first" if any(len(kept[cell.name].frames) > 1 for cell in cells) else ""
+    heading = style.Heading(f"Clip {clip.name}", material.data + means)
+    pages = numbered("strip", file, clip.name, heading, strips.draw(truth, rows, heading, layout.width_in))
     if any(row.covered is not None and not row.covered.all() for row in rows):
         inpainted = f"{material.data}; pixels in pink were not seen in the past: invented, or left blank"
         heading = style.Heading(f"Clip {clip.name}, invented pixels", inpainted)
-        figures = strips.draw(truth, [strips.mark_inpainted(row) for row in rows], heading)
+        figures = strips.draw(truth, [strips.mark_inpainted(row) for row in rows], heading, layout.width_in)
         pages += numbered("invented", file, clip.name, heading, figures, ("png",))
     return pages
 
@@ -63,7 +69,8 @@ def notes(material: Material, cell: Cell, clip: str, samples: int) -> list[str]:
     found = [f"sample 1 of {samples}"] if samples > 1 else []
     for metric, facts in material.protocol["metrics"].items():
         values = rows.where(rows.metric.among((metric,)) & (rows.sample == 0)).value
-        if facts["role"] == "frame" and not np.isnan(values).all():
+        is_score = facts["role"] == "frame" and higher_is_better(metric, facts) is not None
+        if is_score and not np.isnan(values).all():
             found.append(f"{title(metric)} {np.nanmean(values):#.3g} {facts['unit']}".strip())
     return found
 

@@ -4,6 +4,7 @@ import io
 import itertools
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -16,13 +17,14 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from geovp_benchmarks import intervals, plots
-from geovp_benchmarks.plots import Page, curves, strips, style, trajectories
+from geovp_benchmarks.plots import Page, curves, kept_clips, strips, style, trajectories
 from geovp_benchmarks.plots.layout import width_in
+from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from tests.benchmarks.made import write_protocol, write_row
-from tests.benchmarks.views.conftest import FACTS
+from tests.benchmarks.views.conftest import FACTS, KEPT
 
 SIDE = 16
 CLIP = "01-a-b-0-9-x-y"
@@ -193,6 +195,23 @@ def test_labels_of_wide_frames_keep_to_their_rows() -> None:
         assert extent.y1 < sheet.y1 - number * pitch + 1
 
 
+@pytest.mark.parametrize(("width", "count", "has_room"), [(None, 5, True), (3.3, 3, False)])
+def test_no_words_of_a_strip_lie_upon_others(width: float | None, count: int, has_room: bool) -> None:
+    """A label of two lines and seven notes: 75 points, in images of 82; on a narrow page of 49."""
+    frame = np.zeros((64, 64, 3), np.uint8)
+    frames = np.stack([frame] * count)
+    truth = strips.Truth(frame, frames, range(1, count + 1), np.arange(1.0, count + 1))
+    rows = [strips.Row("vo+prior-refined + ground-far-plane", "\n".join(["PSNR 20 dB"] * 7), frames) for _ in range(3)]
+    assert strips.has_room(truth, rows, width) == has_room
+    rows = [replace(row, note=row.note if has_room else "") for row in rows]
+    with matplotlib.style.context(style.SHEET):
+        figure = strips.draw(truth, rows, HEADING, width)[0]
+        plots.Layout(width_in=width).apply(figure)
+        figure.canvas.draw()
+        shown = [text.get_window_extent() for text in figure.axes[0].texts if text.get_text()]
+    assert not [(a, b) for a, b in itertools.combinations(shown, 2) if a.overlaps(b)]
+
+
 class TestStrips:
     def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, Page]) -> None:
         """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
@@ -233,6 +252,25 @@ class TestStrips:
         for word in ("ground truth", "last observed\nframe", "frame +5\n(0.5 s)", "gt + far", "PSNR 16.5 dB"):
             assert word in words
         assert "sample 1 of 3" in words
+
+    def test_what_is_no_score_is_no_note(self, folder: Path) -> None:
+        material = Material.read(Results(folder))
+        (cell,) = (cell for cell in material.cells if cell.name == "kalman--far")
+        assert kept_clips.notes(material, cell, KEPT, 3) == ["sample 1 of 3", "PSNR 16.5 dB"]
+        undirected = {"metrics": {"psnr": {**FACTS["psnr"], "higher_is_better": None}}}
+        assert kept_clips.notes(replace(material, protocol=undirected), cell, KEPT, 3) == ["sample 1 of 3"]
+
+    def test_numbers_are_explained_where_there_is_room_for_them(
+        self, folder: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        material = Material.read(Results(folder))
+        shown = texts(kept_clips.pages(material, 1, KEPT, plots.Layout())[0].figure)
+        monkeypatch.setattr(strips, "has_room", lambda truth, rows, width_in: False)
+        left_out = texts(kept_clips.pages(material, 1, KEPT, plots.Layout())[0].figure)
+        assert "the small numbers are means over the 6 frames" in shown
+        assert "small numbers" not in left_out
+        assert "dB" not in left_out
+        assert "of several samples the first" in left_out
 
     def test_only_inpainted_pixels_are_tinted(self) -> None:
         frames = np.full((1, 2, 2, 3), 100, np.uint8)
