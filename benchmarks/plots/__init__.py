@@ -66,21 +66,21 @@ def _drawing(results: Results, by: str | None, layout: Layout) -> list[Callable[
 def write_all(
     results: Results, progress: Progress = no_progress, by: str | None = None, layout: Layout = AS_IT_COMES
 ) -> Iterator[tuple[Page, dict[Path, bytes]]]:
-    """Write every figure into the results folder's plots, remove outdated ones; each figure with its files.
+    """Write every figure into the results folder's plots, remove those that are no longer drawn; each with its files.
 
     All are png and svg but two: curves over sets of pixels are svg alone, strips of inpainted pixels png alone. Where
-    the layout asks for a format, it is that alone, and files of other formats stay.
+    the layout asks for a format, it is that alone. A figure's files of other formats stay.
 
     BadData when the folder holds no results.
     """
-    written: set[Path] = set()
+    drawn: set[str] = set()
     for page in figures(results, progress, by, layout):
         files = write(page, results.plots)
-        written.update(files)
+        drawn.add(page.name)
         yield page, files
     for kind in KINDS if by is None else (f"strata-{by}",):
-        for path in set(results.plots.glob(f"{kind}-*")) - written:
-            if not layout.formats or path.suffix.removeprefix(".") in layout.formats:
+        for path in results.plots.glob(f"{kind}-*"):
+            if path.stem not in drawn:
                 path.unlink()
 
 

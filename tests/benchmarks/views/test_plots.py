@@ -85,6 +85,14 @@ class TestWriteAll:
         assert foreign.exists()
         assert told == [(done, 5) for done in range(1, 6)]  # three metrics over horizon, two over samples
 
+    def test_figures_for_print_outlive_a_report(self, folder: Path, tmp_path: Path) -> None:
+        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names})
+        results = Results(tmp_path / "r")
+        printed = [p for _, files in plots.write_all(results, layout=plots.Layout(("pdf",))) for p in files]
+        list(plots.write_all(results))
+        assert len(printed) > 1
+        assert all(path.exists() for path in printed)
+
     def test_nothing_global_is_left_behind(self, folder: Path, written: list[Path]) -> None:
         before = dict(matplotlib.rcParams)
         next(plots.figures(Results(folder)))
