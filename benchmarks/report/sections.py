@@ -121,10 +121,10 @@ def protocol(shared: Mapping[str, Any]) -> Html:
         "split hash": str(shared["split_hash"]),
         "clips": f"{num_clips}, a new one every {shared['stride']} frames",
         "frames": f"{shared['num_past']} observed, {shared['num_future']} predicted",
-        "size": f"{width_px} x {height_px} pixels, centre-cropped to a square and resized",
+        "size": f"{width_px} x {height_px} pixels",
         "versions": ", ".join(f"{name} {version}" for name, version in shared["versions"].items()),
     }
-    listed = table((), ((term, tag("td", text, class_="words")) for term, text in rows.items()))
+    listed = table((), ((term, tag("td", text, class_="words")) for term, text in rows.items() if text))
     return joined((listed, fold(f"All {num_clips} clips", tag("p", ", ".join(shared["clips"])))))
 
 

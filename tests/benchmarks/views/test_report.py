@@ -206,6 +206,15 @@ def test_the_protocol_is_told(page: str) -> None:
         assert word in text
 
 
+def test_the_protocol_is_told_as_it_is_stored(folder: Path) -> None:
+    """Whole frames stretched to a size are not cropped, and a synthetic data set has no split."""
+    stored = Results(folder).protocol()
+    told = sections.protocol({**stored, "dataset": {"name": "toy", "fit": "stretch"}, "split_hash": ""})
+    assert "stretch" in told
+    assert "crop" not in told
+    assert "split hash" not in told
+
+
 def test_progress_is_told(folder: Path) -> None:
     told: list[tuple[int, int]] = []
     report.write(Results(folder), lambda done, total: told.append((done, total)))
