@@ -17,6 +17,7 @@ from geovp_benchmarks.report.markup import Html, data_url, joined, tag
 from geovp_classic.types import BoolArray, ByteArray, Clip
 
 TRUTH = "ground truth"
+MEANS = "The numbers under a film are means over all predicted frames of the clip."
 WIDTH_PX, QUALITY = 144, 60  # of a frame in the page
 
 
@@ -30,7 +31,7 @@ def browser(material: Material, figures: Mapping[str, Sequence[Html]]) -> Html:
     if not any(films for _, films in clips):
         return Html("")
     shown = [_clip(material, name, films, figures.get(name, ())) for name, films in clips]
-    return joined((_controls(material, names, chosen, selection["by"]), *shown))
+    return joined((_controls(material, names, chosen, selection["by"]), tag("p", MEANS, class_="notes"), *shown))
 
 
 def film(frames: ByteArray) -> bytes:

@@ -46,9 +46,10 @@ if (clips.length) {
   const place = (film, k) => all("img", film).forEach((image) => {
     image.style.transform = `translateX(${(-100 * k) / film.dataset.frames}%)`;
   });
+  const ahead = (k) => `+${k}` + (when.dataset.stepS ? ` (${(k * when.dataset.stepS).toFixed(1)} s)` : "");
   const show = () => {
-    const k = Number(step.value), seconds = when.dataset.stepS ? ` (${(k * when.dataset.stepS).toFixed(1)} s)` : "";
-    when.textContent = k ? `+${k}${seconds}` : "last observed";
+    const k = Number(step.value);
+    when.textContent = k ? ahead(k) : "last observed";
     clips.forEach((clip, i) => {
       clip.hidden = i !== choice.selectedIndex;
       if (!clip.hidden) all(".film", clip).forEach((film) => place(film, k));
@@ -67,15 +68,23 @@ if (clips.length) {
   });
   all(".strips").forEach((strips) => strips.parentElement.addEventListener("toggle", () => {
     if (strips.childElementCount) return;
-    all(".film", strips.closest(".clip")).forEach((film) => {
+    const steps = strips.dataset.steps.split(" "), films = all(".film", strips.closest(".clip"));
+    const head = document.createElement("div");
+    head.append(document.createElement("span"), ...steps.map((k) => {
+      const words = document.createElement("b"), film = films[0];
+      words.textContent = ahead(k);
+      words.style.flex = `0 0 ${film.querySelector("img").naturalWidth / film.dataset.frames}px`;
+      return words;
+    }));
+    strips.append(head);
+    films.forEach((film) => {
       const row = document.createElement("div"), name = document.createElement("span");
       name.textContent = film.dataset.name;
       if (film.dataset.row) row.dataset.row = film.dataset.row;
-      row.append(name, ...strips.dataset.steps.split(" ").map((k) => {
+      row.append(name, ...steps.map((k) => {
         const image = film.querySelector("img"), canvas = document.createElement("canvas");
         canvas.width = image.naturalWidth / film.dataset.frames;
         canvas.height = image.naturalHeight;
-        canvas.title = `+${k}`;
         canvas.getContext("2d").drawImage(image, -k * canvas.width, 0);
         return canvas;
       }));

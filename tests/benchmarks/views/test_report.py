@@ -155,6 +155,9 @@ class TestFilms:
         assert image.shape == (16, 7 * 16, 3)
         np.testing.assert_allclose(image[8, 8::16, 0], [202, 1, 2, 3, 4, 5, 6], atol=3)
 
+    def test_it_is_said_once_what_the_numbers_below_are(self, page: str) -> None:
+        assert seen(page).count("The numbers under a film are means over all predicted frames of the clip.") == 1
+
     def test_invented_pixels_are_marked_and_others_let_through(self) -> None:
         covered = np.ones((2, 16, 16), bool)
         covered[1, :, :4] = False
