@@ -21,11 +21,13 @@ from geovp_classic.types import FloatArray
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BOLD = (
     "Bold: in its column not distinguishable from the best among rows with the same grants (paired differences over "
-    "common clips, p >= .05 after Holm's correction)"
+    "common clips, p >= .05 after Holm's correction)."
 )
+STAR = "*: different from zero, p < .05 after Holm's correction for the rows of the column."
 BEST_OF = (
-    "A best sample is chosen by comparing with the real future, which nobody can do who predicts: such rows don't "
-    "compete. 'best of N' chooses anew for every column, as the papers do; 'by' a metric, one sample for all columns."
+    "A best sample is chosen by comparing with the real future, which nobody can do who predicts: such rows compete "
+    "only with each other. 'best of N' chooses anew for every column, as the papers do; 'by' a metric, one sample for "
+    "all columns."
 )
 
 
@@ -58,10 +60,8 @@ def build(
     if not choice.metrics:
         tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
     excuses = [_excuse(cell, failures[cell.name], strict) for cell in cells if failures.get(cell.name)]
-    return [
-        replace(table, spread=spread, notes=(table.notes[0], _kind(spread), *table.notes[1:], *excuses))
-        for table in tables
-    ]
+    tables = [replace(table, spread=spread) for table in tables]
+    return [replace(table, notes=(table.notes[0], *_used(table), *table.notes[1:], *excuses)) for table in tables]
 
 
 def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
@@ -90,26 +90,27 @@ def against(results: Results, name: str, *, strict: bool = False, choice: Choice
     columns = tuple(column for column in main.columns if any(column.key in row.values for row in rows))
     starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
     whole = main.title.partition(":")[0]
-    notes = (
-        main.notes[0],
-        intervals.KIND.replace("of the mean", "of the mean paired difference") + ".",
-        "*: different from zero, p < .05 after Holm's correction for the rows of the column.",
-    )
-    return Table(
-        "against",
-        f"{whole}: differences from {name}",
-        columns,
-        tuple(rows),
-        notes,
-        frozenset(),
-        starred=frozenset(starred),
+    heading = f"{whole}: differences from {name}"
+    table = Table("against", heading, columns, tuple(rows), (), frozenset(), starred=frozenset(starred))
+    kind, *_ = _used(table)
+    return replace(
+        table,
+        notes=(main.notes[0], kind.replace("of the mean", "of the mean paired difference"), *[STAR] * bool(starred)),
     )
 
 
-def _kind(spread: Spread) -> str:
-    words = intervals.KIND if spread == "interval" else statistics.KIND
-    worth = "(n) behind the clips: how many independent ones they are worth"
-    return f"{words}; a clip's value is the mean over its steps. {worth}."
+def _used(table: Table) -> list[str]:
+    """What stands behind means and clips, and what is bold: each where there is any."""
+    shown = [(row, column) for row in table.rows for column in table.columns if column.key in row.estimates]
+    behind = "".join(table.texts(row, column)[1] for row, column in shown)
+    words = intervals.KIND if table.spread == "interval" else statistics.KIND
+    kind = f"{words}; a" if "[" in behind or "±" in behind else "A"
+    kind += " clip's value is the mean over its steps."
+    if table.spread == "interval" and any(int(row.estimates[column.key].count) in (1, 2) for row, column in shown):
+        kind += " Fewer than 3 clips give no interval."
+    if any("(" in table.clips(row) for row in table.rows):
+        kind += " (n) behind the clips: how many independent ones they are worth."
+    return [kind, *[BOLD] * bool(table.best)]
 
 
 def _table(
@@ -205,7 +206,7 @@ def _sampled(name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows
 
 
 def _notes(protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]) -> list[str]:
-    notes = [f"{summary(protocol)}.", f"{BOLD}."]
+    notes = [f"{summary(protocol)}."]
     if any(cell.num_samples > 1 for cell in cells):
         notes.append(BEST_OF)
     notes += legend(cells)

@@ -80,6 +80,8 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
     assert ("good", "psnr") in table.starred
     assert ("same", "psnr") not in table.starred
     text = formats.markdown(table).splitlines()
+    assert any("95 % interval of the mean paired difference over clips" in line for line in text)
+    assert any(line.startswith("- *: different from zero") for line in text)
     assert row_of(text, "good")[2].startswith("+1.0")
     assert "*" in row_of(text, "good")[2]
     assert "*" not in row_of(text, "same")[2]
@@ -103,9 +105,13 @@ def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> 
     text = formats.markdown(tables.build(results)[0]).splitlines()
     assert row_of(text, "base")[2].endswith(f"[{base.low:.2f}, {base.high:.2f}]")
     assert any("block bootstrap" in line for line in text)
+    assert any(line.startswith("- Bold: ") for line in text)
+    assert "Fewer than 3 clips" not in "".join(text)
     smooth = {(clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)}  # neighbours are alike
     write(results, "base", smooth)
-    few = row_of(formats.markdown(tables.build(results)[0]).splitlines(), "base")[1]
+    text = formats.markdown(tables.build(results)[0]).splitlines()
+    assert any("(n) behind the clips" in line for line in text)
+    few = row_of(text, "base")[1]
     clips, worth = few.rstrip(")").split(" (")
     assert clips == "30"
     assert int(worth) < 10

@@ -88,6 +88,14 @@ def test_what_stands_below(results: Results) -> None:
     assert not any(line.startswith(("| broken", "| apart")) for line in text.splitlines())
 
 
+def test_what_two_clips_do_not_give_is_not_explained(results: Results) -> None:
+    main = tables.build(results)[0]
+    for table in (main, tables.against(results, "still")):
+        text = formats.markdown(table)
+        assert "- A clip's value is the mean over its steps. Fewer than 3 clips give no interval.\n" in text
+        assert not [word for word in ("[low, high]", "Bold", "(n) behind", "*:") if word in text]
+
+
 def test_sets_of_pixels_have_their_own_table(results: Results) -> None:
     text = lines(results, 1)
     assert row_of(text, "method")[2:] == ["all pixels (dB) ↑", "covered pixels (dB) ↑", "coverage"]
