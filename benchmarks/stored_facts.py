@@ -57,7 +57,8 @@ def summary(protocol: Mapping[str, Any]) -> str:
     """Which clips, and how many frames of which size are seen and predicted."""
     frames = f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted"
     width_px, height_px = protocol["size_px"]
-    return f"{len(protocol['clips'])} clips of {data_name(protocol)}; {frames} at {width_px}x{height_px}"
+    count = len(protocol["clips"])
+    return f"{count} clip{'s' * (count != 1)} of {data_name(protocol)}; {frames} at {width_px}x{height_px}"
 
 
 def marks(cell: Cell) -> str:

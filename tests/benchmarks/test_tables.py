@@ -88,6 +88,11 @@ def test_what_stands_below(results: Results) -> None:
     assert not any(line.startswith(("| broken", "| apart")) for line in text.splitlines())
 
 
+def test_one_clip_is_one_clip(results: Results) -> None:
+    results.write_protocol({**results.protocol(), "clips": ["x"]})
+    assert "- 1 clip of road, split test;" in "\n".join(lines(results))
+
+
 def test_what_two_clips_do_not_give_is_not_explained(results: Results) -> None:
     main = tables.build(results)[0]
     for table in (main, tables.against(results, "still")):

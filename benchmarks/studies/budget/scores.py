@@ -58,7 +58,8 @@ class Subject:
     def about(self) -> str:
         """What is measured, for the head of tables and figures."""
         frames = ", ".join(str(step + 1) for step in self.steps)
-        return f"{self.num_clips} clips of {self.dataset.name}, every {self.matrix.stride} frames, horizons {frames}"
+        clips = f"{self.num_clips} clip{'s' * (self.num_clips != 1)}"
+        return f"{clips} of {self.dataset.name}, every {self.matrix.stride} frames, horizons {frames}"
 
 
 def find_row(read: Matrix, label: str | None) -> tuple[str, GeometricPredictor]:

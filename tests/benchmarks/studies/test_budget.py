@@ -139,6 +139,10 @@ def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
     assert text(Interval(1.234, 1.0, -0.5, 4, 0.1), Psnr()) == "+1.23 [+1.00, -0.50]"
 
 
+def test_one_clip_is_one_clip() -> None:
+    assert subject_of(Psnr()).about == "1 clip of synthetic, every 10 frames, horizons 1, 5"
+
+
 def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
     lines = printed("study", "budget", matrix_file, "--out", out).splitlines()
