@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -70,6 +70,8 @@ class AxisLabels:
 
 def draw(curves: Sequence[Curve], labels: AxisLabels, heading: style.Heading) -> list[Figure]:
     """One figure per dozen curves; those of the other pages stay as faint lines, and all pages share their axes."""
+    if len(curves) > MOST_LINES:
+        heading = replace(heading, subtitle=f"{heading.subtitle}, grey: other pages")
     return [_page(curves, labels, page, own) for page, own in style.pages(len(curves), MOST_LINES, heading)]
 
 

@@ -13,7 +13,6 @@ from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.store import Cell
 from geovp_benchmarks.stored_facts import bounds, higher_is_better
 
-BAND = "bands or bars: 95 % intervals (block bootstrap)"
 _Line = tuple[str, Cell, statistics.Reduction, style.LineStyle]  # one curve of every figure over horizon
 
 
@@ -78,8 +77,13 @@ def _curves(material: Material, metric: str) -> list[curves.Curve]:
 def _over(material: Material, shown: Sequence[curves.Curve]) -> str:
     """What the curves are means over."""
     most = max(curve.num_clips for curve in shown)
-    over = f"{material.data}: mean of {most} clip{'s' * (most != 1)}"
-    return over + (f", {BAND}" if most > 2 else "")
+    return f"{material.data}: mean of {most} clip{'s' * (most != 1)}{_intervals(shown)}"
+
+
+def _intervals(shown: Sequence[curves.Curve]) -> str:
+    """How the curves' intervals are drawn, if there are any."""
+    words = f", {'bands' if len(shown) <= curves.MOST_BANDS else 'bars'}: 95 % intervals (block bootstrap)"
+    return words * any(np.isfinite(curve.low).any() for curve in shown)
 
 
 def _labels(material: Material, metric: str) -> curves.AxisLabels:
@@ -107,7 +111,7 @@ def sample_pages(material: Material, metric: str) -> list[Page]:
     labels = replace(_labels(material, metric), step_s=None, x_label="samples to choose from")
     heading = style.Heading(
         f"{title(metric)} of the best of k samples",
-        f"{material.data}: chosen by the real future; mean over sets of k and over clips, {BAND}",
+        f"{material.data}: chosen by the real future; mean over sets of k and over clips{_intervals(shown)}",
     )
     return numbered("samples", metric, metric, heading, curves.draw(shown, labels, heading))
 

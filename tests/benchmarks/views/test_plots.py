@@ -64,7 +64,7 @@ class TestWriteAll:
         for word in ("gt + far", "_vo + far (only 2 of 3 clips)", "kalman + far, best of 3", "copy-last", "0.5 s"):
             assert word in svg
         assert "PSNR (dB)    ↑ higher is better" in svg
-        assert "mean of 3 clips, bands or bars: 95 % intervals (block bootstrap)" in svg
+        assert "mean of 3 clips, bars: 95 % intervals (block bootstrap)" in svg
         assert "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
         assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
 
@@ -138,6 +138,7 @@ class TestCurves:
         np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
         np.testing.assert_allclose(line.get_ydata(), 17.5 + np.array([1.0, 5 / 3, 2.0]))
         assert axes.get_xlabel() == "samples to choose from"
+        assert "over clips, bands: 95 % intervals" in texts(pages["samples-psnr"].figure)
         assert "gt" not in texts(pages["samples-psnr"].figure).split()
 
     def test_no_coverage_is_the_best(self, tmp_path: Path) -> None:
@@ -149,6 +150,7 @@ class TestCurves:
         (page,) = plots.figures(results)
         (line,) = page.figure.axes[0].lines
         np.testing.assert_allclose(line.get_ydata(), [0.4, 0.4])
+        assert "95 %" not in page.caption  # of one clip
 
     def test_a_pose_metric_has_one_line_per_pose_source(self, pages: dict[str, Page]) -> None:
         words = texts(pages["horizon-translation-error"].figure)
@@ -176,6 +178,7 @@ class TestCurves:
         assert list(itertools.chain(*shown)) == list(range(25))
         assert max(map(len, shown)) <= 12
         assert "(2 of 3)" in texts(figures[1])
+        assert "grey: other pages" in texts(figures[1])
 
     def test_a_forecast_beside_true_poses_stays_on_the_axis(self) -> None:
         """Errors of 20 m at the end beside 2 m and none: the axis ends 5 % of its range above the largest."""
