@@ -60,7 +60,8 @@ def _panels(count: int, size_in: tuple[float, float], about: str) -> tuple[Figur
 def _draw_budget(budget: Budget, metric: str) -> Figure:
     subject = budget.scores.subject
     missing = f"; not measurable here: {', '.join(budget.missing)}" if budget.missing else ""
-    about = f"{subject.about}\nwhiskers: 95 % intervals of the change{missing}"
+    whiskers = "\nwhiskers: 95 % intervals of the change" * budget.scores.have_intervals
+    about = f"{subject.about}{whiskers}{missing}"
     figure, panels = _panels(3, (PANEL_IN, ROW_IN * (len(budget.stages) + 1)), about)
     levels = [budget.scores.level(variant, metric).mean for variant in budget.scores.values]
     low, high = np.nanmin(levels), np.nanmax(levels)
@@ -102,7 +103,8 @@ def _draw_panel(axes: Axes, budget: Budget, metric: str, direction: str) -> None
 
 def _draw_offsets(scores: Scores[Offset], metric: str) -> Figure:
     subject, height_m = scores.subject, scores.subject.first.camera_height_m
-    figure, panels = _panels(2, OFFSETS_IN, f"{subject.about}\nbands: 95 % intervals of the change")
+    bands = "\nbands: 95 % intervals of the change" * scores.have_intervals
+    figure, panels = _panels(2, OFFSETS_IN, f"{subject.about}{bands}")
     for axes, names in zip(panels, (TURNS, SHIFTS), strict=True):
         _draw_curves(axes, scores, metric, names)
     share = "" if height_m is None else f"; the camera is {height_m:g} m high"
@@ -123,4 +125,5 @@ def _draw_curves(axes: Axes, scores: Scores[Offset], metric: str, names: Sequenc
         axes.fill_between(places, low, high, color=line.colour, alpha=0.16, linewidth=0)
         axes.plot(places, [exact + one.mean for one in changes], label=name, **line.kwargs())
     axes.set_xticks(places, [f"{size:g}" for size in sizes])
-    axes.legend(loc="upper right")
+    is_peak = scores.subject.metrics[metric].higher_is_better  # at the exact pose, in the middle
+    axes.legend(loc="lower center" if is_peak else "upper center")

@@ -68,7 +68,7 @@ def table(scores: Scores[Offset]) -> Iterator[str]:
             changes = [text(scores.change(signs, EXACT, name), metric) for name, metric in subject.metrics.items()]
             label = _label(axis, size, subject.first.camera_height_m)
             yield f"{label:<28}" + "".join(f"{cell:>29}" for cell in changes)
-    yield f"{KIND}. Means over both signs."
+    yield f"{KIND}. " * scores.have_intervals + "Means over both signs."
 
 
 def _label(axis: str, size: float, camera_height_m: float | None) -> str:

@@ -100,6 +100,11 @@ class Scores(Generic[Variant]):
         """The clips that all of them could be made of."""
         return int(np.isfinite([self.values[one] for one in variants]).all(axis=(0, 2)).sum())
 
+    @property
+    def have_intervals(self) -> bool:
+        """Whether any is of the three clips that an interval needs."""
+        return max(map(self.count, self.values)) > 2
+
     def _of(self, variant: Variant, metric: str) -> FloatArray:
         return self.values[variant][:, list(self.subject.metrics).index(metric)]
 
@@ -135,9 +140,10 @@ def score(
 
 
 def text(interval: Interval, metric: FrameMetric) -> str:
-    """A change with its interval, in as many digits as the metric's unit deserves."""
+    """A change with its interval, if it has one, in as many digits as the metric's unit deserves."""
     digits = 2 if metric.unit == "dB" else 4
-    return f"{interval.mean:+.{digits}f} [{interval.low:+.{digits}f}, {interval.high:+.{digits}f}]"
+    limits = f" [{interval.low:+.{digits}f}, {interval.high:+.{digits}f}]" if np.isfinite(interval.low) else ""
+    return f"{interval.mean:+.{digits}f}{limits}"
 
 
 def heading(name: str, metric: FrameMetric) -> str:

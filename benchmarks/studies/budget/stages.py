@@ -85,4 +85,5 @@ def tables(budget: Budget) -> Iterator[str]:
     yield f"Holes are what even true poses do not show; frames of which less than {MIN_SEEN:.0%} is shown are left out."
     yield "True poses are the recorded ones, refined from the images. A scale that is wrong of past and future alike"
     yield "shows in no image but through what counts in metres: forecasters, recorded depth."
-    yield KIND
+    if scores.have_intervals:
+        yield KIND
