@@ -92,7 +92,7 @@ def own(a: Side, b: Side) -> Iterator[str]:
 
 
 def differences(a: Side, b: Side) -> Iterator[str]:
-    """Each metric's means as in tables, and the paired difference over common clips with its interval."""
+    """Each metric's means as in tables, and the paired difference over common clips with its interval, if any."""
     rows = [side.results.scores(side.cell.name) for side in (a, b)]
     samples = " (means over samples)" if max(a.cell.num_samples, b.cell.num_samples) > 1 else ""
     for metric in (name for name in a.protocol["metrics"] if name in b.protocol["metrics"]):
@@ -107,6 +107,9 @@ def differences(a: Side, b: Side) -> Iterator[str]:
             continue
         common = [clip for clip in a.protocol["clips"] if clip in means[0] and clip in means[1]]
         one, other = (f"{np.mean([*each.values()]):.4f} on {len(each)} clips" for each in means)
+        if means[0] == means[1]:
+            yield f"{title(metric)}{samples}: identical, {one}."
+            continue
         text = f"{title(metric)}{samples}: A {one}, B {other}"
         if common:
             gaps = np.array([means[0][clip] - means[1][clip] for clip in common])
