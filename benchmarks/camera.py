@@ -1,7 +1,5 @@
 """The camera of one's own video: given, read from a file, from photos' EXIF data, or estimated from the motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

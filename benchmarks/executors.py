@@ -4,8 +4,6 @@ An executor maps a picklable function over tasks and yields results as they are 
 it has room for it, so that the tasks' generator can use earlier results.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -1,7 +1,5 @@
 """Prediction of one clip: from a folder of images, a video or a webcam to frames, poses and a scene."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_benchmarks import webcam

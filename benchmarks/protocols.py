@@ -4,8 +4,6 @@ A matrix file follows one with `[protocol] name = "fvs20"`; what is given beside
 choice, so that another data set can be measured in its form.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass

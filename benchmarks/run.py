@@ -1,7 +1,5 @@
 """Compute the missing and stale results of a matrix, however earlier runs ended."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field

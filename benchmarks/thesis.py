@@ -1,7 +1,5 @@
 """Table 4.1 of the thesis in its own layout: our rows, and the published ones in a separate block."""
 
-from __future__ import annotations
-
 import fnmatch
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence

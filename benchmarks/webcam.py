@@ -1,7 +1,5 @@
 """The next frames of a webcam as a recording."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Pose sources: the camera's whole motion, past and future, from recorded poses or from odometry and a forecast."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path

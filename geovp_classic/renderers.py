@@ -1,7 +1,5 @@
 """Renderers with a depth source: packages `depth`, `dynamic_objects` and `render` meet here and only here."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

@@ -4,8 +4,6 @@ A verb's module exposes `add_arguments(parser)` and `run(chosen)`, which returns
 when some of it failed or was skipped, 2 for bad input, with one sentence that says what to do. Some verbs are studies.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import errno

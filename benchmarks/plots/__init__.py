@@ -1,7 +1,5 @@
 """The figures of a results folder: metric over horizon and over samples, film strips, paths."""
 
-from __future__ import annotations
-
 import functools
 import io
 from collections.abc import Callable, Iterator

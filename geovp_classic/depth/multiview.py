@@ -4,8 +4,6 @@ Forward motion leaves no parallax around its own direction, the epipole: the lon
 neighbours help, and pixels without any evidence come out far and uncertain.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Stereo depth from the right images of the last frames: the upper bound for depth from one camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -5,8 +5,6 @@ brings all of them nearest to a chosen one (greedy k-medoids), so that few futur
 as minADE and the best of N reward. Distances are motions in the image, where metres and degrees are comparable.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

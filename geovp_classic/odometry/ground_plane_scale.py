@@ -1,7 +1,5 @@
 """Metres per unit of the odometry from the road and the camera's height above it, or from a prior of speeds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses of images relative to keyframes: they improve with their keyframe, and are final once it is fixed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How fast cars drive: what is left to say of metres where a camera does not see the road."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Track one camera image by image: two-view initialisation, localisation in a sliding map, bundle adjustment."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The scale of an odometry without metres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

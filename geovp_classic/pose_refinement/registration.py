@@ -6,8 +6,6 @@ others (Lucas & Kanade 1981, with a forward-backward check), and their inverse d
 poses (Triggs 2000). The given poses are the prior, which also fixes the scale.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Fills: invent the pixels that a scene does not cover; covered pixels are never touched."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ Their Student's t is sized so that its 50 % and 90 % intervals hold that share o
 sequence with the same say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
