@@ -54,15 +54,8 @@ class GroundPlane:
     wobble_rad: float = 0.02  # of pitch and roll from image to image
     prior: SpeedPrior | None = field(default_factory=SpeedPrior)
 
-    @property
-    def needs(self) -> Grant:
-        """The camera's height."""
-        return Grant.CAMERA_HEIGHT
-
-    @property
-    def is_metric(self) -> bool:
-        """Yes."""
-        return True
+    needs = Grant.CAMERA_HEIGHT
+    is_metric = True
 
     def estimator(
         self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
