@@ -48,7 +48,6 @@ class Processes:
     workers: int = 2
 
     def __post_init__(self) -> None:
-        """Raise BadData unless there is at least one worker."""
         if self.workers < 1:
             raise BadData(f"workers is {self.workers}, expected 1 or more")
 

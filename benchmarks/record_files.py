@@ -53,12 +53,10 @@ class Record(dict[str, Any]):
     """A JSON object whose missing keys are named, with their file, when they are asked for."""
 
     def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
-        """The content of a file."""
         super().__init__(content)
         self.path = path
 
     def __missing__(self, key: str) -> Any:
-        """BadData instead of KeyError."""
         raise BadData(f"{self.path} has no {key!r}: restore it, or remove it and run again")
 
 

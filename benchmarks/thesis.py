@@ -193,7 +193,6 @@ def _printed(value: tuple[float, float]) -> float:
 
 
 def _text(value: tuple[float, float] | None) -> str:
-    """Mean and standard error."""
     if value is None:
         return "-"
     error = "" if np.isnan(value[1]) else f" ± {value[1]:.{DECIMALS}f}"

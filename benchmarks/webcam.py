@@ -21,7 +21,6 @@ class HeldFrames:
     frames: tuple[ByteArray, ...]
 
     def __len__(self) -> int:
-        """The number of frames."""
         return len(self.frames)
 
     def read(self, index: int) -> ByteArray:

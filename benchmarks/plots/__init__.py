@@ -45,7 +45,6 @@ def figures(
 
 
 def _drawing(results: Results, by: str | None, layout: Layout) -> list[Callable[[], list[Page]]]:
-    """What draws the figures."""
     if by is not None:
         parts = {subset.label: Material.read(subset) for subset in strata.divide(results, by)}
         whole = [metric for metric in horizon.metrics(Material.read(results)) if "@" not in metric]

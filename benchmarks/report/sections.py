@@ -145,7 +145,6 @@ def _scores(scored: Table) -> Html:
 
 
 def _score(scored: Table, row: Row, column: Column) -> Html:
-    """Mean and interval."""
     mean, error = scored.texts(row, column)
     return tag("td", tag("b", mean) if scored.is_best(row, column) else mean, tag("span", error, class_="error"))
 

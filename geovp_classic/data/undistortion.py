@@ -122,7 +122,6 @@ class UndistortedVideo:
     view: Intrinsics
 
     def __len__(self) -> int:
-        """The number of frames."""
         return len(self.frames)
 
     def read(self, index: int) -> ByteArray:

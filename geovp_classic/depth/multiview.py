@@ -43,7 +43,6 @@ class Multiview:
     level_road: LevelRoad | None = None  # where there is no parallax
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that give no depth."""
         if not self.frames or self.num_planes < 4:
             given = f"frames {self.frames} and num_planes {self.num_planes}"
             raise BadData(f"multiview: {given}, expected at least one frame and at least 4 planes")

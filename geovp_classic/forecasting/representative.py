@@ -34,7 +34,6 @@ class Representative:
     num_draws: int = 200
 
     def __post_init__(self) -> None:
-        """Raise BadData for fewer than two draws."""
         if self.num_draws < 2:
             raise BadData(f"representative: num_draws is {self.num_draws}, expected 2 or more draws to choose from")
 

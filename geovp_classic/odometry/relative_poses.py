@@ -36,7 +36,6 @@ class RelativePoses:
     """The images of one camera in their order: pending ones first relative to a map's keyframes, then final."""
 
     def __init__(self, keyframes: WindowedMap) -> None:
-        """No image yet."""
         self.map = keyframes
         self._pending: list[RelativePose] = []
         self._final: list[tuple[FloatArray, bool]] = []

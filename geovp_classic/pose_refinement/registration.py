@@ -41,7 +41,6 @@ class Registration:
     num_frames: int = 10
 
     def __post_init__(self) -> None:
-        """Raise BadData unless at least two frames are registered."""
         if self.num_frames < 2:
             raise BadData(f"registration: num_frames is {self.num_frames}, expected 2 or more")
 

@@ -96,7 +96,6 @@ class ExposureControl:
     pull_hz: float = 3.3  # target speed per log step of the mean from its level
 
     def __post_init__(self) -> None:
-        """Raise BadData unless both are positive."""
         if not (self.inertia_s > 0 and self.pull_hz > 0):
             raise BadData(f"exposure: inertia_s {self.inertia_s} and pull_hz {self.pull_hz} must be positive")
 
