@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.matrix_values import Spec
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
-
-Spec = Mapping[str, Any]
 
 
 @dataclass(frozen=True)

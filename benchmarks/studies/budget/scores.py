@@ -13,6 +13,7 @@ from geovp_benchmarks import intervals, matrix
 from geovp_benchmarks.intervals import Interval
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.studies.ablation import SCORED
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import Dataset, FrameMetric
@@ -21,7 +22,6 @@ from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
 
 Variant = TypeVar("Variant")
 Predict = Callable[[Variant], tuple[ByteArray, ByteArray]]  # predicted and real frames [N, H, W, 3] of one clip
-SCORED = (0, 4, 9, 14, 19)  # of the future frames
 
 
 @dataclass(frozen=True)
