@@ -1,11 +1,9 @@
 """Variants of one row of a matrix, scored on all its clips; shared by the error budget and the sensitivity curves."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -37,7 +35,7 @@ class Subject:
     metrics: Mapping[str, FrameMetric]
 
     @classmethod
-    def read(cls, chosen: argparse.Namespace, needs: Grant) -> Subject:
+    def read(cls, chosen: argparse.Namespace, needs: Grant) -> Self:
         """The subject of a command line; BadData for a row that is no pose source with a renderer."""
         read = matrix.read(chosen.matrix).with_root(chosen.root)
         read = replace(read, stride=chosen.stride or read.stride)
