@@ -1,7 +1,5 @@
 """Put a component through the contract tests of its role."""
 
-from __future__ import annotations
-
 import argparse
 
 from geovp_benchmarks.arguments import add_settings, settings

@@ -1,7 +1,5 @@
 """Film strips and paths of the clips that were kept."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_benchmarks.plots import strips, style, trajectories
