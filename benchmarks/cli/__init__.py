@@ -24,7 +24,7 @@ from geovp_classic.errors import GeovpError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota, a file's largest size
 LONGEST = 2000  # of a sentence, which may quote a number of 5,000 digits
-DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130  # 1: some cells are not done
 VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
 VERBS += ("view", "metrics", "verify", "study", "data", "list", "check")
 STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
