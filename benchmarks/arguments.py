@@ -1,7 +1,5 @@
 """Arguments that several verbs and studies take."""
 
-from __future__ import annotations
-
 import argparse
 import glob
 import math

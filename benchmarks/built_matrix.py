@@ -1,7 +1,5 @@
 """The built components of a matrix, and the tasks that compute chunks of clips with them in any process."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib

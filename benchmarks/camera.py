@@ -1,12 +1,11 @@
 """The camera of one's own video: given, read from a file, from photos' EXIF data, or estimated from the motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic.data.calibration_files import Calibration, exif_focal_px, read_calibration
 from geovp_classic.data.frames import FrameFiles
 from geovp_classic.data.undistortion import UndistortedVideo, common_pinhole
@@ -37,29 +36,23 @@ class Camera:
 def find_camera(
     recording: Recording,
     num_seen: int,  # frames up to the last observed one; later ones are not looked at
-    path: Path,
-    given: tuple[float, float, float, float] | None = None,
-    fov_deg: float | None = None,
-    calibration: Path | None = None,
-    distortion: tuple[float, ...] | None = None,
+    asked: PredictionRequest,
 ) -> tuple[Camera, Recording]:
-    """The camera by the best source there is, and its images without distortion; BadData when two sources are given.
-
-    `distortion` are OpenCV's coefficients of a camera that is given by its intrinsics or its field of view.
-    """
+    """The camera by the best source there is, and its images without distortion; BadData when two sources are given."""
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
+    given, fov_deg, calibration, path = asked.intrinsics, asked.fov_deg, asked.calibration, asked.path
     if sum(each is not None for each in (given, fov_deg, calibration)) > 1:
         raise BadData("more than one of --intrinsics, --fov and --calibration is given: keep one")
-    if distortion is not None and given is None and fov_deg is None:
+    if asked.distortion is not None and given is None and fov_deg is None:
         raise BadData("--distortion belongs to --intrinsics or --fov: give one of them, or --calibration alone")
     if given is not None:
-        return _undistorted(recording, Calibration(given, None, distortion or ()), path, "given")
+        return _undistorted(recording, Calibration(given, None, asked.distortion or ()), path, "given")
     if fov_deg is not None:
         if not 0 < fov_deg < 170:
             raise BadData(f"--fov {fov_deg:g} is not the angle of a pinhole camera: give degrees between 0 and 170")
         middle = centred(focal_of_fov(fov_deg, width_px), width_px, height_px)
         numbers = (middle.fx_px, middle.fy_px, middle.cx_px, middle.cy_px)
-        return _undistorted(recording, Calibration(numbers, None, distortion or ()), path, "fov")
+        return _undistorted(recording, Calibration(numbers, None, asked.distortion or ()), path, "fov")
     if calibration is not None:
         return _undistorted(recording, read_calibration(calibration, path), calibration, "calibration")
     focal_px = exif_focal_px(recording.frames.paths[0]) if isinstance(recording.frames, FrameFiles) else None

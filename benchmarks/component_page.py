@@ -1,7 +1,5 @@
 """One installed component in words: its role, what it is, its fields, the grants it needs, where it comes from."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import inspect

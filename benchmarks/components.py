@@ -1,7 +1,5 @@
 """The components of a matrix file: built or a reason why not, and a hash of the sources that compute with them."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib
@@ -11,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from geovp_benchmarks.matrix_values import Spec
 from geovp_classic import registry
@@ -37,7 +35,7 @@ class Failure:
     traceback: str = ""
 
     @classmethod
-    def of(cls, error: Exception) -> Failure:
+    def of(cls, error: Exception) -> Self:
         """Skipped when components do not suit each other or something is not installed, failed otherwise."""
         if isinstance(error, (Incompatible, MissingExtra)):
             return cls("skipped", str(error))

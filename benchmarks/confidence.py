@@ -1,7 +1,5 @@
 """Whether a row's confidence ranks its errors: Spearman correlations over stored clips and steps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a run would do, and about how long and how large it would be; nothing is written to the results."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Mapping

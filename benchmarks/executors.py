@@ -4,8 +4,6 @@ An executor maps a picklable function over tasks and yields results as they are 
 it has room for it, so that the tasks' generator can use earlier results.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
@@ -50,7 +48,6 @@ class Processes:
     workers: int = 2
 
     def __post_init__(self) -> None:
-        """Raise BadData unless there is at least one worker."""
         if self.workers < 1:
             raise BadData(f"workers is {self.workers}, expected 1 or more")
 

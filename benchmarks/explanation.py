@@ -1,7 +1,5 @@
 """Why two stored numbers differ: whatever is stored and not the same, in sentences, and the paired difference."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

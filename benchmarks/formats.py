@@ -1,7 +1,5 @@
 """Tables as Markdown and CSV, and in every format."""
 
-from __future__ import annotations
-
 import csv
 import datetime
 import io

@@ -10,8 +10,6 @@ as many degrees of freedom as there are of them. An interval is one for these se
 cannot be told from a few. `geovp study coverage` shows how often such intervals hold the truth.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Kept clips and predictions as npz files: which arrays are in them; what is not so is refused by name."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from pathlib import Path

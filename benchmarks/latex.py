@@ -1,7 +1,5 @@
 """Tables as LaTeX, for the packages booktabs and graphicx, never wider than the text."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -4,8 +4,6 @@ The file `.lock` is locked in two places: byte 0 for as long as somebody looks w
 long as a run lasts. A lock ends with its process, however that ends.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

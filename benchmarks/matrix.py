@@ -1,7 +1,5 @@
 """A matrix file: one protocol, and every component that is to be run under it."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -9,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from geovp_benchmarks import matrix_files, matrix_values, protocols
 from geovp_benchmarks.matrix_values import Spec
@@ -112,14 +110,14 @@ class Matrix:
         return json.dumps(dataclasses.asdict(self))
 
     @classmethod
-    def from_json(cls, text: str) -> Matrix:
+    def from_json(cls, text: str) -> Self:
         """The inverse of `to_json`."""
         fields = json.loads(text)
         for table in ("pose_sources", "predictors"):
             fields[table] = {name: Entry(**entry) for name, entry in fields[table].items()}
         return cls(**{**fields, "size_px": tuple(fields["size_px"])})
 
-    def with_root(self, root: Path | None) -> Matrix:
+    def with_root(self, root: Path | None) -> Self:
         """The same matrix with the data set's root replaced, or with $VARIABLES in it spelled out."""
         if root is not None:
             return replace(self, dataset={**self.dataset, "root": str(root)})
@@ -133,7 +131,7 @@ class Matrix:
                 )
         return replace(self, dataset={**self.dataset, "root": os.path.expandvars(given)})
 
-    def with_device(self, device: str | None) -> Matrix:
+    def with_device(self, device: str | None) -> Self:
         """The same matrix with its device replaced, where one is given."""
         return self if device is None else replace(self, device=device)
 

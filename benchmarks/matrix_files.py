@@ -1,7 +1,5 @@
 """Matrix files: found by their path or a built-in one's name, read, and changed by what `--set` says."""
 
-from __future__ import annotations
-
 import copy
 import tomllib
 from collections.abc import Iterable

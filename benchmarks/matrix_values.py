@@ -1,7 +1,5 @@
 """The values of a matrix file: of the right kind, and such that its results can be stored; BadData for others."""
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -1,10 +1,8 @@
 """The metrics of a matrix: built, tried once, and described for protocol.json."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,7 +24,7 @@ class MetricSet:
     built: Mapping[str, Any]
 
     @classmethod
-    def build(cls, frame: Mapping[str, Spec], trajectory: Mapping[str, Spec]) -> MetricSet:
+    def build(cls, frame: Mapping[str, Spec], trajectory: Mapping[str, Spec]) -> Self:
         """The metrics of a matrix file; a wrong name or setting is raised."""
         roles = {"frame_metrics": frame, "trajectory_metrics": trajectory}
         built = {name: build(role, name, spec) for role, specs in roles.items() for name, spec in specs.items()}

@@ -3,8 +3,6 @@
 Each data set has a matrix of its own, and a results folder below that of the file, named by the data set's label.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

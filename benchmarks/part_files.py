@@ -1,7 +1,5 @@
 """Parquet parts: the rows of some clips of a cell, what is said about them, and a checksum of the whole file."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import errno

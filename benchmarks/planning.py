@@ -1,7 +1,5 @@
 """The plan of a run: built components, clips, metrics, and the protocol.json that describes them."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import platform

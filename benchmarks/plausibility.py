@@ -1,7 +1,5 @@
 """Signs that a prediction's geometry is wrong, found in the observed frames alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

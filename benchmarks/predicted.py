@@ -1,7 +1,5 @@
 """One predicted clip, and what is to be said about it: plausibility, scores, settings."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import os

@@ -1,7 +1,5 @@
 """Prediction of one clip: from a folder of images, a video or a webcam to frames, poses and a scene."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_benchmarks import webcam
@@ -30,15 +28,7 @@ def predict(request: PredictionRequest, progress: Progress) -> Predicted:
     first = _first(request, len(recording.frames))
     size_px = output_size(request.size_px, recording.intrinsics.width_px, recording.intrinsics.height_px)
     check_memory(size_px, request.num_past, request.num_future * request.num_samples)
-    camera, recording = find_camera(
-        recording,
-        first + request.num_past,
-        request.path,
-        request.intrinsics,
-        request.fov_deg,
-        request.calibration,
-        request.distortion,
-    )
+    camera, recording = find_camera(recording, first + request.num_past, request)
     context = _context(request, recording, first, size_px, with_wide=Grant.WIDE_FRAMES in predictor.needs)
     progress(1, NUM_STAGES)
     prediction, geometry = _run(predictor, context, request.num_samples, progress)

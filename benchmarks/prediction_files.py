@@ -1,7 +1,5 @@
 """The files of a prediction: frames, depth maps, poses, cloud, strip, films, and predict.json."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What is asked of `geovp predict`, and whether it can be done: components, size, memory."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Seconds and peak memory of the stages of a cell; peak memory on Linux only."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 import time

@@ -1,7 +1,5 @@
 """Progress of long work: the callback, what is being done now, and a progress bar that shows both."""
 
-from __future__ import annotations
-
 import logging
 import sys
 import threading

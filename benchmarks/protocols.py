@@ -4,18 +4,15 @@ A matrix file follows one with `[protocol] name = "fvs20"`; what is given beside
 choice, so that another data set can be measured in its form.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from geovp_benchmarks.matrix_values import Spec
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.registry import nearest
-
-Spec = Mapping[str, Any]
 
 
 @dataclass(frozen=True)

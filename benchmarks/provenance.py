@@ -1,7 +1,5 @@
 """Where a row's numbers come from: the id of its protocol, and what its networks' weights are."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping

@@ -1,12 +1,10 @@
 """The schemas of protocol.json, cell.json and datasets.json: what is not so is refused by name."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from geovp_classic import files
 from geovp_classic.errors import BadData
@@ -43,7 +41,7 @@ class Cell:
     num_outdated: int = 0  # clips whose rows other code than the last run's computed; older versions did not say
 
     @classmethod
-    def of(cls, name: str, record: Mapping[str, Any]) -> Cell:
+    def of(cls, name: str, record: Mapping[str, Any]) -> Self:
         """The cell of a cell.json."""
         own = {field.name for field in dataclasses.fields(cls)} & record.keys()
         return cls(name=name, record=record, **{key: record[key] for key in own})
@@ -53,12 +51,10 @@ class Record(dict[str, Any]):
     """A JSON object whose missing keys are named, with their file, when they are asked for."""
 
     def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
-        """The content of a file."""
         super().__init__(content)
         self.path = path
 
     def __missing__(self, key: str) -> Any:
-        """BadData instead of KeyError."""
         raise BadData(f"{self.path} has no {key!r}: restore it, or remove it and run again")
 
 

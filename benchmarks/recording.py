@@ -1,11 +1,9 @@
 """A kept clip as a Rerun recording: frames, cloud, paths and sampled futures on one time line, to be turned about."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -31,7 +29,7 @@ class KeptClip:
     predictions: dict[str, Prediction]  # by row
 
     @classmethod
-    def read(cls, results: Results, name: str, rows: Sequence[str] = ()) -> KeptClip:
+    def read(cls, results: Results, name: str, rows: Sequence[str] = ()) -> Self:
         """All rows or those named; BadData for a clip or a row that was not kept."""
         clips = [clip for clip, _ in results.clips()]
         if name not in clips:

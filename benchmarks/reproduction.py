@@ -1,7 +1,5 @@
 """Our results in the layout of a paper's table, and the published numbers in a separate block."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Score kept predictions again, with the metrics as they are now: nothing is predicted, no data set is needed."""
 
-from __future__ import annotations
-
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.planning import versions
 from geovp_benchmarks.profiling import StageProfiler

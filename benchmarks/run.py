@@ -1,7 +1,5 @@
 """Compute the missing and stale results of a matrix, however earlier runs ended."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
@@ -163,7 +161,6 @@ def _update(result: TaskResult, state: _State) -> None:
 
 
 def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> None:
-    """Write the final record of a cell."""
     verdict: dict[str, Any] = {"status": "partial" if state.missing[name] else "done"}
     if name in state.failures:
         failure = state.failures[name][1]

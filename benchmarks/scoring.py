@@ -1,7 +1,5 @@
 """Score one prediction against one clip: the rows that go into a parquet part."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,10 +1,9 @@
 """Which clips' predictions are kept: named ones, or those that a method predicts worst, best or about as usual."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -44,7 +43,7 @@ class Ranking:
     row: str = ""  # a cell's name or label; "": the first complete row with the metric, geometric ones first
 
     @classmethod
-    def parse(cls, text: str, matrix: Matrix) -> Ranking:
+    def parse(cls, text: str, matrix: Matrix) -> Self:
         """The rule in words; BadData when a word is not one of the matrix."""
         which, _, rest = text.partition(":")
         metric, _, row = rest.partition(":")

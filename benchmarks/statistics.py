@@ -3,8 +3,6 @@
 A clip is one observation: its steps and samples depend on each other, so they never count as more.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import warnings

@@ -1,7 +1,5 @@
 """What protocol.json and cell.json say: a column's title, direction and bounds, the data, what a row was granted."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any

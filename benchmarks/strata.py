@@ -4,8 +4,6 @@ The kinds follow from facts of each clip that are stored beside its scores, comp
 are known, exact depths and moving objects; never from a prediction, but for `seen` on video without exact depth.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass

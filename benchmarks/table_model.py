@@ -1,10 +1,8 @@
 """What a table holds: columns, and rows with a value a clip; those chosen, those that are the best or differ."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -57,7 +55,7 @@ class Row:
         by_truth: bool = False,
         protocol: str = "",
         bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
-    ) -> Row:
+    ) -> Self:
         """The row with its estimates."""
         sequences, ends = intervals.sequences_of(clips), bounds or {}
         found = {
@@ -154,7 +152,7 @@ class Choice:
                 raise BadData(f"--metrics: no column is called {name!r}{nearest(name, known)}")
         return [*dict.fromkeys(self.metrics)]
 
-    def including(self, row: str) -> Choice:
+    def including(self, row: str) -> Self:
         """The choice with a row that others are compared with."""
         return replace(self, methods=(row, *self.methods)) if self.methods else self
 

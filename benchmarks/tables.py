@@ -1,7 +1,5 @@
 """Tables of means and their intervals with the grants of each row; `formats` turns them into text."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any

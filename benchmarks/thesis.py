@@ -1,7 +1,5 @@
 """Table 4.1 of the thesis in its own layout: our rows, and the published ones in a separate block."""
 
-from __future__ import annotations
-
 import fnmatch
 import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -195,7 +193,6 @@ def _printed(value: tuple[float, float]) -> float:
 
 
 def _text(value: tuple[float, float] | None) -> str:
-    """Mean and standard error."""
     if value is None:
         return "-"
     error = "" if np.isnan(value[1]) else f" ± {value[1]:.{DECIMALS}f}"

@@ -1,7 +1,5 @@
 """Whether a results folder can be reproduced: some of its predictions are computed and scored again, and compared."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The next frames of a webcam as a recording."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 
@@ -23,7 +21,6 @@ class HeldFrames:
     frames: tuple[ByteArray, ...]
 
     def __len__(self) -> int:
-        """The number of frames."""
         return len(self.frames)
 
     def read(self, index: int) -> ByteArray:

@@ -51,5 +51,4 @@ if not TYPE_CHECKING:
 
 
 def __dir__() -> list[str]:
-    """The public names."""
     return sorted(__all__)

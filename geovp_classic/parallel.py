@@ -4,8 +4,6 @@ BLAS gains nothing from more threads on small matrices: OpenBLAS's threads wait 
 hundredths of a second, and hold the cores that other threads need.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 from collections.abc import Callable, Iterable

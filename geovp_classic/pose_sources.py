@@ -1,8 +1,5 @@
 """Pose sources: the camera's whole motion, past and future, from recorded poses or from odometry and a forecast."""
 
-from __future__ import annotations
-
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -62,53 +59,26 @@ class Chained:
         return Motion(past, futures[:1] if same else futures, tracked)
 
 
-class _Continued(ABC):
-    """The recorded past, continued by a forecaster without noise."""
-
-    @abstractmethod
-    def _forecaster(self) -> Forecaster: ...
+class _Continued:
+    """The recorded past, continued by a forecaster without noise, which such a source is itself."""
 
     needs = Grant.PAST_POSES  # the recorded past poses
 
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+    def estimate(self: Forecaster, context: Context, num_samples: int = 1) -> Motion:
         """The recorded past and its continuation, one sample; Incompatible when the clip has no poses."""
-        return Chained(RecordedPast(), self._forecaster()).estimate(context, num_samples)
+        return Chained(RecordedPast(), self).estimate(context, num_samples)
 
 
-@dataclass(frozen=True)
-class StandStill(_Continued):
+class StandStill(_Continued, constant.Hold):
     """The recorded past, after which the camera stays where it is."""
 
-    def _forecaster(self) -> Forecaster:
-        return constant.Hold()
 
-
-@dataclass(frozen=True)
-class ConstantVelocity(_Continued):
+class ConstantVelocity(_Continued, constant.ConstantVelocity):
     """The recorded past, after which the velocity of its last `num_steps` steps goes on without a turn."""
 
-    num_steps: int = 1
 
-    def __post_init__(self) -> None:
-        """Raise BadData for a number of steps below one."""
-        self._forecaster()
-
-    def _forecaster(self) -> Forecaster:
-        return constant.ConstantVelocity(self.num_steps)
-
-
-@dataclass(frozen=True)
-class ConstantTurn(_Continued):
+class ConstantTurn(_Continued, constant.ConstantTurn):
     """The recorded past, after which the SE(3) twist of its last `num_steps` steps goes on."""
-
-    num_steps: int = 1
-
-    def __post_init__(self) -> None:
-        """Raise BadData for a number of steps below one."""
-        self._forecaster()
-
-    def _forecaster(self) -> Forecaster:
-        return constant.ConstantTurn(self.num_steps)
 
 
 @dataclass(frozen=True)
@@ -163,7 +133,6 @@ class Commanded:
     turn_deg_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raise BadData unless exactly one command is given, or when the file is missing."""
         if (self.futures is None) == (self.speed_m_s is None):
             raise BadData("commanded needs either futures, a trajectory file, or speed_m_s: give exactly one of them")
         if self.futures is not None and self.turn_deg_s != 0:

@@ -1,7 +1,5 @@
 """Refined motion: a pose source and corrections from the images; packages `depth` and `pose_refinement` meet here."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Renderers with a depth source: packages `depth`, `dynamic_objects` and `render` meet here and only here."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -37,7 +35,6 @@ class DepthFusion:
     exposure: ExposureControl | None = field(default_factory=ExposureControl)  # None: it stays as it was last
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that make no sense."""
         if self.frames not in ("crop", "wide"):
             raise BadData(f"frames is {self.frames!r}, expected 'crop' or 'wide'")
         if self.num_frames < 1:

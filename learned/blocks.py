@@ -1,4 +1,4 @@
-"""Building blocks of SynSin: BigGAN's residual block with noise in its normalisation, and a U-Net."""
+"""Building blocks of SynSin: BigGAN's residual block with noise in its normalisation, a U-Net, squares as channels."""
 
 import itertools
 from collections.abc import Sequence
@@ -91,6 +91,23 @@ class UNet(nn.Module):
         for up in self.up:
             maps = up(torch.cat([_upsampled(maps), skips.pop()], dim=1))
         return self.head(maps)
+
+
+def gather(maps: Tensor, edge_px: int, levels: int) -> Tensor:
+    """Squares of pixels as channels (pixel unshuffle): [B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge].
+
+    Sides are padded with the border at the right and below to multiples of `edge_px * levels`.
+    """
+    multiple = edge_px * levels
+    padding = (0, -maps.shape[3] % multiple, 0, -maps.shape[2] % multiple)
+    return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), edge_px)
+
+
+def spread(maps: Tensor, edge_px: int, size_px: torch.Size) -> Tensor:
+    """Maps [B, C, H' / edge, W' / edge] bilinearly back to pixels, so that no grid shows, cut to (height, width)."""
+    if edge_px > 1:
+        maps = functional.interpolate(maps, scale_factor=edge_px, mode="bilinear")
+    return maps[:, :, : size_px[0], : size_px[1]]
 
 
 def _convolution(in_channels: int, out_channels: int, stride: int) -> nn.Module:

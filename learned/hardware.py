@@ -1,7 +1,5 @@
 """What a training runs on, by Lightning Fabric: processors, precision, and what a setting of them is worth here."""
 
-from __future__ import annotations
-
 import torch
 from lightning.fabric import Fabric
 from lightning.fabric.plugins import MixedPrecision

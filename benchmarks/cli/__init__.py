@@ -4,8 +4,6 @@ A verb's module exposes `add_arguments(parser)` and `run(chosen)`, which returns
 when some of it failed or was skipped, 2 for bad input, with one sentence that says what to do. Some verbs are studies.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import errno
@@ -26,7 +24,7 @@ from geovp_classic.errors import GeovpError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # a disk, a quota, a file's largest size
 LONGEST = 2000  # of a sentence, which may quote a number of 5,000 digits
-DONE, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130  # 1: some cells are not done
 VERBS: tuple[str, ...] = ("run", "table", "plot", "report", "score", "reproduce", "predict", "poses", "forecast")
 VERBS += ("view", "metrics", "verify", "study", "data", "list", "check")
 STUDY_OF_VERB = {"poses": "odometry", "forecast": "forecasting"}
@@ -44,7 +42,6 @@ class ModuleParser(argparse.ArgumentParser):
     """
 
     def __init__(self, *, module: str = "", **options: Any) -> None:
-        """A parser of a module's arguments."""
         super().__init__(**options)
         self._module = module
         amount = self.add_mutually_exclusive_group()
@@ -91,7 +88,6 @@ class PrintVersion(argparse.Action):
     """Look the version up only when it is asked for."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
-        """A flag."""
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:

@@ -1,7 +1,5 @@
 """Put a component through the contract tests of its role."""
 
-from __future__ import annotations
-
 import argparse
 
 from geovp_benchmarks.arguments import add_settings, settings
@@ -22,7 +20,7 @@ def run(chosen: argparse.Namespace) -> int:
     findings = contracts.check(chosen.role, component)
     for finding in findings:
         detail = f": {finding.detail}" if finding.detail else ""
-        print(f"{'kept  ' if finding.passed else 'BROKEN'}  {finding.name}{detail}")
-    broken = sum(not finding.passed for finding in findings)
-    print(f"{chosen.name}: {broken} of {len(findings)} promises broken")
-    return int(broken > 0)
+        print(f"{'passed' if finding.passed else 'FAILED'}  {finding.name}{detail}")
+    passed = sum(finding.passed for finding in findings)
+    print(f"{chosen.name}: {passed} of {len(findings)} checks passed")
+    return int(passed < len(findings))

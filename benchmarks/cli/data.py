@@ -1,7 +1,5 @@
 """Look after data sets."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

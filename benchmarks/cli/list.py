@@ -1,7 +1,5 @@
 """List installed components by role and name, and missing packages; nothing heavy is imported."""
 
-from __future__ import annotations
-
 import argparse
 import ast
 import dataclasses

@@ -1,7 +1,5 @@
 """What a verb says beside its results: on standard error, as much as `--quiet` or `--verbose` asks for."""
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

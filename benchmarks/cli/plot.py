@@ -1,7 +1,5 @@
 """Draw the figures of a results folder."""
 
-from __future__ import annotations
-
 import argparse
 
 from geovp_benchmarks.arguments import add_division, add_results_folder

@@ -1,7 +1,5 @@
 """One clip in; predicted frames, poses, cloud, film strip and video out."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import itertools

@@ -1,7 +1,5 @@
 """Write report.html of a results folder, with its figures."""
 
-from __future__ import annotations
-
 import argparse
 
 from geovp_benchmarks.arguments import add_results_folder

@@ -1,7 +1,5 @@
 """Score the kept predictions again, with the metrics as they are now."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

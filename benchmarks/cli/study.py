@@ -1,7 +1,5 @@
 """Measure one part by itself, such as depth; prints a table."""
 
-from __future__ import annotations
-
 import argparse
 import pkgutil
 

@@ -1,7 +1,5 @@
 """Compute a random sample of stored results again and say whether they reproduce; writes nothing."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

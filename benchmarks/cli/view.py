@@ -1,7 +1,5 @@
 """Write a kept clip as a Rerun recording: frames, cloud, paths and sampled futures on a time line."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """How fast things are; to be run by hand on a quiet machine, never asserted in a test."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable

@@ -5,8 +5,6 @@ The first clip after an installation is measured in a process whose cache of com
 same process once more, which finds the code compiled.
 """
 
-from __future__ import annotations
-
 import datetime
 import io
 import os

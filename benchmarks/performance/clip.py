@@ -6,8 +6,6 @@ The first round, which compiles or loads compiled code, is not counted. CPU time
 depends on the load of the machine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace

@@ -5,10 +5,9 @@ the odometry meets them, wrong observations. Both solve the same problem, one af
 rounds are of the processor's time. A solver of our own stays only where it is three times as fast or more accurate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -53,7 +52,7 @@ class Scene:
     wrong: FloatArray  # [N, 2], the last view's rays, some of them far off
 
     @classmethod
-    def random(cls, seed: int = 0) -> Scene:
+    def random(cls, seed: int = 0) -> Self:
         """A street's width, 6 to 60 m ahead."""
         rng = np.random.default_rng(seed)
         points = rng.uniform((-12, -4, 6), (12, 1.6, 60), (NUM_POINTS, 3))

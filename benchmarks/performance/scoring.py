@@ -4,8 +4,6 @@
 round has frames of its own, since LPIPS keeps the features of its targets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ is as fast for it, and idle BLAS threads would slow the others. The splat render
 its own size; the other two set one pixel per point.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

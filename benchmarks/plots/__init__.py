@@ -1,7 +1,5 @@
 """The figures of a results folder: metric over horizon and over samples, film strips, paths."""
 
-from __future__ import annotations
-
 import functools
 import io
 from collections.abc import Callable, Iterator
@@ -47,7 +45,6 @@ def figures(
 
 
 def _drawing(results: Results, by: str | None, layout: Layout) -> list[Callable[[], list[Page]]]:
-    """What draws the figures."""
     if by is not None:
         parts = {subset.label: Material.read(subset) for subset in strata.divide(results, by)}
         whole = [metric for metric in horizon.metrics(Material.read(results)) if "@" not in metric]

@@ -1,7 +1,5 @@
 """The error budget as waterfalls, from the forecast upwards and from the truth downwards; and sensitivity curves."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

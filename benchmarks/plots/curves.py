@@ -1,9 +1,8 @@
 """Metric over horizon: one line per method with its 95 % intervals, as bands or, of many lines, as bars; a legend."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,7 +37,7 @@ class Curve:
         clips: Sequence[str],
         bounds: intervals.Bounds,
         line: style.LineStyle,
-    ) -> Curve:
+    ) -> Self:
         """The curve of values of clips, with an interval at every step as tables have it."""
         sequences = intervals.sequences_of(clips)
         found = [intervals.interval(step, sequences, bounds=bounds) for step in values.T]

@@ -1,7 +1,5 @@
 """Curves of the study of disturbances: what is left over copying the last frame, strength by strength."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import matplotlib as mpl

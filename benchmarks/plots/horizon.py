@@ -1,7 +1,5 @@
 """Curves over the horizon, and over the number of samples to choose from, from stored rows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

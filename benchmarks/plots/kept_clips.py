@@ -1,7 +1,5 @@
 """Film strips and paths of the clips that were kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How figures are to be used: file formats, the width that they have on the page, with or without titles."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from dataclasses import dataclass

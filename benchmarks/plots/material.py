@@ -1,11 +1,9 @@
 """The data that all figures of a results folder share, and a drawn figure."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -38,7 +36,7 @@ class Material:
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
     @classmethod
-    def read(cls, results: Results) -> Material:
+    def read(cls, results: Results) -> Self:
         """Everything but images; BadData when the folder holds no results."""
         protocol = results.protocol()
         ran = [cell for cell in results.cells() if cell.status in ("done", "partial")]

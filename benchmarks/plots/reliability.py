@@ -1,7 +1,5 @@
 """Reliability diagram of forecasters: how often the truth lies in the region that a forecast gives a probability."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import matplotlib as mpl

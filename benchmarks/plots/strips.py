@@ -1,7 +1,5 @@
 """Film strips: ground truth and every method's prediction at a few horizons, one row each."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The look of all figures: colours for the colour-blind, dashes and markers that survive grey print."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The camera's path and the paths that the pose sources predicted, seen from above."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

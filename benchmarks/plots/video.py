@@ -1,7 +1,5 @@
 """A predicted clip as a film strip, an mp4 video and a gif."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """One self-contained HTML page about a results folder: scores, figures, settings, and the status of each cell."""
 
-from __future__ import annotations
-
 from geovp_benchmarks import plots, tables
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress

@@ -1,7 +1,5 @@
 """The kept clips as films side by side: one image of all frames a row, which the page's script shows one by one."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """HTML elements that escape plain strings, and the page of the report."""
 
-from __future__ import annotations
-
 import base64
 import html
 from collections.abc import Iterable, Sequence

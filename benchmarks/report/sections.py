@@ -1,13 +1,11 @@
 """The chapters of the report."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from geovp_benchmarks import confidence as confidences
 from geovp_benchmarks import plots
@@ -34,7 +32,7 @@ class EmbeddedFigure:
     element: Html
 
     @classmethod
-    def all(cls, drawn: Iterable[tuple[plots.Page, Mapping[Path, bytes]]]) -> list[EmbeddedFigure]:
+    def all(cls, drawn: Iterable[tuple[plots.Page, Mapping[Path, bytes]]]) -> list[Self]:
         """Line plots as svg, from the figures' files; the page has films in place of film strips."""
         return [
             cls(page.kind, page.subject, image(content, "svg", page.caption))
@@ -146,7 +144,6 @@ def _scores(scored: Table) -> Html:
 
 
 def _score(scored: Table, row: Row, column: Column) -> Html:
-    """Mean and interval."""
     mean, error = scored.texts(row, column)
     return tag("td", tag("b", mean) if scored.is_best(row, column) else mean, tag("span", error, class_="error"))
 

@@ -6,8 +6,6 @@ its lines of code. Parts of the renderer and of the refinements are measured wit
 without any. A part earns its lines where an interval excludes zero and the gain is .05 dB or .002 LPIPS.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib.util
 import time

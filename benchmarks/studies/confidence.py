@@ -4,8 +4,6 @@ Spearman's rank correlation with a frame metric over all clips and steps of each
 an older version computed have no confidence until `geovp run --fresh` computes them anew.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 

@@ -5,8 +5,6 @@ normal or skewed (exponential) noise, cut into sequences. Beside the intervals o
 standard error over clips as if they were independent would give.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Iterator
 

@@ -6,8 +6,6 @@ counts, whatever its confidence; static, moving, near-epipole and other pixels a
 Poses are the recorded ones.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ future camera, the same for all future frames, with either sign. Past and future
 from the images; the row's renderer is used, its pose source is not. Nothing is random.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 

@@ -174,7 +174,6 @@ def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> 
 
 
 def _times(path: Path, num_frames: int, findings: list[Finding], scan: ScanTimes = pose_files.scan_times) -> FloatArray:
-    """The good times."""
     times_s, lines, found = scan(path)
     findings += found
     numbers, num_rows = _row_numbers(lines, found)

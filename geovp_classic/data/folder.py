@@ -84,7 +84,6 @@ class Folder(SequenceDataset):
 
     @cached_property
     def _paths(self) -> dict[str, Path]:
-        """The sequences by name."""
         if not self.path.exists():
             raise BadData(f"{self.path} does not exist: give a folder of images or a video file")
         found = {self.name: self.path} if self.path.is_file() else paths_below(self.path)

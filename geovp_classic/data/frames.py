@@ -1,14 +1,12 @@
 """The frames of one camera, read one at a time: a list of image files, or a video."""
 
-from __future__ import annotations
-
 import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
@@ -134,7 +132,7 @@ class VideoFrames:
     _next: int = 0
 
     @classmethod
-    def open(cls, path: Path) -> VideoFrames:
+    def open(cls, path: Path) -> Self:
         """The video of a file; BadData when it cannot be decoded. Frames are counted where the container is silent."""
         files.check_file(path)
         capture = cv2.VideoCapture(str(path))

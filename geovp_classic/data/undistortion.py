@@ -4,13 +4,11 @@ Distortion models and their equations are COLMAP's; of these, OPENCV is what ROS
 FULL_OPENCV with a third radial coefficient is TUM's, and OPENCV_FISHEYE is equidistant (Kannala and Brandt 2006).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -39,7 +37,7 @@ class DistortedCamera:
     @classmethod
     def of(
         cls, model: str, numbers: tuple[float, float, float, float], distortion: Iterable[float], size_px: Size
-    ) -> DistortedCamera:
+    ) -> Self:
         """The camera of (fx, fy, cx, cy) with (0, 0) the top-left pixel's centre; fx where its model has one focal."""
         from geovp_classic.colmap_library import pycolmap
 
@@ -122,7 +120,6 @@ class UndistortedVideo:
     view: Intrinsics
 
     def __len__(self) -> int:
-        """The number of frames."""
         return len(self.frames)
 
     def read(self, index: int) -> ByteArray:

@@ -1,12 +1,10 @@
 """Clips cut from long recordings: which frames, which square of the image, with which camera."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, Self
 
 import cv2
 import numpy as np
@@ -33,7 +31,7 @@ class FrameRange:
     last: int | None = None  # None: to the end
 
     @classmethod
-    def parse(cls, text: str) -> FrameRange:
+    def parse(cls, text: str) -> Self:
         """The range of "03" or "03[180:360)"."""
         match = _RANGE.fullmatch(text.strip())
         if match is None:
@@ -45,11 +43,11 @@ class FrameRange:
             raise BadData(f"{text!r} holds no frame: the first is inclusive and the last exclusive, give first < last")
         return cls(match["sequence"], first, last)
 
-    def within(self, num_frames: int) -> FrameRange:
+    def within(self, num_frames: int) -> Self:
         """The same range with its end spelled out; BadData when the sequence is shorter than that."""
         if self.last is not None and self.last > num_frames:
             raise BadData(f"{self}: sequence {self.sequence} has {num_frames} frames, so give at most [0:{num_frames})")
-        return FrameRange(self.sequence, self.first, num_frames if self.last is None else self.last)
+        return replace(self, last=num_frames if self.last is None else self.last)
 
     def __str__(self) -> str:
         return self.sequence if self.last is None else f"{self.sequence}[{self.first}:{self.last})"

@@ -4,8 +4,6 @@ Neighbouring pixels may differ by one hypothesis at a small price and by more at
 edges of the image.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numba

@@ -1,7 +1,5 @@
 """Depth completion: small islands of wrong matches, and pixels without a match, take the background's depth."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

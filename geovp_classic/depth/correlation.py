@@ -3,8 +3,6 @@
 The source is sampled row by row, where the hypothesis puts the pixels of the reference image.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import numpy.typing as npt

@@ -1,7 +1,5 @@
 """Recorded depth as a depth source: the upper bound for the estimated ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The measure is one minus the zero-mean normalised cross-correlation (ZNCC) of sm
 offset of the exposure changes. Planes face the reference camera (Collins 1996).
 """
 
-from __future__ import annotations
-
 import cv2
 import numba
 import numpy as np

@@ -4,8 +4,6 @@ Forward motion leaves no parallax around its own direction, the epipole: the lon
 neighbours help, and pixels without any evidence come out far and uncertain.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, field
 
@@ -45,7 +43,6 @@ class Multiview:
     level_road: LevelRoad | None = None  # where there is no parallax
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that give no depth."""
         if not self.frames or self.num_planes < 4:
             given = f"frames {self.frames} and num_planes {self.num_planes}"
             raise BadData(f"multiview: {given}, expected at least one frame and at least 4 planes")

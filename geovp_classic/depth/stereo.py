@@ -1,7 +1,5 @@
 """Stereo depth from the right images of the last frames: the upper bound for depth from one camera."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -25,7 +23,6 @@ class Stereo:
     nearest_m: float = 4.0  # nearer surfaces are not searched for
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that give no depth."""
         if not self.frames or not self.nearest_m > 0:
             raise BadData(f"stereo: frames {self.frames}, nearest_m {self.nearest_m}: expected a frame and a distance")
 

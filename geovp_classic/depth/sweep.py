@@ -1,7 +1,5 @@
 """Inverse depth of one frame from others: plane sweep, semi-global aggregation, ground prior, completion."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass

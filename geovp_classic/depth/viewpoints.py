@@ -1,7 +1,5 @@
 """Source frames for a plane sweep, and its inverse depths: both from the poses alone, whatever their unit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.geometry import pinhole, se3

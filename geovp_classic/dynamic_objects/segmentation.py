@@ -133,7 +133,7 @@ def _grey_difference(
 
 
 def _connected_to(better: BoolArray, seed: BoolArray) -> BoolArray:
-    """The parts of `won` [H, W] that are connected to the seed."""
+    """The parts of `better` [H, W] that are connected to the seed."""
     _, labels = cv2.connectedComponents(cv2.dilate(better.astype(np.uint8), np.ones((5, 5), np.uint8)))
     return np.asarray(better & np.isin(labels, np.unique(labels[seed])))
 

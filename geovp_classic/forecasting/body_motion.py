@@ -9,8 +9,6 @@ The coefficients are fitted by `geovp forecast fit-body-motion` to ground-truth 
 09 (Geiger et al. 2012); they are CC BY-NC-SA 3.0 and not included.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 from importlib import resources

@@ -4,8 +4,6 @@ All are deterministic: further samples are copies. With fewer than two past pose
 hold the last pose.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

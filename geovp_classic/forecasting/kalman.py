@@ -8,8 +8,6 @@ drawn from it. A single past pose is held in the mean, with a wide covariance.
 The process and measurement noise in `turn_rate.toml` is fitted by maximum likelihood: `geovp forecast fit-kalman`.
 """
 
-from __future__ import annotations
-
 import functools
 import tomllib
 from dataclasses import dataclass, field

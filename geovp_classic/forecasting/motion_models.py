@@ -6,8 +6,6 @@ decay exponentially. The chord of an arc is written with sinc, so nothing is sin
 free: one state or thousands.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,9 +4,8 @@ The past is the camera's twists per second (v, w) in its own frame over P steps 
 left and right maps a past and its future to another pair that is as likely.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -48,7 +47,7 @@ class Standardisation:
     limit: float = 8.0
 
     @classmethod
-    def of(cls, features: FloatArray, limit: float = 8.0) -> Standardisation:
+    def of(cls, features: FloatArray, limit: float = 8.0) -> Self:
         """That of features [N, in]."""
         return cls(features.mean(0), features.std(0) + 1e-6, limit)
 

@@ -1,7 +1,5 @@
 """What past poses tell of the camera's motion: the pitch of its plane, its scale, its twists on an even time grid."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.errors import BadData

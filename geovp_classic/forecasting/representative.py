@@ -5,8 +5,6 @@ brings all of them nearest to a chosen one (greedy k-medoids), so that few futur
 as minADE and the best of N reward. Distances are motions in the image, where metres and degrees are comparable.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,7 +34,6 @@ class Representative:
     num_draws: int = 200
 
     def __post_init__(self) -> None:
-        """Raise BadData for fewer than two draws."""
         if self.num_draws < 2:
             raise BadData(f"representative: num_draws is {self.num_draws}, expected 2 or more draws to choose from")
 

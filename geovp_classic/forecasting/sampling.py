@@ -1,7 +1,5 @@
 """The distribution of a forecast: a Gaussian mixture over (x, z, yaw), and Student's t of heave, pitch and roll."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The rigid or similarity transform that maps one set of points best onto another."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

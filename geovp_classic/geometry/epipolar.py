@@ -4,9 +4,8 @@ A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K
 (Hartley & Zisserman 2004, eq. 13.2): as q grows from 0 (infinity), it moves along its epipolar line.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numba
 import numpy as np
@@ -26,7 +25,7 @@ class Epipolar:
     epipole: FloatArray  # b [3] float32
 
     @classmethod
-    def of(cls, camera: Intrinsics, other_from_this: FloatArray, other_camera: Intrinsics | None = None) -> Epipolar:
+    def of(cls, camera: Intrinsics, other_from_this: FloatArray, other_camera: Intrinsics | None = None) -> Self:
         """The geometry of a motion [4, 4]; the other camera is the same one unless it is given."""
         other = camera if other_camera is None else other_camera
         infinity = other.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)

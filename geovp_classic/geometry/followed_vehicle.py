@@ -3,8 +3,6 @@
 To any reconstruction it is a surface that moves along, and once it is near, most corners of the image are its own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Observed frames that say nothing: without texture (a black or white one), the same as before, or of another scene."""
 
-from __future__ import annotations
-
 import itertools
 
 import cv2

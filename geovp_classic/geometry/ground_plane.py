@@ -1,7 +1,5 @@
 """The ground plane, fitted in inverse depth, where every plane is linear in the image."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

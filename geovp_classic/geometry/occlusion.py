@@ -1,7 +1,5 @@
 """The background beside a hole: what a moving camera uncovers lies behind the surface that hid it."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Pyramidal Lucas-Kanade tracking of points with a forward-backward check (Lucas & Kanade 1981, Kalal 2010)."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

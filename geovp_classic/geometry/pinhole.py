@@ -1,7 +1,5 @@
 """Points to pixels and back, and the cameras of cropped and resized images."""
 
-from __future__ import annotations
-
 import functools
 
 import cv2

@@ -5,8 +5,6 @@ camera, y along the plane's normal (downwards), z along the camera's heading in 
 keeps x, z and the heading's yaw about the normal of each step; height, pitch and roll are those of the reference step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.geometry import se3

@@ -3,9 +3,8 @@
 The hierarchy is a complete binary tree without pointers: node i has the children 2 i + 1 and 2 i + 2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numba
 import numpy as np
@@ -28,7 +27,7 @@ class TriangleTree:
     boxes: FloatArray  # [2 * leaves - 1, 2, 3], lowest and highest corner; the leaves come last
 
     @classmethod
-    def of(cls, corners: FloatArray) -> TriangleTree:  # [N, 3, 3]
+    def of(cls, corners: FloatArray) -> Self:  # [N, 3, 3]
         """The tree of one triangle or more."""
         leaves = 1 << (-(-len(corners) // LEAF_TRIANGLES) - 1).bit_length()
         filled = np.minimum(np.arange(leaves * LEAF_TRIANGLES), len(corners) - 1)

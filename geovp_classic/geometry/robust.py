@@ -1,7 +1,5 @@
 """The median of some hundreds of numbers, as the robust fits of each round ask for it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.types import FloatArray

@@ -4,8 +4,6 @@ A twist is [..., 6] = (v, w): translational part first, rotation vector in radia
 of [[w]x v; 0 0] (Barfoot 2017, State Estimation for Robotics, section 7.1).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -4,8 +4,6 @@ Rays are [..., 2] = (x, y) on the plane z = 1 of the camera that observes them. 
 camera a to its epipolar line in camera b: E = [t]x R with b_from_a = (R, t).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """The uncropped frames in place of the square crops: a wider view, finer geometry and all detail."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Literal
 

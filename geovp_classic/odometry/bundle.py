@@ -1,7 +1,5 @@
 """Bundle adjustment of a window of keyframes by pycolmap."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from geovp_classic.colmap_library import pycolmap

@@ -1,7 +1,5 @@
 """What contradicts a path: a street that stands still, poses that were not measured, or where no vehicle drove."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import cv2

@@ -1,7 +1,5 @@
 """Shi-Tomasi corners, spread over the image and tracked from one image to the next."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -6,8 +6,6 @@ the right focal length, so its zero is searched. Square pixels and no distortion
 rotation says nothing: a longer focal length and a faster camera give the same images.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Metres per unit of the odometry from the road and the camera's height above it, or from a prior of speeds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -56,15 +54,8 @@ class GroundPlane:
     wobble_rad: float = 0.02  # of pitch and roll from image to image
     prior: SpeedPrior | None = field(default_factory=SpeedPrior)
 
-    @property
-    def needs(self) -> Grant:
-        """The camera's height."""
-        return Grant.CAMERA_HEIGHT
-
-    @property
-    def is_metric(self) -> bool:
-        """Yes."""
-        return True
+    needs = Grant.CAMERA_HEIGHT
+    is_metric = True
 
     def estimator(
         self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0

@@ -1,7 +1,5 @@
 """Pixels to rays and back for a camera with a little radial distortion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -50,7 +50,6 @@ class Monocular:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Raise BadData for numbers that are too small to track with."""
         if self.num_features < 50 or self.window < 3 or 0 < self.max_bundle_points < 20:
             raise BadData(
                 f"num_features is {self.num_features}, window {self.window}, max_bundle_points "
@@ -159,7 +158,6 @@ class Stream:
     """Odometry image by image, in memory that does not grow."""
 
     def __init__(self, odometry: Monocular, intrinsics: Intrinsics, camera_height_m: float | None) -> None:
-        """A stream before its first image."""
         lens = Lens(intrinsics, odometry.radial)
         policy = KeyframePolicy(odometry.window, max_bundle_points=odometry.max_bundle_points)
         self._tracker = Tracker(CornerTracker(odometry.num_features), lens, policy, odometry.seed)

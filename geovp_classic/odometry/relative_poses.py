@@ -1,7 +1,5 @@
 """Poses of images relative to keyframes: they improve with their keyframe, and are final once it is fixed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +36,6 @@ class RelativePoses:
     """The images of one camera in their order: pending ones first relative to a map's keyframes, then final."""
 
     def __init__(self, keyframes: WindowedMap) -> None:
-        """No image yet."""
         self.map = keyframes
         self._pending: list[RelativePose] = []
         self._final: list[tuple[FloatArray, bool]] = []

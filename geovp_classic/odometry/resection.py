@@ -1,7 +1,5 @@
 """The pose of a camera that observes known points (resection, perspective-n-point), with outliers among them."""
 
-from __future__ import annotations
-
 import cv2
 import numba
 import numpy as np

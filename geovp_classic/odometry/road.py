@@ -5,8 +5,6 @@ that m . x = 1 for the points x of the plane. A ray r of the road then hits it a
 camera at R r + t (m . r), which is linear in m.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """How fast cars drive: what is left to say of metres where a camera does not see the road."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,7 +27,6 @@ class SpeedPrior:
     spread: float = 0.51  # standard deviation of the speed's logarithm
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the speed is positive and the spread that of an assumption."""
         if not (np.isfinite(self.median_m_s) and self.median_m_s > 0 and LEAST_SPREAD <= self.spread < np.inf):
             given = f"median_m_s {self.median_m_s:g} and spread {self.spread:g}"
             raise BadData(f"speed prior: {given}, expected a positive speed and a spread of {LEAST_SPREAD:g} or more")

@@ -1,7 +1,5 @@
 """Track one camera image by image: two-view initialisation, localisation in a sliding map, bundle adjustment."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +49,6 @@ class Tracker:
     """Poses of one camera, in a unit of its own; bad images are bridged with the last motion and never raise."""
 
     def __init__(self, corners: CornerTracker, lens: Lens, policy: KeyframePolicy, seed: int) -> None:
-        """A tracker before its first image."""
         self.corners, self.policy, self.seed = corners, policy, seed
         self.map = WindowedMap(lens, NOISE_PX, policy.window)
         self.radial = RadialEstimate(lens.radial)

@@ -1,7 +1,5 @@
 """Points from their observations by several cameras with known poses."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The scale of an odometry without metres."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,15 +12,8 @@ from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
 class UnitSpeed:
     """No metres: lengths are in mean steps, and the trajectory says so."""
 
-    @property
-    def needs(self) -> Grant:
-        """Nothing."""
-        return Grant.NONE
-
-    @property
-    def is_metric(self) -> bool:
-        """No."""
-        return False
+    needs = Grant.NONE
+    is_metric = False
 
     def estimator(
         self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0

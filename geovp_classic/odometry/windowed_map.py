@@ -1,7 +1,5 @@
 """A sliding window of keyframes with the points that they observe: what the camera is located against."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

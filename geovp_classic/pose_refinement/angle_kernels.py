@@ -1,7 +1,5 @@
 """Kernels of Gaussian processes for a vehicle's angles over time (Rasmussen & Williams 2006)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -10,8 +10,6 @@ directions were from those of the images, and how far these were from the constr
 stay as they are, and so do those of a hand-held camera.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

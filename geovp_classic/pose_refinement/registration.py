@@ -6,8 +6,6 @@ others (Lucas & Kanade 1981, with a forward-backward check), and their inverse d
 poses (Triggs 2000). The given poses are the prior, which also fixes the scale.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -43,7 +41,6 @@ class Registration:
     num_frames: int = 10
 
     def __post_init__(self) -> None:
-        """Raise BadData unless at least two frames are registered."""
         if self.num_frames < 2:
             raise BadData(f"registration: num_frames is {self.num_frames}, expected 2 or more")
 

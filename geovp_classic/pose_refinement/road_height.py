@@ -5,9 +5,8 @@ camera that comes too high makes the road below it slide. The road ahead lies in
 height above it should neither grow nor shrink along the path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class RoadProfile:
     points: FloatArray  # [N, 3], in camera heights
 
     @classmethod
-    def of(cls, inverse_depth: FloatArray, camera: Intrinsics, ground: GroundPlane) -> RoadProfile:
+    def of(cls, inverse_depth: FloatArray, camera: Intrinsics, ground: GroundPlane) -> Self:
         """The road of an image with this inverse depth [H, W]."""
         plane = ground.inverse_depth(camera)
         is_road = (inverse_depth * ground.height * HORIZON_HEIGHTS > 1) & (

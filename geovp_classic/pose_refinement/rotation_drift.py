@@ -8,8 +8,6 @@ Its expected future is linear in its registered past (Rasmussen & Williams 2006,
 section 2.7). Larger errors are jumps, not drift: see `unmeasured_intervals`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

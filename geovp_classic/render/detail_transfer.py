@@ -7,10 +7,9 @@ are taken from the last observed frame at the same pixels, at the local contrast
 Laplacian pyramid (Burt & Adelson 1983).
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numba
@@ -41,7 +40,7 @@ class FrameDetail:
     contrast: FloatArray  # [C, H, W] float32
 
     @classmethod
-    def of(cls, frame: ByteArray) -> FrameDetail:
+    def of(cls, frame: ByteArray) -> Self:
         """The detail of a frame [H, W, C], in colour or in grey."""
         images = _planes(frame)
         return cls(np.stack([_bands(one) for one in images]), np.stack([_contrast(one) for one in images]))

@@ -7,11 +7,10 @@ crop only the crop's own mean is known, which is held less exactly; its last lev
 a camera reacts shows in the observed frames: a fixed exposure stays. Saturated pixels hardly darken.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import cv2
 import numpy as np
@@ -58,7 +57,7 @@ class Exposure:
         sources: Sequence[patches.Source],  # P, the last observed frame last
         inverse_depth: FloatArray,  # [H, W] of the last one
         seconds: FloatArray,  # [P], 0 for the last one
-    ) -> Exposure:
+    ) -> Self:
         """The exposure from the surfaces that the last frame shows; constant for a single frame.
 
         A jump is not made by the control: it is taken out of level, speed and confidence.
@@ -96,7 +95,6 @@ class ExposureControl:
     pull_hz: float = 3.3  # target speed per log step of the mean from its level
 
     def __post_init__(self) -> None:
-        """Raise BadData unless both are positive."""
         if not (self.inertia_s > 0 and self.pull_hz > 0):
             raise BadData(f"exposure: inertia_s {self.inertia_s} and pull_hz {self.pull_hz} must be positive")
 

@@ -1,7 +1,5 @@
 """Fills: invent the pixels that a scene does not cover; covered pixels are never touched."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -52,7 +50,6 @@ class Telea:
     radius_px: float = 3.0
 
     def __post_init__(self) -> None:
-        """Raise BadData unless the radius is positive."""
         if not self.radius_px > 0:
             raise BadData(f"radius_px is {self.radius_px}, expected a positive number of pixels")
 
@@ -80,7 +77,6 @@ class BorrowedDetail:
     strength: float = 0.25
 
     def __post_init__(self) -> None:
-        """Raise BadData for settings that make no sense."""
         if not (0 < self.coarse_share < 1 and self.strength >= 0):
             given = f"coarse_share {self.coarse_share} and strength {self.strength}"
             raise BadData(f"borrowed-detail: {given}, expected a share between 0 and 1 and no negative strength")

@@ -5,8 +5,6 @@ surfaces that no later one sees: occluded there, or outside its image. Depths of
 or the earlier one is dropped. Colours are sampled once, backward, from the frame of each patch, and stay sharp.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

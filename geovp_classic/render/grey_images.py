@@ -1,7 +1,5 @@
 """Grey images in three equal channels, of which one is a third of the work."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

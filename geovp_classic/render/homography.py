@@ -4,8 +4,6 @@ The road moves by its plane-induced homography, the rest by the infinite homogra
 open, flat roads; upright objects close by are smeared over the road.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -4,10 +4,9 @@ OpenCV samples one image at a time, at 32nds of a pixel. The loop here costs the
 third of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numba
@@ -46,7 +45,7 @@ class ImageStack:
     channels: FloatArray  # [S, 1, H', W'] float32 when all are grey, else [S, 3, H', W']; with margins
 
     @classmethod
-    def of(cls, frames: Sequence[ByteArray]) -> ImageStack:
+    def of(cls, frames: Sequence[ByteArray]) -> Self:
         """The images of frames [H, W, 3]."""
         stacked = np.stack(frames)
         if is_grey(stacked):
@@ -83,7 +82,7 @@ class ImageSampler:
     finest: float  # the magnification up to which the fine images hold detail
 
     @classmethod
-    def of(cls, sources: Sequence[Source], camera: Intrinsics) -> ImageSampler:
+    def of(cls, sources: Sequence[Source], camera: Intrinsics) -> Self:
         """A sampler of at least one source; all of them have more detail, or none.
 
         Where the sources have more pixels than views of the camera, these are the detail of coarser images.

@@ -6,8 +6,6 @@ no special case: a pixel (u, v, 1) with inverse depth q is seen at A (u, v, 1) +
 (Hartley & Zisserman 2004, eq. 13.2).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numba

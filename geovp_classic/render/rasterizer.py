@@ -7,8 +7,6 @@ s = p . (e x m) / p . (d x e) and t = p . (m x d) / p . (d x e) by Cramer's rule
 the compiler vectorises, in pixels relative to the patch, so that single precision is enough.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

@@ -1,7 +1,5 @@
 """A camera that stands shows what it showed: resampling from uncropped frames must not blur the last one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ It stays in place while the road moves: a surface that drives along, to any reco
 over, before anything is estimated, and every view shows it as the last frame did, or where it has gone.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, replace
 

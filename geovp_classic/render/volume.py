@@ -5,10 +5,8 @@ frame's camera, so that neither the poses' unit nor a far-off world frame matter
 reaches lies on a far plane and keeps the last frame's image.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -41,7 +39,7 @@ class Volume:
     unit: float
     reach: float
 
-    def warmed_up(self, camera: Intrinsics) -> Volume:
+    def warmed_up(self, camera: Intrinsics) -> Self:
         """This volume, once Open3D has made room for its map of ranges.
 
         Whenever a cast needs more room than all before it, Open3D 0.20 makes that room but leaves the image full of

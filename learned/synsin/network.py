@@ -31,7 +31,7 @@ from torch.nn import functional
 
 from geovp_classic.errors import BadData
 from geovp_learned import methods
-from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet
+from geovp_learned.blocks import NoisyNorm, ResidualBlock, UNet, gather, spread
 from geovp_learned.synsin import splatting
 from geovp_learned.synsin.splatting import SOLID_FACTOR, Splatter, pull_push
 
@@ -244,20 +244,3 @@ class RefinementNetwork(nn.Module):
         detail = self.detail(torch.cat([maps, painted], dim=1))
         change = self.head(functional.leaky_relu(detail, 0.2))  # a ReLU without a norm before it can die
         return maps[:, :COLOURS] + change if self.corrects else (torch.tanh(change) + 1) / 2
-
-
-def gather(maps: Tensor, edge_px: int, levels: int) -> Tensor:
-    """Squares of pixels as channels (pixel unshuffle): [B, C, H, W] to [B, C * edge^2, H' / edge, W' / edge].
-
-    Sides are padded with the border at the right and below to multiples of `edge_px * levels`.
-    """
-    multiple = edge_px * levels
-    padding = (0, -maps.shape[3] % multiple, 0, -maps.shape[2] % multiple)
-    return functional.pixel_unshuffle(functional.pad(maps, padding, mode="replicate"), edge_px)
-
-
-def spread(maps: Tensor, edge_px: int, size_px: torch.Size) -> Tensor:
-    """Maps [B, C, H' / edge, W' / edge] bilinearly back to pixels, so that no grid shows, cut to (height, width)."""
-    if edge_px > 1:
-        maps = functional.interpolate(maps, scale_factor=edge_px, mode="bilinear")
-    return maps[:, :, : size_px[0], : size_px[1]]

@@ -1,8 +1,6 @@
 """Gaussian latent variables, their KL divergence, and the LSTMs that predict them."""
 
-from __future__ import annotations
-
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +15,7 @@ class Gaussian(NamedTuple):  # a tuple, so that Lightning Fabric finds the tenso
     log_variance: Tensor
 
     @classmethod
-    def from_output(cls, output: Tensor) -> Gaussian:
+    def from_output(cls, output: Tensor) -> Self:
         """A network's output [..., 2 * D]: D means, then D log variances."""
         mean, log_variance = output.chunk(2, dim=-1)
         return cls(mean, log_variance.clamp(-10, 10))

@@ -5,8 +5,6 @@ changes add up. Downwards: all stages true but one. All are paired differences o
 bootstrap. What the stages mean: `geovp_benchmarks.studies.budget.poses` and `.images`.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """A clip's predicted frames with some stages from the truth: poses, depth, and what is done to images."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Constant offsets of the true future poses, and what they cost in the images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ of the past, so that a scale that is wrong everywhere alters no image but throug
 The truth are the recorded poses refined from the images, with which the images agree.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 

@@ -1,11 +1,9 @@
 """Variants of one row of a matrix, scored on all its clips; shared by the error budget and the sensitivity curves."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -13,6 +11,7 @@ from geovp_benchmarks import intervals, matrix
 from geovp_benchmarks.intervals import Interval
 from geovp_benchmarks.matrix import Matrix
 from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.studies.ablation import SCORED
 from geovp_classic import registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.interfaces import Dataset, FrameMetric
@@ -21,7 +20,6 @@ from geovp_classic.types import ByteArray, Clip, FloatArray, Grant
 
 Variant = TypeVar("Variant")
 Predict = Callable[[Variant], tuple[ByteArray, ByteArray]]  # predicted and real frames [N, H, W, 3] of one clip
-SCORED = (0, 4, 9, 14, 19)  # of the future frames
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Subject:
     metrics: Mapping[str, FrameMetric]
 
     @classmethod
-    def read(cls, chosen: argparse.Namespace, needs: Grant) -> Subject:
+    def read(cls, chosen: argparse.Namespace, needs: Grant) -> Self:
         """The subject of a command line; BadData for a row that is no pose source with a renderer."""
         read = matrix.read(chosen.matrix).with_root(chosen.root)
         read = replace(read, stride=chosen.stride or read.stride)

@@ -1,7 +1,5 @@
 """The error budget: the changes from replacing the stages of a row by the truth, and its tables."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 

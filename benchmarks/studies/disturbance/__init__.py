@@ -6,8 +6,6 @@ real future as well; what passes (a black frame, a swap) is not. `<` marks cells
 those that could not be predicted.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What can happen to the frames of a clip, each in four strengths."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Measure forecasters on pose files alone, and fit their constants."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 Independent draws beside representative ones of the same distribution, on windows of pose files.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 

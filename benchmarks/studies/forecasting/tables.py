@@ -1,7 +1,5 @@
 """Tables of forecasters' scores: errors, and how well the predictive distributions hold what came."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -99,7 +99,6 @@ is corrected, is not seen; but windows in which no car could have driven as reco
 
 
 def _sizes(truth: FloatArray, noise: FloatArray) -> Iterator[list[str]]:
-    """A row for each component."""
     import numpy as np
 
     from geovp_benchmarks.studies.foreseeable.windows import COMPONENTS

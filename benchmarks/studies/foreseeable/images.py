@@ -1,7 +1,5 @@
 """What depth from the last frames adds to the motion prior: cues of the scene against the residual of its forecast."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How much of the deviations a learner explains on a sequence that it was not fitted to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Track whole sequences: pose files, drift, and a plot with the ground truth; or steps of many short clips."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from pathlib import Path

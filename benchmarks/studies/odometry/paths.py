@@ -1,7 +1,5 @@
 """Odometry on whole sequences: pose files, drift, and a plot of the path with the ground truth."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -3,12 +3,10 @@
 Objects stand in a frame with x to the right, y down and z ahead, so that heights above the ground are negative y.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
@@ -40,7 +38,7 @@ class TriangleMesh:
             kind = np.int32 if part.name == "texture" else np.float32
             object.__setattr__(self, part.name, np.ascontiguousarray(getattr(self, part.name), dtype=kind))
 
-    def moved(self, world_from_object: FloatArray, scale: float = 1.0) -> TriangleMesh:
+    def moved(self, world_from_object: FloatArray, scale: float = 1.0) -> Self:
         """The same triangles elsewhere."""
         points = se3.transform(world_from_object, scale * self.corners.reshape(-1, 3))
         return replace(self, corners=points.reshape(-1, 3, 3))

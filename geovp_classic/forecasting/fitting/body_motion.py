@@ -4,8 +4,6 @@ Their Student's t is sized so that its 50 % and 90 % intervals hold that share o
 sequence with the same say.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -59,7 +57,6 @@ def packed(coefficients: Coefficients) -> dict[str, FloatArray]:
 
 
 def _sized(fitted: Coefficients, sequences: list[Trajectory], others: list[Trajectory]) -> Coefficients:
-    """The coefficients with a spread."""
     known = [_windows(one, drivable(one)) for one in [*sequences, *others]]
     residuals = [np.abs(states - fitted(twists)).reshape(len(twists), -1) for twists, states in known]
     lively = [liveliness(twists) for twists, _ in known]

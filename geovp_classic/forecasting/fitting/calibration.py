@@ -5,8 +5,6 @@ factor, as split conformal prediction does (Vovk et al. 2005; Romano et al. 2019
 independent, so every sequence has the same weight, whatever its length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 

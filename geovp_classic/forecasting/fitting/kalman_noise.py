@@ -5,8 +5,6 @@ likelihood): one-step innovations alone would give a noise that is right for a t
 windows are filtered at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 

@@ -1,7 +1,5 @@
 """Train an ensemble of small perceptrons with AdamW in plain numpy: minutes on one core, without torch."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass

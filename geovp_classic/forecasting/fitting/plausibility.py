@@ -5,8 +5,6 @@ slides sideways or upwards, or is a metre per second faster from one frame to th
 the car, apart from a little slip of the tyres, and a driver changes its speed within limits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares

@@ -4,8 +4,6 @@ Poses that no car could have driven are left out (`plausibility`): KITTI's groun
 jumps would be too wide wherever it doesn't.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -60,11 +60,13 @@ def outline_found(frames: ByteArray) -> BoolArray:
     return found.mask
 
 
-def test_its_outline_is_found(clip: Clip) -> None:
-    found = outline_found(followed(clip.frames[:PAST], clip.intrinsics))
-    true = outline(clip.intrinsics)
+@pytest.mark.parametrize("rows_cut", [0, 40])
+def test_its_outline_is_found(rows_cut: int, clip: Clip) -> None:
+    frames, full = clip.frames[:PAST, rows_cut:], clip.intrinsics
+    camera = replace(full, cy_px=full.cy_px - rows_cut, height_px=full.height_px - rows_cut)
+    found, true = outline_found(followed(frames, camera)), outline(camera)
     assert (found & true).sum() > 0.9 * true.sum()
-    assert not found[~around(clip.intrinsics)].any()
+    assert not found[~around(camera)].any()
 
 
 def test_it_is_there_only_where_it_stays_near_its_place_and_the_street_does_not(clip: Clip) -> None:
