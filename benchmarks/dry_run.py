@@ -1,5 +1,6 @@
 """What a run would do, and about how long and how large it would be; nothing is written to the results."""
 
+import os
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -62,9 +63,9 @@ def describe(plan: Plan, found: list[RowPlan], workers: int) -> list[str]:
     stored = sum(cost.is_stored for cost in measured)
     source = f"{stored} rows by the times stored with their clips, {len(measured) - stored} by one clip timed just now"
     minutes, seconds = divmod(round(_seconds(found) / workers), 60)
-    root = next(
-        folder for folder in (plan.results.root.resolve(), *plan.results.root.resolve().parents) if folder.exists()
-    )
+    root = Path(os.path.realpath(plan.results.root))
+    while not root.exists():
+        root = root.parent
     free = f"{shutil.disk_usage(root).free / 1e9:.1f} GB are free"
     return [
         *columns(lines),

@@ -29,6 +29,7 @@ def locate(given: Path) -> Path:
 def read(given: Path, settings: Iterable[str] = ()) -> tuple[str, dict[str, Any]]:
     """The name of a matrix and its file's content with the settings in it; BadData when one of them is not TOML."""
     path = locate(given)
+    files.check_name(path.stem, "the matrix")
     try:
         content = tomllib.loads(files.read_text(path))
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError, 5,000 digits are another

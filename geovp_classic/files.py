@@ -72,7 +72,7 @@ def check_file(path: Path) -> None:
 def read_text(path: Path, limit_bytes: int = TEXT_LIMIT) -> str:
     """The text of a file in UTF-8."""
     try:
-        return read_bytes(path, limit_bytes).decode("utf-8")
+        return read_bytes(path, limit_bytes).decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         raise BadData(f"{path} cannot be read as text ({problem}): give a text in UTF-8") from problem
 
@@ -97,7 +97,11 @@ def json_bytes(value: Mapping[str, Any]) -> bytes:
     """The JSON file of an object, with its own checksum, which `read_json` checks."""
     own = {key: each for key, each in value.items() if key not in (SEAL, LAST)}
     text = json.dumps({SEAL: ZEROS, **own, LAST: True}, indent=2, ensure_ascii=False, allow_nan=False)
-    return sealed(f"{text}\n".encode())
+    try:
+        return sealed(f"{text}\n".encode())
+    except UnicodeEncodeError as problem:
+        around = str(problem.object)[max(problem.start - 20, 0) : problem.end]
+        raise BadData(f"...{around!r} is not text in UTF-8: give folders and files other names") from problem
 
 
 def read_npz(path: Path, limit_bytes: int = ARRAYS_LIMIT) -> dict[str, npt.NDArray[Any]]:
@@ -146,10 +150,11 @@ def sealed(content: bytes) -> bytes:
 def check_seal(path: Path, content: bytes) -> bool:
     """Whether the file has a checksum of itself; BadData when it is wrong."""
     found = _SEALED.search(content)
-    if found is None:
+    if found is None and SEAL.encode() not in content:
         return False
-    unsealed = content[: found.start(1)] + ZEROS.encode() + content[found.end(1) :]
-    if hashlib.sha256(unsealed).hexdigest().encode() != found[1]:
+    start, end = (0, 0) if found is None else found.span(1)
+    unsealed = content[:start] + ZEROS.encode() + content[end:]
+    if hashlib.sha256(unsealed).hexdigest().encode() != content[start:end]:
         raise BadData(f"{path} does not match its own checksum, {_DAMAGED}: restore it, or remove it and run again")
     return True
 

@@ -50,7 +50,7 @@ class TorchPredictor(ABC):
         past = images_from_frames(context.frames[-self.num_past :])[None].to(self.device)
         samples = []
         for sample in range(num_samples):
-            with torch.random.fork_rng():
+            with torch.random.fork_rng(), devices.one_thread():
                 torch.manual_seed(int(np.random.SeedSequence([self.seed, sample]).generate_state(1)[0]))
                 samples.append(frames_from_images(_rollout(_loaded(self), past, context.num_future)[0]))
         return Prediction(np.stack(samples))

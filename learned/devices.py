@@ -1,6 +1,7 @@
 """The device that a network computes on: "cpu", "cuda", "cuda:1", or "auto", a GPU where there is one."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
@@ -26,6 +27,17 @@ def resolved(device: str) -> str:
 def described(device: str) -> str:
     """The device in words, such as "cuda:0 (NVIDIA A100)"."""
     return f"{device} ({torch.cuda.get_device_name(device)})" if device.startswith("cuda") else device
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within it, torch computes on one thread of the CPU: sums of several threads differ in their last bits."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def on_one_thread_each(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:

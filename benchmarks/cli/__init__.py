@@ -12,7 +12,6 @@ import io
 import os
 import signal
 import sys
-import textwrap
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -133,7 +132,8 @@ def _run(chosen: argparse.Namespace) -> int:
         return int(getattr(chosen, "verb", print_study)(chosen))
     except GeovpError as error:
         say.info("where it was found", exc_info=True)
-        say.error(textwrap.shorten(str(error), LONGEST, placeholder=" ..."))
+        sentence = " ".join(str(error).split())
+        say.error(sentence if len(sentence) <= LONGEST else f"{sentence[:LONGEST]} ...")
         return BAD_INPUT
     except KeyboardInterrupt:
         print(file=sys.stderr)

@@ -42,6 +42,6 @@ def messages(amount: str) -> Iterator[None]:
 
 def width() -> int | None:
     """How wide what is printed may be: at most WIDEST on a terminal or where COLUMNS says so; None for any width."""
-    if not sys.stdout.isatty() and "COLUMNS" not in os.environ:
+    if (sys.stdout is None or not sys.stdout.isatty()) and "COLUMNS" not in os.environ:
         return None
     return min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)

@@ -1,6 +1,7 @@
 """Score the kept predictions again, with the metrics as they are now."""
 
 import argparse
+import os
 from pathlib import Path
 
 from geovp_benchmarks.arguments import add_device, add_json, add_results_folder
@@ -26,10 +27,10 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks.rescoring import rescore, stored_metrics
     from geovp_benchmarks.store import Results
 
-    folder = chosen.folder.resolve()
+    folder = Path(os.path.realpath(chosen.folder))
     results = Results(chosen.folder)
     into = Results(chosen.out or folder.with_name(f"{folder.name}-rescored"))
-    if into.root.resolve() == results.root.resolve():
+    if os.path.realpath(into.root) == os.path.realpath(results.root):
         raise BadData(f"--out {into.root} is the folder that is scored: give another one, stored rows stay as they are")
     matrix = None if chosen.metrics is None else matrices.read(chosen.metrics).with_device(chosen.device)
     with on_device(chosen.device if matrix is None else matrix.device):

@@ -13,6 +13,7 @@ from geovp_classic.types import ByteArray
 PREDICTED = np.array([230, 120, 20], np.uint8)  # the bar above predicted frames
 BAR_SHARE = 1 / 64  # of a frame's height
 GAP_PX = 4
+LONGEST_MS = 655_350  # between two frames of a gif
 HORIZONS = (1, 5, 10, 15, 20)  # of the frames in a film strip
 LABEL_PX = 22
 CODEC, PIXELS, QUALITY = "libx264", "yuv420p", "18"  # what every browser plays; a constant rate factor
@@ -92,6 +93,6 @@ def gif(frames: ByteArray, rate_hz: float) -> bytes:
 
     images = [Image.fromarray(frame) for frame in frames]
     buffer = io.BytesIO()
-    step_ms = max(20, round(1000 / rate_hz))
+    step_ms = min(max(20, round(1000 / rate_hz)), LONGEST_MS)
     images[0].save(buffer, "GIF", save_all=True, append_images=images[1:], duration=step_ms, loop=0)
     return buffer.getvalue()

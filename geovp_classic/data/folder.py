@@ -13,6 +13,7 @@ from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory
 
+LEAST_RATE_HZ = 0.02  # a frame in 50 s
 FOLDER_RATE_HZ = 10.0  # as KITTI; images don't say when they were taken
 
 
@@ -49,8 +50,8 @@ class Folder(SequenceDataset):
         for name in ("path", "times", "trajectory"):  # scripts give text
             given = getattr(self, name)
             object.__setattr__(self, name, None if given is None else Path(given))
-        if self.frame_rate_hz is not None and not 0 < self.frame_rate_hz < np.inf:
-            raise BadData(f"frame_rate_hz is {self.frame_rate_hz}, expected a positive number")
+        if self.frame_rate_hz is not None and not LEAST_RATE_HZ <= self.frame_rate_hz < np.inf:
+            raise BadData(f"frame_rate_hz is {self.frame_rate_hz}, expected a number of at least {LEAST_RATE_HZ}")
         if self.frame_rate_hz is not None and self.times is not None:
             raise BadData("both frame_rate_hz and times are given: keep one of them")
         self._check()

@@ -23,6 +23,7 @@ from geovp_classic.types import FloatArray, Trajectory
 
 ROTATION_TOLERANCE = 1e-3  # of R R' - I and of a quaternion's length; the nearest rotation is taken within it
 LARGEST = 2.0**63  # times in nanoseconds are below it
+LONGEST_STEP_S = 60.0  # from time to time, more often than not: longer ones are not in seconds
 FARTHEST = 1e9  # a position; the Earth is 1.3e7 m wide
 _WORD = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 IndexArray = npt.NDArray[np.int64]
@@ -148,7 +149,12 @@ def _quaternion_table(path: Path, rows: list[Row], findings: list[Finding]) -> t
 def scan_times(path: Path) -> tuple[FloatArray, tuple[int, ...], list[Finding]]:
     """The good times [N] in seconds, their line numbers, and the errors of the other lines."""
     rows, findings = _scan_rows(path, "times", (1,), "one time in seconds")
-    return np.array([row.numbers[0] for row in rows]), tuple(row.line for row in rows), _sorted(findings)
+    times_s = np.array([row.numbers[0] for row in rows])
+    if len(times_s) > 1 and (step_s := float(np.median(np.diff(times_s)))) > LONGEST_STEP_S:
+        findings.append(
+            error(path, None, f"half of the times are {step_s:.4g} or more apart, expected times in seconds")
+        )
+    return times_s, tuple(row.line for row in rows), _sorted(findings)
 
 
 def read_lines(path: Path) -> tuple[list[tuple[int, str]], list[Finding]]:

@@ -35,7 +35,10 @@ LARGEST_LOG_GAIN = math.log(2)
 SATURATED = 235.0  # grey values above this one are partly saturated
 SATURATED_SHARE = 0.3  # of a darkening (in log steps) that saturated pixels show
 SATURATED_BLUR_PX = 1.5
-CONTROL_STEP_S = 0.1  # between two steps of the control, as between two frames
+CONTROL_STEP_S, MOST_STEPS = (
+    0.1,
+    600,
+)  # between two steps of the control, as between two frames; it has long settled then
 METER_PX = 64  # height of the whole images that the future mean is taken from
 GREYS = np.arange(256.0)
 SATURATION = np.clip((GREYS - SATURATED) / (255 - SATURATED), 0, 1) ** 2
@@ -114,7 +117,7 @@ class ExposureControl:
         if since_s <= 0:
             return float(-np.interp(since_s, measured.seconds, measured.log_gains))
         gain, speed_hz, off = 0.0, measured.log_rate_hz, _log(float(last @ tone_curve(0.0))) - log_level
-        num_steps = max(1, round(since_s / CONTROL_STEP_S))
+        num_steps = min(max(1, round(since_s / CONTROL_STEP_S)), MOST_STEPS)
         dt_s = since_s / num_steps
         lasting = math.exp(-dt_s / self.inertia_s)
         for share in np.arange(1, num_steps + 1) / num_steps:

@@ -11,7 +11,7 @@ from torch import Tensor
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Motion, Trajectory
-from geovp_learned import checkpoints
+from geovp_learned import checkpoints, devices
 from geovp_learned.deepvo.network import Architecture, motions
 from geovp_learned.tensors import images_from_frames, reproject, shrink
 
@@ -36,7 +36,8 @@ class _PretrainedDeepVo(checkpoints.Pretrained):
         if len(images) < 2:
             raise Incompatible("deepvo compares pairs of frames, the past has but one: give num_past of 2 or more")
         (network, settings), num_past = self.load(), len(images)
-        steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
+        with devices.one_thread():
+            steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
         past, future = (motions(part[0].double().cpu(), settings.architecture.head).numpy() for part in steps)
         world_from_cam = np.concatenate([np.eye(4)[None], _chained(past)])
         trajectory = Trajectory(world_from_cam, times_s[:num_past].copy(), is_metric=True)

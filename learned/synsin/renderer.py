@@ -12,7 +12,7 @@ from torch import Tensor
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Intrinsics, Trajectory, Views
-from geovp_learned import checkpoints
+from geovp_learned import checkpoints, devices
 from geovp_learned.synsin.network import FeatureCloud, Generator
 from geovp_learned.synsin.pairs import intrinsics_tensor
 from geovp_learned.tensors import frames_from_images, images_from_frames
@@ -45,7 +45,7 @@ class SynSin(checkpoints.Pretrained):
             raise Incompatible("synsin's depth is in metres, the poses are not: give the odometry a scale")
         generator, _ = self.load()
         assert isinstance(generator, Generator)
-        with torch.inference_mode():
+        with torch.inference_mode(), devices.one_thread():
             noise = drawn(generator.noise_size, self.seed).to(self.device)
             frame = images_from_frames(context.frames[-1:]).to(self.device)
             cloud = generator.encode(frame, intrinsics_tensor(context.intrinsics).to(self.device), noise)
@@ -64,7 +64,8 @@ class FeatureScene:
     def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
         """The cloud from the poses [F, 4, 4]; covered where points project, invented by the network elsewhere."""
         cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
-        views = [self._view(one, intrinsics) for one in cam_from_last.split(1)]  # in batches the last bits would differ
+        # In batches, or by several threads, the last bits would differ
+        views = devices.on_one_thread_each(lambda one: self._view(one, intrinsics), cam_from_last.split(1))
         return Views(*(np.concatenate(arrays) for arrays in zip(*views, strict=True)))
 
     @torch.inference_mode()

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Context, Prediction
-from geovp_learned import checkpoints, methods
+from geovp_learned import checkpoints, devices, methods
 from geovp_learned.tensors import frames_from_images, stack
 from geovp_learned.video.training import resize, unwrapped
 
@@ -54,7 +54,7 @@ class VideoPredictor(checkpoints.Pretrained):
         for first in range(0, num_samples, at_once):
             samples = range(first, min(first + at_once, num_samples))
             noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
-            with torch.inference_mode():
+            with torch.inference_mode(), devices.one_thread():
                 images = network.predict(observed, noise)
             for sample, sample_frames in zip(samples, frames_from_images(images), strict=True):
                 frames[sample] = resize(sample_frames, width_px, height_px)

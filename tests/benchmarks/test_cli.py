@@ -108,6 +108,8 @@ class TestScore:
         out = tmp_path / "out"
         assert "keeps no predictions: run it again with --keep" in refused("score", out)
         assert "is the folder that is scored" in refused("score", out, "--out", out)
+        (tmp_path / "loop").symlink_to("loop")
+        assert "loop has no protocol.json: not a results folder" in refused("score", tmp_path / "loop")
 
     def test_skipped_cells_stay_skipped(self, tmp_path: Path, command: Command) -> None:
         command(*run(tmp_path, other={"name": "toy-misfit"}))

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import cli
+from geovp_benchmarks import cli, matrix_files
 from geovp_benchmarks.store import Results
 
 from .conftest import Command, Says
@@ -72,6 +72,17 @@ class TestNames:
 
     def test_an_unknown_name_is_2_with_the_nearest(self, refused: Says) -> None:
         assert "no matrix file is called 'dmo': did you mean 'demo'?" in refused("run", "dmo")
+
+    def test_a_file_name_that_is_no_text_is_2_and_begins_nothing(self, tmp_path: Path, refused: Says) -> None:
+        path = tmp_path / os.fsdecode(b"t\xff.toml")
+        path.write_bytes(matrix_files.locate(Path("demo")).read_bytes())
+        assert "is not text in UTF-8 on one line: rename it" in refused("run", str(path), "--out", tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+    def test_a_long_word_is_cut_and_not_left_out(self, refused: Says) -> None:
+        text = refused("run", "demo", "--set", f"protocol.stride={'9' * 6000}")
+        assert text.startswith("geovp: protocol.stride is '999")
+        assert len(text) < 2100
 
 
 @pytest.mark.usefixtures("toys")

@@ -47,6 +47,29 @@ def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: P
         frames.read_image(tmp_path / "tall.png")
 
 
+def test_a_byte_order_mark_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "times.txt").write_bytes(b"\xef\xbb\xbf0.0\n0.1\n")
+    assert pose_files.read_times(tmp_path / "times.txt").tolist() == [0.0, 0.1]
+
+
+def test_a_damaged_place_of_a_checksum_is_no_missing_one(tmp_path: Path) -> None:
+    whole = files.json_bytes({"name": "a", "count": 3})
+    assert files.read_json(_written(tmp_path, whole)) == {"name": "a", "count": 3}
+    damaged = whole.replace(b'"file-sha256": ', b'"file-sha256":\t').replace(b'"count": 3', b'"count": 7')
+    with pytest.raises(BadData, match="does not match its own checksum"):
+        files.read_json(_written(tmp_path, damaged))
+
+
+def _written(folder: Path, content: bytes) -> Path:
+    (folder / "record.json").write_bytes(content)
+    return folder / "record.json"
+
+
+def test_a_name_that_is_no_text_is_refused_in_a_record() -> None:
+    with pytest.raises(BadData, match=r"kitti.* is not text in UTF-8"):
+        files.json_bytes({"root": os.fsdecode(b"path/to/kitti\xff")})
+
+
 def test_numbers_are_what_they_look_like(tmp_path: Path) -> None:
     for word in ("1_0", "\uff11\uff10", "0x10", "1e999", "nan", "9" * 400):
         assert isinstance(pose_files.parse_row(tmp_path, 1, word), pose_files.Finding), word

@@ -3,6 +3,7 @@ import torch
 
 from geovp_classic import registry
 from geovp_classic.errors import BadData
+from geovp_classic.types import Clip, Grant
 from geovp_learned import devices
 
 
@@ -33,6 +34,31 @@ def test_what_a_part_says_itself_comes_first() -> None:
         with pytest.raises(BadData, match=r"frame_metrics: device 'abacus' cannot be used"):
             registry.build("frame_metrics", "lpips")
     assert registry.build("frame_metrics", "lpips").device is None  # as in results of before
+
+
+@pytest.mark.parametrize("name", ["synsin", "srvp", "deepvo"])
+def test_networks_give_the_same_bits_with_any_number_of_threads(name: str) -> None:
+    clip = registry.build("datasets", {"name": "synthetic", "num_clips": 3, "num_frames": 14, "size_px": [128, 128]})[2]
+    before, found = torch.get_num_threads(), []
+    try:
+        for count in (1, 2):
+            torch.set_num_threads(count)
+            found.append(_bytes_of(name, clip))
+            assert torch.get_num_threads() == count
+    finally:
+        torch.set_num_threads(before)
+    assert found[0] == found[1]
+
+
+def _bytes_of(name: str, clip: Clip) -> bytes:
+    context, _ = clip.split(5, ~Grant.NONE)
+    if name == "srvp":
+        return bytes(registry.build("predictors", name).predict(context).frames.tobytes())
+    if name == "deepvo":
+        return bytes(registry.build("pose_sources", name).estimate(context).futures.tobytes())
+    scene = registry.build("renderers", name).reconstruct(context, context.past)
+    views = scene.view(context.future.world_from_cam, context.future.times_s, context.intrinsics)
+    return bytes(views.frames.tobytes() + views.depths.tobytes())
 
 
 def test_tasks_run_on_one_thread_each_and_the_number_of_threads_stays() -> None:

@@ -114,6 +114,7 @@ def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_text("0\n1\n")
     wrong: list[tuple[dict[str, object], str]] = [
         ({"frame_rate_hz": 0.0}, "frame_rate_hz is 0.0"),
+        ({"frame_rate_hz": 1e-8}, "expected a number of at least 0.02"),
         ({"times": tmp_path / "times.txt"}, r"times\.txt: 2 times for 12 frames"),
         ({"times": tmp_path / "times.txt", "frame_rate_hz": 1.0}, "both frame_rate_hz and times"),
         ({"trajectory": tmp_path / "none.txt"}, r"none\.txt: does not exist"),

@@ -166,7 +166,11 @@ def test_the_format_is_told_by_the_numbers_on_a_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("0\n0.1\n0.1\n", "line 3: time 0.1 is not after 0.1 of line 2"), ("0\n1 2\n", "line 2: 2 numbers, expected one")],
+    [
+        ("0\n0.1\n0.1\n", "line 3: time 0.1 is not after 0.1 of line 2"),
+        ("0\n1 2\n", "line 2: 2 numbers, expected one"),
+        ("0\n100000000\n200000000\n", r"half of the times are 1e\+08 or more apart, expected times in seconds"),
+    ],
 )
 def test_times_must_increase(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "times.txt").write_text(text)
