@@ -150,7 +150,7 @@ def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(images
         (f"{PINHOLE} --fps 10 --past 99", "99 must be seen"),
         (f"{PINHOLE} --fps 10 --past 1", "shows no motion"),
         (f"{PINHOLE} --fps 10 --past 8 --first 7", "the last possible is"),
-        (f"{PINHOLE} --fps 0", "expected a positive number"),
+        (f"{PINHOLE} --fps 0", "expected a number of at least 0.02"),
         (f"{PINHOLE} --fps 10 --fov 90", "keep one"),
         (f"{PINHOLE} --fps 10 --pose-source ground-truth", "does not have"),
         (f"{PINHOLE} --fps 10 --predictor copy-last --renderer depth-fusion", "give it alone"),
