@@ -53,7 +53,7 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Cli
     )
     examples = fine.examples([tiny_clip], training=True)
     assert len(examples) == 8
-    _, history = trained(fine, examples, num_steps=450, final_share=0.0)
+    _, history = trained(fine, examples, num_steps=380, final_share=0.0)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
     assert last["generator.colour"] < 0.008
