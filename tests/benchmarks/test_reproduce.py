@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli, protocols, reproduction, statistics, thesis
+from geovp_benchmarks import cli, plots, protocols, reproduction, statistics, thesis
 from geovp_benchmarks.store import Results
 from geovp_classic.contracts import street
 from geovp_classic.data.synthetic import Synthetic
@@ -37,7 +37,9 @@ def root(tmp_path_factory: pytest.TempPathFactory, write_kitti_raw: Callable[...
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     """The exit code and the results of one clip."""
     out = tmp_path_factory.mktemp("out")
-    code = cli.main(["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"])
+    with pytest.MonkeyPatch.context() as patch:  # what is in figures is tested elsewhere
+        patch.setattr(plots, "rendered", lambda page, kind: b"")
+        code = cli.main(["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"])
     return code, Results(out)
 
 

@@ -64,7 +64,7 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Cli
 
 def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSinTraining, tiny_clip: Clip) -> None:
     examples = method.examples([tiny_clip], training=True)
-    networks, history = trained(method, examples, num_steps=220)
+    networks, history = trained(method, examples, num_steps=190)
     first, last = history[0], history[-1]
     assert first["generator.colour"] > 0.05
     assert last["generator.colour"] < 0.025
