@@ -123,7 +123,7 @@ def _checked(path: Path) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
 def _database() -> Iterator[tuple[duckdb.DuckDBPyConnection, IO[bytes], str]]:
     """The database, and an empty nameless file, which no kill leaves behind, with its place for the database."""
     with ALONE:
-        database, file = _memory()
+        database, file = _memory(os.getpid())
         try:
             with database.cursor() as cursor:
                 yield cursor, file, f"'{OPEN_FILES}/{file.fileno()}'"
@@ -138,8 +138,8 @@ def _database() -> Iterator[tuple[duckdb.DuckDBPyConnection, IO[bytes], str]]:
 
 
 @functools.cache
-def _memory() -> tuple[duckdb.DuckDBPyConnection, IO[bytes]]:
-    """An empty database without extensions and network, and the only file besides open ones that it may see."""
+def _memory(_process: int) -> tuple[duckdb.DuckDBPyConnection, IO[bytes]]:
+    """An empty database without extensions and network, and a file for it; a fork of the process needs its own."""
     off = dict.fromkeys(NO_EXTENSIONS, False)
     database = duckdb.connect(":memory:", config={"threads": 1, "memory_limit": "512MB", "temp_directory": "", **off})
     with tempfile.TemporaryDirectory() as folder:

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import multiprocessing
+import os
 import resource
 from pathlib import Path
 from typing import Any
@@ -228,6 +230,18 @@ def test_the_database_sees_no_other_file(tmp_path: Path) -> None:
         database.execute(f"SELECT * FROM read_csv('{tmp_path}/secret.csv')")
     with part_files._database() as (database, _, _), pytest.raises(duckdb.Error, match="locked"):
         database.execute("SET enable_external_access = true")
+
+
+def _file_of_the_database() -> int:
+    with part_files._database() as (_, file, _):
+        return os.fstat(file.fileno()).st_ino
+
+
+def test_a_fork_writes_parts_into_a_file_of_its_own() -> None:
+    own = _file_of_the_database()
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert pool.apply(_file_of_the_database) != own
+    assert _file_of_the_database() == own
 
 
 def test_one_other_bit_in_the_middle_of_a_part_is_noticed(tmp_path: Path) -> None:
