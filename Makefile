@@ -29,7 +29,7 @@ mutation: $(READY)  ## do the tests notice changed sources? MODULE=geometry|metr
 	@set -e; $(BIN)/python -m pip install --quiet --constraint constraints.txt cosmic-ray; \
 	bin="$$PWD/$(BIN)"; copy=$$(mktemp -d); trap 'rm -rf "$$copy"' EXIT; \
 	git ls-files -z | xargs -0 cp --parents -P -t "$$copy"; cd "$$copy"; \
-	export PATH="$$bin:$$PATH" PYTHONPATH="$$copy/src" NUMBA_CACHE_DIR="$$copy/.numba" PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 CI=true; \
+	export PATH="$$bin:$$PATH" PYTHONPATH="$$copy:$$copy/learned:$$copy/benchmarks" NUMBA_CACHE_DIR="$$copy/.numba" PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 CI=true; \
 	config=tests/mutation_testing/$(MODULE).toml; \
 	cosmic-ray init $$config session.sqlite; cr-filter-operators session.sqlite $$config; \
 	python tests/mutation_testing/sample.py session.sqlite --count $(MUTANTS) --seed $(SEED); \
@@ -86,7 +86,7 @@ $(READY): pyproject.toml constraints.txt
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV) (once; some minutes, about 4 GB) ..."
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch || $(NO_ROOM)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=compat --editable '.[learned,onnx,volume,video,cluster,completion,dev]' || $(NO_ROOM)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[learned,onnx,volume,video,cluster,completion,dev]' || $(NO_ROOM)
 	@$(BIN)/python -c 'import open3d' 2>/dev/null || \
 	  { echo "Open3D cannot be imported: install the Debian package libusb-1.0-0 (as root: apt-get install libusb-1.0-0)"; exit 1; }
 	@touch $@

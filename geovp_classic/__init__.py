@@ -1,4 +1,5 @@
-"""GeoVP: geometry-based video prediction with a moving camera; the classical suite (no torch in here).
+"""GeoVP: geometry-based video prediction with a moving camera; the classical suite (no torch in
+here).
 
 The public API, each name imported on its first use: `import geovp_classic as geovp` costs nothing.
 """
@@ -8,17 +9,27 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from geovp_classic.api import evaluate, open_clip, predict, show
     from geovp_classic.registry import build, load
-    from geovp_classic.types import Clip, Context, Grant, Intrinsics, Motion, Prediction, Target, Trajectory, Views
+    from geovp_classic.types import (
+        Clip,
+        Context,
+        Intrinsics,
+        Motion,
+        Prediction,
+        PrivilegedInput,
+        Target,
+        Trajectory,
+        Views,
+    )
 
     __version__: str
 
 __all__ = [
     "Clip",
     "Context",
-    "Grant",
     "Intrinsics",
     "Motion",
     "Prediction",
+    "PrivilegedInput",
     "Target",
     "Trajectory",
     "Views",
@@ -45,7 +56,9 @@ if not TYPE_CHECKING:
         if name == "__version__":
             value: object = metadata.version("geovp-classic")
         else:
-            value = getattr(importlib.import_module(f"geovp_classic.{_MODULE_OF.get(name, 'types')}"), name)
+            value = getattr(
+                importlib.import_module(f"geovp_classic.{_MODULE_OF.get(name, 'types')}"), name
+            )
         globals()[name] = value
         return value
 

@@ -1,4 +1,6 @@
-"""pycolmap without the handler of SIGTERM that its import puts in place, which prints a stack of C++ and dies."""
+"""pycolmap without the handler of SIGTERM that its import puts in place, which prints a stack of
+C++ and dies.
+"""
 
 import signal
 import threading

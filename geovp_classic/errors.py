@@ -2,7 +2,9 @@
 
 
 class GeovpError(Exception):
-    """Base of all errors that a user can correct; the command line prints them in one line and exits with 2."""
+    """Base of all errors that a user can correct; the command line prints them in one line and
+    exits with 2.
+    """
 
 
 class BadData(GeovpError):
@@ -10,7 +12,9 @@ class BadData(GeovpError):
 
 
 class Incompatible(GeovpError):
-    """Two parts cannot work together, or a part cannot work with this clip; the harness records the cell as skipped."""
+    """Two parts cannot work together, or a part cannot work with this clip; the harness records the
+    cell as skipped.
+    """
 
 
 class UnknownComponent(GeovpError):

@@ -1,4 +1,6 @@
-"""The interfaces of the suite: one-method Protocols that a component or plug-in fulfils without a base class."""
+"""The interfaces of the suite: one-method Protocols that a component or plug-in fulfils without a
+base class.
+"""
 
 from typing import Protocol, runtime_checkable
 
@@ -8,10 +10,10 @@ from geovp_classic.types import (
     Clip,
     Context,
     FloatArray,
-    Grant,
     Intrinsics,
     Motion,
     Prediction,
+    PrivilegedInput,
     Trajectory,
     Views,
 )
@@ -21,13 +23,15 @@ class Component(Protocol):
     """A component with access to a context."""
 
     @property
-    def needs(self) -> Grant:
+    def needs(self) -> PrivilegedInput:
         """The parts of the context that it must be granted."""
 
 
 @runtime_checkable
 class Odometry(Component, Protocol):
-    """Estimates the past trajectory from the frames; never raises on hard images but bridges and marks the step."""
+    """Estimates the past trajectory from the frames; never raises on hard images but bridges and
+    marks the step.
+    """
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         """The past trajectory [P] and which steps were really tracked [P]."""
@@ -55,10 +59,13 @@ class ScaleEstimator(Protocol):
         Where nothing could be measured the unit may be assumed from that.
         """
 
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
+    def update(
+        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
+    ) -> None:
         """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry.
 
-        `radial` is the distortion that the odometry found: undistorted ray = ray * (1 + radial * |ray|^2).
+        `radial` is the distortion that the odometry found: undistorted ray = ray * (1 + radial *
+        |ray|^2).
         """
 
     def restart(self) -> None:
@@ -76,7 +83,8 @@ class Scale(Component, Protocol):
     def estimator(
         self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
     ) -> ScaleEstimator:
-        """A fresh estimator for one camera and one drive; Incompatible when what it needs is missing.
+        """A fresh estimator for one camera and one drive; Incompatible when what it needs is
+        missing.
 
         The camera looks about `pitch_rad` above the direction in which it travels.
         """
@@ -95,7 +103,9 @@ class PoseSource(Component, Protocol):
     """Gives the camera's past and future motion."""
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks what it needs."""
+        """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks
+        what it needs.
+        """
 
 
 @runtime_checkable
@@ -114,17 +124,25 @@ class DepthSource(Component, Protocol):
     """Estimates the depth of the observed pixels."""
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H, W] in [0, 1]."""
+        """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H,
+        W] in [0, 1].
+        """
 
 
 @runtime_checkable
 class Scene(Protocol):
-    """A reconstruction from the past; can be rendered from any pose, at any time, any number of times."""
+    """A reconstruction from the past; can be rendered from any pose, at any time, any number of
+    times.
+    """
 
-    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The scene from the poses [F, 4, 4] at the times [F], in the world frame and on the clock of its past.
+    def view(
+        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+    ) -> Views:
+        """The scene from the poses [F, 4, 4] at the times [F], in the world frame and on the clock
+        of its past.
 
-        Row k depends on pose k and time k alone: not on the other rows, their order or their number.
+        Row k depends on pose k and time k alone: not on the other rows, their order or their
+        number.
         """
 
 
@@ -137,10 +155,10 @@ class Renderer(Component, Protocol):
 
 
 @runtime_checkable
-class Fill(Protocol):
+class Inpainter(Protocol):
     """Invents the pixels that a scene does not cover."""
 
-    def fill(self, views: Views, last: ByteArray) -> ByteArray:
+    def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
         """Frames [F, H, W, 3], unchanged where `views.covered`; each from its own view alone.
 
         `last` [H, W, 3] is the last observed frame, resampled to the views' camera.
@@ -158,7 +176,8 @@ class FramePredictor(Component, Protocol):
 class Metric(Protocol):
     """A measure with one number per step.
 
-    An optional attribute `bounds`, (lowest, highest), says what values it can have: intervals of means are cut there.
+    An optional attribute `bounds`, (lowest, highest), says what values it can have: intervals of
+    means are cut there.
     """
 
     @property
@@ -174,8 +193,12 @@ class Metric(Protocol):
 class FrameMetric(Metric, Protocol):
     """Compares predicted with real frames, step by step."""
 
-    def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> FloatArray:
-        """One number per step [F] from frames [F, H, W, 3]; only pixels of the mask [F, H, W] count; NaN for none."""
+    def __call__(
+        self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None
+    ) -> FloatArray:
+        """One number per step [F] from frames [F, H, W, 3]; only pixels of the mask [F, H, W]
+        count; NaN for none.
+        """
 
 
 @runtime_checkable

@@ -1,7 +1,8 @@
-"""Work on several images at once, in threads: OpenCV and numpy release the GIL, so each core takes an image.
+"""Work on several images at once, in threads: OpenCV and numpy release the GIL, so each core takes
+an image.
 
-BLAS gains nothing from more threads on small matrices: OpenBLAS's threads wait busily for the next product, for some
-hundredths of a second, and hold the cores that other threads need.
+BLAS gains nothing from more threads on small matrices: OpenBLAS's threads wait busily for the next
+product, for some hundredths of a second, and hold the cores that other threads need.
 """
 
 import functools
@@ -13,7 +14,8 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from threadpoolctl import ThreadpoolController
 
-# For numba's `fastmath`: loops become vectors without changing a result. What it leaves out (sums in another order,
+# For numba's `fastmath`: loops become vectors without changing a result. What it leaves out (sums
+# in another order,
 # fused and approximate operations) gives other bits on other processors.
 SAME_BITS = {"nnan", "ninf", "nsz"}
 
@@ -25,8 +27,8 @@ Parameters = ParamSpec("Parameters")
 def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
     """The results in the order of the tasks.
 
-    The calling thread works beside those of a pool, so that nested calls cannot deadlock. After an error no further
-    task is started.
+    The calling thread works beside those of a pool, so that nested calls cannot deadlock. After an
+    error no further task is started.
     """
     todo = list(tasks)
     results: list[Any] = [None] * len(todo)
@@ -45,7 +47,9 @@ def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[
     try:
         work_on()
     finally:
-        started = [other for other in others if not other.cancel()]  # the pool may be busy with other calls
+        started = [
+            other for other in others if not other.cancel()
+        ]  # the pool may be busy with other calls
         wait(started)
     for other in started:
         other.result()

@@ -1,6 +1,8 @@
-"""Build components, ours or a plug-in's, from a name and settings, and describe them as such a table again.
+"""Build components, ours or a plug-in's, from a name and settings, and describe them as such a
+table again.
 
-Components register under entry-point groups `geovp.<role>` and are imported only when asked for by name.
+Components register under entry-point groups `geovp.<role>` and are imported only when asked for by
+name.
 """
 
 import contextlib
@@ -32,7 +34,7 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
     "scales": interfaces.Scale,
     "depth_sources": interfaces.DepthSource,
     "renderers": interfaces.Renderer,
-    "fills": interfaces.Fill,
+    "inpainters": interfaces.Inpainter,
     "predictors": interfaces.FramePredictor,
     "frame_metrics": interfaces.FrameMetric,
     "trajectory_metrics": interfaces.TrajectoryMetric,
@@ -40,7 +42,10 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
 }
 ROLES = (*PROTOCOL_OF_ROLE, "executors")
 NO_PART = "none"  # TOML has no None: this leaves a part out
-EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {"dask": "cluster", "rerun": "viz"}
+EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {
+    "dask": "cluster",
+    "rerun": "viz",
+}
 EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion", "onnx": "onnx"}
 
 _DEFAULTS: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
@@ -52,26 +57,38 @@ def names(role: str) -> list[str]:
 
 
 def load(role: str, name: str) -> type:
-    """The class behind a name; UnknownComponent with the nearest name, MissingExtra when it cannot be imported."""
+    """The class behind a name; UnknownComponent with the nearest name, MissingExtra when it cannot
+    be imported.
+    """
     entry_points = _entry_points(role)
     if name not in entry_points:
-        raise UnknownComponent(f"no {_singular(role)} is called {name!r}{nearest(name, entry_points)}")
+        raise UnknownComponent(
+            f"no {_singular(role)} is called {name!r}{nearest(name, entry_points)}"
+        )
     entry_point = entry_points[name]
-    logger.info("importing %s, %s %r of %s", entry_point.value, _singular(role), name, _package(entry_point))
+    logger.info(
+        "importing %s, %s %r of %s", entry_point.value, _singular(role), name, _package(entry_point)
+    )
     try:
         component: type = entry_point.load()
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
         remedy = install_command(extra) if extra else f"install {module or 'the missing module'}"
-        raise MissingExtra(f"{_singular(role)} {name!r} needs {module}, which is not installed: {remedy}") from error
+        raise MissingExtra(
+            f"{_singular(role)} {name!r} needs {module}, which is not installed: {remedy}"
+        ) from error
     except (ImportError, AttributeError, OSError) as error:
-        raise MissingExtra(f"{_singular(role)} {name!r} cannot be loaded ({error}): mend or reinstall it") from error
+        raise MissingExtra(
+            f"{_singular(role)} {name!r} cannot be loaded ({error}): mend or reinstall it"
+        ) from error
     return component
 
 
 def install_command(extra: str) -> str:
-    """The pip command that adds an extra, from the clone or the file that GeoVP itself was installed from (PEP 610)."""
+    """The pip command that adds an extra, from the clone or the file that GeoVP itself was
+    installed from (PEP 610).
+    """
     about = json.loads(metadata.distribution("geovp-classic").read_text("direct_url.json") or "{}")
     url = urlsplit(about.get("url", ""))
     origin = url2pathname(url.path) if url.scheme == "file" else ""
@@ -81,21 +98,27 @@ def install_command(extra: str) -> str:
 
 
 def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:
-    """The component of {"name": ..., **fields}; fields that are components are built from nested tables.
+    """The component of {"name": ..., **fields}; fields that are components are built from nested
+    tables.
 
-    `where` names the place in the user's file for messages. Raises UnknownComponent, MissingExtra or BadData.
+    `where` names the place in the user's file for messages. Raises UnknownComponent, MissingExtra
+    or BadData.
     """
     where = where or role
     table: Mapping[str, Any] = {"name": spec} if isinstance(spec, str) else spec
     if not isinstance(table, Mapping) or not isinstance(table.get("name"), str):
-        raise BadData(f'{where}: {spec!r} is not a component, expected a table like {{ name = "..." }}')
+        raise BadData(
+            f'{where}: {spec!r} is not a component, expected a table like {{ name = "..." }}'
+        )
     given = {key: value for key, value in table.items() if key != "name"}
     return construct(load(role, table["name"]), given, where, table["name"])
 
 
 @contextlib.contextmanager
 def defaults(**fields: Any) -> Iterator[None]:
-    """Within it, components that have one of these fields and are not given it get this value, nested ones too."""
+    """Within it, components that have one of these fields and are not given it get this value,
+    nested ones too.
+    """
     token = _DEFAULTS.set(fields)
     try:
         yield
@@ -104,10 +127,11 @@ def defaults(**fields: Any) -> Iterator[None]:
 
 
 def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") -> Any:
-    """The dataclass of a table of its fields, checked against their types; `name` is what messages call it.
+    """The dataclass of a table of its fields, checked against their types; `name` is what messages
+    call it.
 
-    `where` names the place in the user's file. Raises UnknownComponent for a field that it lacks, BadData for a value
-    of another type and for a required field that is not given.
+    `where` names the place in the user's file. Raises UnknownComponent for a field that it lacks,
+    BadData for a value of another type and for a required field that is not given.
     """
     name, hints = name or kind.__name__, _field_types(kind)
     given = {key: value for key, value in _DEFAULTS.get({}).items() if key in hints} | dict(given)
@@ -115,7 +139,9 @@ def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") 
         if key not in hints:
             raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}")
     for field in dataclasses.fields(kind):
-        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        required = (
+            field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        )
         if field.init and required and field.name not in given:
             raise BadData(f"{where}: {name!r} needs the field {field.name!r}: add it to the table")
     fields = {key: _value(value, hints[key], f"{where}.{key}") for key, value in given.items()}
@@ -134,7 +160,11 @@ def describe(component: Any) -> dict[str, Any]:
 
 def _settings(owner: Any) -> dict[str, Any]:
     """The fields of a dataclass as plain values; a None that is the default is left out."""
-    values = [(field, _plain(getattr(owner, field.name))) for field in dataclasses.fields(owner) if field.init]
+    values = [
+        (field, _plain(getattr(owner, field.name)))
+        for field in dataclasses.fields(owner)
+        if field.init
+    ]
     return {
         field.name: NO_PART if value is None else value
         for field, value in values
@@ -164,15 +194,26 @@ def nearest(word: str, known: Iterable[str]) -> str:
 def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
     if role not in ROLES:
         raise UnknownComponent(f"there is no role {role!r}{nearest(role, ROLES)}")
-    return {entry_point.name: entry_point for entry_point in metadata.entry_points(group=f"geovp.{role}")}
+    return {
+        entry_point.name: entry_point
+        for entry_point in metadata.entry_points(group=f"geovp.{role}")
+    }
 
 
 def _package(entry_point: metadata.EntryPoint) -> str:
-    return "an unknown package" if entry_point.dist is None else f"{entry_point.dist.name} {entry_point.dist.version}"
+    return (
+        "an unknown package"
+        if entry_point.dist is None
+        else f"{entry_point.dist.name} {entry_point.dist.version}"
+    )
 
 
 def _singular(role: str) -> str:
-    return role.removesuffix("ies") + "y" if role.endswith("ies") else role.removesuffix("s").replace("_", " ")
+    return (
+        role.removesuffix("ies") + "y"
+        if role.endswith("ies")
+        else role.removesuffix("s").replace("_", " ")
+    )
 
 
 def _fits(role: str, component: Any) -> bool:
@@ -182,7 +223,9 @@ def _fits(role: str, component: Any) -> bool:
 
 def _field_types(component: type) -> dict[str, Any]:
     if not dataclasses.is_dataclass(component):
-        raise BadData(f"{component.__name__} is not a dataclass: a component's fields are its settings")
+        raise BadData(
+            f"{component.__name__} is not a dataclass: a component's fields are its settings"
+        )
     hints = typing.get_type_hints(component)
     return {field.name: hints[field.name] for field in dataclasses.fields(component) if field.init}
 
@@ -190,7 +233,11 @@ def _field_types(component: type) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     """A field's value as TOML and JSON have it."""
     if dataclasses.is_dataclass(value):
-        return describe(value) if any(_fits(role, value) for role in PROTOCOL_OF_ROLE) else _settings(value)
+        return (
+            describe(value)
+            if any(_fits(role, value) for role in PROTOCOL_OF_ROLE)
+            else _settings(value)
+        )
     if isinstance(value, pathlib.Path):
         return str(value)
     if isinstance(value, (tuple, list)):
@@ -208,7 +255,9 @@ def _value(value: Any, wanted: Any, where: str) -> Any:
         return build(role, value, where)
     if origin is typing.Literal:
         if value not in typing.get_args(wanted):
-            raise BadData(f"{where} is {value!r}{nearest(str(value), map(str, typing.get_args(wanted)))}")
+            raise BadData(
+                f"{where} is {value!r}{nearest(str(value), map(str, typing.get_args(wanted)))}"
+            )
         return value
     if origin is tuple and isinstance(value, (list, tuple)):
         return _tuple(value, typing.get_args(wanted), where)
@@ -218,7 +267,11 @@ def _value(value: Any, wanted: Any, where: str) -> Any:
         return pathlib.Path(value).expanduser()
     if wanted is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
-    if isinstance(wanted, type) and isinstance(value, wanted) and isinstance(value, bool) == (wanted is bool):
+    if (
+        isinstance(wanted, type)
+        and isinstance(value, wanted)
+        and isinstance(value, bool) == (wanted is bool)
+    ):
         return value
     raise BadData(f"{where} is {value!r}, expected {_type_name(wanted)}")
 
@@ -229,11 +282,16 @@ def _tuple(values: Iterable[Any], kinds: tuple[Any, ...], where: str) -> tuple[A
         kinds = (kinds[0],) * len(values)
     if len(values) != len(kinds):
         raise BadData(f"{where} has {len(values)} values, expected {len(kinds)}")
-    return tuple(_value(v, kind, f"{where}[{i}]") for i, (v, kind) in enumerate(zip(values, kinds, strict=True)))
+    return tuple(
+        _value(v, kind, f"{where}[{i}]")
+        for i, (v, kind) in enumerate(zip(values, kinds, strict=True))
+    )
 
 
 def _optional(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
-    """The value as the first of several types that accepts it; the last one's error when none does."""
+    """The value as the first of several types that accepts it; the last one's error
+    when none does.
+    """
     if value == NO_PART and type(None) in kinds:
         return None
     *others, last = (kind for kind in kinds if kind is not type(None))
@@ -244,5 +302,11 @@ def _optional(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
 
 
 def _type_name(wanted: Any) -> str:
-    plain = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", pathlib.Path: "a path"}
+    plain = {
+        float: "a number",
+        int: "a whole number",
+        str: "a text",
+        bool: "true or false",
+        pathlib.Path: "a path",
+    }
     return plain.get(wanted, str(getattr(wanted, "__name__", wanted)))

@@ -1,8 +1,10 @@
-"""Coverage-guided fuzzing of one reader: `python -m tests.coverage_fuzzing NAME [-max_total_time=60 ...]`.
+"""Coverage-guided fuzzing of one reader: `python -m tests.coverage_fuzzing NAME [-max_total_time=60
+...]`.
 
-Needs `pip install atheris`, whose libFuzzer keeps inputs that reach new lines. The readers, and what may become of a
-file, are those of `test_mutations.py`, but for other values in files with a checksum: libFuzzer sees what checksums are
-compared with, and forges them. It stops at the first input that ends in anything worse, and keeps it as `crash-*`.
+Needs `pip install atheris`, whose libFuzzer keeps inputs that reach new lines. The readers, and
+what may become of a file, are those of `test_mutations.py`, but for other values in files with a
+checksum: libFuzzer sees what checksums are compared with, and forges them. It stops at the first
+input that ends in anything worse, and keeps it as `crash-*`.
 """
 
 import sys
@@ -11,7 +13,9 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["geovp_classic", "geovp_benchmarks", "geovp_learned", "yaml"]):
+with atheris.instrument_imports(
+    include=["geovp_classic", "geovp_benchmarks", "geovp_learned", "yaml"]
+):
     from tests import test_mutations
 
 

@@ -1,4 +1,6 @@
-"""What a plain `pip install .` puts beside Python: the package and all that it needs, which is to stay below 1 GB."""
+"""What a plain `pip install .` puts beside Python: the package and all that it needs, which is to
+stay below 1 GB.
+"""
 
 from importlib import metadata
 from pathlib import Path
@@ -22,10 +24,20 @@ def needed(name: str, found: dict[str, metadata.Distribution]) -> dict[str, meta
 def main() -> None:
     """Print the size as `du -sb` counts it; exit with a sentence when it is not below the limit."""
     found = needed("geovp-classic", {})
-    inside = {each: [file for file in each.files or () if ".." not in file.parts] for each in found.values()}
+    inside = {
+        each: [file for file in each.files or () if ".." not in file.parts]
+        for each in found.values()
+    }
     paths = {Path(str(each.locate_file(file))) for each, own in inside.items() for file in own}
-    folders = {Path(str(each.locate_file(up))) for each, own in inside.items() for file in own for up in file.parents}
-    total = sum(path.stat().st_size for path in paths if path.exists()) + FOLDER_BYTES * len(folders)
+    folders = {
+        Path(str(each.locate_file(up)))
+        for each, own in inside.items()
+        for file in own
+        for up in file.parents
+    }
+    total = sum(path.stat().st_size for path in paths if path.exists()) + FOLDER_BYTES * len(
+        folders
+    )
     print(f"{total / 1e6:.1f} MB in {len(found)} distributions")
     if total >= LIMIT_BYTES:
         raise SystemExit(f"a plain install takes {total} bytes, expected less than {LIMIT_BYTES}")

@@ -1,8 +1,9 @@
 """What README and docs show works: every fenced block is executed or checked.
 
-`python` blocks run in one namespace a page, in a folder of their own; `toml` blocks are built as matrices, or checked
-as the pyproject of the component beside them; `sh` lines are parsed by the program that they name, and run where they
-need no foreign data and little time; `text` is output or layout. Any other language fails.
+`python` blocks run in one namespace a page, in a folder of their own; `toml` blocks are built as
+matrices, or checked as the pyproject of the component beside them; `sh` lines are parsed by the
+program that they name, and run where they need no foreign data and little time; `text` is output or
+layout. Any other language fails.
 """
 
 import argparse
@@ -34,7 +35,10 @@ from geovp_classic import registry
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LANGUAGES = ("python", "toml", "sh", "text")
-FENCE = re.compile(r"^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=indent)```$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(
+    r"^(?P<indent> *)```(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=indent)```$",
+    re.MULTILINE | re.DOTALL,
+)
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 HAS_TORCH = importlib.util.find_spec("torch") is not None
 TINY = """
@@ -77,14 +81,23 @@ def blocks(page: Path, *languages: str) -> list[Block]:
     """The blocks of a page, those of some languages or all."""
     text = page.read_text(encoding="utf-8")
     found = [
-        Block(page, text[: match.start()].count("\n") + 1, match["language"], textwrap.dedent(match["text"]))
+        Block(
+            page,
+            text[: match.start()].count("\n") + 1,
+            match["language"],
+            textwrap.dedent(match["text"]),
+        )
         for match in FENCE.finditer(text)
     ]
     return [block for block in found if not languages or block.language in languages]
 
 
 def pages_with(language: str) -> list[pytest.param]:
-    return [pytest.param(page, id=str(page.relative_to(ROOT))) for page in PAGES if blocks(page, language)]
+    return [
+        pytest.param(page, id=str(page.relative_to(ROOT)))
+        for page in PAGES
+        if blocks(page, language)
+    ]
 
 
 def shell_lines() -> Iterator[pytest.param]:
@@ -98,7 +111,9 @@ def shell_lines() -> Iterator[pytest.param]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_block_is_of_a_language_that_is_checked(page: Path) -> None:
-    unknown = [f"{block}: {block.language!r}" for block in blocks(page) if block.language not in LANGUAGES]
+    unknown = [
+        f"{block}: {block.language!r}" for block in blocks(page) if block.language not in LANGUAGES
+    ]
     assert not unknown, "\n".join(unknown)
     assert page.read_text().count("```") == 2 * len(blocks(page)), f"{page}: a fence is not closed"
 
@@ -113,7 +128,9 @@ def namespace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> types.ModuleTy
 
 
 def execute(page: Path, namespace: types.ModuleType) -> list[Block]:
-    """Run the python blocks of a page in order; those that need torch are returned where there is none."""
+    """Run the python blocks of a page in order; those that need torch are returned where there is
+    none.
+    """
     left = []
     for block in blocks(page, "python"):
         if "import torch" in block.text and not HAS_TORCH:
@@ -127,7 +144,9 @@ def execute(page: Path, namespace: types.ModuleType) -> list[Block]:
 def test_python_runs(page: Path, namespace: types.ModuleType) -> None:
     before = set(vars(namespace))
     left = execute(page, namespace)
-    assert left or set(vars(namespace)) > before, f"{page}: its blocks define nothing, so nothing was run"
+    assert left or set(vars(namespace)) > before, (
+        f"{page}: its blocks define nothing, so nothing was run"
+    )
     if left:
         pytest.skip(f"{', '.join(map(str, left))}: torch is not installed")
 
@@ -145,7 +164,9 @@ def check_matrix(block: Block, root: Path | None = None) -> None:
     for parsed in multiple_datasets.parse("page", tomllib.loads(block.text), root).values():
         built = build_matrix(parsed.to_json())
         assert built.clip_names(1), block
-        failed = {key: part.reason for key, part in built.components.items() if isinstance(part, Failure)}
+        failed = {
+            key: part.reason for key, part in built.components.items() if isinstance(part, Failure)
+        }
         assert not failed or not HAS_TORCH, f"{block}: {failed}"
 
 
@@ -160,7 +181,9 @@ def test_toml_can_be_built(page: Path, namespace: types.ModuleType) -> None:
 
 
 def check_pyproject(block: Block, namespace: types.ModuleType) -> None:
-    """Every entry point names a role and a class that the page defines, in the module that is packaged."""
+    """Every entry point names a role and a class that the page defines, in the module that is
+    packaged.
+    """
     content = tomllib.loads(block.text)
     for group, entries in content["project"]["entry-points"].items():
         protocol = registry.PROTOCOL_OF_ROLE[group.removeprefix("geovp.")]
@@ -172,7 +195,9 @@ def check_pyproject(block: Block, namespace: types.ModuleType) -> None:
             assert isinstance(component, protocol), block
 
 
-WITH_ROOT = [block for page in PAGES for block in blocks(page, "toml") if is_matrix(block) and root_of(block)]
+WITH_ROOT = [
+    block for page in PAGES for block in blocks(page, "toml") if is_matrix(block) and root_of(block)
+]
 
 
 @pytest.mark.parametrize("block", WITH_ROOT, ids=str)
@@ -191,7 +216,11 @@ def test_matrices_of_real_data_can_be_built(
         check_matrix(block, tmp_path)
         return
     if root_of(block) == "$GEOVP_KITTI_RAW":
-        write_kitti_raw(tmp_path, 60, geovp.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [32, 32]}))
+        write_kitti_raw(
+            tmp_path,
+            60,
+            geovp.open_clip({"name": "synthetic", "num_frames": 12, "size_px": [32, 32]}),
+        )
         check_matrix(block, tmp_path)
         return
     assert root_of(block) == "$GEOVP_KITTI", block
@@ -266,18 +295,27 @@ def test_shell_line(
         for name, _, value in (setting.partition("=") for setting in settings):
             assert re.search(rf"^{name} \?=", makefile, re.MULTILINE)
             assert name != "TESTS" or (ROOT / value).exists()
-            assert name != "MODULE" or (ROOT / "tests" / "mutation_testing" / f"{value}.toml").exists()
+            assert (
+                name != "MODULE" or (ROOT / "tests" / "mutation_testing" / f"{value}.toml").exists()
+            )
     else:
-        assert [program, arguments[0]] == ["pip", "install"], f"{program} is not a program that this test knows"
+        assert [program, arguments[0]] == ["pip", "install"], (
+            f"{program} is not a program that this test knows"
+        )
         extras = re.findall(r"\[(.*)\]", " ".join(arguments))
         assert set(extras) <= set(PYPROJECT["project"]["optional-dependencies"])
 
 
 def check_geovp(
-    arguments: list[str], monkeypatch: pytest.MonkeyPatch, write_kitti_raw: Callable[..., Path], folder: Path
+    arguments: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    write_kitti_raw: Callable[..., Path],
+    folder: Path,
 ) -> None:
     """Parse a line of geovp, and run it where it is quick and its data is here."""
-    for config in (word for word in arguments if word.startswith("benchmarks/configs/")):
+    for config in (
+        word for word in arguments if word.startswith("benchmarks/geovp_benchmarks/configs/")
+    ):
         assert (ROOT / config).is_file(), config
         matrix.read(ROOT / config)
     if "--fov" in arguments and not knows_fov():
@@ -291,7 +329,10 @@ def check_geovp(
         clip = geovp.open_clip({"name": "synthetic", "num_frames": 3, "size_px": [32, 32]})
         is_raw = arguments[2] == "path/to/kitti_raw"
         root = write_kitti_raw(folder, 60, clip).parents[1] if is_raw else kitti()
-        assert cli.main(["data", "doctor", str(root)]) in (0, 1)  # 1: something is wrong with the data
+        assert cli.main(["data", "doctor", str(root)]) in (
+            0,
+            1,
+        )  # 1: something is wrong with the data
     elif arguments[0] == "list" or (
         arguments[0] in ("table", "plot", "report", "score") and "results/demo" in arguments
     ):
@@ -310,9 +351,22 @@ def knows_fov() -> bool:
 
 
 def test_own_video_can_be_predicted(results: Path, tmp_path: Path) -> None:
-    camera = geovp.open_clip({"name": "synthetic", "num_frames": 30, "size_px": [128, 128]}).intrinsics
-    intrinsics = [str(number) for number in (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)]
-    command = ["predict", str(results / "drive.mp4"), "--intrinsics", *intrinsics, "--first", "0", "--size", "128"]
+    camera = geovp.open_clip(
+        {"name": "synthetic", "num_frames": 30, "size_px": [128, 128]}
+    ).intrinsics
+    intrinsics = [
+        str(number) for number in (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+    ]
+    command = [
+        "predict",
+        str(results / "drive.mp4"),
+        "--intrinsics",
+        *intrinsics,
+        "--first",
+        "0",
+        "--size",
+        "128",
+    ]
     assert cli.main([*command, "--out", str(tmp_path / "out")]) == 0
     table = (ROOT / "docs/guide/own-video.md").read_text().partition("## What is written")[2]
     for line in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE):

@@ -1,4 +1,6 @@
-"""What `pip install .` brings suffices but for what extras are for, and who lacks one is told which."""
+"""What `pip install .` brings suffices but for what extras are for, and who lacks one is told
+which.
+"""
 
 import json
 import subprocess
@@ -10,7 +12,17 @@ import pytest
 
 from geovp_classic import registry
 
-EXTRAS = ("torch", "safetensors", "lightning", "dask", "distributed", "open3d", "av", "rerun", "argcomplete")
+EXTRAS = (
+    "torch",
+    "safetensors",
+    "lightning",
+    "dask",
+    "distributed",
+    "open3d",
+    "av",
+    "rerun",
+    "argcomplete",
+)
 DEVELOPMENT = ("evo", "pytest", "hypothesis")
 BLOCK = """
 import sys
@@ -25,7 +37,10 @@ sys.meta_path.insert(0, Blocked)
 def without(modules: tuple[str, ...], code: str) -> subprocess.CompletedProcess[str]:
     """The code in a Python that has not got these modules."""
     return subprocess.run(
-        [sys.executable, "-c", BLOCK.format(modules=modules) + code], capture_output=True, text=True, check=False
+        [sys.executable, "-c", BLOCK.format(modules=modules) + code],
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
@@ -52,11 +67,16 @@ print(sum(name.startswith("geovp_") for name in sys.modules))
         ("torch", "frame_metrics", "lpips", "learned"),
     ],
 )
-def test_a_missing_extra_is_named_with_the_command_that_adds_it(module: str, role: str, name: str, extra: str) -> None:
+def test_a_missing_extra_is_named_with_the_command_that_adds_it(
+    module: str, role: str, name: str, extra: str
+) -> None:
     code = f"from geovp_benchmarks import cli; sys.exit(cli.main(['check', {role!r}, {name!r}]))"
     done = without((module,), code)
     assert done.returncode == 2
-    assert f"{name!r} needs {module}, which is not installed: {registry.install_command(extra)}" in done.stderr
+    assert (
+        f"{name!r} needs {module}, which is not installed: {registry.install_command(extra)}"
+        in done.stderr
+    )
     assert len(done.stderr.splitlines()) == 1
 
 
@@ -66,7 +86,10 @@ def test_a_missing_extra_is_named_with_the_command_that_adds_it(module: str, rol
         ({}, "pip install 'geovp-classic[volume]'"),
         ({"url": "file:///gone/geovp"}, "pip install 'geovp-classic[volume]'"),
         ({"url": "{here}", "dir_info": {}}, "pip install '{path}[volume]'"),
-        ({"url": "{here}", "dir_info": {"editable": True}}, "pip install --editable '{path}[volume]'"),
+        (
+            {"url": "{here}", "dir_info": {"editable": True}},
+            "pip install --editable '{path}[volume]'",
+        ),
     ],
 )
 def test_the_command_names_where_it_was_installed_from(

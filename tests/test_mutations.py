@@ -1,7 +1,9 @@
-"""Damaged files: every reader refuses them in one sentence or reads what was there, fast and in little memory.
+"""Damaged files: every reader refuses them in one sentence or reads what was there, fast and in
+little memory.
 
-`python tests/test_mutations.py COUNT [NAME ...]` tries COUNT mutations of every reader's file and prints what became of
-them; the tests try a few. `guarded` readers have a checksum, so that no mutation may give another value.
+`python tests/test_mutations.py COUNT [NAME ...]` tries COUNT mutations of every reader's file and
+prints what became of them; the tests try a few. `guarded` readers have a checksum, so that no
+mutation may give another value.
 """
 
 from __future__ import annotations
@@ -26,7 +28,6 @@ import pytest
 
 from geovp_benchmarks import matrix
 from geovp_benchmarks.store import Part, Results, Rows
-from geovp_classic import predictors
 from geovp_classic.data import (
     calibration_files,
     colmap,
@@ -42,6 +43,7 @@ from geovp_classic.data.findings import raise_first
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths
 from geovp_classic.errors import GeovpError
 from geovp_classic.forecasting import body_motion, motion_prior
+from geovp_classic.predictors import recorded as recorded_predictions
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 
 IN_TESTS = 100
@@ -92,7 +94,10 @@ def listed(write: Callable[[Path], Path]) -> Callable[[Path], Path]:
 
     def both(folder: Path) -> Path:
         path = write(folder)
-        blob(path.with_name("SHA256SUMS"), f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n".encode())
+        blob(
+            path.with_name("SHA256SUMS"),
+            f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n".encode(),
+        )
         return path
 
     return both
@@ -122,17 +127,34 @@ def read_video(path: Path) -> Any:
 def results(folder: Path, file: str) -> Path:
     """A results folder with everything in it; the file in it that is mutated."""
     made = Results(folder)
-    made.write_protocol({"cells": ["x"], "clips": ["a"], "num_past": 3, "metrics": {"psnr": {"role": "frame"}}})
+    made.write_protocol(
+        {"cells": ["x"], "clips": ["a"], "num_past": 3, "metrics": {"psnr": {"role": "frame"}}}
+    )
     made.write_datasets(["near", "far"] if file == "datasets.json" else [""])
-    cell = {"label": "x", "kind": "predictor", "status": "done", "grants": ["PAST_POSES"], "num_samples": 1}
-    cell |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {"predictor": {"name": "y"}}}
+    cell = {
+        "label": "x",
+        "kind": "predictor",
+        "status": "done",
+        "grants": ["PAST_POSES"],
+        "num_samples": 1,
+    }
+    cell |= {
+        "num_clips": 1,
+        "seconds": {"view": 2.5},
+        "fingerprint": "f",
+        "components": {"predictor": {"name": "y"}},
+    }
     made.write_cell("x", cell)
     columns = (["a"] * 6, [0] * 6, range(1, 7), ["psnr"] * 6, np.linspace(20, 30, 6))
-    made.write_part("x", Rows.of(*columns), Part(0, ("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))
+    made.write_part(
+        "x", Rows.of(*columns), Part(0, ("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0)
+    )
     stack = np.stack([SMOOTH] * 8)
     made.write_clip(Clip("a", stack, PATH.times_s, CAMERA, PATH, camera_height_m=1.65))
     motion = Motion(PATH[:3], POSES[None, 3:], np.ones(3, bool))
-    made.write_prediction("x", "a", Prediction(stack[None, 3:], np.ones((1, 5, 32, 48), bool), motion))
+    made.write_prediction(
+        "x", "a", Prediction(stack[None, 3:], np.ones((1, 5, 32, 48), bool), motion)
+    )
     return folder / file
 
 
@@ -142,7 +164,11 @@ def read_part(folder: Results) -> Any:
 
 def kept(file: str, read: Callable[[Results], Any]) -> Reader:
     above = file.count("/")
-    return Reader(functools.partial(results, file=file), lambda path: read(Results(path.parents[above])), guarded=True)
+    return Reader(
+        functools.partial(results, file=file),
+        lambda path: read(Results(path.parents[above])),
+        guarded=True,
+    )
 
 
 def colmap_model(file: str) -> Callable[[Path], Path]:
@@ -150,7 +176,9 @@ def colmap_model(file: str) -> Callable[[Path], Path]:
         import pycolmap
 
         model = pycolmap.Reconstruction()
-        lens = pycolmap.Camera(model="PINHOLE", params=[60, 60, 24, 16], camera_id=1, width=48, height=32)
+        lens = pycolmap.Camera(
+            model="PINHOLE", params=[60, 60, 24, 16], camera_id=1, width=48, height=32
+        )
         model.add_camera_with_trivial_rig(lens)
         for number, pose in enumerate(POSES):
             rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), -pose[:3, 3])
@@ -174,13 +202,20 @@ def read_colmap(path: Path) -> Any:
 def rgb_list(folder: Path) -> Path:
     for number in range(4):
         blob(folder / f"rgb/{number}.png", b"")
-    return blob(folder / "rgb.txt", "".join(f"{100 + 0.1 * n:.6f} rgb/{n}.png\n" for n in range(4)).encode())
+    return blob(
+        folder / "rgb.txt", "".join(f"{100 + 0.1 * n:.6f} rgb/{n}.png\n" for n in range(4)).encode()
+    )
 
 
 def weights(folder: Path) -> Path:
-    checkpoints, torch = pytest.importorskip("geovp_learned.checkpoints"), pytest.importorskip("torch")
+    checkpoints, torch = (
+        pytest.importorskip("geovp_learned.checkpoints"),
+        pytest.importorskip("torch"),
+    )
     values = torch.linspace(-1, 1, 200).reshape(10, 20)
-    checkpoints.write_tensors(folder / "w.safetensors", {"net.weight": values}, {"format": "x", "settings": {"n": 3}})
+    checkpoints.write_tensors(
+        folder / "w.safetensors", {"net.weight": values}, {"format": "x", "settings": {"n": 3}}
+    )
     return folder / "w.safetensors"
 
 
@@ -238,38 +273,65 @@ LENS = DistortedCamera.of("OPENCV", (60.0, 60.0, 23.5, 15.5), (0, 0, 0, 0), (48,
 READERS: dict[str, Reader] = {
     "kitti poses": Reader(pose_lines(pose_files.write_kitti), pose_files.read_kitti),
     "tum poses": Reader(pose_lines(pose_files.write_tum), pose_files.read_tum),
-    "asl poses": Reader(text("data.csv", ASL), lambda path: first_error(pose_files.scan_asl(path, 1e18))),
-    "times": Reader(text("times.txt", "".join(f"{n / 10}\n" for n in range(9))), pose_files.read_times),
-    "times listed": Reader(listed(text("t.txt", "0.0\n0.1\n0.2\n")), pose_files.read_times, guarded=True),
+    "asl poses": Reader(
+        text("data.csv", ASL), lambda path: first_error(pose_files.scan_asl(path, 1e18))
+    ),
+    "times": Reader(
+        text("times.txt", "".join(f"{n / 10}\n" for n in range(9))), pose_files.read_times
+    ),
+    "times listed": Reader(
+        listed(text("t.txt", "0.0\n0.1\n0.2\n")), pose_files.read_times, guarded=True
+    ),
     "calib.txt": Reader(
-        text("calib.txt", "P0: 60 0 23.5 0 0 60 15.5 0 0 0 1 0\nP1: 60 0 23.5 -30 0 60 15.5 0 0 0 1 0\n"),
+        text(
+            "calib.txt",
+            "P0: 60 0 23.5 0 0 60 15.5 0 0 0 1 0\nP1: 60 0 23.5 -30 0 60 15.5 0 0 0 1 0\n",
+        ),
         lambda path: first_error(kitti_layout.scan_calibration(path)),
     ),
     "raw timestamps": Reader(
-        text("timestamps.txt", STAMPS), lambda path: first_error(kitti_raw_layout.scan_timestamps(path))
+        text("timestamps.txt", STAMPS),
+        lambda path: first_error(kitti_raw_layout.scan_timestamps(path)),
     ),
     "cameras.txt": Reader(
         text("cameras.txt", "1 OPENCV 48 32 60 60 24 16 0.1 0.01 0 0\n"),
         lambda path: calibration_files.read_calibration(path, path.parent),
     ),
-    "ros yaml": Reader(text("c.yaml", YAML), lambda path: calibration_files.read_calibration(path, path.parent)),
+    "ros yaml": Reader(
+        text("c.yaml", YAML), lambda path: calibration_files.read_calibration(path, path.parent)
+    ),
     "sensor.yaml": Reader(text("sensor.yaml", SENSOR), euroc.read_sensor),
-    "rgb.txt": Reader(rgb_list, lambda path: first_error(posed_sequences.scan_list(path, path.parent))),
-    "split": Reader(text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))),
+    "rgb.txt": Reader(
+        rgb_list, lambda path: first_error(posed_sequences.scan_list(path, path.parent))
+    ),
+    "split": Reader(
+        text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
+    ),
     "matrix": Reader(text("m.toml", MATRIX), lambda path: matrix.read(path).to_json()),
     "png": Reader(image("a.png", SMOOTH), frames.read_image, guarded=True),
-    "png of 16 bits": Reader(image("a.png", DEEP), lambda path: frames.read_image(path, 16), guarded=True),
-    "depth": Reader(
-        image("d.png", DEEP), lambda path: UndistortedDepths((path,), (LENS,), LENS.pinhole, 5000.0)(0), guarded=True
+    "png of 16 bits": Reader(
+        image("a.png", DEEP), lambda path: frames.read_image(path, 16), guarded=True
     ),
-    **{ending: Reader(image(f"a.{ending}", SMOOTH), frames.read_image) for ending in ("jpg", "webp", "bmp", "ppm")},
-    **{ending: Reader(image(f"a.{ending}", SMOOTH), frames.read_image) for ending in ("tif", "jp2")},
+    "depth": Reader(
+        image("d.png", DEEP),
+        lambda path: UndistortedDepths((path,), (LENS,), LENS.pinhole, 5000.0)(0),
+        guarded=True,
+    ),
+    **{
+        ending: Reader(image(f"a.{ending}", SMOOTH), frames.read_image)
+        for ending in ("jpg", "webp", "bmp", "ppm")
+    },
+    **{
+        ending: Reader(image(f"a.{ending}", SMOOTH), frames.read_image) for ending in ("tif", "jp2")
+    },
     "jpg listed": Reader(listed(image("a.jpg", SMOOTH)), frames.read_image, guarded=True),
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
     "mp4 listed": Reader(listed(video("a.mp4", "mp4v")), read_video, guarded=True),
-    "recorded npz": Reader(recorded, predictors._read_npz, guarded=True),
-    "motion prior": Reader(packaged("motion_prior.npz"), motion_prior.load.__wrapped__, guarded=True),
+    "recorded npz": Reader(recorded, recorded_predictions._read_npz, guarded=True),
+    "motion prior": Reader(
+        packaged("motion_prior.npz"), motion_prior.load.__wrapped__, guarded=True
+    ),
     "body motion": Reader(packaged("body_motion.npz"), body_motion.load.__wrapped__, guarded=True),
     "kept clip": kept("clips/a.npz", lambda folder: folder.clip("a")),
     "kept prediction": kept("x/predictions/a.npz", lambda folder: folder.prediction("x", "a")),
@@ -286,7 +348,9 @@ READERS: dict[str, Reader] = {
 
 
 def mutated(content: bytes, draw: random.Random) -> bytes:
-    """Flipped bits mostly; else bytes cut off, removed, doubled, zeroed, or something else in their place."""
+    """Flipped bits mostly; else bytes cut off, removed, doubled, zeroed, or something else in their
+    place.
+    """
     data, at = bytearray(content), draw.randrange(len(content))
     end = min(len(data), at + draw.choice((1, 4, 16, 200)))
     kind = draw.randrange(10)
@@ -301,7 +365,9 @@ def mutated(content: bytes, draw: random.Random) -> bytes:
     elif kind == 7:
         data[at:at] = data[at:end]
     elif kind == 8:
-        data[at:end] = draw.choice((bytes(end - at), draw.randbytes(end - at), b"\xff" * (end - at)))
+        data[at:end] = draw.choice(
+            (bytes(end - at), draw.randbytes(end - at), b"\xff" * (end - at))
+        )
     else:
         data[at : draw.choice((at, end))] = draw.choice(SPLICES)
     return bytes(data)
@@ -309,18 +375,28 @@ def mutated(content: bytes, draw: random.Random) -> bytes:
 
 def same(a: Any, b: Any) -> bool:
     if dataclasses.is_dataclass(a):
-        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+        return type(a) is type(b) and all(
+            same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a)
+        )
     if isinstance(a, dict):
-        return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+        return (
+            isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+        )
     if isinstance(a, list | tuple):
         return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        return (
+            isinstance(b, np.ndarray)
+            and a.dtype == b.dtype
+            and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        )
     return bool(a == b)
 
 
 def try_mutations(name: str, count: int) -> collections.Counter[str]:
-    """How many mutations were refused, read as what was there or as something else, or ended in something worse."""
+    """How many mutations were refused, read as what was there or as something else, or ended in
+    something worse.
+    """
     reader, outcomes, draw = READERS[name], collections.Counter[str](), random.Random(name)
     with tempfile.TemporaryDirectory() as folder:
         path = reader.write(Path(folder))
@@ -333,7 +409,10 @@ def try_mutations(name: str, count: int) -> collections.Counter[str]:
 
 
 def outcome(reader: Reader, path: Path, expected: Any) -> str:
-    begun_s, before_mib = time.monotonic(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    begun_s, before_mib = (
+        time.monotonic(),
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    )
     signal.alarm(int(3 * SLOWEST_S))  # a hang ends the tests instead of holding them up
     try:
         found = "same" if same(expected, reader.read(path)) else "other"
@@ -345,14 +424,20 @@ def outcome(reader: Reader, path: Path, expected: Any) -> str:
         signal.alarm(0)
     if time.monotonic() - begun_s > SLOWEST_S:
         return "slow"
-    return found if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 < before_mib + MOST_MIB else "memory"
+    return (
+        found
+        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 < before_mib + MOST_MIB
+        else "memory"
+    )
 
 
 @pytest.mark.parametrize("name", READERS)
 def test_a_damaged_file_is_refused_or_read_as_it_was(name: str) -> None:
     outcomes = try_mutations(name, IN_TESTS if name != "motion prior" else IN_TESTS // 5)
     assert outcomes["refused"] > 0
-    assert outcomes.keys() <= ({"refused", "same"} if READERS[name].guarded else {"refused", "same", "other"})
+    assert outcomes.keys() <= (
+        {"refused", "same"} if READERS[name].guarded else {"refused", "same", "other"}
+    )
 
 
 if __name__ == "__main__":

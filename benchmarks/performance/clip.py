@@ -1,9 +1,10 @@
-"""Processing time of one clip by stage (odometry, forecast, refinements, depth, fusion, views), and peak memory.
+"""Processing time of one clip by stage (odometry, forecast, refinements, depth, fusion, views), and
+peak memory.
 
-`python -m geovp_benchmarks.performance.clip [ROUNDS] [--wide] [--kitti ROOT SEQUENCE]`: 10 frames observed, 20
-predicted, at 256x256, on a clip of the synthetic street or of KITTI, from the square alone or from uncropped frames.
-The first round, which compiles or loads compiled code, is not counted. CPU time is shown beside wall-clock time, which
-depends on the load of the machine.
+`python -m performance.clip [ROUNDS] [--full] [--kitti ROOT SEQUENCE]`: 10 frames observed, 20
+predicted, at 256x256, on a clip of the synthetic street or of KITTI, from the square alone or from
+uncropped frames. The first round, which compiles or loads compiled code, is not counted. CPU time
+is shown beside wall-clock time, which depends on the load of the machine.
 """
 
 from collections.abc import Sequence
@@ -13,27 +14,29 @@ from typing import Any, Literal
 
 import numpy as np
 
-from geovp_benchmarks.performance import Seconds, rounds_parser, timed
 from geovp_benchmarks.profiling import peak_mb
 from geovp_classic import registry
 from geovp_classic.depth import multiview
 from geovp_classic.errors import GeovpError
-from geovp_classic.geometry import wide_frames
+from geovp_classic.observation import uncropped
 from geovp_classic.pose_refinement.nonholonomic import NonholonomicConstraint
 from geovp_classic.pose_refinement.registration import Registration
 from geovp_classic.pose_refinement.rotation_drift import RotationDrift
 from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredIntervals
-from geovp_classic.pose_sources import Chained
-from geovp_classic.refined import Refined, RoadHeight
-from geovp_classic.renderers import DepthFusion
+from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.pose_sources.refined import Refined
+from geovp_classic.pose_sources.road_height import RoadHeight
+from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import Context, FloatArray, Motion, Views
+from performance import Seconds, rounds_parser, timed
 
 NUM_PAST = 10
 STAGES = ("odometry", "forecast", "refinements", "depth", "fusion", "views")
 
 
 def lines(
-    taken_s: FloatArray,  # [1 + rounds, stages, 2], wall clock and CPU; the first round is a warm-up
+    # [1 + rounds, stages, 2], wall clock and CPU; the first round is a warm-up
+    taken_s: FloatArray,
 ) -> list[str]:
     """Medians over rounds, as lines of text."""
     rounds_s = taken_s[1:]
@@ -41,50 +44,73 @@ def lines(
     rows = zip((*STAGES, "all"), medians, strict=True)
     return [
         f"{len(rounds_s)} rounds, medians by the clock and of the processor",
-        *(f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms" for name, (clock, processor) in rows),
+        *(
+            f"{name:<24}{1e3 * clock:6.0f} ms{1e3 * processor:7.0f} ms"
+            for name, (clock, processor) in rows
+        ),
         "first round {:.1f} s, of the processor {:.1f} s; ".format(*taken_s[0].sum(axis=0))
         + f"peak memory of the process {peak_mb():.0f} MB",
     ]
 
 
-def parts(frames: Literal["crop", "wide"]) -> tuple[Refined, DepthFusion]:
+def parts(frames: Literal["crop", "full"]) -> tuple[Refined, DepthFusion]:
     """Refined `chained` and `depth-fusion` at their defaults, but for the frames."""
     others = UnmeasuredIntervals(), RotationDrift(), NonholonomicConstraint()
-    return Refined(Chained(), (Registration(frames), *others, RoadHeight(frames=frames))), DepthFusion(frames=frames)
+    return Refined(
+        Chained(), (Registration(frames), *others, RoadHeight(frames=frames))
+    ), DepthFusion(frames=frames)
 
 
-def one_clip(context: Context, frames: Literal["crop", "wide"] = "crop") -> tuple[Views, list[Seconds]]:
+def one_clip(
+    context: Context, frames: Literal["crop", "full"] = "crop"
+) -> tuple[Views, list[Seconds]]:
     """Predict with `parts`; the views and the times of STAGES."""
     (refined, renderer), source = parts(frames), Chained()
     multiview.forget()
-    (past, tracked), odometry = timed(lambda: source.odometry.track(context.only(source.odometry.needs)))
+    (past, tracked), odometry = timed(
+        lambda: source.odometry.track(context.only(source.odometry.needs))
+    )
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
-    given_motion: Any = SimpleNamespace(needs=source.needs, estimate=lambda *_: Motion(past, futures, tracked))
+    given_motion: Any = SimpleNamespace(
+        needs=source.needs, estimate=lambda *_: Motion(past, futures, tracked)
+    )
     motion, refinement = timed(lambda: replace(refined, source=given_motion).estimate(context))
-    needs, recent = renderer.depth.needs, wide_frames.select(context, frames)
+    needs, recent = renderer.depth.needs, uncropped.select(context, frames)
     estimate, depth = timed(lambda: renderer.depth.inverse_depths(recent.only(needs), motion.past))
     given: Any = SimpleNamespace(needs=needs, inverse_depths=lambda *_: estimate)
-    scene, fusion = timed(lambda: replace(renderer, depth=given).reconstruct(context.only(renderer.needs), motion.past))
-    views, view = timed(lambda: scene.view(motion.futures[0], context.times_s[NUM_PAST:], context.intrinsics))
+    scene, fusion = timed(
+        lambda: replace(renderer, depth=given).reconstruct(
+            context.only(renderer.needs), motion.past
+        )
+    )
+    views, view = timed(
+        lambda: scene.view(motion.futures[0], context.times_s[NUM_PAST:], context.intrinsics)
+    )
     return views, [odometry, forecast, refinement, depth, fusion, view]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
     parser = rounds_parser("Processing time of one clip, stage by stage.", 10)
-    parser.add_argument("--wide", action="store_true", help="from uncropped frames")
-    parser.add_argument("--kitti", nargs=2, metavar=("ROOT", "SEQUENCE"), help="instead of the synthetic street")
+    parser.add_argument("--full", action="store_true", help="from uncropped frames")
+    parser.add_argument(
+        "--kitti", nargs=2, metavar=("ROOT", "SEQUENCE"), help="instead of the synthetic street"
+    )
     chosen = parser.parse_args(arguments)
-    frames: Literal["crop", "wide"] = "wide" if chosen.wide else "crop"
-    spec: dict[str, Any] = {"name": "synthetic", "num_frames": 30, "with_wide": chosen.wide}
+    frames: Literal["crop", "full"] = "full" if chosen.full else "crop"
+    spec: dict[str, Any] = {"name": "synthetic", "num_frames": 30, "with_full": chosen.full}
     if chosen.kitti:
         spec |= {"name": "kitti", "root": chosen.kitti[0], "sequences": [chosen.kitti[1]]}
     try:
         refined, renderer = parts(frames)
-        context, _ = registry.build("datasets", spec)[0].split(NUM_PAST, refined.needs | renderer.needs)
+        context, _ = registry.build("datasets", spec)[0].split(
+            NUM_PAST, refined.needs | renderer.needs
+        )
     except GeovpError as error:
         parser.error(str(error))
-    print(*lines(np.array([one_clip(context, frames)[1] for _ in range(chosen.rounds + 1)])), sep="\n")
+    print(
+        *lines(np.array([one_clip(context, frames)[1] for _ in range(chosen.rounds + 1)])), sep="\n"
+    )
 
 
 if __name__ == "__main__":

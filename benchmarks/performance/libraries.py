@@ -1,8 +1,10 @@
-"""Our own solvers beside those of the libraries that could do their job: time, and error against the truth.
+"""Our own solvers beside those of the libraries that could do their job: time, and error against
+the truth.
 
-`python -m geovp_benchmarks.performance.libraries [ROUNDS]`: random points before known cameras, with noise and, where
-the odometry meets them, wrong observations. Both solve the same problem, one after the other, and the medians over the
-rounds are of the processor's time. A solver of our own stays only where it is three times as fast or more accurate.
+`python -m performance.libraries [ROUNDS]`: random points before known cameras, with noise and,
+where the odometry meets them, wrong observations. Both solve the same problem, one after the other,
+and the medians over the rounds are of the processor's time. A solver of our own stays only where it
+is three times as fast or more accurate.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +13,6 @@ from typing import Self
 
 import numpy as np
 
-from geovp_benchmarks.performance import rounds_parser, timed
 from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.robust import median
@@ -23,6 +24,7 @@ from geovp_classic.odometry.triangulation import triangulate
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.pose_refinement import local_bundle
 from geovp_classic.types import FloatArray, Intrinsics
+from performance import rounds_parser, timed
 
 CAMERA = Intrinsics(700.0, 700.0, 620.0, 185.0, 1241, 376)
 NUM_POINTS, NUM_VIEWS, WRONG_SHARE = 300, 8, 0.15
@@ -71,20 +73,30 @@ def triangulation(scene: Scene) -> Comparison:
     poses = list(scene.cam_from_world[:, :3])
 
     def library() -> FloatArray:
-        points = [pycolmap.triangulate_multi_view_point(poses, directions[:, n]) for n in range(NUM_POINTS)]
+        points = [
+            pycolmap.triangulate_multi_view_point(poses, directions[:, n])
+            for n in range(NUM_POINTS)
+        ]
         return np.reshape(np.asarray(points, dtype=np.float64), (-1, 3))
 
     def error(points: FloatArray) -> float:
         return float(np.median(np.linalg.norm(points - scene.points, axis=1)))
 
-    return Comparison("triangulation", "m", lambda: triangulate(scene.rays, scene.cam_from_world), library, error)
+    return Comparison(
+        "triangulation", "m", lambda: triangulate(scene.rays, scene.cam_from_world), library, error
+    )
 
 
 def resection(scene: Scene) -> Comparison:
     """The last view's pose by known points, from a guess half a metre off."""
-    truth, guess = scene.cam_from_world[-1], se3.exp(np.array([0, 0, 0.5, 0, 0.01, 0])) @ scene.cam_from_world[-1]
+    truth, guess = (
+        scene.cam_from_world[-1],
+        se3.exp(np.array([0, 0, 0.5, 0, 0.01, 0])) @ scene.cam_from_world[-1],
+    )
     camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])
-    options = pycolmap.AbsolutePoseRefinementOptions(loss_function_scale=NOISE, gradient_tolerance=1e-9)
+    options = pycolmap.AbsolutePoseRefinementOptions(
+        loss_function_scale=NOISE, gradient_tolerance=1e-9
+    )
     everything = np.ones(NUM_POINTS, dtype=bool)
 
     def library() -> FloatArray:
@@ -98,14 +110,21 @@ def resection(scene: Scene) -> Comparison:
 
 
 def relative_pose(scene: Scene) -> Comparison:
-    """The motion between the first and the last view, from one or two degrees off; errors of its direction."""
-    truth, nearby = _unit(scene.cam_from_world[-1]), se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001]))
+    """The motion between the first and the last view, from one or two degrees off; errors of its
+    direction.
+    """
+    truth, nearby = (
+        _unit(scene.cam_from_world[-1]),
+        se3.exp(np.array([0.03, -0.02, 0, 0.002, -0.001, 0.001])),
+    )
     near, rays = _unit(nearby @ truth), (scene.rays[0], scene.wrong)
     a, b = (homogeneous(r) / np.linalg.norm(homogeneous(r), axis=1, keepdims=True) for r in rays)
     everything = np.ones(NUM_POINTS, dtype=bool)
 
     def library() -> FloatArray:
-        return _matrix(pycolmap.refine_relative_pose(_rigid(near), a, b, everything), "cam2_from_cam1")
+        return _matrix(
+            pycolmap.refine_relative_pose(_rigid(near), a, b, everything), "cam2_from_cam1"
+        )
 
     def error(pose: FloatArray) -> float:
         return float(np.degrees(np.arccos(np.clip(pose[:3, 3] @ truth[:3, 3], -1, 1))))
@@ -114,15 +133,24 @@ def relative_pose(scene: Scene) -> Comparison:
 
 
 def local_bundle_adjustment(scene: Scene) -> Comparison:
-    """All poses, from a hundredth of a degree and some millimetres off; pycolmap's adjustment fixes the scale alone."""
+    """All poses, from a hundredth of a degree and some millimetres off; pycolmap's adjustment fixes
+    the scale alone.
+    """
     poses, rng = scene.cam_from_world, np.random.default_rng(1)
     deviations = rng.normal(0, 1, (NUM_VIEWS - 1, 6)) * ((5e-3,) * 3 + (2e-4,) * 3)
-    given, pixels = np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]]), Lens(CAMERA).pixels(scene.rays)
+    given, pixels = (
+        np.concatenate([poses[:1], se3.exp(deviations) @ poses[1:]]),
+        Lens(CAMERA).pixels(scene.rays),
+    )
     visible = np.ones((NUM_VIEWS - 1, NUM_POINTS), dtype=bool)
-    corners = local_bundle.Corners(homogeneous(scene.rays[0]), pixels[1:], visible, CAMERA, given[1:])
+    corners = local_bundle.Corners(
+        homogeneous(scene.rays[0]), pixels[1:], visible, CAMERA, given[1:]
+    )
 
     def library() -> FloatArray:
-        return bundle_adjust(given, triangulate(scene.rays, given), pixels, Lens(CAMERA), num_fixed=1)[0][-1]
+        return bundle_adjust(
+            given, triangulate(scene.rays, given), pixels, Lens(CAMERA), num_fixed=1
+        )[0][-1]
 
     return Comparison(
         "local bundle adjustment",
@@ -155,7 +183,8 @@ def measure(comparison: Comparison, rounds: int) -> str:
         milliseconds.append(1e3 * float(np.median([timed(solve)[1][1] for _ in range(rounds)])))
     (ours_ms, library_ms), (ours, library) = milliseconds, errors
     return (
-        f"{comparison.name}: ours {ours_ms:.3g} ms, library {library_ms:.3g} ms, ratio {library_ms / ours_ms:.1f}; "
+        f"{comparison.name}: ours {ours_ms:.3g} ms, library {library_ms:.3g} ms, ratio "
+        f"{library_ms / ours_ms:.1f}; "
         f"error {ours:.2g} and {library:.2g} {comparison.unit}"
     )
 
@@ -180,9 +209,17 @@ def _distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each solver."""
-    rounds = rounds_parser("Our solvers beside those of libraries.", 20).parse_args(arguments).rounds
+    rounds = (
+        rounds_parser("Our solvers beside those of libraries.", 20).parse_args(arguments).rounds
+    )
     scene = Scene.random()
-    for problem in (triangulation, resection, relative_pose, local_bundle_adjustment, median_of_numbers):
+    for problem in (
+        triangulation,
+        resection,
+        relative_pose,
+        local_bundle_adjustment,
+        median_of_numbers,
+    ):
         print(measure(problem(scene), rounds))
 
 

@@ -1,7 +1,7 @@
 """Time of the frame metrics on 20 frames of 256x256, beside scikit-image's SSIM.
 
-`python -m geovp_benchmarks.performance.scoring [ROUNDS]`: one metric after the other, after one round of warm-up. Each
-round has frames of its own, since LPIPS keeps the features of its targets.
+`python -m performance.scoring [ROUNDS]`: one metric after the other, after one round of warm-up.
+Each round has frames of its own, since LPIPS keeps the features of its targets.
 """
 
 from collections.abc import Sequence
@@ -9,17 +9,24 @@ from collections.abc import Sequence
 import numpy as np
 from skimage.metrics import structural_similarity
 
-from geovp_benchmarks.performance import rounds_parser, timed
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from performance import rounds_parser, timed
 
 NUM_FRAMES, SIZE_PX = 20, 256
 
 
-def skimage_ssim(predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+def skimage_ssim(
+    predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
+) -> FloatArray:
     """SSIM [F] with the Gaussian window of Wang 2004, of frames [F, H, W, 3]."""
-    given = {"channel_axis": -1, "gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+    given = {
+        "channel_axis": -1,
+        "gaussian_weights": True,
+        "sigma": 1.5,
+        "use_sample_covariance": False,
+    }
     pairs = zip(predicted, target, strict=True)
     return np.array([structural_similarity(a, b, **given) for a, b in pairs])
 
@@ -28,10 +35,16 @@ def line(name: str, rounds: int) -> str:
     """The time a frame of one metric, or why there is none."""
     rng = np.random.default_rng(0)
     try:
-        score = skimage_ssim if name == "skimage's ssim" else registry.build("frame_metrics", {"name": name})
+        score = (
+            skimage_ssim
+            if name == "skimage's ssim"
+            else registry.build("frame_metrics", {"name": name})
+        )
         taken_s = []
         for _ in range(rounds + 1):
-            predicted, target = rng.integers(0, 256, (2, NUM_FRAMES, SIZE_PX, SIZE_PX, 3), dtype=np.uint8)
+            predicted, target = rng.integers(
+                0, 256, (2, NUM_FRAMES, SIZE_PX, SIZE_PX, 3), dtype=np.uint8
+            )
             taken_s.append(timed(lambda a=predicted, b=target: score(a, b, None))[1])  # type: ignore[misc]
     except GeovpError as error:
         return f"{name}: {error}"

@@ -1,4 +1,6 @@
-"""Files and folders that appear only when they are complete, whatever kills the process that writes them."""
+"""Files and folders that appear only when they are complete, whatever kills the process that writes
+them.
+"""
 
 import os
 import shutil
@@ -9,7 +11,8 @@ from pathlib import Path
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A scratch path beside `path` for a file or a folder, renamed to `path` at the end and removed after an error.
+    """A scratch path beside `path` for a file or a folder, renamed to `path` at the end and removed
+    after an error.
 
     Folders above `path` are made; an existing file or empty folder is replaced.
     """

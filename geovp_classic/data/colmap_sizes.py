@@ -1,6 +1,8 @@
-"""Whether the counts in a binary COLMAP model fit its files: pycolmap loops over a count of 2^60 without an end.
+"""Whether the counts in a binary COLMAP model fit its files: pycolmap loops over a count of 2^60
+without an end.
 
-The layouts are those of COLMAP's documentation ("Output format") and of its 3.12 release for rigs and frames.
+The layouts are those of COLMAP's documentation ("Output format") and of its 3.12 release for rigs
+and frames.
 """
 
 import itertools
@@ -26,10 +28,16 @@ def check(model: Path) -> None:
             (count,), at = struct.unpack_from("<Q", content), 8
             for _ in itertools.repeat(None, min(count, len(content))):
                 at = record_end(content, at)
-            if at > len(content) or (record_end is not _camera and at != len(content)) or count > len(content):
+            if (
+                at > len(content)
+                or (record_end is not _camera and at != len(content))
+                or count > len(content)
+            ):
                 raise ValueError(f"{len(content)} bytes, {count} records end at {at}")
         except (struct.error, ValueError) as problem:
-            raise BadData(f"{model} is not a COLMAP model ({path.name}: {problem}): run COLMAP again") from problem
+            raise BadData(
+                f"{model} is not a COLMAP model ({path.name}: {problem}): run COLMAP again"
+            ) from problem
 
 
 def _camera(content: bytes, at: int) -> int:
@@ -50,7 +58,9 @@ def _point(content: bytes, at: int) -> int:
 
 def _frame(content: bytes, at: int) -> int:
     """Id, rig, pose, then 16 bytes for each of its images."""
-    return at + 12 + POSE_BYTES + 16 * int(struct.unpack_from("<I", content, at + 8 + POSE_BYTES)[0])
+    return (
+        at + 12 + POSE_BYTES + 16 * int(struct.unpack_from("<I", content, at + 8 + POSE_BYTES)[0])
+    )
 
 
 def _rig(content: bytes, at: int) -> int:

@@ -1,6 +1,8 @@
-"""Check the folder of a data set: list everything that is there and all that is wrong, by file and line.
+"""Check the folder of a data set: list everything that is there and all that is wrong, by file and
+line.
 
-The loader stops at the first error of what it needs; the doctor reads every sequence, camera and pose.
+The loader stops at the first error of what it needs; the doctor reads every sequence, camera and
+pose.
 """
 
 from collections.abc import Callable, Iterable
@@ -53,11 +55,14 @@ class Examination:
         return not any(finding.severity == "error" for finding in self.findings)
 
 
-def examine(root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter) -> Examination:
-    """Everything under a root; headers and ends of images are read, with `deep` every image is decoded.
+def examine(
+    root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter
+) -> Examination:
+    """Everything under a root; headers and ends of images are read, with `deep` every image is
+    decoded.
 
-    The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does). BadData only when the
-    root holds no sequences at all.
+    The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does).
+    BadData only when the root holds no sequences at all.
     """
     names, examine_one = _sequences(root)
     rows, findings, num_frames = [], [], {}
@@ -77,20 +82,34 @@ def _sequences(root: Path) -> tuple[list[str], ExamineOne]:
     """The names of a root's sequences, and what examines one."""
     kind = layouts.name_of(root)
     if kind == "kitti-raw":
-        names, expected = kitti_raw_layout.sequence_names(root), "a date's folder with folders *_drive_*_sync"
+        names, expected = (
+            kitti_raw_layout.sequence_names(root),
+            "a date's folder with folders *_drive_*_sync",
+        )
     elif kind == "kitti":
-        names, expected = kitti_layout.sequence_names(root), "folders such as 00 with image_2, calib.txt"
+        names, expected = (
+            kitti_layout.sequence_names(root),
+            "folders such as 00 with image_2, calib.txt",
+        )
     else:
         return list(posed_doctor.folders(root, kind)), posed_doctor.sequence
     if not names:
-        raise BadData(f"{root if kind == 'kitti-raw' else root / 'sequences'} holds no sequence: expected {expected}")
+        raise BadData(
+            f"{root if kind == 'kitti-raw' else root / 'sequences'} holds no sequence: expected "
+            f"{expected}"
+        )
     return names, _drive if kind == "kitti-raw" else _sequence
 
 
-def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
+def _sequence(
+    root: Path, name: str, deep: bool, findings: list[Finding]
+) -> tuple[dict[str, str], int]:
     """The table row of a sequence, and the number of frames that all its cameras have."""
     folder = root / "sequences" / name
-    cameras = [_camera(folder / f"image_{camera}", camera, deep, findings) for camera in kitti_layout.cameras(folder)]
+    cameras = [
+        _camera(folder / f"image_{camera}", camera, deep, findings)
+        for camera in kitti_layout.cameras(folder)
+    ]
     calibrated = _calibration(folder / "calib.txt", cameras, findings)
     num_frames = _same_length(folder, cameras, findings)
     times_s = _times(folder / "times.txt", num_frames, findings)
@@ -98,11 +117,15 @@ def _sequence(root: Path, name: str, deep: bool, findings: list[Finding]) -> tup
     return _row(name, cameras, calibrated, times_s, table, findings)
 
 
-def _drive(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[dict[str, str], int]:
+def _drive(
+    root: Path, name: str, deep: bool, findings: list[Finding]
+) -> tuple[dict[str, str], int]:
     """The same of a drive of KITTI raw, whose cameras have times of their own."""
     folder, prefix = kitti_raw_layout.drive_folder(root, name), kitti_raw_layout.PREFIX
     numbers = kitti_layout.cameras(folder, prefix)
-    cameras = [_camera(folder / f"{prefix}{camera}" / "data", camera, deep, findings) for camera in numbers]
+    cameras = [
+        _camera(folder / f"{prefix}{camera}" / "data", camera, deep, findings) for camera in numbers
+    ]
     calibration = folder.parent / kitti_raw_layout.CAM_TO_CAM
     calibrated = _calibration(calibration, cameras, findings)
     for camera in cameras:
@@ -110,7 +133,9 @@ def _drive(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[
             findings += kitti_raw_layout.scan_sizes(calibration, camera.number, size_px)
     num_frames, scan = _same_length(folder, cameras, findings), kitti_raw_layout.scan_timestamps
     stamps = {camera: folder / f"{prefix}{camera.number}" / "timestamps.txt" for camera in cameras}
-    times_s = [_times(path, camera.num_frames, findings, scan) for camera, path in stamps.items()] or [np.zeros(0)]
+    times_s = [
+        _times(path, camera.num_frames, findings, scan) for camera, path in stamps.items()
+    ] or [np.zeros(0)]
     if not (folder / "oxts").is_dir():
         findings.append(Finding(folder / "oxts", None, "note", NO_POSES))
         return _row(name, cameras, calibrated, times_s[0], None, findings)
@@ -120,7 +145,9 @@ def _drive(root: Path, name: str, deep: bool, findings: list[Finding]) -> tuple[
         for jump in plausibility.jumps(
             folder / "oxts" / "data", table, times_s[0]
         ):  # its line is the number of the file, from 1
-            findings.append(replace(jump, path=jump.path / f"{(jump.line or 1) - 1:010d}.txt", line=1))
+            findings.append(
+                replace(jump, path=jump.path / f"{(jump.line or 1) - 1:010d}.txt", line=1)
+            )
     return _row(name, cameras, calibrated, times_s[0], table, findings)
 
 
@@ -144,7 +171,9 @@ def _row(
     findings: list[Finding],
 ) -> tuple[dict[str, str], int]:
     sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
-    frames = ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none"
+    frames = (
+        ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none"
+    )
     projections = ", ".join(f"P{camera}" for camera in calibrated) or "none"
     row = plausibility.table_row(name, frames, sizes_px, projections, times_s, table, findings)
     return row, min((camera.num_frames for camera in cameras), default=0)
@@ -168,22 +197,32 @@ def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> 
             continue
         for size_px in camera.sizes_px[:1]:
             if odd := plausibility.off_centre(projection.matrix[:2, 2], size_px):
-                hint = f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
-                findings.append(Finding(path, projection.line, "warning", f"P{camera.number} puts {odd} {hint}"))
+                hint = (
+                    f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
+                )
+                findings.append(
+                    Finding(path, projection.line, "warning", f"P{camera.number} puts {odd} {hint}")
+                )
     return tuple(sorted(projections))
 
 
-def _times(path: Path, num_frames: int, findings: list[Finding], scan: ScanTimes = pose_files.scan_times) -> FloatArray:
+def _times(
+    path: Path, num_frames: int, findings: list[Finding], scan: ScanTimes = pose_files.scan_times
+) -> FloatArray:
     times_s, lines, found = scan(path)
     findings += found
     numbers, num_rows = _row_numbers(lines, found)
     if num_rows and num_rows != num_frames:
-        findings.append(error(path, None, f"{num_rows} times for {num_frames} frames, expected one each"))
+        findings.append(
+            error(path, None, f"{num_rows} times for {num_frames} frames, expected one each")
+        )
     findings += plausibility.late_frames(path, times_s, numbers, lines)
     return times_s
 
 
-def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]) -> PoseTable | None:
+def _poses(
+    path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]
+) -> PoseTable | None:
     if not path.exists():
         findings.append(Finding(path, None, "note", NO_POSES))
         return None
@@ -200,7 +239,9 @@ def _poses(path: Path, num_frames: int, times_s: FloatArray, findings: list[Find
 
 
 def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[IndexArray, int]:
-    """The number of every good row, the first row being 0, and the number of all rows, bad ones included."""
+    """The number of every good row, the first row being 0, and the number of all rows, bad ones
+    included.
+    """
     all_lines = sorted({*good_lines, *(finding.line for finding in findings if finding.line)})
     return np.searchsorted(all_lines, good_lines).astype(np.int64), len(all_lines)
 

@@ -1,8 +1,8 @@
 """Clips of EuRoC MAV (Burri et al. 2016), or of anything in the ASL layout.
 
-A sequence is a folder with `mav0/camK/{data.csv, sensor.yaml, data/*.png}` and, if poses are known, data.csv in
-`mav0/state_groundtruth_estimate0` or `mav0/mocap0`: time in ns, position and quaternion (w first) of world_from_body.
-T_BS of a camera's sensor.yaml is body_from_cam.
+A sequence is a folder with `mav0/camK/{data.csv, sensor.yaml, data/*.png}` and, if poses are known,
+data.csv in `mav0/state_groundtruth_estimate0` or `mav0/mocap0`: time in ns, position and quaternion
+(w first) of world_from_body. T_BS of a camera's sensor.yaml is body_from_cam.
 """
 
 from dataclasses import dataclass
@@ -21,15 +21,18 @@ from geovp_classic.types import FloatArray, Intrinsics
 
 POSES = ("state_groundtruth_estimate0", "mocap0")
 MAX_DIFFERENCE_S = 0.005  # poses come at 100 to 200 Hz
-MODELS = dict.fromkeys(("radial-tangential", "radtan", "plumb_bob"), "OPENCV") | {"equidistant": "OPENCV_FISHEYE"}
+MODELS = dict.fromkeys(("radial-tangential", "radtan", "plumb_bob"), "OPENCV") | {
+    "equidistant": "OPENCV_FISHEYE"
+}
 
 
 @dataclass(frozen=True)
 class Euroc(PosedSequences):
     """EuRoC and other folders in the ASL layout; settings as `PosedSequences`'.
 
-    `camera` is the K of camK. An image has the pose whose time is nearest, at most `max_difference_s` away. Times are
-    seconds since the first image. TUM VI's images use 16 bits: `image_bits = 16`.
+    `camera` is the K of camK. An image has the pose whose time is nearest, at most
+    `max_difference_s` away. Times are seconds since the first image. TUM VI's images use 16 bits:
+    `image_bits = 16`.
     """
 
     name: ClassVar[str] = "euroc"
@@ -46,7 +49,9 @@ class Euroc(PosedSequences):
 
 def folders(root: Path) -> dict[str, Path]:
     """The sequences of a root by name."""
-    return posed_sequences.folders(root, lambda path: any(path.glob("mav0/cam*/data.csv")), "a folder with mav0/cam0")
+    return posed_sequences.folders(
+        root, lambda path: any(path.glob("mav0/cam*/data.csv")), "a folder with mav0/cam0"
+    )
 
 
 def scan(folder: Path, camera: int = 0, max_difference_s: float = MAX_DIFFERENCE_S) -> Scanned:
@@ -54,14 +59,18 @@ def scan(folder: Path, camera: int = 0, max_difference_s: float = MAX_DIFFERENCE
     cam = folder / "mav0" / f"cam{camera}"
     if not cam.is_dir():
         there = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
-        return Scanned((), np.zeros(0), (), (error(cam, None, f"does not exist: mav0 has {there}"),))
+        return Scanned(
+            (), np.zeros(0), (), (error(cam, None, f"does not exist: mav0 has {there}"),)
+        )
     stamps_ns, images, findings = scan_list(cam / "data.csv", cam / "data", ",")
     start_ns = float(stamps_ns[0]) if images else 0.0
     times_s = (stamps_ns - start_ns) / 1e9
     try:
         lens, body_from_cam = read_sensor(cam / "sensor.yaml")
     except BadData as problem:
-        found = error(cam / "sensor.yaml", None, str(problem).removeprefix(f"{cam / 'sensor.yaml'} "))
+        found = error(
+            cam / "sensor.yaml", None, str(problem).removeprefix(f"{cam / 'sensor.yaml'} ")
+        )
         return Scanned(images, times_s, (), (*findings, found))
     poses = None
     for path in (folder / "mav0" / name / "data.csv" for name in POSES):
@@ -79,13 +88,22 @@ def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
     calibration = calibration_files.from_yaml(path, content)
     model = MODELS.get(str(content.get("distortion_model")))
     if model is None:
-        raise BadData(f"{path} has the distortion_model {content.get('distortion_model')!r}: expected {list(MODELS)}")
+        raise BadData(
+            f"{path} has the distortion_model {content.get('distortion_model')!r}: expected "
+            f"{list(MODELS)}"
+        )
     if calibration.size_px is None or len(calibration.distortion) != 4:
-        raise BadData(f"{path} needs resolution: [width, height] and 4 distortion_coefficients: complete it")
+        raise BadData(
+            f"{path} needs resolution: [width, height] and 4 distortion_coefficients: complete it"
+        )
     Intrinsics(*calibration.numbers, *calibration.size_px)
     try:
         numbers = np.array(calibration_files.data_of(content["T_BS"]), np.float64)
         body_from_cam = se3.orthonormalised(numbers.reshape(4, 4), pose_files.ROTATION_TOLERANCE)
     except (KeyError, TypeError, ValueError, BadData) as problem:
-        raise BadData(f"{path} has no T_BS of 16 numbers that is a rigid motion ({problem}): complete it") from problem
-    return DistortedCamera.of(model, calibration.numbers, calibration.distortion, calibration.size_px), body_from_cam
+        raise BadData(
+            f"{path} has no T_BS of 16 numbers that is a rigid motion ({problem}): complete it"
+        ) from problem
+    return DistortedCamera.of(
+        model, calibration.numbers, calibration.distortion, calibration.size_px
+    ), body_from_cam

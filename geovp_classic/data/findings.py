@@ -18,7 +18,11 @@ class Finding:
     message: str
 
     def __str__(self) -> str:
-        return f"{self.path} line {self.line}: {self.message}" if self.line else f"{self.path}: {self.message}"
+        return (
+            f"{self.path} line {self.line}: {self.message}"
+            if self.line
+            else f"{self.path}: {self.message}"
+        )
 
 
 def error(path: Path, line: int | None, message: str) -> Finding:

@@ -15,11 +15,12 @@ from geovp_classic.errors import BadData
 class Kitti(SequenceDataset):
     """KITTI odometry; one clip every `stride` frames of each range.
 
-    Either `split` (a name, or a .toml file) or `sequences` ("06", "03[180:360)") says which frames; with neither, all
-    sequences are used. Without `camera`, each sequence shows image_2 if it has it, else image_0, else what it has.
-    Poses are those of the camera shown, or None for a sequence without a pose file. Frames are the central square at
-    `size_px`, or whole frames stretched to it with `fit = "stretch"`; `with_wide` adds the uncropped ones, `with_right`
-    those of the right camera where there is one. Everything but the images is read and checked on construction.
+    Either `split` (a name, or a .toml file) or `sequences` ("06", "03[180:360)") says which frames;
+    with neither, all sequences are used. Without `camera`, each sequence shows image_2 if it has
+    it, else image_0, else what it has. Poses are those of the camera shown, or None for a sequence
+    without a pose file. Frames are the central square at `size_px`, or whole frames stretched to it
+    with `fit = "stretch"`; `with_full` adds the uncropped ones, `with_right` those of the right
+    camera where there is one. Everything but the images is read and checked on construction.
     """
 
     name: ClassVar[str] = "kitti"  # in results
@@ -34,13 +35,16 @@ class Kitti(SequenceDataset):
     size_px: tuple[int, int] = (256, 256)
     fit: Fit = "crop"
     camera_height_m: float = 1.65
-    with_wide: bool = False
+    with_full: bool = False
     with_right: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "root", Path(self.root))  # scripts give text
         if self.split is not None and self.sequences is not None:
-            raise BadData(f"both split {self.split!r} and sequences {list(self.sequences)} are given: keep one of them")
+            raise BadData(
+                f"both split {self.split!r} and sequences {list(self.sequences)} are given: "
+                "keep one of them"
+            )
         if self.camera is not None and self.camera not in kitti_layout.PREFERRED_CAMERAS:
             raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
         self._check()

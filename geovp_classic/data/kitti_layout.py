@@ -1,8 +1,10 @@
-"""The files of KITTI odometry: where they lie, how cameras are numbered, what calib.txt says about them (Geiger 2012).
+"""The files of KITTI odometry: where they lie, how cameras are numbered, what calib.txt says about
+them (Geiger 2012).
 
-A root holds `sequences/NN/{image_K/000000.png, calib.txt, times.txt}` and `poses/NN.txt`; any image type, any name NN.
-P_k of calib.txt is K_k [I | t] with cam_k_from_cam0 = (I, t): all cameras are rectified to look the same way, and poses
-are camera 0's, so world_from_camk = world_from_cam0 @ cam0_from_camk.
+A root holds `sequences/NN/{image_K/000000.png, calib.txt, times.txt}` and `poses/NN.txt`; any image
+type, any name NN. P_k of calib.txt is K_k [I | t] with cam_k_from_cam0 = (I, t): all cameras are
+rectified to look the same way, and poses are camera 0's, so world_from_camk = world_from_cam0 @
+cam0_from_camk.
 """
 
 import re
@@ -23,7 +25,9 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory
 PREFERRED_CAMERAS = (2, 0, 1, 3)  # left colour, left grey, then whatever is there
 RIGHT_OF = {0: 1, 2: 3}
 NO_IMAGES = "holds no images: expected a folder image_0, image_1, image_2 or image_3"
-_PROJECTION = re.compile(r"P(?:_rect_0)?([0-3]):")  # in calib.txt, or in calib_cam_to_cam.txt of KITTI raw
+_PROJECTION = re.compile(
+    r"P(?:_rect_0)?([0-3]):"
+)  # in calib.txt, or in calib_cam_to_cam.txt of KITTI raw
 
 
 @dataclass(frozen=True)
@@ -41,29 +45,43 @@ class Projection:
     def intrinsics(self, width_px: int, height_px: int) -> Intrinsics:
         """The camera of images of that size."""
         k = self.matrix
-        return Intrinsics(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width_px, height_px)
+        return Intrinsics(
+            float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]), width_px, height_px
+        )
 
 
 def sequence_names(root: Path) -> list[str]:
     """The sequences of a root, sorted; BadData says what a root must look like."""
     folder = root / "sequences"
     if not root.is_dir():
-        raise BadData(f"{root} does not exist: give the folder that holds KITTI's 'sequences' and 'poses'")
+        raise BadData(
+            f"{root} does not exist: give the folder that holds KITTI's 'sequences' and 'poses'"
+        )
     if not folder.is_dir():
         inside = root / "dataset"
-        hint = f"did you mean {inside}?" if (inside / "sequences").is_dir() else "give KITTI odometry's folder"
+        hint = (
+            f"did you mean {inside}?"
+            if (inside / "sequences").is_dir()
+            else "give KITTI odometry's folder"
+        )
         raise BadData(f"{root} holds no folder 'sequences': {hint}")
-    return sorted(path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    return sorted(
+        path.name for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")
+    )
 
 
 def cameras(folder: Path, prefix: str = "image_") -> list[int]:
     """The cameras of a sequence that have a folder image_K."""
-    matches = [re.fullmatch(rf"{prefix}([0-3])", path.name) for path in folder.iterdir() if path.is_dir()]
+    matches = [
+        re.fullmatch(rf"{prefix}([0-3])", path.name) for path in folder.iterdir() if path.is_dir()
+    ]
     return sorted(int(match[1]) for match in matches if match)
 
 
 def scan_calibration(path: Path) -> tuple[dict[int, Projection], list[Finding]]:
-    """The projections P0 to P3 by camera, and the errors of the other P lines; lines of other names are skipped."""
+    """The projections P0 to P3 by camera, and the errors of the other P lines; lines of other names
+    are skipped.
+    """
     lines, findings = pose_files.read_lines(path)
     projections = {}
     for number, text in lines:
@@ -85,13 +103,23 @@ def missing_projection(path: Path, camera: int) -> Finding:
     return error(path, None, f"has no line 'P{camera}:' for the images of image_{camera}")
 
 
-def pose_count_problem(indices: FloatArray | pose_files.IndexArray | None, num_poses: int, num_frames: int) -> str:
-    """Why poses (with frame indices where the file has them) are not one for each frame; empty when they are."""
+def pose_count_problem(
+    indices: FloatArray | pose_files.IndexArray | None, num_poses: int, num_frames: int
+) -> str:
+    """Why poses (with frame indices where the file has them) are not one for each frame; empty when
+    they are.
+    """
     if indices is not None and num_poses:
         lacking = np.setdiff1d(np.arange(num_frames), indices)
         if len(lacking):
-            return f"no pose of frame {lacking[0]} ({len(lacking)} of {num_frames} frames have none)"
-    return "" if num_poses == num_frames else f"{num_poses} poses for {num_frames} frames, expected one each"
+            return (
+                f"no pose of frame {lacking[0]} ({len(lacking)} of {num_frames} frames have none)"
+            )
+    return (
+        ""
+        if num_poses == num_frames
+        else f"{num_poses} poses for {num_frames} frames, expected one each"
+    )
 
 
 def read_recording(
@@ -103,21 +131,36 @@ def read_recording(
     *,
     with_right: bool,
 ) -> Recording:
-    """One sequence seen by one camera, everything but the images read and checked; BadData names what is wrong."""
+    """One sequence seen by one camera, everything but the images read and checked; BadData names
+    what is wrong.
+    """
     names, folder = sequence_names(root), root / "sequences" / name
     if name not in names:
-        raise BadData(f"sequence {name!r} is not in {folder.parent}, which holds {', '.join(names) or 'nothing'}")
-    left, left_from_cam0, right = read_cameras(folder, camera, folder / "calib.txt", load, with_right=with_right)
+        raise BadData(
+            f"sequence {name!r} is not in {folder.parent}, which holds "
+            f"{', '.join(names) or 'nothing'}"
+        )
+    left, left_from_cam0, right = read_cameras(
+        folder, camera, folder / "calib.txt", load, with_right=with_right
+    )
     times_path, num_frames = folder / "times.txt", len(left.frames)
     times_s = pose_files.read_times(times_path)
     if len(times_s) != num_frames:
-        raise BadData(f"{times_path}: {len(times_s)} times for {num_frames} frames, expected one each")
+        raise BadData(
+            f"{times_path}: {len(times_s)} times for {num_frames} frames, expected one each"
+        )
     trajectory = _read_trajectory(root / "poses" / f"{name}.txt", times_s, left_from_cam0)
-    return Recording(name, left.frames, times_s, left.intrinsics, trajectory, camera_height_m, right)
+    return Recording(
+        name, left.frames, times_s, left.intrinsics, trajectory, camera_height_m, right
+    )
 
 
-def _read_trajectory(path: Path, times_s: FloatArray, cam_from_cam0: FloatArray) -> Trajectory | None:
-    """The poses of a camera, one for each time, from the file of camera 0's; None without a file."""
+def _read_trajectory(
+    path: Path, times_s: FloatArray, cam_from_cam0: FloatArray
+) -> Trajectory | None:
+    """The poses of a camera, one for each time, from the file of camera 0's; None
+    without a file.
+    """
     if not path.exists():
         return None
     indices, world_from_cam0 = pose_files.read_kitti(path)
@@ -135,7 +178,9 @@ def read_cameras(
     with_right: bool,
     images: str = "image_{}",  # the folder of a camera's images
 ) -> tuple[SideCamera, FloatArray, SideCamera | None]:
-    """The chosen camera, its cam_from_cam0, and the camera to the right of it where there is one and it is wanted."""
+    """The chosen camera, its cam_from_cam0, and the camera to the right of it where there is one
+    and it is wanted.
+    """
     prefix = images.partition("{}")[0]
     camera = choose_camera(folder, camera, prefix)
     projections, findings = scan_calibration(calibration)
@@ -149,7 +194,9 @@ def read_cameras(
     (left, left_from_cam0), *others = read.values()
     right = None
     for side, right_from_cam0 in others:
-        right = SideCamera(side.frames, side.intrinsics, right_from_cam0 @ se3.inverse(left_from_cam0))
+        right = SideCamera(
+            side.frames, side.intrinsics, right_from_cam0 @ se3.inverse(left_from_cam0)
+        )
     return left, left_from_cam0, right
 
 
@@ -162,24 +209,34 @@ def choose_camera(folder: Path, camera: int | None, prefix: str = "image_") -> i
         return next(preferred for preferred in PREFERRED_CAMERAS if preferred in present)
     if camera not in present:
         raise BadData(
-            f"{folder} has no {prefix}{camera}: it has {', '.join(f'{prefix}{number}' for number in present)}"
+            f"{folder} has no {prefix}{camera}: it has "
+            f"{', '.join(f'{prefix}{number}' for number in present)}"
         )
     return camera
 
 
-def _side(images: Path, projection: Projection, load: Callable[[Path], ByteArray]) -> tuple[SideCamera, FloatArray]:
+def _side(
+    images: Path, projection: Projection, load: Callable[[Path], ByteArray]
+) -> tuple[SideCamera, FloatArray]:
     """One camera with view_from_cam the identity, and its cam_from_cam0."""
     paths, findings = scan_numbered(images)
     raise_first(findings)
     height_px, width_px = load(paths[0]).shape[:2]
     frames = FrameFiles(paths, (width_px, height_px), load)
-    return SideCamera(frames, projection.intrinsics(width_px, height_px), np.eye(4)), projection.cam_from_cam0
+    return SideCamera(
+        frames, projection.intrinsics(width_px, height_px), np.eye(4)
+    ), projection.cam_from_cam0
 
 
 def _projection_problem(numbers: tuple[float, ...]) -> str:
     if len(numbers) != 12:
         return f"has {len(numbers)} numbers, expected 12"
     matrix = np.array(numbers).reshape(3, 4)
-    if not np.allclose(matrix[2, :3], [0, 0, 1]) or not np.allclose([matrix[0, 1], matrix[1, 0]], 0):
-        return "is not K [I | t] of a rectified camera: expected zeros beside the focal lengths and 0 0 1 below"
+    if not np.allclose(matrix[2, :3], [0, 0, 1]) or not np.allclose(
+        [matrix[0, 1], matrix[1, 0]], 0
+    ):
+        return (
+            "is not K [I | t] of a rectified camera: expected zeros beside the focal lengths "
+            "and 0 0 1 below"
+        )
     return "" if min(matrix[0, 0], matrix[1, 1]) > 0 else "has a focal length that is not positive"

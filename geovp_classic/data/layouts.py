@@ -7,7 +7,9 @@ from geovp_classic.data import colmap, euroc, folder, kitti_raw_layout, tum
 from geovp_classic.errors import BadData
 
 POSED = {"tum": tum, "euroc": euroc, "colmap": colmap}
-EXPECTED = "KITTI odometry or raw, TUM RGB-D, EuRoC, a COLMAP model with its images, or a folder of images"
+EXPECTED = (
+    "KITTI odometry or raw, TUM RGB-D, EuRoC, a COLMAP model with its images, or a folder of images"
+)
 
 
 def name_of(root: Path) -> str:
@@ -26,10 +28,14 @@ def name_of(root: Path) -> str:
         return name
     if folder.paths_below(root):
         return "folder"
-    raise BadData(f"{root} is laid out as no data set that is known here: give a folder of {EXPECTED}")
+    raise BadData(
+        f"{root} is laid out as no data set that is known here: give a folder of {EXPECTED}"
+    )
 
 
 def spec(root: Path) -> dict[str, Any]:
-    """The table of the data set in a folder, as `registry.build` takes it; a folder of images needs intrinsics, too."""
+    """The table of the data set in a folder, as `registry.build` takes it; a folder of images needs
+    intrinsics, too.
+    """
     name = name_of(root)
     return {"name": name, ("path" if name == "folder" else "root"): root}

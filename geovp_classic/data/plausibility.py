@@ -1,4 +1,6 @@
-"""What the files of a sequence may say and yet not be true: motion that no camera makes, dropped frames, odd images."""
+"""What the files of a sequence may say and yet not be true: motion that no camera makes, dropped
+frames, odd images.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -22,12 +24,18 @@ def jumps(path: Path, table: PoseTable, times_s: FloatArray) -> Iterator[Finding
     """Warnings for motion that no car makes; one time for each good pose."""
     speed_m_s = steps_m(table) / np.diff(times_s)
     earlier, later = table.world_from_cam[:-1], table.world_from_cam[1:]
-    turn_deg = np.degrees(se3.rotation_angle_rad(se3.inverse(earlier) @ later)) if len(later) else speed_m_s
+    turn_deg = (
+        np.degrees(se3.rotation_angle_rad(se3.inverse(earlier) @ later))
+        if len(later)
+        else speed_m_s
+    )
     for step in np.flatnonzero(speed_m_s > MAX_SPEED_M_S):
         message = f"{speed_m_s[step]:.0f} m/s from the pose before: more than a car drives"
         yield Finding(path, table.lines[step + 1], "warning", message)
     for step in np.flatnonzero(turn_deg > MAX_TURN_DEG):
-        message = f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
+        message = (
+            f"turned by {turn_deg[step]:.0f} degrees from the pose before: more than a car turns"
+        )
         yield Finding(path, table.lines[step + 1], "warning", message)
 
 
@@ -46,7 +54,10 @@ def late_frames(
     steps_s = np.diff(times_s) / np.diff(numbers)
     usual_s = np.median(steps_s) if len(steps_s) else 0.0
     for step in np.flatnonzero(steps_s > MAX_STEP_RATIO * usual_s):
-        message = f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are missing"
+        message = (
+            f"{steps_s[step]:.3f} s after the time before, {usual_s:.3f} s is usual: frames are "
+            "missing"
+        )
         yield Finding(path, lines[int(step) + 1], "warning", message)
 
 
@@ -71,7 +82,10 @@ def table_row(
         "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
         "poses": "none" if table is None else str(len(table.lines)),
         "length_m": "-" if table is None or not is_metric else f"{steps_m(table).sum():.0f}",
-        **{f"{kind}s": str(sum(each.severity == kind for each in findings)) for kind in ("error", "warning")},
+        **{
+            f"{kind}s": str(sum(each.severity == kind for each in findings))
+            for kind in ("error", "warning")
+        },
     }
 
 
@@ -79,10 +93,16 @@ def off_centre(centre_px: FloatArray, size_px: tuple[int, int]) -> str:
     """Where an odd principal point lies; "" for a usual one."""
     at = centre_px / size_px
     usual = (at > PRINCIPAL_POINT_RANGE[0]) & (at < PRINCIPAL_POINT_RANGE[1])
-    return "" if usual.all() else f"the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+    return (
+        ""
+        if usual.all()
+        else f"the principal point at {at[0]:.0%} of the width, {at[1]:.0%} of the height"
+    )
 
 
-def image_sizes(paths: Iterable[Path], deep: bool, findings: list[Finding]) -> tuple[tuple[int, int], ...]:
+def image_sizes(
+    paths: Iterable[Path], deep: bool, findings: list[Finding]
+) -> tuple[tuple[int, int], ...]:
     """Every (width, height) that occurs; the first image, or with `deep` every one, is decoded."""
     sizes_px: dict[tuple[int, int], Path] = {}
     for path in paths:
@@ -92,7 +112,12 @@ def image_sizes(paths: Iterable[Path], deep: bool, findings: list[Finding]) -> t
             findings.append(error(path, None, str(problem).removeprefix(f"{path} ")))
             continue
         first = next(iter(sizes_px), (width_px, height_px))
-        if sizes_px.setdefault((width_px, height_px), path) is path and (width_px, height_px) != first:
-            message = f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
+        if (
+            sizes_px.setdefault((width_px, height_px), path) is path
+            and (width_px, height_px) != first
+        ):
+            message = (
+                f"is {width_px}x{height_px} pixels, but those before are {first[0]}x{first[1]}"
+            )
             findings.append(error(path, None, message))
     return tuple(sizes_px)

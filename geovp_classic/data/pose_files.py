@@ -1,8 +1,10 @@
-"""Text files of numbers: trajectories in KITTI's format (12 or 13 numbers a line) or TUM's (8), and times.
+"""Text files of numbers: trajectories in KITTI's format (12 or 13 numbers a line) or TUM's (8), and
+times.
 
-KITTI: the rows of world_from_cam[:3] one after the other, with or without the frame index in front. TUM:
-`t x y z qx qy qz qw`, time in seconds, world_from_cam. Blank lines and comments (#) are skipped. A `scan_` function
-returns the good rows and a finding for every bad line; a `read_` function raises BadData for the first bad line.
+KITTI: the rows of world_from_cam[:3] one after the other, with or without the frame index in front.
+TUM: `t x y z qx qy qz qw`, time in seconds, world_from_cam. Blank lines and comments (#) are
+skipped. A `scan_` function returns the good rows and a finding for every bad line; a `read_`
+function raises BadData for the first bad line.
 """
 
 import re
@@ -21,11 +23,15 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
-ROTATION_TOLERANCE = 1e-3  # of R R' - I and of a quaternion's length; the nearest rotation is taken within it
+ROTATION_TOLERANCE = (
+    1e-3  # of R R' - I and of a quaternion's length; the nearest rotation is taken within it
+)
 LARGEST = 2.0**63  # times in nanoseconds are below it
 LONGEST_STEP_S = 60.0  # from time to time, more often than not: longer ones are not in seconds
 FARTHEST = 1e9  # a position; the Earth is 1.3e7 m wide
-_WORD = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
+_WORD = re.compile(
+    r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE
+)
 IndexArray = npt.NDArray[np.int64]
 
 
@@ -53,7 +59,9 @@ def read_kitti(path: Path) -> tuple[IndexArray | None, FloatArray]:
 
 
 def read_tum(path: Path, *, is_metric: bool = True) -> Trajectory:
-    """The trajectory of a TUM file; the file does not say whether its unit is the metre, so the caller does."""
+    """The trajectory of a TUM file; the file does not say whether its unit is the metre, so the
+    caller does.
+    """
     table, findings = scan_tum(path)
     raise_first(findings)
     assert table.keys is not None
@@ -68,20 +76,28 @@ def read_times(path: Path) -> FloatArray:
 
 
 def has_times(path: Path) -> bool:
-    """Whether a trajectory file is TUM (True) or KITTI (False), by the numbers on its first line."""
+    """Whether a trajectory file is TUM (True) or KITTI (False), by the numbers on its
+    first line.
+    """
     rows, findings = _read_rows(path, "poses")
     if not rows:
         raise_first(findings)
     count = len(rows[0].numbers)
     if count not in (8, 12, 13):
-        raise_first([error(path, rows[0].line, f"{count} numbers, expected 8 (TUM), 12 or 13 (KITTI)")])
+        raise_first(
+            [error(path, rows[0].line, f"{count} numbers, expected 8 (TUM), 12 or 13 (KITTI)")]
+        )
     return count == 8
 
 
-def read_trajectory(path: Path, times_s: FloatArray | None = None, *, is_metric: bool = True) -> Trajectory:
-    """The trajectory of a TUM file, or of a KITTI file with the times of all frames, told apart by content.
+def read_trajectory(
+    path: Path, times_s: FloatArray | None = None, *, is_metric: bool = True
+) -> Trajectory:
+    """The trajectory of a TUM file, or of a KITTI file with the times of all frames, told apart by
+    content.
 
-    `times_s` is for KITTI files alone: their rows are frames 0, 1, ..., or those of the indices in front.
+    `times_s` is for KITTI files alone: their rows are frames 0, 1, ..., or those of the indices in
+    front.
     """
     if has_times(path):
         return read_tum(path, is_metric=is_metric)
@@ -89,9 +105,13 @@ def read_trajectory(path: Path, times_s: FloatArray | None = None, *, is_metric:
     if times_s is None:
         raise BadData(f"{path} is in KITTI's format, which has no times: give those of all frames")
     if indices is None and len(world_from_cam) != len(times_s):
-        raise BadData(f"{path}: {len(world_from_cam)} poses for {len(times_s)} frames, expected one each")
+        raise BadData(
+            f"{path}: {len(world_from_cam)} poses for {len(times_s)} frames, expected one each"
+        )
     if indices is not None and indices[-1] >= len(times_s):
-        raise BadData(f"{path}: a pose of frame {indices[-1]}, but frames end at {len(times_s) - 1}")
+        raise BadData(
+            f"{path}: a pose of frame {indices[-1]}, but frames end at {len(times_s) - 1}"
+        )
     return Trajectory(world_from_cam, times_s if indices is None else times_s[indices], is_metric)
 
 
@@ -113,11 +133,17 @@ def scan_kitti(path: Path) -> tuple[PoseTable, list[Finding]]:
     rows, findings = _scan_rows(path, "poses", (12, 13), expected)
     entries = np.array([row.numbers[-12:] for row in rows]).reshape(-1, 3, 4)
     rotation = np.clip(entries[:, :, :3], -1e3, 1e3)  # whose products do not overflow
-    defect = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    problems = [f"not a rotation matrix: R R' is off the identity by {value:.2g}" for value in defect]
+    defect = np.abs(rotation @ np.swapaxes(rotation, 1, 2) - np.eye(3)).max(
+        axis=(1, 2), initial=0.0
+    )
+    problems = [
+        f"not a rotation matrix: R R' is off the identity by {value:.2g}" for value in defect
+    ]
     for number in np.flatnonzero(defect < ROTATION_TOLERANCE):
         mirrored = np.linalg.det(rotation[number]) < 0
-        problems[number] = "not a rotation matrix but a reflection (determinant -1)" if mirrored else ""
+        problems[number] = (
+            "not a rotation matrix but a reflection (determinant -1)" if mirrored else ""
+        )
     return _pose_table(path, rows, entries, problems, findings)
 
 
@@ -127,15 +153,22 @@ def scan_tum(path: Path) -> tuple[PoseTable, list[Finding]]:
 
 
 def scan_asl(path: Path, start_ns: float) -> tuple[PoseTable, list[Finding]]:
-    """The good rows of a data.csv of EuRoC, times in seconds after a start, and the errors of the others."""
+    """The good rows of a data.csv of EuRoC, times in seconds after a start, and the errors of the
+    others.
+    """
     expected = "8 or 17 (time in ns, x, y, z, qw, qx, qy, qz, ...)"
     rows, findings = _scan_rows(path, "poses", (17, 8), expected, separator=",")
     order = (1, 2, 3, 5, 6, 7, 4)  # x, y, z, qx, qy, qz, qw
-    found = [Row(line, ((numbers[0] - start_ns) / 1e9, *(numbers[i] for i in order))) for line, numbers in rows]
+    found = [
+        Row(line, ((numbers[0] - start_ns) / 1e9, *(numbers[i] for i in order)))
+        for line, numbers in rows
+    ]
     return _quaternion_table(path, found, findings)
 
 
-def _quaternion_table(path: Path, rows: list[Row], findings: list[Finding]) -> tuple[PoseTable, list[Finding]]:
+def _quaternion_table(
+    path: Path, rows: list[Row], findings: list[Finding]
+) -> tuple[PoseTable, list[Finding]]:
     numbers = np.array([row.numbers for row in rows]).reshape(-1, 8)
     length = np.linalg.norm(numbers[:, 4:], axis=1)
     is_unit = np.abs(length - 1) < ROTATION_TOLERANCE
@@ -152,7 +185,11 @@ def scan_times(path: Path) -> tuple[FloatArray, tuple[int, ...], list[Finding]]:
     times_s = np.array([row.numbers[0] for row in rows])
     if len(times_s) > 1 and (step_s := float(np.median(np.diff(times_s)))) > LONGEST_STEP_S:
         findings.append(
-            error(path, None, f"half of the times are {step_s:.4g} or more apart, expected times in seconds")
+            error(
+                path,
+                None,
+                f"half of the times are {step_s:.4g} or more apart, expected times in seconds",
+            )
         )
     return times_s, tuple(row.line for row in rows), _sorted(findings)
 
@@ -163,8 +200,15 @@ def read_lines(path: Path) -> tuple[list[tuple[int, str]], list[Finding]]:
         text = files.read_text(path)
     except BadData as problem:
         missing = not path.exists()
-        return [], [error(path, None, "does not exist" if missing else str(problem).removeprefix(f"{path} "))]
-    lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(text.splitlines(), start=1)]
+        return [], [
+            error(
+                path, None, "does not exist" if missing else str(problem).removeprefix(f"{path} ")
+            )
+        ]
+    lines = [
+        (number, line.partition("#")[0].strip())
+        for number, line in enumerate(text.splitlines(), start=1)
+    ]
     return [(number, line) for number, line in lines if line], []
 
 
@@ -193,7 +237,9 @@ def _read_rows(path: Path, what: str, separator: str = " ") -> tuple[list[Row], 
 def _scan_rows(
     path: Path, what: str, lengths: tuple[int, ...], expected: str, separator: str = " "
 ) -> tuple[list[Row], list[Finding]]:
-    """The rows as long as the first, whose first numbers, if they are times or frame indices, increase."""
+    """The rows as long as the first, whose first numbers, if they are times or frame indices,
+    increase.
+    """
     rows, findings = _read_rows(path, what, separator)
     length = len(rows[0].numbers) if rows and len(rows[0].numbers) in lengths else lengths[0]
     good: list[Row] = []
@@ -216,7 +262,10 @@ def _key_problem(row: Row, before: Row | None) -> str:
         return f"frame index {key:g}, expected a whole number from 0"
     if before is None or key > before.numbers[0]:
         return ""
-    return f"{'frame' if is_index else 'time'} {key!r} is not after {before.numbers[0]!r} of line {before.line}"
+    return (
+        f"{'frame' if is_index else 'time'} {key!r} is not after {before.numbers[0]!r} of line "
+        f"{before.line}"
+    )
 
 
 def _pose_table(
@@ -228,17 +277,28 @@ def _pose_table(
 ) -> tuple[PoseTable, list[Finding]]:
     far = np.abs(entries[:, :, 3]).max(axis=1, initial=0.0)
     problems = [
-        problem or ("" if distance <= FARTHEST else f"a position of {distance:.3g}, expected at most {FARTHEST:g}")
+        problem
+        or (
+            ""
+            if distance <= FARTHEST
+            else f"a position of {distance:.3g}, expected at most {FARTHEST:g}"
+        )
         for problem, distance in zip(problems, far, strict=True)
     ]
-    findings += [error(path, row.line, problem) for row, problem in zip(rows, problems, strict=True) if problem]
+    findings += [
+        error(path, row.line, problem)
+        for row, problem in zip(rows, problems, strict=True)
+        if problem
+    ]
     good = [number for number, problem in enumerate(problems) if not problem]
     world_from_cam = se3.compose(entries[good][:, :, :3], entries[good][:, :, 3])
     if good:
         world_from_cam = se3.orthonormalised(world_from_cam, ROTATION_TOLERANCE)
     with_keys = bool(rows) and len(rows[0].numbers) != 12
     keys = np.array([rows[number].numbers[0] for number in good]) if with_keys else None
-    return PoseTable(tuple(rows[number].line for number in good), keys, world_from_cam), _sorted(findings)
+    return PoseTable(tuple(rows[number].line for number in good), keys, world_from_cam), _sorted(
+        findings
+    )
 
 
 def _sorted(findings: list[Finding]) -> list[Finding]:
@@ -252,5 +312,8 @@ def _write_rows(path: Path, rows: FloatArray, header: str = "") -> None:
             lines = (" ".join(map(repr, row)) + "\n" for row in rows.tolist())
             scratch.write_text(header + "".join(lines), encoding="utf-8")
     except OSError as problem:
-        message = f"{path} cannot be written ({problem.strerror}): give a file in a folder that can be written"
+        message = (
+            f"{path} cannot be written ({problem.strerror}): give a file in a folder that can be "
+            "written"
+        )
         raise BadData(message) from problem

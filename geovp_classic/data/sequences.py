@@ -1,4 +1,6 @@
-"""Data sets of several recordings below one root: which frames of which recording clips are cut from."""
+"""Data sets of several recordings below one root: which frames of which recording clips are cut
+from.
+"""
 
 import dataclasses
 from abc import ABC, abstractmethod
@@ -28,7 +30,7 @@ class SequenceDataset(ABC):
     num_frames: int
     stride: int
     size_px: tuple[int, int]
-    with_wide: bool
+    with_full: bool
     fit: Fit = "crop"
 
     def _check(self) -> None:
@@ -45,16 +47,22 @@ class SequenceDataset(ABC):
 
     @cached_property
     def ranges(self) -> tuple[FrameRange, ...]:
-        """The frames that clips are cut from, every end spelled out; broken where the recording is."""
+        """The frames that clips are cut from, every end spelled out; broken where the
+        recording is.
+        """
         pieces = []
         for frames in self._wanted:
             recording = self.recordings[frames.sequence]
-            pieces += windows.pieces(frames.within(len(recording.frames)), recording.breaks, self.num_frames)
+            pieces += windows.pieces(
+                frames.within(len(recording.frames)), recording.breaks, self.num_frames
+            )
         return tuple(pieces)
 
     @property
     def split_hash(self) -> str:
-        """The hash of `ranges`: two people have the same one when their clips come from the same frames."""
+        """The hash of `ranges`: two people have the same one when their clips come from the same
+        frames.
+        """
         return splits.content_hash(self.ranges)
 
     @property
@@ -66,7 +74,10 @@ class SequenceDataset(ABC):
     def recordings(self) -> dict[str, Recording]:
         """The sequences in use, by name."""
         load = FrameCache(self._load)
-        return {name: self._read(name, load) for name in dict.fromkeys(frames.sequence for frames in self._wanted)}
+        return {
+            name: self._read(name, load)
+            for name in dict.fromkeys(frames.sequence for frames in self._wanted)
+        }
 
     def __len__(self) -> int:
         return len(self._starts)
@@ -75,7 +86,9 @@ class SequenceDataset(ABC):
         """One clip; BadData names the image that is wrong."""
         sequence, first = self._starts[index]
         recording = self.recordings[sequence]
-        return windows.cut(recording, first, self.num_frames, self.size_px, with_wide=self.with_wide, fit=self.fit)
+        return windows.cut(
+            recording, first, self.num_frames, self.size_px, with_full=self.with_full, fit=self.fit
+        )
 
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
@@ -100,5 +113,7 @@ class SequenceDataset(ABC):
 
     @cached_property
     def _starts(self) -> list[tuple[str, int]]:
-        cuts = ((frames, windows.starts(frames, self.num_frames, self.stride)) for frames in self.ranges)
+        cuts = (
+            (frames, windows.starts(frames, self.num_frames, self.stride)) for frames in self.ranges
+        )
         return [(frames.sequence, first) for frames, firsts in cuts for first in firsts]

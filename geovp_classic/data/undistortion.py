@@ -1,7 +1,8 @@
 """Images of a camera with lens distortion as a pinhole camera without any sees them.
 
-Distortion models and their equations are COLMAP's; of these, OPENCV is what ROS and Kalibr call radtan or plumb_bob,
-FULL_OPENCV with a third radial coefficient is TUM's, and OPENCV_FISHEYE is equidistant (Kannala and Brandt 2006).
+Distortion models and their equations are COLMAP's; of these, OPENCV is what ROS and Kalibr call
+radtan or plumb_bob, FULL_OPENCV with a third radial coefficient is TUM's, and OPENCV_FISHEYE is
+equidistant (Kannala and Brandt 2006).
 """
 
 import functools
@@ -27,7 +28,9 @@ EXACT_PX = 1e-6  # maps that differ less from the pixels themselves change nothi
 
 @dataclass(frozen=True)
 class DistortedCamera:
-    """One of COLMAP's camera models with its parameters, in which (0.5, 0.5) is the top-left pixel's centre."""
+    """One of COLMAP's camera models with its parameters, in which (0.5, 0.5) is the top-left
+    pixel's centre.
+    """
 
     model: str
     params: tuple[float, ...]
@@ -36,9 +39,15 @@ class DistortedCamera:
 
     @classmethod
     def of(
-        cls, model: str, numbers: tuple[float, float, float, float], distortion: Iterable[float], size_px: Size
+        cls,
+        model: str,
+        numbers: tuple[float, float, float, float],
+        distortion: Iterable[float],
+        size_px: Size,
     ) -> Self:
-        """The camera of (fx, fy, cx, cy) with (0, 0) the top-left pixel's centre; fx where its model has one focal."""
+        """The camera of (fx, fy, cx, cy) with (0, 0) the top-left pixel's centre; fx where its
+        model has one focal.
+        """
         from geovp_classic.colmap_library import pycolmap
 
         fx, fy, cx, cy = numbers
@@ -61,11 +70,14 @@ class DistortedCamera:
     def _colmap(self) -> Any:  # pycolmap.Camera
         from geovp_classic.colmap_library import pycolmap
 
-        return pycolmap.Camera(model=self.model, params=self.params, width=self.width_px, height=self.height_px)
+        return pycolmap.Camera(
+            model=self.model, params=self.params, width=self.width_px, height=self.height_px
+        )
 
 
 def common_pinhole(cameras: Iterable[DistortedCamera], source: Path) -> Intrinsics:
-    """The first camera without its distortion, zoomed in until every pixel lies inside the images of all cameras.
+    """The first camera without its distortion, zoomed in until every pixel lies inside the images
+    of all cameras.
 
     BadData naming `source` where that takes more than a zoom of 2.
     """
@@ -76,7 +88,8 @@ def common_pinhole(cameras: Iterable[DistortedCamera], source: Path) -> Intrinsi
         if all(_covers(camera, zoomed) for camera in every):
             return zoomed
     raise BadData(
-        f"{source}: no pinhole camera, up to a zoom of 2, sees only what all its {len(every)} cameras see: check focal "
+        f"{source}: no pinhole camera, up to a zoom of 2, sees only what all its {len(every)} "
+        "cameras see: check focal "
         "lengths, principal points and distortion"
     )
 
@@ -87,14 +100,22 @@ def undistorted(
     view: Intrinsics,
     interpolation: int = cv2.INTER_LINEAR,
 ) -> npt.NDArray[Any]:
-    """The image of the pinhole camera `view` in the same place; the same image where there is no distortion."""
+    """The image of the pinhole camera `view` in the same place; the same image where there is no
+    distortion.
+    """
     maps = _maps(camera, view)
-    return image if maps is None else cv2.remap(image, *maps, interpolation, borderMode=cv2.BORDER_REPLICATE)
+    return (
+        image
+        if maps is None
+        else cv2.remap(image, *maps, interpolation, borderMode=cv2.BORDER_REPLICATE)
+    )
 
 
 @dataclass(frozen=True)
 class UndistortedFrames:
-    """One image file a frame, each of a camera of its own, all shown as one pinhole camera sees them."""
+    """One image file a frame, each of a camera of its own, all shown as one pinhole camera sees
+    them.
+    """
 
     paths: tuple[Path, ...]  # N
     cameras: tuple[DistortedCamera, ...]  # N
@@ -105,7 +126,9 @@ class UndistortedFrames:
         return len(self.paths)
 
     def read(self, index: int) -> ByteArray:
-        """One frame; BadData when its file is damaged or not of the size that its camera was calibrated at."""
+        """One frame; BadData when its file is damaged or not of the size that its camera was
+        calibrated at.
+        """
         image = self.load(self.paths[index])
         _check_size(self.paths[index], image.shape, self.cameras[index])
         return undistorted(image, self.cameras[index], self.view)
@@ -129,7 +152,9 @@ class UndistortedVideo:
 
 @dataclass(frozen=True)
 class UndistortedDepths:
-    """The depth images of such frames; `depths(number)` is z-depth [H, W] in metres, 0 where unknown."""
+    """The depth images of such frames; `depths(number)` is z-depth [H, W] in metres, 0 where
+    unknown.
+    """
 
     paths: tuple[Path | None, ...]  # N, None for a frame that has none
     cameras: tuple[DistortedCamera, ...]  # N
@@ -144,7 +169,10 @@ class UndistortedDepths:
         image = decoding.decoded(path, cv2.IMREAD_UNCHANGED)
         if image.dtype != np.uint16 or image.ndim != 2:
             found = f"holds {image.dtype} in {image.ndim} dimensions"
-            raise BadData(f"{path} {found}, expected a depth image of one channel of 16 bits: restore the file")
+            raise BadData(
+                f"{path} {found}, expected a depth image of one channel of 16 bits: restore the "
+                "file"
+            )
         _check_size(path, image.shape, self.cameras[index])
         values = undistorted(image, self.cameras[index], self.view, cv2.INTER_NEAREST)
         return (values / self.values_per_m).astype(np.float32)
@@ -158,8 +186,12 @@ def _check_size(path: Path, shape: tuple[int, ...], camera: DistortedCamera) -> 
 
 @functools.lru_cache(maxsize=8)
 def _maps(camera: DistortedCamera, view: Intrinsics) -> tuple[FloatArray, FloatArray] | None:
-    """Where each pixel of the view lies in the camera's image: u and v [H, W]; None where that is the pixel itself."""
-    pixels = camera.pixels(pinhole.rays(view).reshape(-1, 3)).reshape(view.height_px, view.width_px, 2)
+    """Where each pixel of the view lies in the camera's image: u and v [H, W]; None where that is
+    the pixel itself.
+    """
+    pixels = camera.pixels(pinhole.rays(view).reshape(-1, 3)).reshape(
+        view.height_px, view.width_px, 2
+    )
     same_size = (view.width_px, view.height_px) == (camera.width_px, camera.height_px)
     if same_size and np.abs(pixels - pinhole.pixel_grid(view)).max() < EXACT_PX:
         return None
@@ -171,4 +203,6 @@ def _covers(camera: DistortedCamera, view: Intrinsics) -> bool:
     grid = pinhole.pixel_grid(view)
     border = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
     pixels = camera.pixels(pinhole.unproject(border, np.ones(len(border)), view))
-    return bool(((pixels >= -0.5) & (pixels <= np.array([camera.width_px, camera.height_px]) - 0.5)).all())
+    return bool(
+        ((pixels >= -0.5) & (pixels <= np.array([camera.width_px, camera.height_px]) - 0.5)).all()
+    )

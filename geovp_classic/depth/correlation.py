@@ -1,4 +1,5 @@
-"""Scores of one source at one hypothesis: one minus the zero-mean normalised cross-correlation of small windows.
+"""Scores of one source at one hypothesis: one minus the zero-mean normalised cross-correlation of
+small windows.
 
 The source is sampled row by row, where the hypothesis puts the pixels of the reference image.
 """
@@ -12,7 +13,9 @@ from geovp_classic.types import FloatArray, IntArray
 
 CostArray = npt.NDArray[np.uint8]
 PackedArray = npt.NDArray[np.int32]
-Buffers = tuple[FloatArray, FloatArray, FloatArray, FloatArray, PackedArray, CostArray]  # see matching._buffers
+Buffers = tuple[
+    FloatArray, FloatArray, FloatArray, FloatArray, PackedArray, CostArray
+]  # see matching._buffers
 
 RADIUS_PX = 2  # of the window; the row sums below are written out for it
 NOISE_VARIANCE = 2.0  # of grey values 0..255; windows flatter than this correlate with nothing
@@ -43,13 +46,19 @@ def add_band(
     buffers: Buffers,
     scores: FloatArray,  # [rows, 2, W], added to
 ) -> None:
-    """Window sums run down the rows: each row's own sums enter at the bottom and leave at the top (ring of 2 r + 1)."""
+    """Window sums run down the rows: each row's own sums enter at the bottom and leave at the top
+    (ring of 2 r + 1).
+    """
     padded, mean, inverse_deviation = own
     _, _, sums, rows, index, _ = buffers
     clear(sums)
     for step in range(len(lines)):
         inside, row, v = rows[step % 5], step - 2 * RADIUS_PX, np.float32(lines[step])
-        start = a[0, 1] * v + a[0, 2] + shift[0], a[1, 1] * v + a[1, 2] + shift[1], a[2, 1] * v + a[2, 2] + shift[2]
+        start = (
+            a[0, 1] * v + a[0, 2] + shift[0],
+            a[1, 1] * v + a[1, 2] + shift[1],
+            a[2, 1] * v + a[2, 2] + shift[2],
+        )
         _aim_row((a[0, 0], a[1, 0], a[2, 0]), start, source.shape, rows[5], rows[6], index, inside)
         _read_row(source, rows[5], rows[6], index, rows[7])
         _sum_row(rows[7], padded[step], sums[step % 5], sums[5])
@@ -93,8 +102,14 @@ def _read_row(
         index[column] = flat[np.uint64(index[column])]
     for column in range(width):
         four, along, down = index[column], part_u[column], part_v[column]
-        upper, above_right = np.float32(np.int32(four & byte)), np.float32(np.int32((four >> 8) & byte))
-        lower, below_right = np.float32(np.int32((four >> 16) & byte)), np.float32(np.int32((four >> 24) & byte))
+        upper, above_right = (
+            np.float32(np.int32(four & byte)),
+            np.float32(np.int32((four >> 8) & byte)),
+        )
+        lower, below_right = (
+            np.float32(np.int32((four >> 16) & byte)),
+            np.float32(np.int32((four >> 24) & byte)),
+        )
         upper, lower = upper + along * (above_right - upper), lower + along * (below_right - lower)
         warped[column + r] = upper + down * (lower - upper)
     for i in range(r):
@@ -105,14 +120,17 @@ def _read_row(
 def _sum_row(
     warped: FloatArray,  # [W + 2 r]
     own: FloatArray,  # [W + 2 r]
-    leaving: FloatArray,  # [3, W], the sums of the row that leaves the window; replaced by this row's
+    # [3, W], the sums of the row that leaves the window; replaced by this row's
+    leaving: FloatArray,
     running: FloatArray,  # [3, W], sums of warped, warped^2 and warped * own over the window
 ) -> None:
     for x in range(running.shape[1]):
         j0, j1, j2, j3, j4 = warped[x], warped[x + 1], warped[x + 2], warped[x + 3], warped[x + 4]
         plain = j0 + j1 + j2 + j3 + j4
         square = j0 * j0 + j1 * j1 + j2 * j2 + j3 * j3 + j4 * j4
-        product = j0 * own[x] + j1 * own[x + 1] + j2 * own[x + 2] + j3 * own[x + 3] + j4 * own[x + 4]
+        product = (
+            j0 * own[x] + j1 * own[x + 1] + j2 * own[x + 2] + j3 * own[x + 3] + j4 * own[x + 4]
+        )
         running[0, x] += plain - leaving[0, x]
         running[1, x] += square - leaving[1, x]
         running[2, x] += product - leaving[2, x]
@@ -125,11 +143,14 @@ def _score_row(
     mean: FloatArray,  # [W]
     inverse_deviation: FloatArray,  # [W]
     inside: FloatArray,  # [W + 2 r]
-    scores: FloatArray,  # [2, W], added to: one minus the correlation, and 1, where the source sees the point
+    # [2, W], added to: one minus the correlation, and 1, where the source sees the point
+    scores: FloatArray,
 ) -> None:
     for x in range(len(mean)):
         average = running[0, x] * _WINDOW
-        variance = max(running[1, x] * _WINDOW - average * average, _ZERO) + np.float32(NOISE_VARIANCE)
+        variance = max(running[1, x] * _WINDOW - average * average, _ZERO) + np.float32(
+            NOISE_VARIANCE
+        )
         covariance = running[2, x] * _WINDOW - mean[x] * average
         disagreement = _ONE - covariance * inverse_deviation[x] / np.sqrt(variance)
         scores[0, x] += inside[x] * min(max(disagreement, _ZERO), _ONE)

@@ -1,7 +1,7 @@
 """Multi-view depth from the observed frames and their poses.
 
-Forward motion leaves no parallax around its own direction, the epipole: the longest baseline decides there, the
-neighbours help, and pixels without any evidence come out far and uncertain.
+Forward motion leaves no parallax around its own direction, the epipole: the longest baseline
+decides there, the neighbours help, and pixels without any evidence come out far and uncertain.
 """
 
 import functools
@@ -14,7 +14,7 @@ from geovp_classic.depth.sweep import TALL_PX, GroundPrior, sweep
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.ground_plane import GroundPlane
-from geovp_classic.types import Context, FloatArray, Grant, Intrinsics, Trajectory
+from geovp_classic.types import Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -22,23 +22,32 @@ class LevelRoad:
     """A level road at the recorded camera height, for frames without parallax."""
 
     def inverse_depth(self, context: Context, past: Trajectory) -> FloatArray:
-        """Inverse depth [H, W] of the road, 0 above its horizon; Incompatible without a height or without metres."""
+        """Inverse depth [H, W] of the road, 0 above its horizon; Incompatible without a height or
+        without metres.
+        """
         if context.camera_height_m is None or not past.is_metric:
-            raise Incompatible("a level road needs a recorded camera height and metric poses: leave level_road out")
+            raise Incompatible(
+                "a level road needs a recorded camera height and metric poses: leave level_road out"
+            )
         road = GroundPlane(np.array([0.0, 1.0, 0.0]), context.camera_height_m)
         return np.maximum(road.inverse_depth(context.intrinsics), 0)
 
 
 @dataclass(frozen=True)
 class Multiview:
-    """Plane sweep (Collins 1996) over the observed frames with the given poses, in whatever unit these have.
+    """Plane sweep (Collins 1996) over the observed frames with the given poses, in whatever unit
+    these have.
 
-    Where the camera stood still or only turned, nothing is known: confidence is 0 everywhere and all is infinitely far,
-    or lies on a level road where one is given.
+    Where the camera stood still or only turned, nothing is known: confidence is 0 everywhere and
+    all is infinitely far, or lies on a level road where one is given.
     """
 
-    frames: tuple[int, ...] = (-1,)  # steps whose depth is wanted, counted from the end when negative
-    num_planes: int = 96  # of a sweep over images of up to TALL_PX rows; over taller ones proportionally more
+    frames: tuple[int, ...] = (
+        -1,
+    )  # steps whose depth is wanted, counted from the end when negative
+    num_planes: int = (
+        96  # of a sweep over images of up to TALL_PX rows; over taller ones proportionally more
+    )
     ground: GroundPrior | None = field(default_factory=GroundPrior)  # None: no prior
     level_road: LevelRoad | None = None  # where there is no parallax
 
@@ -48,24 +57,32 @@ class Multiview:
             raise BadData(f"multiview: {given}, expected at least one frame and at least 4 planes")
 
     @property
-    def needs(self) -> Grant:
+    def needs(self) -> PrivilegedInput:
         """Nothing beyond the frames, unless the camera's height is asked for."""
-        return Grant.NONE if self.level_road is None else Grant.CAMERA_HEIGHT
+        return PrivilegedInput.NONE if self.level_road is None else PrivilegedInput.CAMERA_HEIGHT
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Inverse depth [P, H, W] and confidence [P, H, W], float32; both are 0 for frames that are not wanted.
+        """Inverse depth [P, H, W] and confidence [P, H, W], float32; both are 0 for frames that are
+        not wanted.
 
         BadData when a wanted frame was not observed.
         """
         count, camera = len(context.frames), context.intrinsics
         if not all(-count <= frame < count for frame in self.frames):
-            raise BadData(f"multiview: frames {self.frames} of {count} observed ones: choose from -{count} to -1")
+            raise BadData(
+                f"multiview: frames {self.frames} of {count} observed ones: choose from "
+                f"-{count} to -1"
+            )
         still = None if self.level_road is None else self.level_road.inverse_depth(context, past)
         inverse_depths, confidence = np.zeros((2, *context.frames.shape[:3]), np.float32)
         for step in {frame % count for frame in self.frames}:
             used = [step, *viewpoints.choose_sources(past.world_from_cam, step, camera)]
             pixels, poses = context.frames[used].tobytes(), past.world_from_cam[used].tobytes()
-            found = _swept(pixels, poses, camera, self.num_planes, self.ground) if len(used) > 1 else None
+            found = (
+                _swept(pixels, poses, camera, self.num_planes, self.ground)
+                if len(used) > 1
+                else None
+            )
             if found is not None:
                 inverse_depths[step], confidence[step] = found
             elif still is not None:
@@ -73,15 +90,27 @@ class Multiview:
         return inverse_depths, confidence
 
 
-@functools.lru_cache(maxsize=2)  # the scene asks again for the depth that the road's height was measured with
+@functools.lru_cache(
+    maxsize=2
+)  # the scene asks again for the depth that the road's height was measured with
 def _swept(
     pixels: bytes, poses: bytes, camera: Intrinsics, num_planes: int, ground: GroundPrior | None
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Inverse depth and confidence [H, W] of the first frame; None where none of the others shows parallax."""
+    """Inverse depth and confidence [H, W] of the first frame; None where none of the others shows
+    parallax.
+    """
     frames = np.frombuffer(pixels, np.uint8).reshape(-1, camera.height_px, camera.width_px, 3)
     images = np.stack([pinhole.grey(frame) for frame in frames])
     num_planes = round(num_planes * max(1, camera.height_px / TALL_PX))
-    return sweep(images, camera, np.frombuffer(poses).reshape(-1, 4, 4), 0, range(1, len(frames)), num_planes, ground)
+    return sweep(
+        images,
+        camera,
+        np.frombuffer(poses).reshape(-1, 4, 4),
+        0,
+        range(1, len(frames)),
+        num_planes,
+        ground,
+    )
 
 
 forget = _swept.cache_clear  # for measurements of time

@@ -1,8 +1,9 @@
 """Evidence of motion: pixels of the last frame that no static point on or above the road explains.
 
-A static point may lie at any distance from the road's surface to infinity. Where it appears in an earlier frame is
-therefore a piece of its epipolar line (Hartley & Zisserman 2004, eq. 13.2); a pixel that is found elsewhere moves by
-itself. The images decide: the best static correspondence must match worse than the one of optical flow.
+A static point may lie at any distance from the road's surface to infinity. Where it appears in an
+earlier frame is therefore a piece of its epipolar line (Hartley & Zisserman 2004, eq. 13.2); a
+pixel that is found elsewhere moves by itself. The images decide: the best static correspondence
+must match worse than the one of optical flow.
 """
 
 from dataclasses import dataclass
@@ -21,14 +22,19 @@ EXPOSURE_STRIDE_PX = 4  # every fourth pixel is used to estimate the change of e
 EXPOSURE_ROUNDS = 3
 GREY_NOISE = 4.0  # difference of grey values 0..255 that is noise
 SMOOTHING_PX = 5  # of the flow that the search starts from
-BELOW_ROAD = 0.85  # of the road's inverse depth, the least of a static point: the road is not quite flat
+BELOW_ROAD = (
+    0.85  # of the road's inverse depth, the least of a static point: the road is not quite flat
+)
 
 
 @dataclass(frozen=True)
 class ResidualEvidence:
-    """How much better flow matches the images than any static point, and the correspondences of the flow."""
+    """How much better flow matches the images than any static point, and the correspondences of the
+    flow.
+    """
 
-    strength: FloatArray  # [H, W], excess of the static grey difference over that of flow, relative to the latter
+    # [H, W], excess of the static grey difference over that of flow, relative to the latter
+    strength: FloatArray
     shift_px: FloatArray  # [H, W], distance of the flow from the best static correspondence
     flow_pixels: FloatArray  # [K, H, W, 2] float32, pixels (u, v) in the earlier frames
 
@@ -41,16 +47,22 @@ def residual_evidence(
     ground: GroundPlane | None,
     steps: tuple[int, ...],
 ) -> ResidualEvidence:
-    """The evidence as a median over the earlier frames, robust to single chance matches and occlusions."""
+    """The evidence as a median over the earlier frames, robust to single chance matches and
+    occlusions.
+    """
     lowest = _road_limit(camera, ground)
     static_depth = np.maximum(inverse_depth, lowest).astype(np.float32)
-    tests = parallel_map(lambda step: _test_frame(step, images, camera, world_from_cam, static_depth, lowest), steps)
+    tests = parallel_map(
+        lambda step: _test_frame(step, images, camera, world_from_cam, static_depth, lowest), steps
+    )
     strengths, shifts_px, flow_pixels = (np.stack(maps) for maps in zip(*tests, strict=True))
     return ResidualEvidence(_median(strengths), _median(shifts_px), flow_pixels)
 
 
 def _median(maps: FloatArray) -> FloatArray:
-    """The median [H, W] of maps [K, H, W], by a sorting network: numpy's takes ten times as long for so few."""
+    """The median [H, W] of maps [K, H, W], by a sorting network: numpy's takes ten times as long
+    for so few.
+    """
     ranked = list(maps)
     for end in range(len(ranked) - 1, 0, -1):
         for k in range(end):
@@ -65,9 +77,11 @@ def equalise_exposure(
     inverse_depth: FloatArray,  # [H, W] of the last frame
     steps: tuple[int, ...],
 ) -> FloatArray:
-    """The images with those `steps` before the last one brought to its gain and offset, fitted to static points.
+    """The images with those `steps` before the last one brought to its gain and offset, fitted to
+    static points.
 
-    There is one gain and one offset for an image: local corrections would bleed over the edges of objects.
+    There is one gain and one offset for an image: local corrections would bleed over the edges of
+    objects.
     """
     equal = images.copy()
     some = (slice(None, None, EXPOSURE_STRIDE_PX),) * 2
@@ -105,7 +119,9 @@ def cam_from_last(world_from_cam: FloatArray, step: int) -> FloatArray:
 
 
 def _road_limit(camera: Intrinsics, ground: GroundPlane | None) -> FloatArray:
-    """The least inverse depth [H, W] of points not below the road; 0 beyond the near road and without one."""
+    """The least inverse depth [H, W] of points not below the road; 0 beyond the near road and
+    without one.
+    """
     if ground is None:
         return np.zeros((camera.height_px, camera.width_px), np.float32)
     road = ground.inverse_depth(camera)
@@ -120,31 +136,48 @@ def _test_frame(
     static_depth: FloatArray,  # [H, W]
     lowest: FloatArray,  # [H, W]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Strength and shift [H, W], 0 where the flow leaves the earlier image, and the flow's pixels [H, W, 2]."""
+    """Strength and shift [H, W], 0 where the flow leaves the earlier image, and the flow's pixels
+    [H, W, 2].
+    """
     pair = images[[-1, -1 - step]]
     last, earlier = pair
     between = Epipolar.of(camera, cam_from_last(world_from_cam, step))
     static_pixels, _ = between.project(static_depth)
-    flow_pixels, flow_error = _flow(pair, pinhole.pixel_grid(camera).astype(np.float32), static_pixels)
+    flow_pixels, flow_error = _flow(
+        pair, pinhole.pixel_grid(camera).astype(np.float32), static_pixels
+    )
     nearest_pixels, _ = between.project(np.maximum(between.triangulate(flow_pixels), lowest))
     candidates = static_pixels, nearest_pixels
     static_error = np.minimum(*(grey_difference(last, earlier, pixels) for pixels in candidates))
     shift_px = np.minimum(*(_length(pixels - flow_pixels) for pixels in candidates))
     visible = inside(flow_pixels, camera)
     strength = (static_error - flow_error) / (flow_error + np.float32(GREY_NOISE))
-    return np.where(visible, strength, np.float32(0)), np.where(visible, shift_px, np.float32(0)), flow_pixels
+    return (
+        np.where(visible, strength, np.float32(0)),
+        np.where(visible, shift_px, np.float32(0)),
+        flow_pixels,
+    )
 
 
-def _flow(pair: FloatArray, grid: FloatArray, static_pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where the last image's pixels are in the earlier one [H, W, 2], and the grey difference there [H, W].
+def _flow(
+    pair: FloatArray, grid: FloatArray, static_pixels: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where the last image's pixels are in the earlier one [H, W, 2], and the grey difference there
+    [H, W].
 
-    Dense inverse search (Kroeger 2016), from zero flow and from the flow of a static scene; the better counts.
+    Dense inverse search (Kroeger 2016), from zero flow and from the flow of a static scene; the
+    better counts.
     """
     last, earlier = np.clip(pair, 0, 255).astype(np.uint8)
-    start = [cv2.medianBlur(np.ascontiguousarray((static_pixels - grid)[..., axis]), SMOOTHING_PX) for axis in (0, 1)]
+    start = [
+        cv2.medianBlur(np.ascontiguousarray((static_pixels - grid)[..., axis]), SMOOTHING_PX)
+        for axis in (0, 1)
+    ]
 
     def search(first: FloatArray) -> tuple[FloatArray, FloatArray]:
-        place = grid + cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(last, earlier, first)
+        place = grid + cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(
+            last, earlier, first
+        )
         return place, grey_difference(pair[0], pair[1], place)
 
     starts: list[FloatArray] = [np.zeros_like(grid), np.stack(start, axis=-1)]
@@ -159,7 +192,9 @@ def grey_difference(
     place: FloatArray,  # [H, W, 2] float32
     window_px: int = WINDOW_PX,
 ) -> FloatArray:
-    """Mean absolute grey difference [H, W] between the last image and the earlier one at the pixels `place`."""
+    """Mean absolute grey difference [H, W] between the last image and the earlier one at the pixels
+    `place`.
+    """
     return np.asarray(cv2.blur(np.abs(_sample(earlier, place) - last), (window_px, window_px)))
 
 

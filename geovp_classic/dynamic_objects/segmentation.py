@@ -1,4 +1,6 @@
-"""Motion segmentation: pixels where an object's motion explains the images and a static background does not."""
+"""Motion segmentation: pixels where an object's motion explains the images and a static background
+does not.
+"""
 
 from dataclasses import dataclass
 
@@ -13,7 +15,9 @@ from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
 
 WINDOW_PX = 3  # over which differences of grey values are averaged
-MARGIN_GREY = 1.0  # grey values 0..255 by which the object must explain a pixel better than the background
+MARGIN_GREY = (
+    1.0  # grey values 0..255 by which the object must explain a pixel better than the background
+)
 MARGIN_SHARE = 0.25  # and this share of the object's own error
 HIGHEST = 1.35  # camera heights: vans, seen by a car's camera
 ASIDE = 0.4  # of the evidence's extent: how far the object may extend beside it
@@ -47,7 +51,8 @@ def segment(
     steps: tuple[int, ...],
     observed: Observations,
 ) -> BoolArray | None:
-    """The mask [H, W] of an object at one depth; None when its motion does not explain the evidence.
+    """The mask [H, W] of an object at one depth; None when its motion does not explain the
+    evidence.
 
     Gaps are filled: uniform doors and panes match anywhere.
     """
@@ -63,21 +68,40 @@ def segment(
 
 
 def photometric_error(
-    body: BoolArray, depth: float, velocity: FloatArray, steps: tuple[int, ...], observed: Observations
+    body: BoolArray,
+    depth: float,
+    velocity: FloatArray,
+    steps: tuple[int, ...],
+    observed: Observations,
 ) -> float:
-    """Mean difference of grey values between an object's body [H, W] and earlier frames where it was then."""
+    """Mean difference of grey values between an object's body [H, W] and earlier frames where it
+    was then.
+    """
     box = _columns(body.T), _columns(body)
     inverse_depth = np.full(body[box].shape, 1 / depth)
-    return float(np.mean([_grey_difference(inverse_depth, velocity, step, box, observed)[body[box]] for step in steps]))
+    return float(
+        np.mean(
+            [
+                _grey_difference(inverse_depth, velocity, step, box, observed)[body[box]]
+                for step in steps
+            ]
+        )
+    )
 
 
 def _photometric_errors(
-    box: Box, depth: float, velocity: FloatArray, steps: tuple[int, ...], observed: Observations, columns: slice
+    box: Box,
+    depth: float,
+    velocity: FloatArray,
+    steps: tuple[int, ...],
+    observed: Observations,
+    columns: slice,
 ) -> tuple[FloatArray, FloatArray]:
     """Grey differences [K, h, w] in the box under the object's motion and as static background.
 
-    In the columns of the evidence, depth was estimated from the object as if static: there the background is
-    interpolated from both sides of the box. Elsewhere the estimated depth counts, too.
+    In the columns of the evidence, depth was estimated from the object as if static: there the
+    background is interpolated from both sides of the box. Elsewhere the estimated depth counts,
+    too.
     """
     estimated = observed.inverse_depth[box]
     outside = np.ones(estimated.shape, dtype=bool)
@@ -100,7 +124,9 @@ def _columns(mask: BoolArray) -> slice:
 
 
 def _box(evidence: BoolArray, depth: float, observed: Observations) -> Box:
-    """Rows and columns where the object may be: around the evidence, from its foot to HIGHEST above the road."""
+    """Rows and columns where the object may be: around the evidence, from its foot to HIGHEST above
+    the road.
+    """
     height, width = evidence.shape
     rows, columns = _columns(evidence.T), _columns(evidence)
     aside_px = int(ASIDE * max(rows.stop - rows.start, columns.stop - columns.start))
@@ -111,7 +137,9 @@ def _box(evidence: BoolArray, depth: float, observed: Observations) -> Box:
 
 
 def _interpolated_between(inverse_depth: FloatArray, box: Box) -> FloatArray:
-    """Inverse depth [h, w] in the box, interpolated between its left and right neighbours row by row."""
+    """Inverse depth [h, w] in the box, interpolated between its left and right neighbours row by
+    row.
+    """
     rows, columns = box
     width = inverse_depth.shape[1]
     ends = [column for column in (columns.start - 1, columns.stop) if 0 <= column < width] or [0]
@@ -123,18 +151,27 @@ def _interpolated_between(inverse_depth: FloatArray, box: Box) -> FloatArray:
 def _grey_difference(
     inverse_depth: FloatArray, velocity: FloatArray, step: int, box: Box, observed: Observations
 ) -> FloatArray:
-    """Grey difference [h, w] in the box to the frame `step` before the last one, for a body with that velocity."""
+    """Grey difference [h, w] in the box to the frame `step` before the last one, for a body with
+    that velocity.
+    """
     other_from_last = epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
     shift = other_from_last[:3, 3] - observed.seconds(step) * other_from_last[:3, :3] @ velocity
-    points = pinhole.rays(observed.camera)[box] @ other_from_last[:3, :3].T + inverse_depth[..., None] * shift
+    points = (
+        pinhole.rays(observed.camera)[box] @ other_from_last[:3, :3].T
+        + inverse_depth[..., None] * shift
+    )
     points[..., 2] = np.maximum(points[..., 2], IN_FRONT)
     place = np.asarray(pinhole.project(points, observed.camera)[0], np.float32)
-    return epipolar_residual.grey_difference(observed.images[-1][box], observed.images[-1 - step], place, WINDOW_PX)
+    return epipolar_residual.grey_difference(
+        observed.images[-1][box], observed.images[-1 - step], place, WINDOW_PX
+    )
 
 
 def _connected_to(better: BoolArray, seed: BoolArray) -> BoolArray:
     """The parts of `better` [H, W] that are connected to the seed."""
-    _, labels = cv2.connectedComponents(cv2.dilate(better.astype(np.uint8), np.ones((5, 5), np.uint8)))
+    _, labels = cv2.connectedComponents(
+        cv2.dilate(better.astype(np.uint8), np.ones((5, 5), np.uint8))
+    )
     return np.asarray(better & np.isin(labels, np.unique(labels[seed])))
 
 

@@ -1,4 +1,6 @@
-"""Sprites (billboards) of dynamic objects: masked out of the static scene and composited where they have moved to."""
+"""Sprites (billboards) of dynamic objects: masked out of the static scene and composited where they
+have moved to.
+"""
 
 from dataclasses import dataclass
 
@@ -9,7 +11,8 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Scene
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
-NEARER = 1.02  # a sprite up to this factor farther than the static scene is in front: it stands on the road
+# a sprite up to this factor farther than the static scene is in front: it stands on the road
+NEARER = 1.02
 NEAR_SHARE = 0.1  # of its observed depth: nearer objects are not rendered
 RIM_PX = 2  # around the window of a sprite
 
@@ -28,7 +31,9 @@ class SpriteLayer:
 
 @dataclass(frozen=True)
 class Sprite:
-    """A part of an image at one depth, facing the camera that took it, that moves at a constant velocity."""
+    """A part of an image at one depth, facing the camera that took it, that moves at a constant
+    velocity.
+    """
 
     frame: ByteArray  # [H, W, 3]
     mask: BoolArray  # [H, W], which pixels belong to it; at least one
@@ -37,28 +42,48 @@ class Sprite:
     depth: float  # z in the source's frame when the image was taken
     velocity: FloatArray  # [3] in the source's frame, per second
 
-    def render(self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float) -> SpriteLayer | None:
-        """The sprite `seconds` after the image was taken; None where it is out of view or too near."""
+    def render(
+        self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float
+    ) -> SpriteLayer | None:
+        """The sprite `seconds` after the image was taken; None where it is out of view or
+        too near.
+        """
         cam_from_source = se3.inverse(world_from_cam) @ self.world_from_source
         rotation = cam_from_source[:3, :3]
         shift = rotation @ (seconds * self.velocity) + cam_from_source[:3, 3]
-        facing = rotation + np.outer(shift / self.depth, [0, 0, 1])  # Hartley & Zisserman 2004, eq. 13.1
+        facing = rotation + np.outer(
+            shift / self.depth, [0, 0, 1]
+        )  # Hartley & Zisserman 2004, eq. 13.1
         view_from_source = camera.matrix @ facing @ np.linalg.inv(self.camera.matrix)
         window = self._window(view_from_source, camera)
         if window is None:
             return None
         rows, columns = window
-        window_from_source = np.array([[1, 0, -columns.start], [0, 1, -rows.start], [0, 0, 1]]) @ view_from_source
+        window_from_source = (
+            np.array([[1, 0, -columns.start], [0, 1, -rows.start], [0, 0, 1]]) @ view_from_source
+        )
         size = (columns.stop - columns.start, rows.stop - rows.start)
         colours = cv2.warpPerspective(
-            self.frame, window_from_source, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+            self.frame,
+            window_from_source,
+            size,
+            flags=cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REPLICATE,
         )
-        opacity = cv2.warpPerspective(self.mask.astype(np.float32), window_from_source, size, flags=cv2.INTER_LINEAR)
-        inverse_depth = pinhole.rays(camera)[window] @ rotation[:, 2] / (self.depth + rotation[:, 2] @ shift)
-        return SpriteLayer(window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
+        opacity = cv2.warpPerspective(
+            self.mask.astype(np.float32), window_from_source, size, flags=cv2.INTER_LINEAR
+        )
+        inverse_depth = (
+            pinhole.rays(camera)[window] @ rotation[:, 2] / (self.depth + rotation[:, 2] @ shift)
+        )
+        return SpriteLayer(
+            window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth
+        )
 
     def _window(self, view_from_source: FloatArray, camera: Intrinsics) -> Window | None:
-        """The window of the view that holds the mask; None when out of view or nearer than NEAR_SHARE."""
+        """The window of the view that holds the mask; None when out of view or nearer than
+        NEAR_SHARE.
+        """
         rows, columns = np.flatnonzero(self.mask.any(axis=1)), np.flatnonzero(self.mask.any(axis=0))
         u, v = np.meshgrid(columns[[0, -1]] + [-1, 1], rows[[0, -1]] + [-1, 1])
         corners = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3) @ view_from_source.T
@@ -82,7 +107,8 @@ def mask_out(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Depths with the objects where they were, confidence 0 there, and their masks [P, H, W].
 
-    Objects stay in the depths, because they occlude; a confidence of 0 keeps them out of the static scene.
+    Objects stay in the depths, because they occlude; a confidence of 0 keeps them out of the static
+    scene.
     """
     mask = np.zeros(inverse_depths.shape, dtype=bool)
     if not sprites:
@@ -93,7 +119,9 @@ def mask_out(
             layer = sprite.render(pose, sprite.camera, float(seconds[step]))
             if layer is not None:
                 opaque = layer.opacity > 0
-                depths[step][layer.window] = np.where(opaque, layer.inverse_depth, depths[step][layer.window])
+                depths[step][layer.window] = np.where(
+                    opaque, layer.inverse_depth, depths[step][layer.window]
+                )
                 mask[step][layer.window] |= opaque
     return depths, np.where(mask, 0, confidence), mask
 
@@ -106,8 +134,12 @@ class DynamicScene:
     sprites: tuple[Sprite, ...]
     last_s: float  # the time of the sprites' frame, the last observed one
 
-    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
-        """The scene from the poses [F, 4, 4]; sprites in front are composited and count as covered."""
+    def view(
+        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+    ) -> Views:
+        """The scene from the poses [F, 4, 4]; sprites in front are composited and count as
+        covered.
+        """
         views = self.static.view(world_from_cam, times_s, intrinsics)
         frames, covered, depths = views.frames.copy(), views.covered.copy(), views.depths.copy()
         for k, since_s in enumerate(times_s - self.last_s):
@@ -132,4 +164,8 @@ def _composite_over(
     alpha = np.where(~covered | (depth <= 0) | (own < NEARER * depth), layer.opacity, 0)
     mixed = frame + alpha[..., None] * (layer.colours.astype(np.float32) - frame)
     opaque = alpha > 0.5
-    return (mixed + 0.5).astype(np.uint8), covered | opaque, np.where(opaque, own, depth).astype(np.float32)
+    return (
+        (mixed + 0.5).astype(np.uint8),
+        covered | opaque,
+        np.where(opaque, own, depth).astype(np.float32),
+    )

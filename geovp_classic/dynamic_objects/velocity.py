@@ -1,6 +1,8 @@
-"""The velocity of an object on the road: from optical flow first, then by tracking it through all frames.
+"""The velocity of an object on the road: from optical flow first, then by tracking it through all
+frames.
 
-A point p of the last frame was at R (p - v t) + c in the frame t seconds earlier, with R and c the camera's own motion.
+A point p of the last frame was at R (p - v t) + c in the frame t seconds earlier, with R and c the
+camera's own motion.
 """
 
 import cv2
@@ -48,7 +50,9 @@ def from_flow(
         turned = observed.seconds(step) * other_from_last[:3, :3] @ directions  # [3, 2]
         rows.append(turned[None, :2] - x[..., None] * turned[2])  # [N, 2, 2]
         missing.append(point[:, :2] - x * point[:, 2:])
-    return np.asarray(directions @ _robust(np.concatenate(rows).reshape(-1, 2), np.concatenate(missing).ravel()))
+    return np.asarray(
+        directions @ _robust(np.concatenate(rows).reshape(-1, 2), np.concatenate(missing).ravel())
+    )
 
 
 def _robust(rows: FloatArray, values: FloatArray) -> FloatArray:
@@ -68,18 +72,33 @@ def tracked(
     depth: float,
     observed: Observations,
 ) -> FloatArray:
-    """The velocity [3] along the road of least photometric error in all frames (Lucas & Kanade 1981)."""
+    """The velocity [3] along the road of least photometric error in all frames (Lucas & Kanade
+    1981).
+    """
     rows, columns = np.nonzero(body)
     some = slice(None, None, -(-len(rows) // MAX_PIXELS))
     rows, columns = rows[some], columns[some]
     images = [cv2.GaussianBlur(image, (0, 0), BLUR_PX) for image in observed.images]
-    slopes = [np.stack([cv2.Sobel(one, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))], -1) for one in images]
-    points, directions = depth * pinhole.rays(observed.camera)[rows, columns], along_road(observed.road.normal)
+    slopes = [
+        np.stack([cv2.Sobel(one, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))], -1)
+        for one in images
+    ]
+    points, directions = (
+        depth * pinhole.rays(observed.camera)[rows, columns],
+        along_road(observed.road.normal),
+    )
     for farthest in STAGES:
         steps = range(1, min(farthest, len(images) - 1) + 1)
         for _ in range(ROUNDS_PER_STAGE):
             parts = [
-                _equations(velocity, points, images[-1][rows, columns], (images[-1 - k], slopes[-1 - k]), k, observed)
+                _equations(
+                    velocity,
+                    points,
+                    images[-1][rows, columns],
+                    (images[-1 - k], slopes[-1 - k]),
+                    k,
+                    observed,
+                )
                 for k in steps
             ]
             derivative, missing = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -95,17 +114,27 @@ def _equations(
     step: int,
     observed: Observations,
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives [N, 3] of the earlier image's grey values by the velocity, and residuals [N]; 0 outside."""
-    camera, other_from_last = observed.camera, epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
+    """Derivatives [N, 3] of the earlier image's grey values by the velocity, and residuals [N]; 0
+    outside.
+    """
+    camera, other_from_last = (
+        observed.camera,
+        epipolar_residual.cam_from_last(observed.past.world_from_cam, step),
+    )
     rotation, seconds = other_from_last[:3, :3], observed.seconds(step)
     moved = (points - seconds * velocity) @ rotation.T + other_from_last[:3, 3]
     moved[:, 2] = np.maximum(moved[:, 2], IN_FRONT)
     place, _ = pinhole.project(moved, camera)
     shown = inside(place, camera)
     u, v = place.T[:, None].astype(np.float32)
-    grey, slope = (cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0] for one in earlier)
+    grey, slope = (
+        cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+        for one in earlier
+    )
     along = slope * [camera.fx_px, camera.fy_px] / moved[:, 2:]
-    by_point = np.concatenate([along, -(along * moved[:, :2]).sum(axis=1, keepdims=True) / moved[:, 2:]], axis=1)
+    by_point = np.concatenate(
+        [along, -(along * moved[:, :2]).sum(axis=1, keepdims=True) / moved[:, 2:]], axis=1
+    )
     derivative = -seconds * by_point @ rotation
     return np.where(shown[:, None], derivative, 0), np.where(shown, seen - grey, 0)
 

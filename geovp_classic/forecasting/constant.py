@@ -1,7 +1,7 @@
 """Forecasters that repeat the last motion: none, the velocity, or the whole twist.
 
-All are deterministic: further samples are copies. With fewer than two past poses there is no motion to repeat, and they
-hold the last pose.
+All are deterministic: further samples are copies. With fewer than two past poses there is no motion
+to repeat, and they hold the last pose.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,9 @@ class Hold:
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4], all equal to the last pose."""
-        return np.tile(past[-1:].world_from_cam, (num_samples, len(seconds_ahead(past, times_s)), 1, 1))
+        return np.tile(
+            past[-1:].world_from_cam, (num_samples, len(seconds_ahead(past, times_s)), 1, 1)
+        )
 
 
 @dataclass(frozen=True)
@@ -29,16 +31,23 @@ class _RecentMotion:
 
     def __post_init__(self) -> None:
         if self.num_steps < 1:
-            raise BadData(f"num_steps is {self.num_steps}, expected 1 or more: the steps whose motion is averaged")
+            raise BadData(
+                f"num_steps is {self.num_steps}, expected 1 or more: the steps whose motion is "
+                "averaged"
+            )
 
     def _recent(self, past: Trajectory) -> tuple[Trajectory, float]:
-        """The last steps, or as many as there are, and their duration in seconds (infinite when there is none)."""
+        """The last steps, or as many as there are, and their duration in seconds (infinite when
+        there is none).
+        """
         recent = past[-1 - self.num_steps :] if len(past) > self.num_steps else past
         return recent, recent.times_s[-1] - recent.times_s[0] or np.inf
 
 
 class ConstantVelocity(_RecentMotion):
-    """The camera goes on in a straight line at the mean velocity of the last `num_steps` steps, without turning."""
+    """The camera goes on in a straight line at the mean velocity of the last `num_steps` steps,
+    without turning.
+    """
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
         """Futures [S, F, 4, 4] with the last orientation."""

@@ -1,9 +1,10 @@
-"""Motion models of a vehicle on its plane: constant turn rate with constant speed (CTRV) or acceleration (CTRA).
+"""Motion models of a vehicle on its plane: constant turn rate with constant speed (CTRV) or
+acceleration (CTRA).
 
-State [..., n]: x, z, yaw_rad, speed, turn rate (rad/s) and, in CTRA, acceleration. The camera stands `lever_arm` ahead
-of the point that moves along its heading (the rear axle): in a turn it swings sideways. Turn rate and acceleration
-decay exponentially. The chord of an arc is written with sinc, so nothing is singular without a turn. Leading axes are
-free: one state or thousands.
+State [..., n]: x, z, yaw_rad, speed, turn rate (rad/s) and, in CTRA, acceleration. The camera
+stands `lever_arm` ahead of the point that moves along its heading (the rear axle): in a turn it
+swings sideways. Turn rate and acceleration decay exponentially. The chord of an arc is written with
+sinc, so nothing is singular without a turn. Leading axes are free: one state or thousands.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,9 @@ X, Z, YAW, SPEED, TURN, ACCELERATION = range(6)
 
 @dataclass(frozen=True)
 class VehicleModel:
-    """Constants of the motion, spectral densities of its process noise, deviations of the measurement noise."""
+    """Constants of the motion, spectral densities of its process noise, deviations of the
+    measurement noise.
+    """
 
     turn_damping_hz: float  # the turn rate falls by 1/e in 1 / turn_damping_hz seconds
     acceleration_damping_hz: float
@@ -37,12 +40,18 @@ class VehicleModel:
     @property
     def measurement_noise(self) -> FloatArray:
         """The covariance [3, 3] of a measured (x, z, yaw)."""
-        return np.diag(np.square([self.position_noise_m, self.position_noise_m, self.yaw_noise_rad]))
+        return np.diag(
+            np.square([self.position_noise_m, self.position_noise_m, self.yaw_noise_rad])
+        )
 
     def transition(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
         """The state [..., n] after dt [...]."""
         dt_s = np.asarray(dt_s)
-        acceleration = state[..., ACCELERATION] if state.shape[-1] > ACCELERATION else np.zeros_like(state[..., SPEED])
+        acceleration = (
+            state[..., ACCELERATION]
+            if state.shape[-1] > ACCELERATION
+            else np.zeros_like(state[..., SPEED])
+        )
         turned, turn = _decayed(state[..., TURN], self.turn_damping_hz, dt_s)
         gained, acceleration = _decayed(acceleration, self.acceleration_damping_hz, dt_s)
         yaw, speed = state[..., YAW], state[..., SPEED]
@@ -50,8 +59,12 @@ class VehicleModel:
         later_speed, later_yaw = np.where(stops, 0.0, speed + gained), yaw + turned
         chord = 0.5 * (speed + later_speed) * dt_s * np.sinc(turned / (2 * np.pi))
         later = [
-            state[..., X] + chord * np.sin(yaw + turned / 2) + self.lever_arm * (np.sin(later_yaw) - np.sin(yaw)),
-            state[..., Z] + chord * np.cos(yaw + turned / 2) + self.lever_arm * (np.cos(later_yaw) - np.cos(yaw)),
+            state[..., X]
+            + chord * np.sin(yaw + turned / 2)
+            + self.lever_arm * (np.sin(later_yaw) - np.sin(yaw)),
+            state[..., Z]
+            + chord * np.cos(yaw + turned / 2)
+            + self.lever_arm * (np.cos(later_yaw) - np.cos(yaw)),
             later_yaw,
             later_speed,
             turn,
@@ -68,7 +81,9 @@ class VehicleModel:
         return np.swapaxes(later, -1, -2) / (2 * step)
 
     def process_noise(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
-        """Covariance [..., n, n] that white noise adds in dt: two short steps add what one long step does."""
+        """Covariance [..., n, n] that white noise adds in dt: two short steps add what one long
+        step does.
+        """
         yaw, unit = state[..., YAW], np.eye(6)
         ahead = np.sin(yaw)[..., None] * unit[X] + np.cos(yaw)[..., None] * unit[Z]
         side = np.cos(yaw)[..., None] * unit[X] - np.sin(yaw)[..., None] * unit[Z]
@@ -79,7 +94,10 @@ class VehicleModel:
             (self.slip_noise * side,),
             (self.speed_noise * unit[SPEED], self.speed_noise * ahead),
             (self.turn_noise * unit[TURN], self.turn_noise * turning, self.turn_noise * drifting),
-            tuple(self.acceleration_noise * entry for entry in (unit[ACCELERATION], unit[SPEED], ahead)),
+            tuple(
+                self.acceleration_noise * entry
+                for entry in (unit[ACCELERATION], unit[SPEED], ahead)
+            ),
         )
         entries = [np.broadcast_to(entry, ahead.shape) for chain in chains for entry in chain]
         gains = np.stack(entries, axis=-2)[..., : state.shape[-1]]  # [..., 10, n]
@@ -87,17 +105,23 @@ class VehicleModel:
         return np.swapaxes(gains, -1, -2) @ _integrals(lengths, dt_s) @ gains
 
 
-def _decayed(rate: FloatArray, damping_hz: float, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _decayed(
+    rate: FloatArray, damping_hz: float, dt_s: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The integral of a decaying rate over dt, and the rate after it."""
     share = -np.expm1(-damping_hz * dt_s) / damping_hz if damping_hz > 0 else dt_s
     return rate * share, rate * np.exp(-damping_hz * dt_s)
 
 
 def _integrals(lengths: tuple[int, ...], dt_s: FloatArray | float) -> FloatArray:
-    """Integrals over dt of t^i / i! * t^j / j! between the members of each chain of integrators, [..., N, N]."""
+    """Integrals over dt of t^i / i! * t^j / j! between the members of each chain of integrators,
+    [..., N, N].
+    """
     dt = np.asarray(dt_s, dtype=np.float64)[..., None, None]
     order = np.concatenate([np.arange(length) for length in lengths])
     chain = np.repeat(np.arange(len(lengths)), lengths)
     factorial = np.array([1.0, 1.0, 2.0])[order]
     power = order[:, None] + order + 1
-    return np.where(chain[:, None] == chain, dt**power / (power * factorial[:, None] * factorial), 0.0)
+    return np.where(
+        chain[:, None] == chain, dt**power / (power * factorial[:, None] * factorial), 0.0
+    )

@@ -1,13 +1,16 @@
-"""Forecast as drivers drive: a motion prior fitted to recorded poses, with a calibrated distribution.
+"""Forecast as drivers drive: a motion prior fitted to recorded poses, with a calibrated
+distribution.
 
-Two small networks see the camera's twists over the last 0.93 s. One gives the centre path as a correction of a damped
-turn, fitted to the distance in metres and the absolute yaw error, so it is a median and not a mean. The other gives a
-mixture of Gaussians over smooth deviations from it (turn or not, brake or not), fitted to the errors of the first one
-on roads that it was not fitted to. The size of the regions is set last, step by step, so that they hold their nominal
-share on roads unknown to both. Recorded poses that no car could drive are left out of all of it.
+Two small networks see the camera's twists over the last 0.93 s. One gives the centre path as a
+correction of a damped turn, fitted to the distance in metres and the absolute yaw error, so it is a
+median and not a mean. The other gives a mixture of Gaussians over smooth deviations from it (turn
+or not, brake or not), fitted to the errors of the first one on roads that it was not fitted to. The
+size of the regions is set last, step by step, so that they hold their nominal share on roads
+unknown to both. Recorded poses that no car could drive are left out of all of it.
 
-The coefficients are fitted by `geovp forecast fit-prior` to ground-truth poses of KITTI odometry 00, 02, 08 and 09,
-the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-SA 3.0 and not included.
+The coefficients are fitted by `geovp forecast fit-prior` to ground-truth poses of KITTI odometry
+00, 02, 08 and 09, the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-SA
+3.0 and not included.
 """
 
 from __future__ import annotations
@@ -25,24 +28,33 @@ from geovp_classic import files
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, past_motion
 from geovp_classic.forecasting.body_motion import BodyMotion
-from geovp_classic.forecasting.motion_network import CentreModel, Coefficients, Network, SpreadModel, Standardisation
+from geovp_classic.forecasting.motion_network import (
+    CentreModel,
+    Coefficients,
+    Network,
+    SpreadModel,
+    Standardisation,
+)
 from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
 NUM_PAST_STEPS = 9
-FASTEST_TURN_RAD_S = 1.5  # nothing in the train poses turns faster; turn rates of the past are clipped to it
+FASTEST_TURN_RAD_S = (
+    1.5  # nothing in the train poses turns faster; turn rates of the past are clipped to it
+)
 
 
 @dataclass(frozen=True)
 class MotionPrior:
     """The centre path, or draws around it when more than one sample is asked for.
 
-    Any number of past poses and any future times: the past is brought to an even grid of 0.1037 s, a shorter one
-    continued backwards by its earliest step, a longer one cut; a single pose is held, and so are poses that are all the
-    same, from which the centre would creep by two millimetres. Beyond the fitted 2.2 s the path goes on with its last
-    speed and turn rate. A past without metres is taken as driven at `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch
-    and roll over the plane that the past motion suggests are foretold by `body_motion`; without it they are those of
+    Any number of past poses and any future times: the past is brought to an even grid of 0.1037 s,
+    a shorter one continued backwards by its earliest step, a longer one cut; a single pose is held,
+    and so are poses that are all the same, from which the centre would creep by two millimetres.
+    Beyond the fitted 2.2 s the path goes on with its last speed and turn rate. A past without
+    metres is taken as driven at `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch and roll over the
+    plane that the past motion suggests are foretold by `body_motion`; without it they are those of
     the last pose.
     """
 
@@ -58,20 +70,31 @@ class MotionPrior:
             return np.tile(past.world_from_cam[-1], (num_samples, len(ahead_s), 1, 1))
         paths, unit = self._paths(past, ahead_s)
         states = paths.centre[None] if num_samples == 1 else paths.sample(num_samples, self.seed)
-        poses = planar.lift(states * unit, past.world_from_cam[-1], past_motion.vehicle_from_cam(past))
-        return poses if self.body_motion is None else self.body_motion.added_to(poses, past, times_s)
+        poses = planar.lift(
+            states * unit, past.world_from_cam[-1], past_motion.vehicle_from_cam(past)
+        )
+        return (
+            poses if self.body_motion is None else self.body_motion.added_to(poses, past, times_s)
+        )
 
     def distribution(self, past: Trajectory, times_s: FloatArray) -> PlanarForecast:
-        """The predictive mixture of (x, z, yaw) at every future time; BadData for a single past pose."""
+        """The predictive mixture of (x, z, yaw) at every future time; BadData for a single past
+        pose.
+        """
         ahead_s = past_motion.seconds_ahead(past, times_s)
         if len(past) == 1:
-            raise BadData("one past pose shows no motion, so there is no distribution to give: give at least two")
+            raise BadData(
+                "one past pose shows no motion, so there is no distribution to give: give at "
+                "least two"
+            )
         paths, unit = self._paths(past, ahead_s)
         means, covariances = paths.moments()
         plane = past_motion.vehicle_from_cam(past)
         scale = unit[:, None] * unit
         body = None if self.body_motion is None else self.body_motion.distribution(past, times_s)
-        return PlanarForecast(paths.weights, means * unit, covariances * scale, past.world_from_cam[-1], plane, body)
+        return PlanarForecast(
+            paths.weights, means * unit, covariances * scale, past.world_from_cam[-1], plane, body
+        )
 
     def _paths(self, past: Trajectory, ahead_s: FloatArray) -> tuple[PathMixture, FloatArray]:
         """The mixture in metres, and (x, z, yaw) [3] of the past's unit for its 1."""
@@ -79,7 +102,9 @@ class MotionPrior:
         metric, metres_per_unit = past_motion.in_metres(past)
         twists = past_motion.twists_per_s(metric, fitted.centre.step_s, NUM_PAST_STEPS)[None]
         twists[..., 3:] = np.clip(twists[..., 3:], -FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
-        return path_mixture(fitted, twists, ahead_s), np.array([1 / metres_per_unit, 1 / metres_per_unit, 1.0])
+        return path_mixture(fitted, twists, ahead_s), np.array(
+            [1 / metres_per_unit, 1 / metres_per_unit, 1.0]
+        )
 
 
 @dataclass(frozen=True)
@@ -97,7 +122,9 @@ class PathMixture:
         """Smooth paths [S, T, 3]; the residual covariance, which is not smooth, is left out."""
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
-        amounts = self.means[modes] + self.deviations[modes] * rng.standard_normal((num_samples, self.means.shape[1]))
+        amounts = self.means[modes] + self.deviations[modes] * rng.standard_normal(
+            (num_samples, self.means.shape[1])
+        )
         return self.centre + np.einsum("stid,sd->sti", self.bases[modes], amounts)
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
@@ -120,9 +147,13 @@ def path_mixture(
     interpolation = make_interp_spline(nodes_s, np.eye(len(nodes_s)), k=1)(ahead_s)[:, 1:]  # [T, F]
     centre = _path_at(grid[0], ahead_s, fitted.centre.step_s)
     mirrored_state = motion_network.MIRRORED_STATE[:, None]
-    rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()  # (x, z, yaw) from (right, ahead, yaw)
+    rotations = Rotation.from_euler(
+        "z", -centre[:, 2:]
+    ).as_matrix()  # (x, z, yaw) from (right, ahead, yaw)
     basis = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
-    mirrored = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis * mirrored_state)
+    mirrored = rotations @ np.einsum(
+        "tf,fid->tid", interpolation, fitted.spread.basis * mirrored_state
+    )
     variance = interpolation**2 @ fitted.spread.residual_variance
     return PathMixture(
         centre=centre,
@@ -136,14 +167,20 @@ def path_mixture(
 
 @functools.cache
 def load(path: Path | None) -> Coefficients:
-    """The coefficients of a file (None: the packaged one), read once; BadData when it does not hold them."""
+    """The coefficients of a file (None: the packaged one), read once; BadData when it does not hold
+    them.
+    """
     source = path or Path(str(resources.files("geovp_classic.poses") / "motion_prior.npz"))
     try:
         fitted = unpacked(files.finite_arrays(source))
-        path_mixture(fitted, np.zeros((1, NUM_PAST_STEPS, 6)), np.ones(1))  # shapes that do not fit show here
+        path_mixture(
+            fitted, np.zeros((1, NUM_PAST_STEPS, 6)), np.ones(1)
+        )  # shapes that do not fit show here
         return fitted
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise BadData(f"{source} holds no motion prior ({error}): write one with fit-prior") from error
+        raise BadData(
+            f"{source} holds no motion prior ({error}): write one with fit-prior"
+        ) from error
 
 
 def unpacked(table: dict[str, FloatArray]) -> Coefficients:
@@ -151,13 +188,20 @@ def unpacked(table: dict[str, FloatArray]) -> Coefficients:
 
     def part(name: str, limit: float) -> tuple[Standardisation, Network]:
         layers = range(sum(key.startswith(f"{name}_weight") for key in table))
-        weights, biases = (tuple(table[f"{name}_{kind}{layer}"] for layer in layers) for kind in ("weight", "bias"))
-        return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit), Network(weights, biases)
+        weights, biases = (
+            tuple(table[f"{name}_{kind}{layer}"] for layer in layers) for kind in ("weight", "bias")
+        )
+        return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit), Network(
+            weights, biases
+        )
 
     inputs, network = part("centre", Standardisation.limit)
     centre = CentreModel(float(table["step_s"]), inputs, table["centre_scale"], network)
     spread = SpreadModel(
-        *part("spread", motion_network.SPREAD_LIMIT), table["basis"], table["floor"], int(table["num_modes"])
+        *part("spread", motion_network.SPREAD_LIMIT),
+        table["basis"],
+        table["floor"],
+        int(table["num_modes"]),
     )
     return Coefficients(centre, spread)
 
@@ -167,13 +211,17 @@ def _path_at(
     ahead_s: FloatArray,  # [T]
     step_s: float,
 ) -> FloatArray:
-    """States [T, 3]: a cubic spline through the grid; beyond it the last speed and turn rate go on."""
+    """States [T, 3]: a cubic spline through the grid; beyond it the last speed and
+    turn rate go on.
+    """
     nodes = np.concatenate([np.zeros((1, 3)), grid])
     inside_s = np.minimum(ahead_s, step_s * len(grid))
     states = CubicSpline(step_s * np.arange(len(nodes)), nodes)(inside_s)
     x, z, turned = grid[-1] - grid[-2]
     steps = (ahead_s - inside_s) / step_s
-    angle = turned * (steps + 1) / 2  # between the last step's chord and the one to the time asked for
+    angle = (
+        turned * (steps + 1) / 2
+    )  # between the last step's chord and the one to the time asked for
     chord = steps * np.sinc(turned * steps / (2 * np.pi))  # in lengths of the last step
     states[:, 0] += chord * (np.cos(angle) * x + np.sin(angle) * z)
     states[:, 1] += chord * (np.cos(angle) * z - np.sin(angle) * x)

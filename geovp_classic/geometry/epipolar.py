@@ -1,7 +1,9 @@
-"""Dense projection of one frame's pixels into another frame, and triangulation from there; compiled.
+"""Dense projection of one frame's pixels into another frame, and triangulation from there;
+compiled.
 
-A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t, the epipole
-(Hartley & Zisserman 2004, eq. 13.2): as q grows from 0 (infinity), it moves along its epipolar line.
+A pixel (u, v, 1) with inverse depth q projects to A (u, v, 1) + q b, with A = K R K^-1 and b = K t,
+the epipole (Hartley & Zisserman 2004, eq. 13.2): as q grows from 0 (infinity), it moves along its
+epipolar line.
 """
 
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ import numpy as np
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
 IN_FRONT = 1e-3  # smallest z, relative to the ray
-DAMPING = 1e-3  # squared pixels per unit of inverse depth: without parallax the result is infinitely far
+DAMPING = (
+    1e-3  # squared pixels per unit of inverse depth: without parallax the result is infinitely far
+)
 _IN_FRONT, _DAMPING = np.float32(IN_FRONT), np.float32(DAMPING)
 
 
@@ -25,18 +29,25 @@ class Epipolar:
     epipole: FloatArray  # b [3] float32
 
     @classmethod
-    def of(cls, camera: Intrinsics, other_from_this: FloatArray, other_camera: Intrinsics | None = None) -> Self:
+    def of(
+        cls, camera: Intrinsics, other_from_this: FloatArray, other_camera: Intrinsics | None = None
+    ) -> Self:
         """The geometry of a motion [4, 4]; the other camera is the same one unless it is given."""
         other = camera if other_camera is None else other_camera
         infinity = other.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
-        return cls(infinity.astype(np.float32), (other_from_this[:3, 3] @ other.matrix.T).astype(np.float32))
+        return cls(
+            infinity.astype(np.float32),
+            (other_from_this[:3, 3] @ other.matrix.T).astype(np.float32),
+        )
 
     def project(
         self,
-        inverse_depth: FloatArray,  # [H, W] of this frame, or of every `stride_px`-th pixel of it each way
+        # [H, W] of this frame, or of every `stride_px`-th pixel of it each way
+        inverse_depth: FloatArray,
         stride_px: int = 1,
     ) -> tuple[FloatArray, FloatArray]:
-        """Pixels [H, W, 2] float32 of the other frame, and the depth there over the depth here [H, W].
+        """Pixels [H, W, 2] float32 of the other frame, and the depth there over the depth here [H,
+        W].
 
         Points behind the other camera, where this ratio is not positive, are far outside.
         """
@@ -49,14 +60,23 @@ class Epipolar:
         self,
         pixels: FloatArray,  # [H, W, 2] float32 in the other frame, of all pixels of this one
     ) -> FloatArray:
-        """The inverse depth [H, W] float32 that projects nearest to the pixels, by linear least squares."""
+        """The inverse depth [H, W] float32 that projects nearest to the pixels, by linear least
+        squares.
+        """
         inverse_depth = np.empty(pixels.shape[:2], np.float32)
-        _triangulate(self.infinity, self.epipole, np.ascontiguousarray(pixels, dtype=np.float32), inverse_depth)
+        _triangulate(
+            self.infinity,
+            self.epipole,
+            np.ascontiguousarray(pixels, dtype=np.float32),
+            inverse_depth,
+        )
         return inverse_depth
 
 
 def inside(pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0) -> BoolArray:
-    """Which pixels [..., 2] lie in the image, up to `border_px` beyond the centres of its outermost pixels."""
+    """Which pixels [..., 2] lie in the image, up to `border_px` beyond the centres of its outermost
+    pixels.
+    """
     u, v = pixels[..., 0], pixels[..., 1]
     right, bottom = camera.width_px - 1 + border_px, camera.height_px - 1 + border_px
     return np.asarray((u >= -border_px) & (u <= right) & (v >= -border_px) & (v <= bottom))
@@ -84,7 +104,9 @@ def _project(
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def _triangulate(a: FloatArray, b: FloatArray, pixels: FloatArray, inverse_depth: FloatArray) -> None:
+def _triangulate(
+    a: FloatArray, b: FloatArray, pixels: FloatArray, inverse_depth: FloatArray
+) -> None:
     """The pixel p times z is x and y: (b_xy - p b_z) q = p a_z - a_xy."""
     for row in range(pixels.shape[0]):
         v = np.float32(row)

@@ -47,20 +47,26 @@ def fit_ground(
     camera: Intrinsics,
     seed: int = 0,
 ) -> GroundPlane | None:
-    """The plane that most of the image's lower half lies on (RANSAC, then least squares); None without such a one."""
+    """The plane that most of the image's lower half lies on (RANSAC, then least squares); None
+    without such a one.
+    """
     half = camera.height_px // 2
     rays = pinhole.rays(camera)[half::STRIDE_PX, ::STRIDE_PX].reshape(-1, 3)
     found = inverse_depth[half::STRIDE_PX, ::STRIDE_PX].reshape(-1).astype(np.float64)
     triples = np.random.default_rng(seed).integers(0, len(found), (NUM_TRIALS, 3))
     corners = rays[triples]
     solvable = np.abs(np.linalg.det(corners)) > 1e-6
-    planes = np.linalg.solve(corners[solvable], found[triples][solvable][..., None])[..., 0]  # normal / height
+    planes = np.linalg.solve(corners[solvable], found[triples][solvable][..., None])[
+        ..., 0
+    ]  # normal / height
     planes = planes[_upright(planes)]
     if not len(planes):
         return None
     plane = planes[np.argmax(_on_plane(planes, rays, found).sum(axis=1))]
     for _ in range(NUM_ROUNDS):
-        weight = _on_plane(plane[None], rays, found)[0] / np.maximum(rays @ plane, 1e-12)  # relative errors
+        weight = _on_plane(plane[None], rays, found)[0] / np.maximum(
+            rays @ plane, 1e-12
+        )  # relative errors
         plane = np.linalg.lstsq(rays * weight[:, None], found * weight, rcond=None)[0]
     if not _upright(plane[None])[0] or _on_plane(plane[None], rays, found).mean() < MIN_SHARE:
         return None
@@ -86,12 +92,16 @@ def floating_mask(
     camera: Intrinsics,
     islands: BoolArray,  # [H, W], surfaces that are cut off from all around
 ) -> BoolArray:
-    """Which islands [H, W] float low over the road: wrong matches, or objects that come towards the camera.
+    """Which islands [H, W] float low over the road: wrong matches, or objects that come towards the
+    camera.
 
-    Oncoming objects shift along epipolar lines like nearer static ones, so that their foot seems to float.
+    Oncoming objects shift along epipolar lines like nearer static ones, so that their foot seems to
+    float.
     """
     height = ground.height
-    above = 1 - height * ground.inverse_depth(camera) / np.maximum(height * inverse_depth, 1e-9)  # in camera heights
+    above = 1 - height * ground.inverse_depth(camera) / np.maximum(
+        height * inverse_depth, 1e-9
+    )  # in camera heights
     count, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
     floating = np.zeros(islands.shape, dtype=bool)
     for label in range(1, count):
@@ -104,7 +114,9 @@ def floating_mask(
 
 def _upright(planes: FloatArray) -> BoolArray:
     """Which planes [N, 3] the camera stands upright above."""
-    upright: BoolArray = planes[:, 1] > np.maximum(MIN_UPRIGHT * np.linalg.norm(planes, axis=1), 1e-12)
+    upright: BoolArray = planes[:, 1] > np.maximum(
+        MIN_UPRIGHT * np.linalg.norm(planes, axis=1), 1e-12
+    )
     return upright
 
 

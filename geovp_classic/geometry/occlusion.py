@@ -1,4 +1,6 @@
-"""The background beside a hole: what a moving camera uncovers lies behind the surface that hid it."""
+"""The background beside a hole: what a moving camera uncovers lies behind the
+surface that hid it.
+"""
 
 import numba
 import numpy as np
@@ -12,8 +14,9 @@ def background_pixels(
 ) -> IntArray:
     """For every pixel the flat index [H, W] of the pixel to copy; known pixels name themselves.
 
-    An unknown pixel names the farther one of the known pixels left and right of it in its row, of equally far ones the
-    nearer. Rows without any known pixel name the row above or below in the same manner.
+    An unknown pixel names the farther one of the known pixels left and right of it in its row, of
+    equally far ones the nearer. Rows without any known pixel name the row above or below in the
+    same manner.
     """
     index = np.arange(known.size).reshape(known.shape)
     _copy_farther(np.ascontiguousarray(known), np.ascontiguousarray(depth), index)
@@ -29,7 +32,8 @@ def background_pixels(
 def _copy_farther(
     known: BoolArray,  # [H, W]
     depth: FloatArray,  # [H, W]
-    index: IntArray,  # [H, W], changed: unknown pixels take that of the known pixel at their left or right
+    # [H, W], changed: unknown pixels take that of the known pixel at their left or right
+    index: IntArray,
 ) -> None:
     height, width = known.shape
     for row in range(height):
@@ -47,5 +51,7 @@ def _copy_farther(
             is_left = right == width
             if left >= 0 and right < width:
                 at_left, at_right = depth[row, left], depth[row, right]
-                is_left = at_left > at_right or (at_left == at_right and column - left <= right - column)
+                is_left = at_left > at_right or (
+                    at_left == at_right and column - left <= right - column
+                )
             index[row, column] = index[row, left if is_left else right]

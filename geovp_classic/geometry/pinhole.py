@@ -34,21 +34,29 @@ def unproject(
 
 def pixel_grid(camera: Intrinsics) -> FloatArray:
     """All pixels [H, W, 2] as (u, v), row by row."""
-    u, v = np.meshgrid(np.arange(camera.width_px, dtype=np.float64), np.arange(camera.height_px, dtype=np.float64))
+    u, v = np.meshgrid(
+        np.arange(camera.width_px, dtype=np.float64), np.arange(camera.height_px, dtype=np.float64)
+    )
     return np.stack([u, v], axis=-1)
 
 
 @functools.lru_cache(maxsize=8)
 def rays(camera: Intrinsics) -> FloatArray:
-    """The directions [H, W, 3] of all pixels in the camera's frame, with z = 1; cached, hence read-only."""
+    """The directions [H, W, 3] of all pixels in the camera's frame, with z = 1; cached, hence
+    read-only.
+    """
     grid = pixel_grid(camera)
     directions = unproject(grid, np.ones(grid.shape[:2]), camera)
     directions.setflags(write=False)
     return directions
 
 
-def centre_crop(camera: Intrinsics, size_px: tuple[int, int]) -> tuple[tuple[slice, slice], Intrinsics]:
-    """The largest centred window (rows, columns) of an aspect, and its camera resized to size_px = (width, height)."""
+def centre_crop(
+    camera: Intrinsics, size_px: tuple[int, int]
+) -> tuple[tuple[slice, slice], Intrinsics]:
+    """The largest centred window (rows, columns) of an aspect, and its camera resized to size_px =
+    (width, height).
+    """
     scale = min(camera.width_px / size_px[0], camera.height_px / size_px[1])
     wide_px, high_px = max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
     left_px, top_px = (camera.width_px - wide_px) // 2, (camera.height_px - high_px) // 2
@@ -57,14 +65,20 @@ def centre_crop(camera: Intrinsics, size_px: tuple[int, int]) -> tuple[tuple[sli
 
 
 def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
-    """The image [H, W, 3] at size_px = (width, height): area average when shrinking, bicubic when growing."""
+    """The image [H, W, 3] at size_px = (width, height): area average when shrinking, bicubic when
+    growing.
+    """
     height_px, width_px = image.shape[:2]
     if (width_px, height_px) == tuple(size_px):
         return image
     if min(*size_px, width_px, height_px) < 1:
-        raise BadData(f"cannot resize an image of {width_px}x{height_px} to {size_px}: sizes must be positive")
+        raise BadData(
+            f"cannot resize an image of {width_px}x{height_px} to {size_px}: sizes must be positive"
+        )
     shrinking = size_px[0] < width_px or size_px[1] < height_px
-    return np.asarray(cv2.resize(image, size_px, interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC))
+    return np.asarray(
+        cv2.resize(image, size_px, interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC)
+    )
 
 
 def grey(frame: ByteArray) -> FloatArray:

@@ -1,7 +1,8 @@
-"""Rigid motions as 4x4 matrices: exponential, logarithm, inverse, interpolation; every function takes leading axes.
+"""Rigid motions as 4x4 matrices: exponential, logarithm, inverse, interpolation; every function
+takes leading axes.
 
-A twist is [..., 6] = (v, w): translational part first, rotation vector in radians last; `exp` is the matrix exponential
-of [[w]x v; 0 0] (Barfoot 2017, State Estimation for Robotics, section 7.1).
+A twist is [..., 6] = (v, w): translational part first, rotation vector in radians last; `exp` is
+the matrix exponential of [[w]x v; 0 0] (Barfoot 2017, State Estimation for Robotics, section 7.1).
 """
 
 import numpy as np
@@ -24,7 +25,10 @@ def compose(
     translation: FloatArray,  # [..., 3]
 ) -> FloatArray:
     """The 4x4 matrices of rotations and translations; leading axes broadcast."""
-    rotation, translation = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+    rotation, translation = (
+        np.asarray(rotation, dtype=np.float64),
+        np.asarray(translation, dtype=np.float64),
+    )
     lead = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     b_from_a = np.zeros((*lead, 4, 4))
     b_from_a[..., :3, :3], b_from_a[..., :3, 3], b_from_a[..., 3, 3] = rotation, translation, 1.0
@@ -58,7 +62,8 @@ def log(b_from_a: FloatArray) -> FloatArray:
 def interpolate(
     world_from_a: FloatArray,  # [..., 4, 4]
     world_from_b: FloatArray,  # [..., 4, 4]
-    fraction: FloatArray | float,  # [...]; 0 gives a, 1 gives b, outside extrapolates the same screw motion
+    fraction: FloatArray
+    | float,  # [...]; 0 gives a, 1 gives b, outside extrapolates the same screw motion
 ) -> FloatArray:
     """Constant-twist motion from a to b."""
     twist = log(inverse(world_from_a) @ world_from_b)
@@ -82,21 +87,29 @@ def turned(
 
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
-    """The angle of the rotation part R [...], right near 0 and near pi: R - R' has its sine, the trace its cosine."""
+    """The angle of the rotation part R [...], right near 0 and near pi: R - R' has its sine, the
+    trace its cosine.
+    """
     rotation = b_from_a[..., :3, :3]
-    twice_sine = np.linalg.norm(rotation - np.swapaxes(rotation, -1, -2), axis=(-2, -1)) / np.sqrt(2)
+    twice_sine = np.linalg.norm(rotation - np.swapaxes(rotation, -1, -2), axis=(-2, -1)) / np.sqrt(
+        2
+    )
     return np.asarray(np.arctan2(twice_sine, np.trace(rotation, axis1=-2, axis2=-1) - 1))
 
 
 def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray:
-    """The nearest rigid motion (polar decomposition), for numbers read from text; BadData when not near one.
+    """The nearest rigid motion (polar decomposition), for numbers read from text; BadData when not
+    near one.
 
     `tolerance` bounds the largest entry of R R' - I.
     """
     rotation = b_from_a[..., :3, :3]
     defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max()
     if not defect < tolerance or not (np.linalg.det(rotation) > 0).all():
-        raise BadData(f"a rotation matrix is off by {defect:.2g}, expected orthonormal rows within {tolerance}")
+        raise BadData(
+            f"a rotation matrix is off by {defect:.2g}, expected orthonormal rows within "
+            f"{tolerance}"
+        )
     u, _, vt = np.linalg.svd(rotation)
     return compose(u @ vt, b_from_a[..., :3, 3])
 
@@ -129,4 +142,6 @@ def cross_matrix(vector: FloatArray) -> FloatArray:
     """[v]x with [v]x u = v x u: [..., 3] -> [..., 3, 3]."""
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(
+        *vector.shape[:-1], 3, 3
+    )

@@ -1,4 +1,5 @@
-"""Errors of a whole estimated trajectory: KITTI's drift per length, absolute and relative pose error.
+"""Errors of a whole estimated trajectory: KITTI's drift per length, absolute and relative pose
+error.
 
 Every number is stated under an alignment, because worlds and units of an estimate are arbitrary:
 
@@ -6,6 +7,7 @@ Every number is stated under an alignment, because worlds and units of an estima
 - `scale`: as `origin`, with the one scale factor that Umeyama's similarity finds;
 - `se3`: the rigid transform that fits all positions best (Umeyama 1991);
 - `sim3`: the similarity that fits all positions best.
+
 """
 
 from dataclasses import dataclass
@@ -26,7 +28,9 @@ KITTI_STEP = 10  # a segment starts at every tenth frame
 
 @dataclass(frozen=True)
 class Drift:
-    """Mean drift over all segments of the given lengths (KITTI odometry development kit, evaluate_odometry)."""
+    """Mean drift over all segments of the given lengths (KITTI odometry development kit,
+    evaluate_odometry).
+    """
 
     translation_percent: float  # t_rel; NaN when the trajectory is too short for any segment
     rotation_deg_per_100m: float  # r_rel
@@ -48,7 +52,9 @@ def aligned(estimate: Trajectory, truth: Trajectory, how: Alignment) -> Trajecto
     if how in ("origin", "scale"):
         truth_from_estimate = truth.world_from_cam[0] @ se3.inverse(poses[0])
     else:
-        _, truth_from_estimate = umeyama(poses[:, :3, 3], truth.world_from_cam[:, :3, 3], with_scale=False)
+        _, truth_from_estimate = umeyama(
+            poses[:, :3, 3], truth.world_from_cam[:, :3, 3], with_scale=False
+        )
     return Trajectory(truth_from_estimate @ poses, estimate.times_s, truth.is_metric)
 
 
@@ -57,15 +63,23 @@ def kitti_drift(
     truth: Trajectory,
     lengths_m: tuple[int, ...] = KITTI_LENGTHS_M,
 ) -> Drift:
-    """Drift over segments of the truth: relative motion error at their end, per metre of segment."""
+    """Drift over segments of the truth: relative motion error at their end, per metre
+    of segment.
+    """
     _check_lengths(estimate, truth)
     distance_m = path_length(truth)
     starts = np.arange(0, len(truth), KITTI_STEP)
-    errors = [_segment_errors(estimate, truth, distance_m, starts, length_m) for length_m in lengths_m]
+    errors = [
+        _segment_errors(estimate, truth, distance_m, starts, length_m) for length_m in lengths_m
+    ]
     translation, rotation_rad = (np.concatenate(column) for column in zip(*errors, strict=True))
     if not len(translation):
         return Drift(float("nan"), float("nan"), 0)
-    return Drift(100 * float(translation.mean()), 100 * float(np.rad2deg(rotation_rad.mean())), len(translation))
+    return Drift(
+        100 * float(translation.mean()),
+        100 * float(np.rad2deg(rotation_rad.mean())),
+        len(translation),
+    )
 
 
 def absolute_error_m(estimate: Trajectory, truth: Trajectory) -> FloatArray:
@@ -75,8 +89,12 @@ def absolute_error_m(estimate: Trajectory, truth: Trajectory) -> FloatArray:
     return np.linalg.norm(offset, axis=-1)
 
 
-def relative_error(estimate: Trajectory, truth: Trajectory, num_steps: int = 1) -> tuple[FloatArray, FloatArray]:
-    """RPE over `num_steps` frames: translation [T - num_steps] in the truth's unit, rotation in degrees."""
+def relative_error(
+    estimate: Trajectory, truth: Trajectory, num_steps: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """RPE over `num_steps` frames: translation [T - num_steps] in the truth's unit, rotation in
+    degrees.
+    """
     _check_lengths(estimate, truth)
     if not 1 <= num_steps < len(truth):
         raise BadData(f"relative pose error over {num_steps} steps, expected 1 to {len(truth) - 1}")
@@ -100,18 +118,29 @@ def _segment_errors(
     estimate: Trajectory, truth: Trajectory, distance_m: FloatArray, starts: IntArray, length_m: int
 ) -> tuple[FloatArray, FloatArray]:
     """Translation and rotation error per metre of every segment of one length."""
-    ends = np.searchsorted(distance_m, distance_m[starts] + length_m, side="right")  # first frame farther than length
+    ends = np.searchsorted(
+        distance_m, distance_m[starts] + length_m, side="right"
+    )  # first frame farther than length
     inside = ends < len(truth)
     error = _relative_motion_error(estimate, truth, starts[inside], ends[inside])
-    return np.linalg.norm(error[:, :3, 3], axis=-1) / length_m, se3.rotation_angle_rad(error) / length_m
+    return np.linalg.norm(error[:, :3, 3], axis=-1) / length_m, se3.rotation_angle_rad(
+        error
+    ) / length_m
 
 
-def _relative_motion_error(estimate: Trajectory, truth: Trajectory, start: IntArray, end: IntArray) -> FloatArray:
+def _relative_motion_error(
+    estimate: Trajectory, truth: Trajectory, start: IntArray, end: IntArray
+) -> FloatArray:
     """inverse(estimated motion) @ real motion from start to end [N, 4, 4]."""
-    motions = [se3.inverse(path.world_from_cam[start]) @ path.world_from_cam[end] for path in (estimate, truth)]
+    motions = [
+        se3.inverse(path.world_from_cam[start]) @ path.world_from_cam[end]
+        for path in (estimate, truth)
+    ]
     return se3.inverse(motions[0]) @ motions[1]
 
 
 def _check_lengths(estimate: Trajectory, truth: Trajectory) -> None:
     if len(estimate) != len(truth):
-        raise BadData(f"{len(estimate)} estimated poses for {len(truth)} real ones: give one for each frame")
+        raise BadData(
+            f"{len(estimate)} estimated poses for {len(truth)} real ones: give one for each frame"
+        )

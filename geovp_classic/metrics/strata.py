@@ -1,7 +1,7 @@
 """Masks of future pixels: observed before, never observed, or on moving objects.
 
-Needs exact depth, so it serves synthetic and RGB-D clips. The masks are for metrics to be taken over, never for
-predictors.
+Needs exact depth, so it serves synthetic and RGB-D clips. The masks are for metrics to be taken
+over, never for predictors.
 """
 
 import numpy as np
@@ -11,13 +11,15 @@ from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Targ
 
 
 def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[str, BoolArray]:
-    """Masks [F, H, W] by name, {} for a clip without depth or without metric poses; `context` needs every grant.
+    """Masks [F, H, W] by name, {} for a clip without depth or without metric poses; `context` needs
+    every grant.
 
-    "seen": static, and the surface point was visible in at least one observed frame; "disoccluded": static and visible
-    in none, be it hidden or outside the image; "static", "moving": as the clip marks things, absent where it marks
-    nothing (then all counts as static). Pixels of unknown depth are neither seen nor disoccluded. Visible means:
-    projected into the observed frame, its inverse depth is the recorded one within the fraction `tolerance`; sky
-    (depth inf) is compared by direction alone.
+    "seen": static, and the surface point was visible in at least one observed frame; "disoccluded":
+    static and visible in none, be it hidden or outside the image; "static", "moving": as the clip
+    marks things, absent where it marks nothing (then all counts as static). Pixels of unknown depth
+    are neither seen nor disoccluded. Visible means: projected into the observed frame, its inverse
+    depth is the recorded one within the fraction `tolerance`; sky (depth inf) is compared by
+    direction alone.
     """
     past, future = context.past, target.trajectory
     if past is None or future is None or context.past_depths is None or target.depths is None:
@@ -30,9 +32,15 @@ def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[st
     seen = np.zeros_like(static)
     for step in range(len(real)):
         past_from_cam = se3.inverse(past.world_from_cam) @ future.world_from_cam[step]
-        seen[step] = _seen(real[step], comparable[step], past_from_cam, observed, context.intrinsics, tolerance)
+        seen[step] = _seen(
+            real[step], comparable[step], past_from_cam, observed, context.intrinsics, tolerance
+        )
     masks = {"seen": seen, "disoccluded": comparable & ~seen}
-    return masks if target.moving is None else {**masks, "static": static, "moving": np.array(target.moving)}
+    return (
+        masks
+        if target.moving is None
+        else {**masks, "static": static, "moving": np.array(target.moving)}
+    )
 
 
 def _seen(
@@ -43,7 +51,9 @@ def _seen(
     camera: Intrinsics,
     tolerance: float,
 ) -> BoolArray:
-    """Where one future frame's surface points are visible in an observed frame [H, W]; the latest is tested first."""
+    """Where one future frame's surface points are visible in an observed frame [H, W]; the latest
+    is tested first.
+    """
     seen = np.zeros_like(comparable)
     pending = np.flatnonzero(comparable)
     directions, inverse = pinhole.rays(camera).reshape(-1, 3), inverse_depth.ravel()
@@ -53,7 +63,9 @@ def _seen(
             directions[pending] @ rotation.T + inverse[pending, None] * translation
         )  # the point times inverse depth
         pixels, growth = pinhole.project(scaled, camera)
-        expected = inverse[pending] / np.where(growth > 0, growth, np.nan)  # inverse depth from there; 0 stays 0
+        expected = inverse[pending] / np.where(
+            growth > 0, growth, np.nan
+        )  # inverse depth from there; 0 stays 0
         visible = _matches(pixels, expected, observed[step], tolerance)
         seen.ravel()[pending[visible]] = True
         pending = pending[~visible]
@@ -68,8 +80,8 @@ def _matches(
 ) -> BoolArray:
     """Whether the recorded inverse depth at each pixel is the expected one [N].
 
-    On a plane inverse depth is linear in the pixel, so interpolating it is exact however steep the plane; beside an
-    edge that would mix two surfaces, and the nearest pixel decides.
+    On a plane inverse depth is linear in the pixel, so interpolating it is exact however steep the
+    plane; beside an edge that would mix two surfaces, and the nearest pixel decides.
     """
     height_px, width_px = observed.shape
     u, v = pixels[:, 0], pixels[:, 1]
@@ -77,14 +89,18 @@ def _matches(
     u, v, wanted = u[inside], v[inside], expected[inside]
     nearest = observed[np.floor(v + 0.5).astype(np.intp), np.floor(u + 0.5).astype(np.intp)]
     slack = tolerance * wanted
-    good = (np.abs(nearest - wanted) <= slack) | (np.abs(_bilinear(observed, u, v) - wanted) <= slack)
+    good = (np.abs(nearest - wanted) <= slack) | (
+        np.abs(_bilinear(observed, u, v) - wanted) <= slack
+    )
     matches = np.zeros(len(pixels), dtype=bool)
     matches[inside] = good
     return matches
 
 
 def _bilinear(image: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """The image [H, W] at (u, v) [N]; beyond the outermost pixel centres the line through the last two goes on."""
+    """The image [H, W] at (u, v) [N]; beyond the outermost pixel centres the line through the last
+    two goes on.
+    """
     left = np.clip(np.floor(u).astype(np.intp), 0, image.shape[1] - 2)
     top = np.clip(np.floor(v).astype(np.intp), 0, image.shape[0] - 2)
     right_share, low_share = u - left, v - top

@@ -19,10 +19,11 @@ def bundle_adjust(
     num_fixed: int = 2,
     robust_px: float = 0.5,  # errors beyond this count less (soft L1)
 ) -> tuple[FloatArray, FloatArray]:
-    """Adjusted poses [K, 4, 4] and points [N, 3]; the first `num_fixed` keyframes stay, which fixes the gauge.
+    """Adjusted poses [K, 4, 4] and points [N, 3]; the first `num_fixed` keyframes stay, which fixes
+    the gauge.
 
-    With one fixed, the length of one baseline is kept instead. The input is returned when the solver
-    fails. Every point needs two observations or more.
+    With one fixed, the length of one baseline is kept instead. The input is returned when the
+    solver fails. Every point needs two observations or more.
     """
     model = _model(cam_from_world, points, pixels, lens)
     config = pycolmap.BundleAdjustmentConfig()
@@ -53,7 +54,9 @@ def adjusted_focal(
     pixels: FloatArray,  # [K, N, 2]; NaN where a keyframe does not observe a point
     lens: Lens,
 ) -> float:
-    """The focal length in pixels that a bundle adjustment of it, the poses and the points ends at; NaN if it fails."""
+    """The focal length in pixels that a bundle adjustment of it, the poses and the points ends at;
+    NaN if it fails.
+    """
     model = _model(cam_from_world, points, pixels, lens, square=True)
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.images:
@@ -61,27 +64,40 @@ def adjusted_focal(
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     options = _options(robust_px=0.5)
     options.refine_focal_length = True
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY  # a wrong focal length makes outliers
+    options.ceres.loss_function_type = (
+        pycolmap.LossFunctionType.CAUCHY
+    )  # a wrong focal length makes outliers
     options.ceres.solver_options.max_num_iterations = FOCAL_ITERATIONS
     summary = pycolmap.create_default_bundle_adjuster(options, config, model).solve()
     return float(model.cameras[1].params[0]) if summary.is_solution_usable() else np.nan
 
 
 def _model(
-    cam_from_world: FloatArray, points: FloatArray, pixels: FloatArray, lens: Lens, *, square: bool = False
+    cam_from_world: FloatArray,
+    points: FloatArray,
+    pixels: FloatArray,
+    lens: Lens,
+    *,
+    square: bool = False,
 ) -> pycolmap.Reconstruction:
-    """The window as a reconstruction of pycolmap, with undistorted pixels; identifiers count from 1."""
+    """The window as a reconstruction of pycolmap, with undistorted pixels; identifiers count from
+    1.
+    """
     model, camera = pycolmap.Reconstruction(), lens.camera
     centre = [camera.cx_px, camera.cy_px]
     kind, params = "PINHOLE", [camera.fx_px, camera.fy_px, *centre]
     if square:
         kind, params = "SIMPLE_PINHOLE", [lens.focal_px, *centre]
     size = {"width": camera.width_px, "height": camera.height_px}
-    model.add_camera_with_trivial_rig(pycolmap.Camera(model=kind, params=params, camera_id=1, **size))
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(model=kind, params=params, camera_id=1, **size)
+    )
     ideal = np.nan_to_num(Lens(camera).pixels(lens.rays(pixels)))
     for k, pose in enumerate(cam_from_world):
         image = pycolmap.Image(name=str(k), keypoints=ideal[k], camera_id=1, image_id=k + 1)
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3]))
+        model.add_image_with_trivial_frame(
+            image, pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
+        )
     tracks = [pycolmap.Track() for _ in points]
     image_ids, indices = np.nonzero(np.isfinite(pixels[..., 0]))
     for image_id, j in zip((image_ids + 1).tolist(), indices.tolist(), strict=True):
@@ -93,7 +109,10 @@ def _model(
 
 def _options(robust_px: float) -> pycolmap.BundleAdjustmentOptions:
     options = pycolmap.BundleAdjustmentOptions(
-        refine_focal_length=False, refine_principal_point=False, refine_extra_params=False, print_summary=False
+        refine_focal_length=False,
+        refine_principal_point=False,
+        refine_extra_params=False,
+        print_summary=False,
     )
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
     options.ceres.loss_function_scale = robust_px

@@ -1,9 +1,11 @@
-"""The focal length of an unknown camera from its motion, with the principal point at the image's centre.
+"""The focal length of an unknown camera from its motion, with the principal point at the image's
+centre.
 
-A map that is tracked with a wrong focal length and then bundle-adjusted together with it moves it towards the right
-one, but only part of the way: the points that were kept are those that agree with the wrong one. The step is zero at
-the right focal length, so its zero is searched. Square pixels and no distortion are assumed. Motion without any
-rotation says nothing: a longer focal length and a faster camera give the same images.
+A map that is tracked with a wrong focal length and then bundle-adjusted together with it moves it
+towards the right one, but only part of the way: the points that were kept are those that agree with
+the wrong one. The step is zero at the right focal length, so its zero is searched. Square pixels
+and no distortion are assumed. Motion without any rotation says nothing: a longer focal length and a
+faster camera give the same images.
 """
 
 from collections.abc import Iterable, Sequence
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.geometry.static_regions import scene_window, static_mask
+from geovp_classic.observation.static_regions import scene_window, static_mask
 from geovp_classic.odometry.bundle import adjusted_focal
 from geovp_classic.odometry.features import CornerTracker, all_corners
 from geovp_classic.odometry.lens import Lens
@@ -24,8 +26,11 @@ MIN_IMAGES = 15  # of a window; shorter ones agree with wrong focal lengths too 
 STARTS = (0.35, 0.6, 1.0, 1.7)  # focal lengths by image width: views of 110 to 33 degrees
 MAX_ROUNDS = 4  # of the search for zero between two of these
 CLOSE = 0.01  # a step (of the logarithm) that ends the search
-STEP_NOISE = 0.008  # standard deviation of a step; on KITTI, true errors times slope are 0.006 (root mean square)
-SYSTEMATIC = 0.025  # relative error that all windows share: the principal point is not at the centre
+# standard deviation of a step; on KITTI, true errors times slope are 0.006 (root mean square)
+STEP_NOISE = 0.008
+SYSTEMATIC = (
+    0.025  # relative error that all windows share: the principal point is not at the centre
+)
 MIN_KEYFRAMES = 5
 NUM_POINTS = 500  # observed most often, in the bundle adjustment
 MAX_SD = 0.1  # of a sure estimate's logarithm
@@ -49,7 +54,9 @@ class FocalLength:
 
 @single_threaded_blas
 def estimate_focal(windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None:
-    """The focal length of grey images [H, W] of one size, in windows of consecutive ones; None when none can tell."""
+    """The focal length of grey images [H, W] of one size, in windows of consecutive ones; None when
+    none can tell.
+    """
     found = [each for each in map(_root, windows) if each is not None]
     if not found:
         return None
@@ -63,17 +70,26 @@ def estimate_focal(windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None
 
 
 def _root(greys: Sequence[ByteArray]) -> tuple[float, float] | None:
-    """The logarithm of the focal length at which a window's step is zero, and its standard deviation."""
+    """The logarithm of the focal length at which a window's step is zero, and its standard
+    deviation.
+    """
     if len(greys) < MIN_IMAGES:
         return None
-    shape, seen = greys[0].shape, scene_window(static_mask(np.repeat(np.stack(greys)[..., None], 3, axis=-1)))
-    greys = [grey[seen] for grey in greys]  # a hood stands still in the image, whatever the focal length
+    shape, seen = (
+        greys[0].shape,
+        scene_window(static_mask(np.repeat(np.stack(greys)[..., None], 3, axis=-1))),
+    )
+    greys = [
+        grey[seen] for grey in greys
+    ]  # a hood stands still in the image, whatever the focal length
     images = list(zip(greys, parallel_map(all_corners, greys), strict=True))
     starts = np.log(np.array(STARTS) * greys[0].shape[1])
     steps = np.array([_step(images, shape, seen, start) for start in starts])
     starts, steps = starts[np.isfinite(steps)], steps[np.isfinite(steps)]
     positive = int((steps > 0).sum())
-    if not 0 < positive < len(steps) or (steps[:positive] < 0).any():  # it must fall through zero once
+    if (
+        not 0 < positive < len(steps) or (steps[:positive] < 0).any()
+    ):  # it must fall through zero once
         return None
     low, high = starts[positive - 1 : positive + 1]
     step_low, step_high = steps[positive - 1 : positive + 1]
@@ -83,7 +99,9 @@ def _root(greys: Sequence[ByteArray]) -> tuple[float, float] | None:
         step = _step(images, shape, seen, middle)
         if not abs(step) > CLOSE:  # or NaN
             break
-        low, step_low, high, step_high = (middle, step, high, step_high) if step > 0 else (low, step_low, middle, step)
+        low, step_low, high, step_high = (
+            (middle, step, high, step_high) if step > 0 else (low, step_low, middle, step)
+        )
     return float(middle), float(sd)
 
 
@@ -93,13 +111,18 @@ def _step(
     seen: tuple[slice, slice],
     log_focal: float,
 ) -> float:
-    """How far bundle adjustment moves the logarithm of a focal length that a window was tracked with; NaN: lost.
+    """How far bundle adjustment moves the logarithm of a focal length that a window was tracked
+    with; NaN: lost.
 
     The images are these rows and columns of whole ones of the shape (H, W).
     """
     (height_px, width_px), (rows, columns), focal_px = shape, seen, float(np.exp(log_focal))
-    whole = Intrinsics(focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px)
-    camera = whole.cropped(columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start)
+    whole = Intrinsics(
+        focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
+    )
+    camera = whole.cropped(
+        columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start
+    )
     policy = KeyframePolicy(len(images), 0.001, adjust_every=5)
     tracker = Tracker(CornerTracker(), Lens(camera), policy, seed=0)
     for number, (grey, corners) in enumerate(images):

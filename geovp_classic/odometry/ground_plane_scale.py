@@ -1,4 +1,6 @@
-"""Metres per unit of the odometry from the road and the camera's height above it, or from a prior of speeds."""
+"""Metres per unit of the odometry from the road and the camera's height above it, or from a prior
+of speeds.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -20,9 +22,12 @@ from geovp_classic.odometry.road import (
     smoothed,
 )
 from geovp_classic.odometry.speed_prior import SpeedPrior
-from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
 
-COARSE_PX, FINE_PX = 2.0, 1.0  # blur of the images while the height is searched, and once it is known
+COARSE_PX, FINE_PX = (
+    2.0,
+    1.0,
+)  # blur of the images while the height is searched, and once it is known
 SEARCHED_HEIGHTS = np.geomspace(0.15, 40.0, 60)  # in lengths of the motion
 SEARCHED_PITCHES_RAD = np.radians([0.0, -2.0, 2.0])
 STEEPEST_RAD = np.radians(20.0)  # pitch of a camera whose road is looked for
@@ -30,21 +35,26 @@ MIN_SAMPLES = 50
 UNKNOWN_TILT_RAD = np.radians(1.0)  # of pitch and roll before the first measurement
 MIN_CORRELATION = 0.5
 CLEAR_CORRELATION = 0.85  # ends the search
-MAX_RELATIVE_SIGMA = 0.05  # of the height by the images' noise alone; above it the road has no texture
+MAX_RELATIVE_SIGMA = (
+    0.05  # of the height by the images' noise alone; above it the road has no texture
+)
 GATE = 3.0  # standard deviations beyond which a measurement is rejected
 MAX_REJECTED = 6  # measurements in a row, before the search starts anew
-MIN_CONSISTENT = 3  # rejected measurements in a row that agree with each other are accepted after all
+MIN_CONSISTENT = (
+    3  # rejected measurements in a row that agree with each other are accepted after all
+)
 
 
 @dataclass(frozen=True)
 class GroundPlane:
     """Metres from the camera's known height: the road ahead is aligned from image to image.
 
-    Height above the road in units of the odometry, pitch and roll are measured together at every keyframe and smoothed
-    over time; the smoothing assumes that the unit drifts by `drift` a keyframe, more while turning, and that one
-    measurement has an error of `error`, more while turning, because then the road ahead is not the one driven on.
-    Where no road is found in a clip, its mean speed is assumed from `prior`, and the trajectory's `scale_uncertainty`
-    is the spread of that; with none the clip has no metres.
+    Height above the road in units of the odometry, pitch and roll are measured together at every
+    keyframe and smoothed over time; the smoothing assumes that the unit drifts by `drift` a
+    keyframe, more while turning, and that one measurement has an error of `error`, more while
+    turning, because then the road ahead is not the one driven on. Where no road is found in a clip,
+    its mean speed is assumed from `prior`, and the trajectory's `scale_uncertainty` is the spread
+    of that; with none the clip has no metres.
     """
 
     drift: float = 0.002
@@ -54,7 +64,7 @@ class GroundPlane:
     wobble_rad: float = 0.02  # of pitch and roll from image to image
     prior: SpeedPrior | None = field(default_factory=SpeedPrior)
 
-    needs = Grant.CAMERA_HEIGHT
+    needs = PrivilegedInput.CAMERA_HEIGHT
     is_metric = True
 
     def estimator(
@@ -63,15 +73,19 @@ class GroundPlane:
         """An estimator for one camera; Incompatible when its height is not known."""
         if camera_height_m is None or not camera_height_m > 0:
             raise Incompatible(
-                "the ground-plane scale needs the camera's height above the road, which this clip lacks: "
-                "give the data set's camera_height_m (`geovp predict --camera-height`) or use the scale 'unit-speed'"
+                "the ground-plane scale needs the camera's height above the road, which this "
+                "clip lacks: "
+                "give the data set's camera_height_m (`geovp predict --camera-height`) or use "
+                "the scale 'unit-speed'"
             )
         return GroundPlaneEstimator(self, intrinsics, camera_height_m, pitch_rad)
 
 
 @dataclass
 class GroundPlaneEstimator:
-    """A Kalman filter of the logarithm of the camera's height in units of the odometry, and of pitch and roll."""
+    """A Kalman filter of the logarithm of the camera's height in units of the odometry, and of
+    pitch and roll.
+    """
 
     settings: GroundPlane
     camera: Intrinsics
@@ -100,11 +114,17 @@ class GroundPlaneEstimator:
     @property
     def unit(self) -> float:
         """Metres per unit of the odometry; 1 while unknown."""
-        return float(self.camera_height_m / np.exp(self.log_height)) if np.isfinite(self.variance) else 1.0
+        return (
+            float(self.camera_height_m / np.exp(self.log_height))
+            if np.isfinite(self.variance)
+            else 1.0
+        )
 
     @property
     def confidence(self) -> float:
-        """From 0 (unknown) to 1: one minus the relative standard deviation of the unit, times five."""
+        """From 0 (unknown) to 1: one minus the relative standard deviation of the unit,
+        times five.
+        """
         return float(np.clip(1 - 5 * self.uncertainty, 0, 1))
 
     @property
@@ -117,14 +137,21 @@ class GroundPlaneEstimator:
         prior = self.settings.prior
         if prior is not None and self.confidence == 0 and length > 0:
             metres_per_unit = prior.median_m_s * duration_s / length
-            self.log_height, self.variance = float(np.log(self.camera_height_m / metres_per_unit)), prior.spread**2
+            self.log_height, self.variance = (
+                float(np.log(self.camera_height_m / metres_per_unit)),
+                prior.spread**2,
+            )
 
     def restart(self) -> None:
         """The odometry's unit has changed: forget the height, keep pitch and roll."""
         self.variance, self.rejected = np.inf, []
 
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
-        """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry."""
+    def update(
+        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
+    ) -> None:
+        """Take two grey images [H, W] and the motion between them [4, 4], in units of the
+        odometry.
+        """
         if np.linalg.norm(before_from_now[:3, 3]) < 1e-6 or len(self.pixels) < MIN_SAMPLES:
             return
         before, now = before[self.window], now[self.window]
@@ -134,14 +161,18 @@ class GroundPlaneEstimator:
         if searching and not self._search(before, now, before_from_now):
             return
         self.variance += (self.settings.drift + self.settings.drift_per_rad * turn_rad) ** 2
-        fit = self._measure(before, now, before_from_now, (COARSE_PX, FINE_PX) if searching else (FINE_PX,))
+        fit = self._measure(
+            before, now, before_from_now, (COARSE_PX, FINE_PX) if searching else (FINE_PX,)
+        )
         if fit is not None:
             self._correct(fit, turn_rad)
         elif searching:
             self.variance = np.inf
 
     def _search(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray) -> bool:
-        """Find the height by exhaustive search, for pitches within two degrees of the current one."""
+        """Find the height by exhaustive search, for pitches within two degrees of the
+        current one.
+        """
         images = [smoothed(grey, 1.5) - smoothed(grey, 6.0) for grey in (before, now)]
         length, pixels = float(np.linalg.norm(before_from_now[:3, 3])), self.pixels[::3]
         values, rays = sample(images[1], pixels), homogeneous(self.lens.rays(pixels))
@@ -160,7 +191,11 @@ class GroundPlaneEstimator:
         return True
 
     def _measure(
-        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, blurs_px: tuple[float, ...]
+        self,
+        before: ByteArray,
+        now: ByteArray,
+        before_from_now: FloatArray,
+        blurs_px: tuple[float, ...],
     ) -> RoadFit | None:
         """The road's plane; None when the road cannot be seen or has no texture."""
         fit: RoadFit | None = None
@@ -177,7 +212,9 @@ class GroundPlaneEstimator:
         return fit if fit.correlation > MIN_CORRELATION and sigma < MAX_RELATIVE_SIGMA else None
 
     def _prior_information(self, plane: FloatArray) -> FloatArray:
-        """Inverse covariance [3, 3] of the plane before a measurement: loose in height, tighter in pitch and roll."""
+        """Inverse covariance [3, 3] of the plane before a measurement: loose in height, tighter in
+        pitch and roll.
+        """
         size, normal = float(np.linalg.norm(plane)), plane / np.linalg.norm(plane)
         tilt_rad = self.settings.wobble_rad + UNKNOWN_TILT_RAD / (1 + self.num_measurements)
         loose, tight = (0.3 * size) ** 2, (tilt_rad * size) ** 2
@@ -202,10 +239,16 @@ class GroundPlaneEstimator:
         self.roll_rad += rate * (float(np.arctan2(normal[0], normal[1])) - self.roll_rad)
 
     def _reject(self, log_height: float, noise: float) -> None:
-        """Keep a rejected measurement: several that agree replace the estimate, too many in a row restart it."""
+        """Keep a rejected measurement: several that agree replace the estimate, too many in a row
+        restart it.
+        """
         self.rejected.append(log_height)
         latest = np.array(self.rejected[-MIN_CONSISTENT:])
         if len(latest) == MIN_CONSISTENT and np.ptp(latest) < GATE * np.sqrt(noise):
-            self.log_height, self.variance, self.rejected = float(np.median(latest)), noise / MIN_CONSISTENT, []
+            self.log_height, self.variance, self.rejected = (
+                float(np.median(latest)),
+                noise / MIN_CONSISTENT,
+                [],
+            )
         elif len(self.rejected) > MAX_REJECTED:
             self.restart()

@@ -9,7 +9,9 @@ from geovp_classic.types import FloatArray, Intrinsics
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera with a little radial distortion left: undistorted ray = distorted ray * (1 + radial * |its|^2)."""
+    """A camera with a little radial distortion left: undistorted ray = distorted ray * (1 + radial
+    * |its|^2).
+    """
 
     camera: Intrinsics
     radial: float = 0.0
@@ -24,7 +26,9 @@ class Lens:
         return undistorted(self.distorted_rays(pixels), self.radial)
 
     def pixels(self, rays: FloatArray) -> FloatArray:
-        """Pixels [..., 2] of undistorted rays [..., 2]; the inverse of `rays`, by three fixed-point steps."""
+        """Pixels [..., 2] of undistorted rays [..., 2]; the inverse of `rays`, by three fixed-point
+        steps.
+        """
         distorted, camera, pixels = rays, self.camera, np.empty(np.shape(rays))
         for _ in range(3 if self.radial else 0):
             distorted = rays / _stretch(distorted, self.radial)

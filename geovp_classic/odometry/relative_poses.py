@@ -1,4 +1,6 @@
-"""Poses of images relative to keyframes: they improve with their keyframe, and are final once it is fixed."""
+"""Poses of images relative to keyframes: they improve with their keyframe, and are final once it is
+fixed.
+"""
 
 from dataclasses import dataclass
 
@@ -33,21 +35,29 @@ class RelativePose:
 
 
 class RelativePoses:
-    """The images of one camera in their order: pending ones first relative to a map's keyframes, then final."""
+    """The images of one camera in their order: pending ones first relative to a map's keyframes,
+    then final.
+    """
 
     def __init__(self, keyframes: WindowedMap) -> None:
         self.map = keyframes
         self._pending: list[RelativePose] = []
         self._final: list[tuple[FloatArray, bool]] = []
 
-    def add(self, world_from_cam: FloatArray, tracked: bool, observations: Observations | None) -> None:
-        """Add an image at a pose [4, 4], relative to the newest keyframe; without one the pose is final."""
+    def add(
+        self, world_from_cam: FloatArray, tracked: bool, observations: Observations | None
+    ) -> None:
+        """Add an image at a pose [4, 4], relative to the newest keyframe; without one the pose is
+        final.
+        """
         if len(self.map) == 0:
             self._final.append((world_from_cam, tracked))
             return
         waiting = None if self.map.triangulated.any() else observations
         keyframe_from_cam = self.map.cam_from_world[-1] @ world_from_cam
-        self._pending.append(RelativePose(self.map.newest_keyframe_id, keyframe_from_cam, tracked, waiting))
+        self._pending.append(
+            RelativePose(self.map.newest_keyframe_id, keyframe_from_cam, tracked, waiting)
+        )
         while len(self._pending) > MAX_PENDING:  # the camera stands, and there are no new keyframes
             self._finish_first()
 
@@ -65,7 +75,9 @@ class RelativePoses:
     def take_waiting(self) -> list[tuple[FloatArray, bool, Observations]]:
         """Remove the images that wait for the map to start: what `add` takes of each."""
         waiting = [
-            (self._pose(one), one.tracked, one.observations) for one in self._pending if one.observations is not None
+            (self._pose(one), one.tracked, one.observations)
+            for one in self._pending
+            if one.observations is not None
         ]
         self._pending = [one for one in self._pending if one.observations is None]
         return waiting

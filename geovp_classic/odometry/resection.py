@@ -1,4 +1,6 @@
-"""The pose of a camera that observes known points (resection, perspective-n-point), with outliers among them."""
+"""The pose of a camera that observes known points (resection, perspective-n-point), with outliers
+among them.
+"""
 
 import cv2
 import numba
@@ -9,7 +11,9 @@ from geovp_classic.geometry.robust import median
 from geovp_classic.types import BoolArray, FloatArray
 
 INLIER = 5.0  # largest error of an inlier, in standard deviations of the noise
-MIN_INLIER_SHARE = 0.6  # with fewer inliers than this from the guess, random samples are tried as well
+MIN_INLIER_SHARE = (
+    0.6  # with fewer inliers than this from the guess, random samples are tried as well
+)
 
 
 def resect(
@@ -21,7 +25,8 @@ def resect(
 ) -> tuple[FloatArray, BoolArray]:
     """cam_from_world [4, 4] and its inliers [N]; the guess and no inliers where there is no answer.
 
-    Robust Gauss-Newton from the guess; when that has too few inliers, also from random samples (MAGSAC++ P3P).
+    Robust Gauss-Newton from the guess; when that has too few inliers, also from random samples
+    (MAGSAC++ P3P).
     """
     if len(points) < 4:
         return guess, np.zeros(len(points), dtype=bool)
@@ -45,8 +50,9 @@ def refine_pose(
 ) -> tuple[FloatArray, BoolArray]:
     """The pose with the smallest robust reprojection errors near the given one, and its inliers.
 
-    Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise, by half or more a round.
-    Several times as fast as pycolmap's `refine_absolute_pose` (benchmarks/performance/libraries.py).
+    Gauss-Newton with Cauchy weights whose kernel shrinks from the median error to the noise, by
+    half or more a round. Several times as fast as pycolmap's `refine_absolute_pose`
+    (benchmarks/performance/libraries.py).
     """
     kernel = np.inf
     for _ in range(num_rounds):
@@ -66,7 +72,9 @@ def reprojection_errors(
     rays: FloatArray,  # [..., N, 2]
     cam_from_world: FloatArray,  # [..., 4, 4]
 ) -> FloatArray:
-    """Distances [..., N] on z = 1 between rays and projected points; inf for points behind, NaN for NaN."""
+    """Distances [..., N] on z = 1 between rays and projected points; inf for points behind, NaN for
+    NaN.
+    """
     points_cam = cam_from_world[..., :3, :3] @ points.T + cam_from_world[..., :3, 3:]  # [..., 3, N]
     x, y, z = points_cam[..., 0, :], points_cam[..., 1, :], points_cam[..., 2, :]
     in_front = z > 1e-6
@@ -78,10 +86,14 @@ def reprojection_errors(
 def _normal_equations(
     points: FloatArray, rays: FloatArray, cam_from_world: FloatArray, kernel: float, noise: float
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Gauss-Newton's matrix [6, 6], barely damped, gradient [6] by translation and rotation, and the new kernel."""
+    """Gauss-Newton's matrix [6, 6], barely damped, gradient [6] by translation and rotation, and
+    the new kernel.
+    """
     projected, errors = np.zeros((len(points), 3)), np.full(len(points), np.inf)
     _project(points, rays, cam_from_world, projected, errors)
-    kernel = max(noise, min(median(errors), kernel / 2))  # here, since a median takes long to compile
+    kernel = max(
+        noise, min(median(errors), kernel / 2)
+    )  # here, since a median takes long to compile
     normal, gradient, jacobian = np.zeros((6, 6)), np.zeros(6), np.zeros((2, 6))
     _add_to_normal_equations(projected, rays, errors, kernel, jacobian, normal, gradient)
     np.fill_diagonal(normal, (1 + 1e-9) * np.diag(normal) + 1e-12)
@@ -133,14 +145,22 @@ def _add_to_normal_equations(
                     normal[i, j] += weighted * jacobian[axis, j]
 
 
-def _from_samples(points: FloatArray, rays: FloatArray, threshold: float, seed: int) -> FloatArray | None:
+def _from_samples(
+    points: FloatArray, rays: FloatArray, threshold: float, seed: int
+) -> FloatArray | None:
     """A pose with many inliers, by MAGSAC++ over random samples; None when there is none."""
     params = cv2.UsacParams()
     params.threshold, params.confidence, params.maxIterations = threshold, 0.999, 500
-    params.score, params.randomGeneratorState, params.isParallel = cv2.SCORE_METHOD_MAGSAC, seed, False
+    params.score, params.randomGeneratorState, params.isParallel = (
+        cv2.SCORE_METHOD_MAGSAC,
+        seed,
+        False,
+    )
     a, b = np.ascontiguousarray(points), np.ascontiguousarray(rays)
     try:
-        found, _, rotation_vector, translation, _ = cv2.solvePnPRansac(a, b, np.eye(3), None, params=params)
+        found, _, rotation_vector, translation, _ = cv2.solvePnPRansac(
+            a, b, np.eye(3), None, params=params
+        )
     except cv2.error:  # degenerate samples only
         return None
     if not found or not (np.isfinite(rotation_vector).all() and np.isfinite(translation).all()):

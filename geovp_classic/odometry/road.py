@@ -1,8 +1,8 @@
 """The road ahead as a plane: aligning two images of it says how high the camera is above it.
 
-A plane is the vector m = n / h [3] in the camera's frame: n its unit normal, pointing down, h the camera's height, so
-that m . x = 1 for the points x of the plane. A ray r of the road then hits it at r / (m . r), and is seen from another
-camera at R r + t (m . r), which is linear in m.
+A plane is the vector m = n / h [3] in the camera's frame: n its unit normal, pointing down, h the
+camera's height, so that m . x = 1 for the points x of the plane. A ray r of the road then hits it
+at r / (m . r), and is seen from another camera at R r + t (m . r), which is linear in m.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,11 @@ from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.types import ByteArray, FloatArray, IntArray, Intrinsics
 
-NEAREST, FARTHEST, HALF_WIDTH = 2.5, 10.0, 1.4  # the part of the road that is used, in camera heights
+NEAREST, FARTHEST, HALF_WIDTH = (
+    2.5,
+    10.0,
+    1.4,
+)  # the part of the road that is used, in camera heights
 MAX_SAMPLES = 1000
 NUM_ROUNDS = 6
 MIN_VISIBLE_SHARE = 0.5  # of the samples, in the other image
@@ -33,7 +37,9 @@ class RoadFit:
 
 
 def level_plane(height: float, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> FloatArray:
-    """The plane m [3] under a camera that looks `pitch_rad` above it and is rolled clockwise by `roll_rad`."""
+    """The plane m [3] under a camera that looks `pitch_rad` above it and is rolled clockwise by
+    `roll_rad`.
+    """
     cos_p, sin_p = np.cos(pitch_rad), np.sin(pitch_rad)
     normal = np.array([cos_p * np.sin(roll_rad), cos_p * np.cos(roll_rad), -sin_p])
     return normal / height
@@ -45,7 +51,9 @@ def road_samples(
 ) -> FloatArray:
     """Pixels [N, 2] that show the road right ahead, if it is free; evenly spread over the image."""
     camera = lens.camera
-    highest = (1 / FARTHEST - normal[2] - HALF_WIDTH / NEAREST * abs(normal[0])) / normal[1]  # on the plane z = 1
+    highest = (1 / FARTHEST - normal[2] - HALF_WIDTH / NEAREST * abs(normal[0])) / normal[
+        1
+    ]  # on the plane z = 1
     top = int(np.clip(camera.cy_px + camera.fy_px * highest, 0, camera.height_px - 2))
     rows, columns = np.mgrid[top : camera.height_px - 2, 2 : camera.width_px - 2]
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
@@ -65,7 +73,9 @@ def correlation(
     rays: FloatArray,  # [N, 3] of the values, z = 1
     plane: FloatArray,  # [3] in the camera now
 ) -> float:
-    """Normalised cross-correlation of the road in both images, if it lies on this plane; -1 when it is not visible."""
+    """Normalised cross-correlation of the road in both images, if it lies on this plane; -1 when it
+    is not visible.
+    """
     _, pixels_before, index = _project(lens, rays, before_from_now, plane)
     if len(index) < MIN_VISIBLE_SHARE * len(rays):
         return -1.0
@@ -84,13 +94,18 @@ def align(
     prior: FloatArray,  # [3], the plane to start from
     prior_information: FloatArray,  # [3, 3], its inverse covariance
 ) -> RoadFit | None:
-    """The plane near the prior that aligns both images of the road best; None when the road is not visible.
+    """The plane near the prior that aligns both images of the road best; None when the road is not
+    visible.
 
-    Gauss-Newton on the difference of grey values (Lucas & Kanade 1981; the plane as parameter: Irani & Anandan 1999),
-    with Geman-McClure weights against what is not road, and one offset for a change of brightness.
+    Gauss-Newton on the difference of grey values (Lucas & Kanade 1981; the plane as parameter:
+    Irani & Anandan 1999), with Geman-McClure weights against what is not road, and one offset for a
+    change of brightness.
     """
     target, rays = sample(now, pixels), homogeneous(lens.rays(pixels))
-    slopes = [cv2.Scharr(before, cv2.CV_32F, 1, 0, scale=1 / 32), cv2.Scharr(before, cv2.CV_32F, 0, 1, scale=1 / 32)]
+    slopes = [
+        cv2.Scharr(before, cv2.CV_32F, 1, 0, scale=1 / 32),
+        cv2.Scharr(before, cv2.CV_32F, 0, 1, scale=1 / 32),
+    ]
     fields = np.asarray(cv2.merge([before, *slopes]), dtype=np.float32)  # [H, W, 3]
     plane: FloatArray = prior
     information: FloatArray = np.zeros((3, 3))
@@ -100,13 +115,19 @@ def align(
             return None
         by_plane = _pixel_jacobian(points, before_from_now[:3, 3], lens)
         values = sample(fields, pixels_before)
-        jacobian = (values[:, 1] * by_plane[:, 0] + values[:, 2] * by_plane[:, 1])[:, None] * rays[index]
+        jacobian = (values[:, 1] * by_plane[:, 0] + values[:, 2] * by_plane[:, 1])[:, None] * rays[
+            index
+        ]
         information, gradient = _normal_equations(values[:, 0] - target[index], jacobian)
-        step = -np.linalg.solve(information + prior_information, gradient + prior_information @ (plane - prior))
+        step = -np.linalg.solve(
+            information + prior_information, gradient + prior_information @ (plane - prior)
+        )
         plane = plane + step
         if np.abs(step).max() < 5e-3 * np.linalg.norm(plane):
             break
-    return RoadFit(plane, information, correlation(before, target, before_from_now, lens, rays, plane))
+    return RoadFit(
+        plane, information, correlation(before, target, before_from_now, lens, rays, plane)
+    )
 
 
 def road_window(
@@ -141,7 +162,9 @@ def _project(
     before_from_now: FloatArray,  # [4, 4]
     plane: FloatArray,  # [3]
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """The road's points in the other camera [M, 3], over their depth in this one, their pixels [M, 2], and indices."""
+    """The road's points in the other camera [M, 3], over their depth in this one, their pixels [M,
+    2], and indices.
+    """
     camera, count = lens.camera, len(rays)
     points, pixels, index = np.empty((count, 3)), np.empty((count, 2)), np.empty(count, np.int64)
     matrix = before_from_now[:3, :3] + np.outer(before_from_now[:3, 3], plane)
@@ -163,7 +186,9 @@ def _project_each(
     pixels: FloatArray,  # [N, 2], the first written
     index: IntArray,  # [N], the first written
 ) -> int:
-    """How many of the points are seen; `Lens.pixels` and matrix products on small arrays take six times as long."""
+    """How many of the points are seen; `Lens.pixels` and matrix products on small arrays take six
+    times as long.
+    """
     count = 0
     for n in range(len(rays)):
         x, y, z = rays[n]
@@ -185,7 +210,9 @@ def _project_each(
 
 
 def _pixel_jacobian(points: FloatArray, translation: FloatArray, lens: Lens) -> FloatArray:
-    """Derivatives [N, 2] by m . r of the pixels of points R r + t (m . r) [N, 3], distortion neglected."""
+    """Derivatives [N, 2] by m . r of the pixels of points R r + t (m . r) [N, 3], distortion
+    neglected.
+    """
     depth = points[:, 2:]
     focal = (lens.camera.fx_px, lens.camera.fy_px)
     return focal * (translation[:2] * depth - points[:, :2] * translation[2]) / depth**2
@@ -195,7 +222,9 @@ def _normal_equations(
     difference: FloatArray,  # [N] grey values
     jacobian: FloatArray,  # [N, 3]
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss-Newton's matrix [3, 3] and gradient [3], with robust weights and the brightness offset eliminated."""
+    """Gauss-Newton's matrix [3, 3] and gradient [3], with robust weights and the brightness offset
+    eliminated.
+    """
     difference = difference.astype(np.float64)
     difference -= median(difference)
     spread = max(GREY_NOISE, 1.4826 * median(np.abs(difference)))

@@ -8,7 +8,8 @@ import numpy as np
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray, Trajectory
 
-LEAST_SPREAD = 0.2  # relative standard deviation above which a scale counts as assumed; measured ones are below it
+# relative standard deviation above which a scale counts as assumed; measured ones are below it
+LEAST_SPREAD = 0.2
 AT_REST_M_S = 0.5  # who is slower does not drive
 NUM_POSES, STRIDE = 10, 5  # of a window that has one mean speed, and between two windows' starts
 
@@ -17,31 +18,45 @@ NUM_POSES, STRIDE = 10, 5  # of a window that has one mean speed, and between tw
 class SpeedPrior:
     """Log-normal mean speeds of a moving car over a second.
 
-    The defaults are of KITTI odometry (Geiger et al. 2012), by `geovp forecast fit-speeds`: the median of 00, 02, 08
-    and 09, which are drives through towns; the spread around it on these and on 01 and 04, every sequence with the same
-    say, since a drive elsewhere is off by more than these four are from each other. A motorway, with 25 m/s, lies two
-    standard deviations from the median.
+    The defaults are of KITTI odometry (Geiger et al. 2012), by `geovp forecast fit-speeds`: the
+    median of 00, 02, 08 and 09, which are drives through towns; the spread around it on these and
+    on 01 and 04, every sequence with the same say, since a drive elsewhere is off by more than
+    these four are from each other. A motorway, with 25 m/s, lies two standard deviations from the
+    median.
     """
 
     median_m_s: float = 9.2
     spread: float = 0.51  # standard deviation of the speed's logarithm
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.median_m_s) and self.median_m_s > 0 and LEAST_SPREAD <= self.spread < np.inf):
+        if not (
+            np.isfinite(self.median_m_s)
+            and self.median_m_s > 0
+            and LEAST_SPREAD <= self.spread < np.inf
+        ):
             given = f"median_m_s {self.median_m_s:g} and spread {self.spread:g}"
-            raise BadData(f"speed prior: {given}, expected a positive speed and a spread of {LEAST_SPREAD:g} or more")
+            raise BadData(
+                f"speed prior: {given}, expected a positive speed and a spread of "
+                f"{LEAST_SPREAD:g} or more"
+            )
 
 
 def fit(drives: Mapping[str, Trajectory], others: Mapping[str, Trajectory]) -> SpeedPrior:
-    """The median of all windows of the drives; the spread is the root mean square over all sequences, others as well.
+    """The median of all windows of the drives; the spread is the root mean square over all
+    sequences, others as well.
 
     BadData when nobody drives.
     """
     by_drive = [_log_speeds(drive) for drive in drives.values()]
-    moving = [speeds for speeds in by_drive + [_log_speeds(other) for other in others.values()] if len(speeds)]
+    moving = [
+        speeds
+        for speeds in by_drive + [_log_speeds(other) for other in others.values()]
+        if len(speeds)
+    ]
     if not any(map(len, by_drive)):
         raise BadData(
-            f"nobody drives faster than {AT_REST_M_S} m/s in {', '.join(drives) or 'no sequence'}: give others"
+            f"nobody drives faster than {AT_REST_M_S} m/s in "
+            f"{', '.join(drives) or 'no sequence'}: give others"
         )
     median = float(np.median(np.concatenate(by_drive)))
     spread = float(np.sqrt(np.mean([((speeds - median) ** 2).mean() for speeds in moving])))

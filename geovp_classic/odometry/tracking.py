@@ -1,4 +1,6 @@
-"""Track one camera image by image: two-view initialisation, localisation in a sliding map, bundle adjustment."""
+"""Track one camera image by image: two-view initialisation, localisation in a sliding map, bundle
+adjustment.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +19,9 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 MIN_INLIER_SHARE = 0.4
 MIN_START_POINTS = 30
 MIN_START_SHARE = 0.5
-MIN_SHARED = 0.3  # of the reference keyframe's points; with fewer inliers left, a new reference is taken
+MIN_SHARED = (
+    0.3  # of the reference keyframe's points; with fewer inliers left, a new reference is taken
+)
 MIN_FOUND_SHARE = 0.5  # of the points; with fewer found the image is bad rather than the map
 MAX_BRIDGED = 4  # images in a row, before the map is discarded
 COAST_S = 1.0  # after the map is lost, a moving camera is not taken to stand still for this long
@@ -28,7 +32,9 @@ class KeyframePolicy:
     """How often keyframes are made, and how many are kept and adjusted together."""
 
     window: int = 8
-    keyframe_parallax: float = 0.025  # median shift since the last keyframe after the rotation is taken out, on z = 1
+    keyframe_parallax: float = (
+        0.025  # median shift since the last keyframe after the rotation is taken out, on z = 1
+    )
     start_parallax: float = 0.004  # the same between the two images that a map starts from
     keyframe_share: float = 0.6  # a keyframe is due when fewer of the last one's points are left
     max_bundle_points: int = 300
@@ -46,9 +52,13 @@ class KeyframePair:
 
 
 class Tracker:
-    """Poses of one camera, in a unit of its own; bad images are bridged with the last motion and never raise."""
+    """Poses of one camera, in a unit of its own; bad images are bridged with the last motion and
+    never raise.
+    """
 
-    def __init__(self, corners: CornerTracker, lens: Lens, policy: KeyframePolicy, seed: int) -> None:
+    def __init__(
+        self, corners: CornerTracker, lens: Lens, policy: KeyframePolicy, seed: int
+    ) -> None:
         self.corners, self.policy, self.seed = corners, policy, seed
         self.map = WindowedMap(lens, NOISE_PX, policy.window)
         self.radial = RadialEstimate(lens.radial)
@@ -67,7 +77,8 @@ class Tracker:
         self._poses = RelativePoses(self.map)
 
     def push(self, grey: ByteArray, time_s: float, corners: FloatArray | None = None) -> bool:
-        """Take the next image [H, W]; whether its pose, now `world_from_cam`, was tracked rather than bridged.
+        """Take the next image [H, W]; whether its pose, now `world_from_cam`, was tracked rather
+        than bridged.
 
         `corners` are those of `features.all_corners`, where they are known already.
         """
@@ -84,7 +95,9 @@ class Tracker:
         return tracked
 
     def take_final(self, *, all_of_them: bool = False) -> tuple[FloatArray, BoolArray]:
-        """Poses [T, 4, 4] and marks [T] of the images since the last call that later ones cannot change."""
+        """Poses [T, 4, 4] and marks [T] of the images since the last call that later ones cannot
+        change.
+        """
         if all_of_them:
             self._poses.finish(self.map.newest_keyframe_id + 1)
         return self._poses.take_final()
@@ -100,7 +113,9 @@ class Tracker:
         guess = self.map.predict_pixels(se3.inverse(self._world_from_last), se3.inverse(predicted))
         pixels, found = self.corners.track(self._last_grey, grey, self.map.pixels[index], guess)
         observations = Observations(self.map.track_ids[index], pixels, found)
-        return self._localise_by_map(grey, observations, predicted) or self._localise_by_keyframe(grey, observations)
+        return self._localise_by_map(grey, observations, predicted) or self._localise_by_keyframe(
+            grey, observations
+        )
 
     def _localise_by_map(
         self, grey: ByteArray, observations: Observations, predicted: FloatArray
@@ -110,7 +125,9 @@ class Tracker:
         if known.sum() < MIN_INLIERS:
             return None
         points, rays = self.map.points[index[known]], self.map.lens.rays(observations.pixels[known])
-        cam_from_world, inliers = resect(points, rays, se3.inverse(predicted), self.map.noise, self.seed)
+        cam_from_world, inliers = resect(
+            points, rays, se3.inverse(predicted), self.map.noise, self.seed
+        )
         if inliers.sum() < MIN_INLIERS or inliers.mean() < MIN_INLIER_SHARE:
             return None
         good = observations.inliers.copy()
@@ -121,14 +138,20 @@ class Tracker:
             self._add_keyframe()
         return observations
 
-    def _localise_by_keyframe(self, grey: ByteArray, observations: Observations) -> Observations | None:
-        """Two-view motion since the newest keyframe: none, a rotation, or one that starts a new map."""
+    def _localise_by_keyframe(
+        self, grey: ByteArray, observations: Observations
+    ) -> Observations | None:
+        """Two-view motion since the newest keyframe: none, a rotation, or one that starts a new
+        map.
+        """
         has_map = self.map.triangulated.any()
         if has_map and observations.inliers.mean() < MIN_FOUND_SHARE:
             return None
         keyframe_pixels = self.map.observations[-1, self.map.index_of(observations.track_ids)]
         shared = observations.inliers & np.isfinite(keyframe_pixels[:, 0])
-        rays, rays_now = (self.map.lens.rays(pixels[shared]) for pixels in (keyframe_pixels, observations.pixels))
+        rays, rays_now = (
+            self.map.lens.rays(pixels[shared]) for pixels in (keyframe_pixels, observations.pixels)
+        )
         motion = two_view(rays, rays_now, self.map.noise, self.seed)
         if motion.inliers.sum() < MIN_START_POINTS or motion.inliers.mean() < MIN_START_SHARE:
             return None
@@ -158,9 +181,15 @@ class Tracker:
 
     def _baseline(self) -> float:
         """The length given to the first motion of a new map: that of the last speed, else 1."""
-        return 1.0 if self._speed_per_s is None else self._speed_per_s * (self._time_s - self._keyframe_s)
+        return (
+            1.0
+            if self._speed_per_s is None
+            else self._speed_per_s * (self._time_s - self._keyframe_s)
+        )
 
-    def _move(self, grey: ByteArray, observations: Observations, cam_from_world: FloatArray) -> None:
+    def _move(
+        self, grey: ByteArray, observations: Observations, cam_from_world: FloatArray
+    ) -> None:
         """Make this image the last localised one, from which points are tracked."""
         index = self.map.index_of(observations.track_ids)
         self.map.pixels[index], self.map.active[index] = observations.pixels, observations.inliers
@@ -187,15 +216,21 @@ class Tracker:
         self._calibrate()
         self.map.triangulate()
         if self.map.newest_keyframe_id % self.policy.adjust_every == 0:
-            self.map.adjust(2 if len(self.map) == self.map.size else 1, self.policy.max_bundle_points)
+            self.map.adjust(
+                2 if len(self.map) == self.map.size else 1, self.policy.max_bundle_points
+            )
         self._world_from_last = self.world_from_cam = se3.inverse(self.map.cam_from_world[-1])
         self._detect()
         before_from_now = self.map.cam_from_world[-2] @ self.world_from_cam
         if moves:
-            self._speed_per_s = float(np.linalg.norm(before_from_now[:3, 3])) / (self._time_s - self._keyframe_s)
+            self._speed_per_s = float(np.linalg.norm(before_from_now[:3, 3])) / (
+                self._time_s - self._keyframe_s
+            )
             self._coast_until_s = self._time_s + COAST_S
         assert self._keyframe_grey is not None
-        self.new_pair = KeyframePair(self._keyframe_grey, self._last_grey, before_from_now, self.radial.mean)
+        self.new_pair = KeyframePair(
+            self._keyframe_grey, self._last_grey, before_from_now, self.radial.mean
+        )
         self._keyframe_grey, self._keyframe_s = self._last_grey, self._time_s
 
     def _calibrate(self) -> None:
@@ -221,7 +256,9 @@ class Tracker:
         return True
 
     def _new_reference(self) -> None:
-        """Make the last localised image the keyframe that a map may start from; waiting images refer to it."""
+        """Make the last localised image the keyframe that a map may start from; waiting images
+        refer to it.
+        """
         waiting = self._poses.take_waiting()
         self._poses.finish(self.map.newest_keyframe_id + 1)
         self.map.add_keyframe(se3.inverse(self.world_from_cam))

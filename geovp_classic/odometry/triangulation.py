@@ -11,10 +11,12 @@ def triangulate(
     cam_from_world: FloatArray,  # [V, 4, 4]
     num_rounds: int = 3,
 ) -> FloatArray:
-    """Points [N, 3] with the least squared distances on z = 1: linear, reweighted by depth (Hartley & Sturm 1997).
+    """Points [N, 3] with the least squared distances on z = 1: linear, reweighted by depth (Hartley
+    & Sturm 1997).
 
-    NaN for points with fewer than two observations or without a finite solution. Several times as fast as pycolmap's
-    `triangulate_multi_view_point`, which takes one point (benchmarks/performance/libraries.py).
+    NaN for points with fewer than two observations or without a finite solution. Several times as
+    fast as pycolmap's `triangulate_multi_view_point`, which takes one point
+    (benchmarks/performance/libraries.py).
     """
     points = np.full((rays.shape[1], 3), np.nan)
     given = np.ascontiguousarray(rays), np.ascontiguousarray(cam_from_world)
@@ -68,7 +70,8 @@ def _add_observation(system: FloatArray, pose: FloatArray, ray: FloatArray, weig
 def _solve(system: FloatArray) -> tuple[float, float, float]:
     """The solution of three normal equations [3, 4], barely damped, by elimination in place.
 
-    Of matrices without negative eigenvalues the diagonal's own pivots are stable (Golub & Van Loan 2013, 4.2).
+    Of matrices without negative eigenvalues the diagonal's own pivots are stable (Golub & Van Loan
+    2013, 4.2).
     """
     damping = 1e-15 * (system[0, 0] + system[1, 1] + system[2, 2]) + 1e-300
     for i in range(3):

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.interfaces import ScaleEstimator
-from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
 
 
 @dataclass(frozen=True)
 class UnitSpeed:
     """No metres: lengths are in mean steps, and the trajectory says so."""
 
-    needs = Grant.NONE
+    needs = PrivilegedInput.NONE
     is_metric = False
 
     def estimator(
@@ -33,7 +33,9 @@ class UnitScale:
     def settle(self, length: float, duration_s: float) -> None:
         """Nothing to assume."""
 
-    def update(self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0) -> None:
+    def update(
+        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
+    ) -> None:
         """Nothing to learn."""
 
     def restart(self) -> None:

@@ -12,7 +12,9 @@ Kernel = Callable[
 
 
 def matern52(deviation_rad: float, time_constant_s: float) -> Kernel:
-    """Matern kernel with nu = 5/2 for angles that return to their mean (Rasmussen & Williams 2006, eq. 4.17)."""
+    """Matern kernel with nu = 5/2 for angles that return to their mean (Rasmussen & Williams 2006,
+    eq. 4.17).
+    """
 
     def covariance(apart_s: FloatArray) -> FloatArray:
         far = np.sqrt(5) * np.abs(apart_s) / time_constant_s
@@ -22,7 +24,9 @@ def matern52(deviation_rad: float, time_constant_s: float) -> Kernel:
 
 
 def integrated_ornstein_uhlenbeck(deviation_rad_s: float, time_constant_s: float) -> Kernel:
-    """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of their increment."""
+    """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of their
+    increment.
+    """
 
     def covariance(apart_s: FloatArray) -> FloatArray:
         lasts = np.abs(apart_s) / time_constant_s
@@ -38,8 +42,12 @@ def covariance_of_differences(
     other_s: FloatArray,  # [M]
     other_from_s: FloatArray | float,  # [M]
 ) -> FloatArray:
-    """Covariance [N, M] of angle(one_s) - angle(one_from_s) and angle(other_s) - angle(other_from_s)."""
+    """Covariance [N, M] of angle(one_s) - angle(one_from_s) and angle(other_s) -
+    angle(other_from_s).
+    """
     ones = one_s, np.broadcast_to(one_from_s, one_s.shape)
     others = other_s, np.broadcast_to(other_from_s, other_s.shape)
-    (to_to, to_from), (from_to, from_from) = ([kernel(one[:, None] - other) for other in others] for one in ones)
+    (to_to, to_from), (from_to, from_from) = (
+        [kernel(one[:, None] - other) for other in others] for one in ones
+    )
     return np.asarray(to_to - to_from - from_to + from_from)

@@ -1,8 +1,10 @@
-"""Local bundle adjustment (Triggs 2000) of poses and inverse depths of corners, with the given poses as a prior.
+"""Local bundle adjustment (Triggs 2000) of poses and inverse depths of corners, with the given
+poses as a prior.
 
-Given poses are either right to within a standard deviation or far off. So their deviations count together by Cauchy's
-function: poses that agree with the images stay, and poses that contradict them by pixels lose their prior. COLMAP has
-no such prior for rotations (benchmarks/performance/libraries.py compares both).
+Given poses are either right to within a standard deviation or far off. So their deviations count
+together by Cauchy's function: poses that agree with the images stay, and poses that contradict them
+by pixels lose their prior. COLMAP has no such prior for rotations
+(benchmarks/performance/libraries.py compares both).
 """
 
 from __future__ import annotations
@@ -44,25 +46,38 @@ class Corners:
         """One over the standard deviations of the given poses [S, 6]."""
         distance = np.linalg.norm(self.given[:, :3, 3], axis=1)
         shift = SHIFT_SHARE * np.maximum(distance, SHIFT_SHARE * distance.max())
-        return np.concatenate([np.tile(1 / shift[:, None], 3), np.full((len(shift), 3), 1 / ROTATION_RAD)], axis=1)
-
-    def cost(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> float:
-        """The cost: Cauchy's function of the reprojection errors in units of ROBUST_PX, and of the deviation."""
-        squared = (deviation**2).sum()
-        return float(
-            _robust_error(*self._observed, poses, inverse_depth) + PRIOR_SCALE * np.log1p(squared / PRIOR_SCALE)
+        return np.concatenate(
+            [np.tile(1 / shift[:, None], 3), np.full((len(shift), 3), 1 / ROTATION_RAD)], axis=1
         )
 
-    def equations(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> Equations:
+    def cost(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> float:
+        """The cost: Cauchy's function of the reprojection errors in units of ROBUST_PX, and of the
+        deviation.
+        """
+        squared = (deviation**2).sum()
+        return float(
+            _robust_error(*self._observed, poses, inverse_depth)
+            + PRIOR_SCALE * np.log1p(squared / PRIOR_SCALE)
+        )
+
+    def equations(
+        self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray
+    ) -> Equations:
         """The cost near the poses and inverse depths, as a quadratic function of their changes."""
-        h_twist, g_twist, h_depth, g_depth, mixed = _equations(*self._observed, poses, inverse_depth)
+        h_twist, g_twist, h_depth, g_depth, mixed = _equations(
+            *self._observed, poses, inverse_depth
+        )
         precision = self.precision
         prior_weight = 1 / (1 + (deviation**2).sum() / PRIOR_SCALE)
         h_twist += prior_weight * precision[:, :, None] ** 2 * np.eye(6)
-        return Equations(h_twist, g_twist + prior_weight * precision * deviation, h_depth, g_depth, mixed)
+        return Equations(
+            h_twist, g_twist + prior_weight * precision * deviation, h_depth, g_depth, mixed
+        )
 
     def triangulate(self) -> FloatArray:
-        """Inverse depths [N] from the given poses: (u, v) (a_z + q b_z) = (a + q b)_xy solved for q, at least 0."""
+        """Inverse depths [N] from the given poses: (u, v) (a_z + q b_z) = (a + q b)_xy solved for
+        q, at least 0.
+        """
         matrix = self.camera.matrix
         a = self.rays @ np.swapaxes(matrix @ self.given[:, :3, :3], -1, -2)  # [S, N, 3]
         b = (self.given[:, :3, 3] @ matrix.T)[:, None]
@@ -74,12 +89,19 @@ class Corners:
     @property
     def _observed(self) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
         camera = self.camera
-        return self.rays, self.pixels, self.visible, np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px])
+        return (
+            self.rays,
+            self.pixels,
+            self.visible,
+            np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]),
+        )
 
 
 @dataclass(frozen=True)
 class Equations:
-    """Second and first derivatives of half the cost by the poses' twists (from the left) and the inverse depths."""
+    """Second and first derivatives of half the cost by the poses' twists (from the left) and the
+    inverse depths.
+    """
 
     h_twist: FloatArray  # [S, 6, 6]
     g_twist: FloatArray  # [S, 6]
@@ -88,7 +110,9 @@ class Equations:
     mixed: FloatArray  # [N, S, 6]
 
     def solved(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Twists [S, 6] of the poses and changes [N] of the inverse depths; these are eliminated (Schur complement)."""
+        """Twists [S, 6] of the poses and changes [N] of the inverse depths; these are eliminated
+        (Schur complement).
+        """
         count = len(self.h_twist)
         h_depth, mixed = self.h_depth * (1 + damping) + 1e-12, self.mixed.reshape(-1, 6 * count)
         whole = -(mixed / h_depth[:, None]).T @ mixed
@@ -168,7 +192,11 @@ def _equations(
                 by_near, by_z = focal / ROBUST_PX / z, -focal / ROBUST_PX * along / (z * z)
                 by_x, by_y = (by_near, 0.0) if axis == 0 else (0.0, by_near)
                 slope[0], slope[1], slope[2] = q * by_x, q * by_y, q * by_z
-                slope[3], slope[4], slope[5] = y * by_z - z * by_y, z * by_x - x * by_z, x * by_y - y * by_x
+                slope[3], slope[4], slope[5] = (
+                    y * by_z - z * by_y,
+                    z * by_x - x * by_z,
+                    x * by_y - y * by_x,
+                )
                 by_depth = by_x * poses[s, 0, 3] + by_y * poses[s, 1, 3] + by_z * poses[s, 2, 3]
                 h_depth[n] += weight * by_depth * by_depth
                 g_depth[n] += weight * by_depth * off

@@ -1,9 +1,11 @@
-"""Registration of given poses to the images: bundle adjustment of tracked corners, in the unit of the given poses.
+"""Registration of given poses to the images: bundle adjustment of tracked corners, in the unit of
+the given poses.
 
-Recorded poses can be wrong by more than a pixel from one frame to the next (GPS and gyroscopes are smooth over hundreds
-of metres, not over ten), and a plane sweep needs a quarter of one. Corners of a reference image are tracked through the
-others (Lucas & Kanade 1981, with a forward-backward check), and their inverse depths are adjusted together with the
-poses (Triggs 2000). The given poses are the prior, which also fixes the scale.
+Recorded poses can be wrong by more than a pixel from one frame to the next (GPS and gyroscopes are
+smooth over hundreds of metres, not over ten), and a plane sweep needs a quarter of one. Corners of
+a reference image are tracked through the others (Lucas & Kanade 1981, with a forward-backward
+check), and their inverse depths are adjusted together with the poses (Triggs 2000). The given poses
+are the prior, which also fixes the scale.
 """
 
 from dataclasses import dataclass, replace
@@ -13,10 +15,19 @@ import cv2
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import frame_screening, pinhole, se3, wide_frames
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.observation import frame_screening, uncropped
 from geovp_classic.pose_refinement.local_bundle import Corners, adjust
-from geovp_classic.types import BoolArray, ByteArray, Context, FloatArray, Grant, Intrinsics, Motion
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Motion,
+    PrivilegedInput,
+)
 
 TALL_PX = 256  # rows of an image up to which windows keep their size
 MAX_CORNERS = 400  # in a square image
@@ -26,18 +37,22 @@ CORNER_SPACING = 0.025  # of the image's height
 WINDOW_PX = 15  # in images of up to TALL_PX rows; proportionally more in taller ones
 RETURN_PX = 0.5  # largest forward-backward error of a track
 MIN_CORNERS = 30  # visible in at least one other frame; with fewer the given poses stay
-DIRECTION_SHARE = 0.2  # of the longest distance from the reference; shorter ones have no reliable direction
+DIRECTION_SHARE = (
+    0.2  # of the longest distance from the reference; shorter ones have no reliable direction
+)
 PERSISTENCE = 0.8  # share of the past error of the direction that is expected in the future
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Past poses adjusted to tracked corners; future ones are rotated as the past directions of motion were.
+    """Past poses adjusted to tracked corners; future ones are rotated as the past directions of
+    motion were.
 
-    The last observed pose is the reference and stays. Poses before the last `num_frames` move with the first of those.
+    The last observed pose is the reference and stays. Poses before the last `num_frames` move with
+    the first of those.
     """
 
-    frames: Literal["crop", "wide"] = "crop"
+    frames: Literal["crop", "full"] = "crop"
     num_frames: int = 10
 
     def __post_init__(self) -> None:
@@ -45,14 +60,16 @@ class Registration:
             raise BadData(f"registration: num_frames is {self.num_frames}, expected 2 or more")
 
     @property
-    def needs(self) -> Grant:
+    def needs(self) -> PrivilegedInput:
         """Nothing beyond the frames, or the uncropped ones."""
-        return Grant.WIDE_FRAMES if self.frames == "wide" else Grant.NONE
+        return PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with registered past poses, its futures turned about the last one."""
-        recent = wide_frames.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        kept = np.flatnonzero(frame_screening.usable(recent.frames)) - len(recent.frames)  # steps from the end
+        recent = uncropped.select(context.only(self.needs), self.frames).recent(self.num_frames)
+        kept = np.flatnonzero(frame_screening.usable(recent.frames)) - len(
+            recent.frames
+        )  # steps from the end
         images = np.stack([pinhole.grey8(recent.frames[step]) for step in kept])
         given, first = motion.past.world_from_cam, kept[0]
         found = registered(images, recent.intrinsics, given[kept], len(kept) - 1)
@@ -71,7 +88,9 @@ class Registered:
     """Poses that fit the images, and the correction of the given directions of motion."""
 
     world_from_cam: FloatArray  # [P, 4, 4]
-    direction_correction: FloatArray  # [3, 3] rotation of the given directions, in the reference camera's frame
+    direction_correction: (
+        FloatArray  # [3, 3] rotation of the given directions, in the reference camera's frame
+    )
 
 
 def registered(
@@ -90,17 +109,23 @@ def registered(
     if kept.sum() < MIN_CORNERS:
         return Registered(world_from_cam, np.eye(3))
     rays = pinhole.unproject(pixels[reference, kept], np.ones(kept.sum()), camera)
-    corners = Corners(rays, pixels[others][:, kept], visible[others][:, kept], camera, source_from_reference)
+    corners = Corners(
+        rays, pixels[others][:, kept], visible[others][:, kept], camera, source_from_reference
+    )
     reference_from_source = se3.inverse(adjust(corners))
     adjusted = world_from_cam.copy()
     adjusted[others] = world_from_cam[reference] @ reference_from_source
-    return Registered(adjusted, direction_correction(se3.inverse(source_from_reference), reference_from_source))
+    return Registered(
+        adjusted, direction_correction(se3.inverse(source_from_reference), reference_from_source)
+    )
 
 
 def unrefined(motion: Motion, name: str) -> Motion:
     """The motion of the pose source itself; Incompatible where nothing has been registered."""
     if motion.unrefined is None:
-        raise Incompatible(f"{name} compares given with registered poses: put registration before it")
+        raise Incompatible(
+            f"{name} compares given with registered poses: put registration before it"
+        )
     return motion.unrefined
 
 
@@ -110,7 +135,8 @@ def direction_correction(
 ) -> FloatArray:
     """The rotation [3, 3] from the given to the adjusted directions of motion, times PERSISTENCE.
 
-    A wrong mounting angle of the recorded camera, or a drifting height, rotates all directions alike, future ones too.
+    A wrong mounting angle of the recorded camera, or a drifting height, rotates all directions
+    alike, future ones too.
     """
     was, now = given[:, :3, 3], adjusted[:, :3, 3]
     length, length_now = np.linalg.norm(was, axis=1), np.linalg.norm(now, axis=1)
@@ -125,7 +151,8 @@ def track(
     images: ByteArray | FloatArray,  # [P, H, W]
     reference: int,
 ) -> tuple[FloatArray, BoolArray]:
-    """Corners of the middle of the reference image: pixels [P, N, 2] in all images, and where they are visible [P, N].
+    """Corners of the middle of the reference image: pixels [P, N, 2] in all images, and where they
+    are visible [P, N].
 
     They are tracked from frame to frame, away from the reference both ways, until they are lost.
     """
@@ -136,8 +163,14 @@ def track(
     middle = np.zeros((height, width), np.uint8)
     middle[:, margin : width - margin] = 255
     count, spacing_px = int(MAX_CORNERS * wideness), CORNER_SPACING * height
-    corners = cv2.goodFeaturesToTrack(grey[reference], count, CORNER_QUALITY, spacing_px, mask=middle)
-    start = np.zeros((0, 2), np.float32) if corners is None else np.asarray(corners, np.float32).reshape(-1, 2)
+    corners = cv2.goodFeaturesToTrack(
+        grey[reference], count, CORNER_QUALITY, spacing_px, mask=middle
+    )
+    start = (
+        np.zeros((0, 2), np.float32)
+        if corners is None
+        else np.asarray(corners, np.float32).reshape(-1, 2)
+    )
     pixels = np.tile(start, (len(images), 1, 1))
     visible = np.zeros(pixels.shape[:2], dtype=bool)
     visible[reference] = True

@@ -1,8 +1,10 @@
-"""The height above the road: future positions drawn to a constant height over the road that the last image shows.
+"""The height above the road: future positions drawn to a constant height over the road that the
+last image shows.
 
-Recorded rotations are right to hundredths of a degree, recorded heights drift by up to half a degree of the path, and a
-camera that comes too high makes the road below it slide. The road ahead lies in the last image already: the camera's
-height above it should neither grow nor shrink along the path.
+Recorded rotations are right to hundredths of a degree, recorded heights drift by up to half a
+degree of the path, and a camera that comes too high makes the road below it slide. The road ahead
+lies in the last image already: the camera's height above it should neither grow nor shrink along
+the path.
 """
 
 from dataclasses import dataclass
@@ -22,13 +24,16 @@ LENGTH = 0.5  # camera heights, of the segments of the road
 MIN_SEGMENTS, MIN_PIXELS = 4, 10  # with fewer the slope is 0
 ROBUST = 0.012  # camera heights: segments this far off the line count half (Cauchy)
 STEEPEST = 0.02  # largest slope that is corrected
-# Share of the slope that is corrected: it is nearly as uncertain as the given path's. Chosen on train and val.
+# Share of the slope that is corrected: it is nearly as uncertain as the given path's. Chosen on
+# train and val.
 WEIGHT = 0.4
 
 
 @dataclass(frozen=True)
 class RoadProfile:
-    """The road points of an image, in the camera's frame, in units of the camera's height above the road."""
+    """The road points of an image, in the camera's frame, in units of the camera's height above the
+    road.
+    """
 
     ground: GroundPlane
     points: FloatArray  # [N, 3], in camera heights
@@ -68,7 +73,9 @@ class RoadProfile:
         end = min(FARTHEST, max(path[-2, 2], AT_LEAST))
         under = (aside < CORRIDOR) & (ahead > NEAREST) & (ahead < end)
         ahead = ahead[under]
-        above = self.points[under] @ self.ground.normal - np.interp(ahead, path[:, 2], path @ self.ground.normal)
+        above = self.points[under] @ self.ground.normal - np.interp(
+            ahead, path[:, 2], path @ self.ground.normal
+        )
         return _robust_slope(*_segments(ahead, above))
 
 
@@ -76,11 +83,15 @@ def _segments(ahead: FloatArray, above: FloatArray) -> tuple[FloatArray, FloatAr
     """The mean distance and the median height of each segment of the road [K]."""
     segment = ((ahead - NEAREST) / LENGTH).astype(int)
     members = [segment == number for number in np.flatnonzero(np.bincount(segment) >= MIN_PIXELS)]
-    return np.array([ahead[m].mean() for m in members]), np.array([np.median(above[m]) for m in members])
+    return np.array([ahead[m].mean() for m in members]), np.array(
+        [np.median(above[m]) for m in members]
+    )
 
 
 def _robust_slope(ahead: FloatArray, above: FloatArray) -> float:
-    """The slope of a straight line through the segments, by iteratively reweighted least squares."""
+    """The slope of a straight line through the segments, by iteratively reweighted
+    least squares.
+    """
     if len(ahead) < MIN_SEGMENTS:
         return 0.0
     line = np.stack([np.ones_like(ahead), ahead], axis=1)

@@ -1,10 +1,12 @@
-"""Errors of recorded rotations: registration shows those of the past, a Gaussian process predicts those of the future.
+"""Errors of recorded rotations: registration shows those of the past, a Gaussian process predicts
+those of the future.
 
-A recorded rotation has three errors. A lag: it was taken some milliseconds before or after the image, the same for all
-of a recording. Vibration between camera and recorder, independent in every frame; the last frame's share is in every
-future pose, since these are relative to it. And a drift of heading and tilt whose rate is correlated for some time.
-Together this is one Gaussian process, white noise and an integrated Ornstein-Uhlenbeck process, with one unknown time.
-Its expected future is linear in its registered past (Rasmussen & Williams 2006, eq. 2.23; with an unknown coefficient,
+A recorded rotation has three errors. A lag: it was taken some milliseconds before or after the
+image, the same for all of a recording. Vibration between camera and recorder, independent in every
+frame; the last frame's share is in every future pose, since these are relative to it. And a drift
+of heading and tilt whose rate is correlated for some time. Together this is one Gaussian process,
+white noise and an integrated Ornstein-Uhlenbeck process, with one unknown time. Its expected future
+is linear in its registered past (Rasmussen & Williams 2006, eq. 2.23; with an unknown coefficient,
 section 2.7). Larger errors are jumps, not drift: see `unmeasured_intervals`.
 """
 
@@ -14,9 +16,17 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from geovp_classic.geometry import se3
-from geovp_classic.pose_refinement.angle_kernels import covariance_of_differences, integrated_ornstein_uhlenbeck
-from geovp_classic.pose_refinement.unmeasured_intervals import REGISTRATION_RAD, Recording, agreement_weight, recordings
-from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion
+from geovp_classic.pose_refinement.angle_kernels import (
+    covariance_of_differences,
+    integrated_ornstein_uhlenbeck,
+)
+from geovp_classic.pose_refinement.unmeasured_intervals import (
+    REGISTRATION_RAD,
+    Recording,
+    agreement_weight,
+    recordings,
+)
+from geovp_classic.types import BoolArray, Context, FloatArray, Motion, PrivilegedInput
 
 RATE_RAD_S = np.radians(0.05)  # standard deviation of the rate at which headings and tilts drift
 LAG_S = 0.008  # standard deviation of the lag between recordings and images
@@ -25,7 +35,9 @@ LEAST_S = 1e-6
 
 @dataclass(frozen=True)
 class DriftModel:
-    """Error model of the rotation about one axis; standard deviations in seconds, over RATE_RAD_S."""
+    """Error model of the rotation about one axis; standard deviations in seconds, over
+    RATE_RAD_S.
+    """
 
     white_s: float
     time_constant_s: float  # of the correlation of the drift rate
@@ -53,15 +65,18 @@ JUMP_RAD = np.radians(0.2)
 class RotationDrift:
     """Future poses without the lag and the rotation errors that the errors of past ones predict.
 
-    Poses that do not continue the past get no correction of the lag. Where the last frame lies in an unmeasured
-    interval, the weight is what that interval's own correction leaves.
+    Poses that do not continue the past get no correction of the lag. Where the last frame lies in
+    an unmeasured interval, the weight is what that interval's own correction leaves.
     """
 
-    needs = Grant.NONE  # nothing: it compares registered poses with the given ones
+    needs = PrivilegedInput.NONE  # nothing: it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other future poses."""
-        futures = [_corrected(now, one) for now, one in zip(motion.futures, recordings(context, motion), strict=True)]
+        futures = [
+            _corrected(now, one)
+            for now, one in zip(motion.futures, recordings(context, motion), strict=True)
+        ]
         return motion.refined(motion.past, np.stack(futures))
 
 
@@ -69,8 +84,14 @@ def _corrected(world_from_cam: FloatArray, recording: Recording) -> FloatArray:
     """The future poses [F, 4, 4] with lag and drift of the recording removed."""
     given, times_s, now = recording.given, recording.times_s, recording.now
     intervals = recording.intervals
-    measured = ~np.any([one.inside(len(given)) for one in intervals] + [np.zeros(len(given), bool)], axis=0)
-    by_lag = _by_lag(given, times_s, now, measured) if recording.is_continuous else np.zeros((len(given), 6))
+    measured = ~np.any(
+        [one.inside(len(given)) for one in intervals] + [np.zeros(len(given), bool)], axis=0
+    )
+    by_lag = (
+        _by_lag(given, times_s, now, measured)
+        if recording.is_continuous
+        else np.zeros((len(given), 6))
+    )
     past_rad, used = recording.past_rad, np.flatnonzero(measured[:now])
     lag_s, drift = _expected(past_rad[used], by_lag[used, 3:], times_s[used], times_s[now + 1 :])
     weight = agreement_weight(past_rad[used], JUMP_RAD)
@@ -89,12 +110,19 @@ def _expected(
     past_s: FloatArray,  # [P]
     future_s: FloatArray,  # [F]
 ) -> tuple[float, FloatArray]:
-    """The expected lag of the images after the recorded poses, and drift [F, 3] of future rotations."""
+    """The expected lag of the images after the recorded poses, and drift [F, 3] of future
+    rotations.
+    """
     # All axes in one vector, since they share the lag: [3 P].
     shared = by_lag.T.ravel() * LAG_S / RATE_RAD_S
-    covariance = block_diag(*(axis.observed_covariance(past_s) for axis in AXES)) + np.outer(shared, shared)
+    covariance = block_diag(*(axis.observed_covariance(past_s) for axis in AXES)) + np.outer(
+        shared, shared
+    )
     weights = np.linalg.solve(covariance, errors_rad.T.ravel())
-    drift = [axis.covariance(future_s, past_s) @ one for axis, one in zip(AXES, np.split(weights, 3), strict=True)]
+    drift = [
+        axis.covariance(future_s, past_s) @ one
+        for axis, one in zip(AXES, np.split(weights, 3), strict=True)
+    ]
     return float(shared @ weights) * LAG_S / RATE_RAD_S, np.stack(drift, axis=1)
 
 

@@ -1,4 +1,6 @@
-"""Names for kinds of arrays, and what the types check of theirs: BadData unless shape, dtype and values are right."""
+"""Names for kinds of arrays, and what the types check of theirs: BadData unless shape, dtype and
+values are right.
+"""
 
 from dataclasses import fields
 from typing import Any
@@ -22,7 +24,10 @@ class ShortRepr:
     def __repr__(self) -> str:
         """As Trajectory(world_from_cam=[10, 4, 4], times_s=[10], is_metric=True)."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        texts = {name: list(one.shape) if isinstance(one, np.ndarray) else one for name, one in values.items()}
+        texts = {
+            name: list(one.shape) if isinstance(one, np.ndarray) else one
+            for name, one in values.items()
+        }
         given = ", ".join(f"{name}={text!r}" for name, text in texts.items() if text is not None)
         return f"{type(self).__name__}({given})"
 
@@ -36,7 +41,9 @@ def store(owner: object, **values: npt.NDArray[Any]) -> None:
 
 
 def cut(value: Any, steps: slice | BoolArray) -> Any:
-    """value[steps], or None; arrays are copied, because the base of a slice would show the other steps."""
+    """value[steps], or None; arrays are copied, because the base of a slice would show the other
+    steps.
+    """
     part = None if value is None else value[steps]
     return part.copy() if isinstance(part, np.ndarray) else part
 
@@ -46,7 +53,8 @@ def array_of(what: str, value: Any, kind: Any, shape: tuple[int, ...]) -> npt.ND
     array = np.asarray(value)
     if array.dtype != np.dtype(kind) or array.shape != tuple(shape):
         raise BadData(
-            f"{what}: {array.dtype} array of shape {array.shape}, expected {np.dtype(kind)} of shape {tuple(shape)}"
+            f"{what}: {array.dtype} array of shape {array.shape}, expected {np.dtype(kind)} of "
+            f"shape {tuple(shape)}"
         )
     return array
 
@@ -55,12 +63,16 @@ def times(what: str, value: Any, count: int | None) -> FloatArray:
     """Increasing times [count]; of any number for None."""
     times_s = np.asarray(value, dtype=np.float64)
     if times_s.ndim != 1 or (count is not None and len(times_s) != count):
-        raise BadData(f"{what} has shape {times_s.shape}, expected ({'T' if count is None else count},)")
+        raise BadData(
+            f"{what} has shape {times_s.shape}, expected ({'T' if count is None else count},)"
+        )
     if not np.isfinite(times_s).all():
         raise BadData(f"{what}: a time is not finite: every step needs its time in seconds")
     if (np.diff(times_s) <= 0).any():
         step = int(np.argmax(np.diff(times_s) <= 0)) + 1
-        raise BadData(f"{what}: step {step} is not later than the step before it: times must increase")
+        raise BadData(
+            f"{what}: step {step} is not later than the step before it: times must increase"
+        )
     return times_s
 
 
@@ -71,12 +83,21 @@ def rigid(what: str, value: Any) -> FloatArray:
         raise BadData(f"{what} has shape {poses.shape}, expected [..., 4, 4]")
     finite = np.isfinite(poses).all(axis=(-2, -1))
     if not finite.all():
-        raise BadData(f"{what}: pose {_first(~finite)} has a number that is not finite: remove or mend it")
+        raise BadData(
+            f"{what}: pose {_first(~finite)} has a number that is not finite: remove or mend it"
+        )
     rotation = poses[..., :3, :3]
     defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    good = (defect < RIGID_TOLERANCE) & (np.linalg.det(rotation) > 0) & (poses[..., 3, :] == [0, 0, 0, 1]).all(-1)
+    good = (
+        (defect < RIGID_TOLERANCE)
+        & (np.linalg.det(rotation) > 0)
+        & (poses[..., 3, :] == [0, 0, 0, 1]).all(-1)
+    )
     if not good.all():
-        raise BadData(f"{what}: pose {_first(~good)} is not rigid: expected a rotation matrix and a last row 0 0 0 1")
+        raise BadData(
+            f"{what}: pose {_first(~good)} is not rigid: expected a rotation matrix and a last "
+            "row 0 0 0 1"
+        )
     return poses
 
 

@@ -10,11 +10,20 @@ import numpy as np
 
 from geovp_classic.errors import BadData
 from geovp_classic.types import arrays
-from geovp_classic.types.arrays import BoolArray, ByteArray, FloatArray, ShortRepr, array_of, cut, rigid, store
+from geovp_classic.types.arrays import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    ShortRepr,
+    array_of,
+    cut,
+    rigid,
+    store,
+)
 from geovp_classic.types.motion import Intrinsics, Trajectory
 
 
-class Grant(enum.Flag):
+class PrivilegedInput(enum.Flag):
     """What a component asks for beyond the protocol's own input; nothing else is shown to it."""
 
     NONE = 0
@@ -22,23 +31,25 @@ class Grant(enum.Flag):
     FUTURE_POSES = enum.auto()
     PAST_DEPTHS = enum.auto()
     CAMERA_HEIGHT = enum.auto()
-    WIDE_FRAMES = enum.auto()
+    FULL_FRAMES = enum.auto()
     RIGHT_FRAMES = enum.auto()
 
 
 _GRANTED_BY = {  # fields of a context
-    "past": Grant.PAST_POSES,
-    "future": Grant.FUTURE_POSES,
-    "past_depths": Grant.PAST_DEPTHS,
-    "camera_height_m": Grant.CAMERA_HEIGHT,
-    "wide": Grant.WIDE_FRAMES,
-    "right": Grant.RIGHT_FRAMES,
+    "past": PrivilegedInput.PAST_POSES,
+    "future": PrivilegedInput.FUTURE_POSES,
+    "past_depths": PrivilegedInput.PAST_DEPTHS,
+    "camera_height_m": PrivilegedInput.CAMERA_HEIGHT,
+    "full": PrivilegedInput.FULL_FRAMES,
+    "right": PrivilegedInput.RIGHT_FRAMES,
 }
 
 
 @dataclass(frozen=True, repr=False)
 class ExtraView(ShortRepr):
-    """Another image of the same instants: the uncropped one ("wide"), or the right camera's; native resolution."""
+    """Another image of the same instants: the uncropped one ("full"), or the right camera's; native
+    resolution.
+    """
 
     frames: ByteArray  # [T, H', W', 3]
     intrinsics: Intrinsics
@@ -64,7 +75,7 @@ class Clip(ShortRepr):
     trajectory: Trajectory | None = None  # [T]
     depths: FloatArray | None = None  # [T, H, W] float32 z-depth; 0 = unknown, inf = sky
     moving: BoolArray | None = None  # [T, H, W]; True on dynamic objects
-    wide: ExtraView | None = None
+    full: ExtraView | None = None
     right: ExtraView | None = None
     camera_height_m: float | None = None
 
@@ -72,24 +83,37 @@ class Clip(ShortRepr):
         store(self, frames=_frames(self.name, self.frames, self.intrinsics))
         store(self, times_s=arrays.times(f"{self.name}: times_s", self.times_s, len(self.frames)))
         if self.trajectory is not None and len(self.trajectory) != len(self.frames):
-            raise BadData(f"{self.name}: {len(self.trajectory)} poses for {len(self.frames)} frames, expected one each")
+            raise BadData(
+                f"{self.name}: {len(self.trajectory)} poses for {len(self.frames)} frames, "
+                "expected one each"
+            )
         for field, kind in (("depths", np.float32), ("moving", bool)):
             value = getattr(self, field)
             if value is not None:
-                store(self, **{field: array_of(f"{self.name}: {field}", value, kind, self.frames.shape[:3])})
-        for field in ("wide", "right"):
+                store(
+                    self,
+                    **{
+                        field: array_of(f"{self.name}: {field}", value, kind, self.frames.shape[:3])
+                    },
+                )
+        for field in ("full", "right"):
             view = getattr(self, field)
             if view is not None and len(view.frames) != len(self.frames):
-                raise BadData(f"{self.name}: {len(view.frames)} {field} frames for {len(self.frames)} frames")
+                raise BadData(
+                    f"{self.name}: {len(view.frames)} {field} frames for {len(self.frames)} frames"
+                )
 
     def __len__(self) -> int:
         """T, the number of frames."""
         return len(self.frames)
 
-    def split(self, num_past: int, grant: Grant) -> tuple[Context, Target]:
+    def split(self, num_past: int, grant: PrivilegedInput) -> tuple[Context, Target]:
         """What a predictor with these grants may see, and what it will be scored against."""
         if not 1 <= num_past < len(self):
-            raise BadData(f"{self.name}: num_past is {num_past}, expected 1 to {len(self) - 1} for {len(self)} frames")
+            raise BadData(
+                f"{self.name}: num_past is {num_past}, expected 1 to {len(self) - 1} for "
+                f"{len(self)} frames"
+            )
         past, future = slice(0, num_past), slice(num_past, None)
         everything = Context(
             frames=cut(self.frames, past),
@@ -99,34 +123,41 @@ class Clip(ShortRepr):
             future=cut(self.trajectory, future),
             past_depths=cut(self.depths, past),
             camera_height_m=self.camera_height_m,
-            wide=cut(self.wide, past),
+            full=cut(self.full, past),
             right=cut(self.right, past),
             name=self.name,
         )
-        target = Target(*(cut(one, future) for one in (self.frames, self.trajectory, self.depths, self.moving)))
+        target = Target(
+            *(cut(one, future) for one in (self.frames, self.trajectory, self.depths, self.moving))
+        )
         return everything.only(grant), target
 
 
 @dataclass(frozen=True, repr=False)
 class Context(ShortRepr):
-    """What a predictor is given: the observed frames, when to predict, and whatever was granted (None otherwise)."""
+    """What a predictor is given: the observed frames, when to predict, and whatever was granted
+    (None otherwise).
+    """
 
     frames: ByteArray  # [P, H, W, 3]
     times_s: FloatArray  # [P + F], past and future
     intrinsics: Intrinsics
-    past: Trajectory | None = None  # [P], Grant.PAST_POSES
-    future: Trajectory | None = None  # [F], Grant.FUTURE_POSES
-    past_depths: FloatArray | None = None  # [P, H, W], Grant.PAST_DEPTHS
-    camera_height_m: float | None = None  # Grant.CAMERA_HEIGHT
-    wide: ExtraView | None = None  # [P], Grant.WIDE_FRAMES
-    right: ExtraView | None = None  # [P], Grant.RIGHT_FRAMES
+    past: Trajectory | None = None  # [P], PrivilegedInput.PAST_POSES
+    future: Trajectory | None = None  # [F], PrivilegedInput.FUTURE_POSES
+    past_depths: FloatArray | None = None  # [P, H, W], PrivilegedInput.PAST_DEPTHS
+    camera_height_m: float | None = None  # PrivilegedInput.CAMERA_HEIGHT
+    full: ExtraView | None = None  # [P], PrivilegedInput.FULL_FRAMES
+    right: ExtraView | None = None  # [P], PrivilegedInput.RIGHT_FRAMES
     name: str = ""  # the clip's, by which recorded predictions are found
 
     def __post_init__(self) -> None:
         store(self, frames=_frames("context", self.frames, self.intrinsics))
         store(self, times_s=arrays.times("context: times_s", self.times_s, None))
         if self.num_future < 1:
-            raise BadData(f"context: {len(self.times_s)} times for {self.num_past} frames, expected at least one more")
+            raise BadData(
+                f"context: {len(self.times_s)} times for {self.num_past} frames, expected at "
+                "least one more"
+            )
 
     @property
     def num_past(self) -> int:
@@ -139,20 +170,29 @@ class Context(ShortRepr):
         return len(self.times_s) - len(self.frames)
 
     def recent(self, num_frames: int) -> Context:
-        """The same context with only the last `num_frames` observed frames; all of them when there are fewer."""
+        """The same context with only the last `num_frames` observed frames; all of them when there
+        are fewer.
+        """
         return self.observed(np.arange(self.num_past) >= self.num_past - num_frames)
 
     def observed(self, kept: BoolArray) -> Context:
         """The same context with only some of the observed frames, as a mask [P] says."""
         if kept.all():
             return self
-        fewer = {field: cut(getattr(self, field), kept) for field in ("frames", "past", "past_depths", "wide", "right")}
-        times_s = np.concatenate([self.times_s[: self.num_past][kept], self.times_s[self.num_past :]])
+        fewer = {
+            field: cut(getattr(self, field), kept)
+            for field in ("frames", "past", "past_depths", "full", "right")
+        }
+        times_s = np.concatenate(
+            [self.times_s[: self.num_past][kept], self.times_s[self.num_past :]]
+        )
         return replace(self, times_s=times_s, **fewer)
 
-    def only(self, grant: Grant) -> Context:
+    def only(self, grant: PrivilegedInput) -> Context:
         """The same context with everything removed that the grant does not name."""
-        hidden: dict[str, Any] = {field: None for field, needed in _GRANTED_BY.items() if needed not in grant}
+        hidden: dict[str, Any] = {
+            field: None for field, needed in _GRANTED_BY.items() if needed not in grant
+        }
         return replace(self, **hidden)
 
 
@@ -168,4 +208,6 @@ class Target(ShortRepr):
 
 def _frames(what: str, value: ByteArray, camera: Intrinsics) -> ByteArray:
     """Frames [T, H, W, 3] of the camera's size."""
-    return array_of(f"{what}: frames", value, np.uint8, (len(value), camera.height_px, camera.width_px, 3))
+    return array_of(
+        f"{what}: frames", value, np.uint8, (len(value), camera.height_px, camera.width_px, 3)
+    )

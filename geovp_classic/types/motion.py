@@ -7,7 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geovp_classic.errors import BadData
-from geovp_classic.types.arrays import BoolArray, FloatArray, ShortRepr, array_of, rigid, store, times
+from geovp_classic.types.arrays import (
+    BoolArray,
+    FloatArray,
+    ShortRepr,
+    array_of,
+    rigid,
+    store,
+    times,
+)
 
 
 @dataclass(frozen=True)
@@ -23,18 +31,29 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         numbers = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
-        if not np.isfinite(numbers).all() or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0:
-            raise BadData(f"intrinsics {self} must be finite, with positive focal lengths and sizes")
+        if (
+            not np.isfinite(numbers).all()
+            or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0
+        ):
+            raise BadData(
+                f"intrinsics {self} must be finite, with positive focal lengths and sizes"
+            )
 
     @property
     def matrix(self) -> FloatArray:
         """The 3x3 calibration matrix K."""
-        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], dtype=np.float64)
+        return np.array(
+            [[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]], dtype=np.float64
+        )
 
     def cropped(self, left_px: int, top_px: int, width_px: int, height_px: int) -> Intrinsics:
         """The camera of image[top : top + height, left : left + width]."""
         return replace(
-            self, cx_px=self.cx_px - left_px, cy_px=self.cy_px - top_px, width_px=width_px, height_px=height_px
+            self,
+            cx_px=self.cx_px - left_px,
+            cy_px=self.cy_px - top_px,
+            width_px=width_px,
+            height_px=height_px,
         )
 
     def resized(self, width_px: int, height_px: int) -> Intrinsics:
@@ -51,14 +70,19 @@ class Trajectory(ShortRepr):
     world_from_cam: FloatArray  # [T, 4, 4]
     times_s: FloatArray  # [T], increasing
     is_metric: bool  # True: lengths are metres; False: an unknown but constant unit
-    scale_uncertainty: float | None = None  # relative standard deviation of these metres, where they were estimated
+    scale_uncertainty: float | None = (
+        None  # relative standard deviation of these metres, where they were estimated
+    )
 
     def __post_init__(self) -> None:
         store(self, world_from_cam=rigid("world_from_cam", self.world_from_cam))
         store(self, times_s=times("times_s", self.times_s, self.world_from_cam.shape[0]))
         uncertainty = self.scale_uncertainty
         if uncertainty is not None and not (self.is_metric and 0 <= uncertainty < np.inf):
-            raise BadData(f"scale_uncertainty is {uncertainty}, expected 0 or more of a metric trajectory, else None")
+            raise BadData(
+                f"scale_uncertainty is {uncertainty}, expected 0 or more of a metric "
+                "trajectory, else None"
+            )
 
     def __len__(self) -> int:
         """T, the number of steps."""
@@ -66,24 +90,36 @@ class Trajectory(ShortRepr):
 
     def __getitem__(self, steps: slice | BoolArray) -> Trajectory:
         """The steps of a slice or a mask [T], in the same world frame."""
-        return replace(self, world_from_cam=self.world_from_cam[steps].copy(), times_s=self.times_s[steps].copy())
+        return replace(
+            self,
+            world_from_cam=self.world_from_cam[steps].copy(),
+            times_s=self.times_s[steps].copy(),
+        )
 
     def then(self, later: Trajectory) -> Trajectory:
         """These steps followed by later ones of the same world frame and unit."""
         if self.is_metric != later.is_metric:
-            raise BadData("a metric and a scale-free trajectory cannot be joined: give both the same unit")
+            raise BadData(
+                "a metric and a scale-free trajectory cannot be joined: give both the same unit"
+            )
         poses = np.concatenate([self.world_from_cam, later.world_from_cam])
-        return replace(self, world_from_cam=poses, times_s=np.concatenate([self.times_s, later.times_s]))
+        return replace(
+            self, world_from_cam=poses, times_s=np.concatenate([self.times_s, later.times_s])
+        )
 
 
 @dataclass(frozen=True, repr=False)
 class Motion(ShortRepr):
-    """Where the camera was and will be, from a pose source; all poses share the world frame of `past`."""
+    """Where the camera was and will be, from a pose source; all poses share the world frame of
+    `past`.
+    """
 
     past: Trajectory  # [P]
     futures: FloatArray  # [S, F, 4, 4]; S = 1 when deterministic
     tracked: BoolArray  # [P]; False where a pose was bridged instead of measured
-    unrefined: Motion | None = None  # the pose source's own, where refinements have corrected it since
+    unrefined: Motion | None = (
+        None  # the pose source's own, where refinements have corrected it since
+    )
 
     def __post_init__(self) -> None:
         futures = np.asarray(self.futures, dtype=np.float64)

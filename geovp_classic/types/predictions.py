@@ -18,7 +18,9 @@ class Views(ShortRepr):
     depths: FloatArray  # [F, H, W] float32; 0 = unknown, inf = infinitely far
 
     def __post_init__(self) -> None:
-        store(self, frames=array_of("views: frames", self.frames, np.uint8, (*self.covered.shape, 3)))
+        store(
+            self, frames=array_of("views: frames", self.frames, np.uint8, (*self.covered.shape, 3))
+        )
         store(self, covered=array_of("views: covered", self.covered, bool, self.covered.shape))
         store(self, depths=array_of("views: depths", self.depths, np.float32, self.covered.shape))
 
@@ -37,14 +39,16 @@ class Prediction(ShortRepr):
             raise BadData(f"predicted frames have shape {frames.shape}, expected [S, F, H, W, 3]")
         store(self, frames=array_of("predicted frames", frames, np.uint8, frames.shape))
         if self.covered is not None:
-            store(self, covered=array_of("predicted coverage", self.covered, bool, frames.shape[:4]))
+            store(
+                self, covered=array_of("predicted coverage", self.covered, bool, frames.shape[:4])
+            )
 
     @property
     def confidence(self) -> FloatArray | None:
         """What each predicted frame [S, F] rests on, from 0 to 1; None without coverage or motion.
 
-        The share of pixels that are covered, times the number of tracked past frames over the number of all frames up
-        to the step, P + k. It ranks frames and is no probability.
+        The share of pixels that are covered, times the number of tracked past frames over the
+        number of all frames up to the step, P + k. It ranks frames and is no probability.
         """
         if self.covered is None or self.motion is None:
             return None

@@ -50,7 +50,9 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
 
 @pytest.fixture
 def printed(command: Command) -> Says:
-    """A function that runs a command line that does all that it is asked for, and gives what it prints."""
+    """A function that runs a command line that does all that it is asked for, and gives what it
+    prints.
+    """
 
     def run(*words: object) -> str:
         ended = command(*words)
@@ -62,13 +64,19 @@ def printed(command: Command) -> Says:
 
 @pytest.fixture
 def refused(command: Command) -> Says:
-    """A function that runs a command line that is bad input, and gives the one sentence that says so."""
+    """A function that runs a command line that is bad input, and gives the one sentence that says
+    so.
+    """
 
     def run(*words: object) -> str:
         ended = command(*words)
         assert ended.code == 2
         assert "Traceback" not in ended.err
-        [sentence] = [line for line in ended.err.replace("\r", "\n").splitlines() if line.startswith("geovp: ")]
+        [sentence] = [
+            line
+            for line in ended.err.replace("\r", "\n").splitlines()
+            if line.startswith("geovp: ")
+        ]
         return sentence
 
     return run
@@ -100,11 +108,15 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write_kitti(root: Path, sequence: str, clip: Clip) -> None:
-    """Add a clip as a sequence in KITTI odometry's layout: grey images, calibration, times and true poses."""
+    """Add a clip as a sequence in KITTI odometry's layout: grey images, calibration, times and true
+    poses.
+    """
     folder = root / "sequences" / sequence
     write_images(folder / "image_0", clip.frames)
     matrix = np.column_stack([clip.intrinsics.matrix, np.zeros(3)])
-    (folder / "calib.txt").write_text("P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n")
+    (folder / "calib.txt").write_text(
+        "P0: " + " ".join(f"{number:.9g}" for number in matrix.ravel()) + "\n"
+    )
     (folder / "times.txt").write_text("".join(f"{time_s:.6f}\n" for time_s in clip.times_s))
     (root / "poses").mkdir(exist_ok=True)
     assert clip.trajectory is not None

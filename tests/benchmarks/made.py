@@ -1,4 +1,6 @@
-"""What tests of the harness are made of: matrix files, runs of toy components, stored rows, and cameras."""
+"""What tests of the harness are made of: matrix files, runs of toy components, stored rows, and
+cameras.
+"""
 
 import dataclasses
 import json
@@ -21,7 +23,9 @@ METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}
 STILL = {"still": {"name": "toy-still"}}
 
 
-def content(dataset: dict[str, Any] | None = None, metrics: Any = METRICS, **tables: Any) -> dict[str, Any]:
+def content(
+    dataset: dict[str, Any] | None = None, metrics: Any = METRICS, **tables: Any
+) -> dict[str, Any]:
     """The tables of a matrix of toys: three frames of 8x8 are seen, the next two predicted."""
     own = {"name": "toy-road", **(dataset or {})}
     protocol = {"dataset": own, "num_past": 3, "num_future": 2, "size_px": [8, 8], "stride": 1}
@@ -30,7 +34,9 @@ def content(dataset: dict[str, Any] | None = None, metrics: Any = METRICS, **tab
 
 def crossed(log: Path, step_m: float = 1.0) -> dict[str, Any]:
     """Two pose sources and two renderers that note what they do."""
-    sources = {name: {"name": "toy-steady", "step_m": step_m, "log": str(log)} for name in ("a", "b")}
+    sources = {
+        name: {"name": "toy-steady", "step_m": step_m, "log": str(log)} for name in ("a", "b")
+    }
     renderers = {name: {"name": "toy-slide", "log": str(log)} for name in ("r", "q")}
     return {"pose_sources": sources, "renderers": renderers}
 
@@ -53,11 +59,16 @@ def write_matrix(path: Path, tables: dict[str, Any]) -> Path:
     return path
 
 
-def go(root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any) -> dict[str, Cell]:
+def go(
+    root: Path, tables: dict[str, Any], executor: Executor | None = None, **options: Any
+) -> dict[str, Cell]:
     """Run a matrix; its cells by name."""
     parsed = matrix.parse("m", tables)
     return {
-        cell.name: cell for cell in run(parsed, Results(root), Options(**options), executor or Serial(), no_progress)
+        cell.name: cell
+        for cell in run(
+            parsed, Results(root), Options(**options), executor or Serial(), no_progress
+        )
     }
 
 
@@ -70,7 +81,8 @@ def dicts(rows: Rows) -> list[dict[str, Any]]:
     """Each row by the names of the columns, None where its value is not defined."""
     names = [field.name for field in dataclasses.fields(rows)]
     return [
-        dict(zip(names, (*line, None if math.isnan(value) else value), strict=True)) for *line, value in rows.lines()
+        dict(zip(names, (*line, None if math.isnan(value) else value), strict=True))
+        for *line, value in rows.lines()
     ]
 
 
@@ -94,17 +106,33 @@ def write_row(
     """Store a cell that is done, with its rows as one part; facts are those of clips."""
     lines = list(lines)
     clips = tuple(dict.fromkeys(clip for clip, *_ in lines))
-    own = {"label": name.replace("--", " + "), "kind": "predictor", "status": "done", "grants": [], "num_samples": 1}
+    own = {
+        "label": name.replace("--", " + "),
+        "kind": "predictor",
+        "status": "done",
+        "grants": [],
+        "num_samples": 1,
+    }
     own |= {"num_clips": len(clips), "seconds": {}, "components": {}, "fingerprint": "f"}
     results.write_cell(name, {**own, **record})
     if lines:
         results.write_part(name, scores(lines), Part(0, clips, "f", {}, {}, 0.0, facts=facts or {}))
 
 
-def write_protocol(results: Results, cells: Iterable[str], clips: Iterable[str], **more: Any) -> None:
+def write_protocol(
+    results: Results, cells: Iterable[str], clips: Iterable[str], **more: Any
+) -> None:
     """Store a protocol called demo, of ten frames seen and twenty predicted."""
-    shared = {"name": "demo", "dataset_name": "road", "dataset": {"name": "road"}, "num_past": 10, "num_future": 20}
-    results.write_protocol({**shared, "size_px": [64, 48], "cells": [*cells], "clips": [*clips], **more})
+    shared = {
+        "name": "demo",
+        "dataset_name": "road",
+        "dataset": {"name": "road"},
+        "num_past": 10,
+        "num_future": 20,
+    }
+    results.write_protocol(
+        {**shared, "size_px": [64, 48], "cells": [*cells], "clips": [*clips], **more}
+    )
 
 
 def write_images(folder: Path, frames: ByteArray, digits: int = 6) -> None:

@@ -24,7 +24,11 @@ def street(tmp_path: Path) -> Path:
     poses[:, 2, 3] = np.arange(FRAMES)
     noise = np.random.default_rng(0).integers(0, 256, (FRAMES, 40, 60, 3), dtype=np.uint8)
     camera = Intrinsics(50.0, 50.0, 29.5, 19.5, 60, 40)
-    write_kitti(root, "00", Clip("noise", noise, times_s, camera, Trajectory(poses, times_s, is_metric=True)))
+    write_kitti(
+        root,
+        "00",
+        Clip("noise", noise, times_s, camera, Trajectory(poses, times_s, is_metric=True)),
+    )
     protocol = {"dataset": {"name": "kitti", "root": str(root)}, **PROTOCOL}
     return write_matrix(tmp_path / "street.toml", {"protocol": protocol, **REST})
 
@@ -89,7 +93,10 @@ GOOD = [pose(number) for number in range(FRAMES)]
         (replaced('"copy-last" }', '"copy-lst" }'), "did you mean 'copy-last'?"),
         (replaced('"kitti"', '"kiti"'), "did you mean 'kitti'?"),
         (replaced('"psnr"', '"pnsr"'), "did you mean 'psnr'?"),
-        (replaced('root = "', 'camera = "0", root = "'), "protocol.dataset.camera is '0', expected a whole number"),
+        (
+            replaced('root = "', 'camera = "0", root = "'),
+            "protocol.dataset.camera is '0', expected a whole number",
+        ),
         (replaced('root = "', 'rot = 1, root = "'), "no field 'rot': did you mean 'root'?"),
         (replaced("[32, 32]", "[32, 16]"), "expected a square"),
         (replaced("num_past = 3", "num_past = 300"), "one clip needs 302"),
@@ -101,7 +108,9 @@ GOOD = [pose(number) for number in range(FRAMES)]
         (Path.unlink, "does not exist: give a matrix file"),
     ],
 )
-def test_damage_is_told_in_one_sentence(street: Path, refused: Says, damage: Callable[[Path], None], says: str) -> None:
+def test_damage_is_told_in_one_sentence(
+    street: Path, refused: Says, damage: Callable[[Path], None], says: str
+) -> None:
     damage(street)
     assert says in refused(*run(street))
 

@@ -1,10 +1,13 @@
-"""Futures drawn from a Kalman filter meet other samples on equal terms: the whole way from a matrix to the tables."""
+"""Futures drawn from a Kalman filter meet other samples on equal terms: the whole way from a matrix
+to the tables.
+"""
 
 import numpy as np
 import pytest
 
 from geovp_benchmarks import matrix as matrices
 from geovp_benchmarks import scoring, statistics, tables
+from geovp_benchmarks.contracts import street
 from geovp_benchmarks.executors import Serial
 from geovp_benchmarks.planning import Options
 from geovp_benchmarks.run import run
@@ -12,10 +15,13 @@ from geovp_benchmarks.scoring import Metrics, ScoringContext, score
 from geovp_benchmarks.statistics import Cube
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.tables import Row
-from geovp_classic.contracts import street
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
 
-KALMAN = {"name": "chained", "odometry": {"name": "ground-truth"}, "forecaster": {"name": "turn-rate-kalman"}}
+KALMAN = {
+    "name": "chained",
+    "odometry": {"name": "ground-truth"},
+    "forecaster": {"name": "turn-rate-kalman"},
+}
 PROTOCOL = {"num_past": 6, "num_future": 4, "size_px": [64, 64], "stride": 10}
 METRICS = {"frame": ["psnr"], "trajectory": ["translation-error", "yaw-error"]}
 
@@ -30,7 +36,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
         "metrics": METRICS,
     }
     own = Results(tmp_path_factory.mktemp("best") / "of")
-    cells = run(matrices.parse("m", content), own, Options(keep=0), Serial(), lambda done, total: None)
+    cells = run(
+        matrices.parse("m", content), own, Options(keep=0), Serial(), lambda done, total: None
+    )
     assert [cell.status for cell in cells] == ["done", "done"]
     return own
 
@@ -51,20 +59,29 @@ def test_every_drawn_future_is_seen_and_scored(results: Results) -> None:
         assert (np.ptp(values[:, :, -1], axis=1) > 1e-3).all()  # the futures differ
 
 
-def test_the_best_of_all_columns_is_one_of_the_samples(results: Results, rows: dict[str, Row]) -> None:
+def test_the_best_of_all_columns_is_one_of_the_samples(
+    results: Results, rows: dict[str, Row]
+) -> None:
     assert list(rows) == [", mean of 5", ", best of 5", ", best of 5 by PSNR", "mean + planes"]
-    psnr, metres = cube(results, "psnr").values.mean(axis=2), cube(results, "translation-error").values.mean(axis=2)
+    psnr, metres = (
+        cube(results, "psnr").values.mean(axis=2),
+        cube(results, "translation-error").values.mean(axis=2),
+    )
     chosen = psnr.argmax(axis=1)
     by_psnr = rows[", best of 5 by PSNR"].estimates
     assert float(by_psnr["psnr"].mean) == pytest.approx(psnr.max(axis=1).mean())
-    assert float(by_psnr["translation-error"].mean) == pytest.approx(metres[np.arange(2), chosen].mean())
+    assert float(by_psnr["translation-error"].mean) == pytest.approx(
+        metres[np.arange(2), chosen].mean()
+    )
     best = rows[", best of 5"].estimates
     assert float(best["translation-error"].mean) == pytest.approx(metres.min(axis=1).mean())
     assert not rows["mean + planes"].by_truth
     assert rows[", best of 5"].by_truth
 
 
-def test_the_expected_best_rises_from_the_mean_to_the_best(results: Results, rows: dict[str, Row]) -> None:
+def test_the_expected_best_rises_from_the_mean_to_the_best(
+    results: Results, rows: dict[str, Row]
+) -> None:
     (own,) = [table for table in tables.build(results) if table.name == "samples-psnr"]
     (row,) = own.rows
     curve = [float(row.estimates[f"psnr of {k}"].mean) for k in (1, 2, 5)]
@@ -73,15 +90,21 @@ def test_the_expected_best_rises_from_the_mean_to_the_best(results: Results, row
     assert curve[-1] == pytest.approx(float(rows[", best of 5"].estimates["psnr"].mean))
 
 
-def test_many_samples_are_scored_in_little_more_memory_than_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What metrics freed is returned to the system now and then, not kept in pieces between the scores."""
+def test_many_samples_are_scored_in_little_more_memory_than_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What metrics freed is returned to the system now and then, not kept in pieces between the
+    scores.
+    """
     released = []
     monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(scored[-1]))
     scored: list[int] = []
     clip = street.clip()
 
     class Watched:
-        def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+        def __call__(
+            self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
+        ) -> FloatArray:
             scored.append(int(predicted[0, 0, 0, 0]))
             return np.zeros(len(predicted))
 

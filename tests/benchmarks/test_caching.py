@@ -17,7 +17,10 @@ def past(step_m: float, is_metric: bool = True) -> Trajectory:
 
 def test_every_cell_is_charged_what_it_would_have_cost_alone() -> None:
     cache, profilers, calls = Cache(), [StageProfiler(), StageProfiler()], []
-    values = [cache.get_or_compute("key", lambda: calls.append(0) or 7, each, "motion") for each in profilers]
+    values = [
+        cache.get_or_compute("key", lambda: calls.append(0) or 7, each, "motion")
+        for each in profilers
+    ]
     assert (values, len(calls)) == ([7, 7], 1)
     assert profilers[0].seconds == profilers[1].seconds
     assert profilers[0].seconds["motion"] > 0
@@ -36,7 +39,13 @@ def test_an_error_is_cached_like_a_result() -> None:
 
 
 def test_another_past_unit_or_renderer_is_another_scene() -> None:
-    asked = (("a", past(1.0)), ("a", past(2.0)), ("a", past(1.0, is_metric=False)), ("b", past(1.0)), ("a", past(1.0)))
+    asked = (
+        ("a", past(1.0)),
+        ("a", past(2.0)),
+        ("a", past(1.0, is_metric=False)),
+        ("b", past(1.0)),
+        ("a", past(1.0)),
+    )
     keys = [scene_key(name, trajectory) for name, trajectory in asked]
     assert len(set(keys)) == 4
     assert keys[-1] == keys[0]

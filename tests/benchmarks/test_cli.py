@@ -24,23 +24,38 @@ TABLES = content(
 
 def matrix(folder: Path, **more: Any) -> Path:
     """The matrix file, with more predictors."""
-    return write_matrix(folder / "streets.toml", {**TABLES, "predictors": {**TABLES["predictors"], **more}})
+    return write_matrix(
+        folder / "streets.toml", {**TABLES, "predictors": {**TABLES["predictors"], **more}}
+    )
 
 
 def run(folder: Path, *arguments: str, **more: Any) -> list[str]:
     """The words of a command line that runs it."""
-    return ["run", str(matrix(folder, **more)), "--out", str(folder / "out"), "--no-report", *arguments]
+    return [
+        "run",
+        str(matrix(folder, **more)),
+        "--out",
+        str(folder / "out"),
+        "--no-report",
+        *arguments,
+    ]
 
 
 @pytest.mark.usefixtures("toys")
 class TestRun:
-    def test_all_done_is_0_with_the_table_printed_and_written(self, tmp_path: Path, printed: Says) -> None:
+    def test_all_done_is_0_with_the_table_printed_and_written(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
         text = printed(*run(tmp_path))
         assert "| steady + slide [p] |     5 |" in text
         assert "| still " in text
         names = {path.name for path in (tmp_path / "out/tables").iterdir()}
         assert {"scores.md", "scores.tex", "scores.csv", "pixels-toy-difference.md"} <= names
-        for ending, opening in (("md", "## streets"), ("tex", r"\begin{table}"), ("csv", "method,grants,clips")):
+        for ending, opening in (
+            ("md", "## streets"),
+            ("tex", r"\begin{table}"),
+            ("csv", "method,grants,clips"),
+        ):
             assert printed("table", tmp_path / "out", "--format", ending).startswith(opening)
 
     def test_results_go_to_a_folder_of_the_files_name(
@@ -51,14 +66,20 @@ class TestRun:
         assert Results(tmp_path / "results/streets").protocol()["name"] == "streets"
 
     @pytest.mark.parametrize("name", ["toy-broken", "toy-misfit", "toy-uninstalled"])
-    def test_what_failed_or_was_skipped_is_1_and_named(self, tmp_path: Path, command: Command, name: str) -> None:
+    def test_what_failed_or_was_skipped_is_1_and_named(
+        self, tmp_path: Path, command: Command, name: str
+    ) -> None:
         ended = command(*run(tmp_path, other={"name": name}))
         assert ended.code == 1
         assert re.search(r"^- other: (failed|skipped): \w+", ended.out, re.MULTILINE)
         assert "1 of 3 cells are not done" in ended.err
 
     def test_limit_keep_workers_and_root(self, tmp_path: Path, printed: Says) -> None:
-        printed(*run(tmp_path, "--limit", "2", "--keep", "all", "--workers", "1", "--root", "/elsewhere"))
+        printed(
+            *run(
+                tmp_path, "--limit", "2", "--keep", "all", "--workers", "1", "--root", "/elsewhere"
+            )
+        )
         results = Results(tmp_path / "out")
         assert [clip for clip, _ in results.predictions("still")] == ["road/000", "road/001"]
         assert {cell.num_clips for cell in results.cells()} == {2}
@@ -94,7 +115,9 @@ class TestScore:
             assert scored.record["peak_is_own"] is False  # nothing was predicted
         assert before.root.joinpath("still/cell.json").exists()
 
-    def test_with_other_metrics_and_the_clips_that_were_kept(self, tmp_path: Path, printed: Says) -> None:
+    def test_with_other_metrics_and_the_clips_that_were_kept(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
         printed(*run(tmp_path, "--keep", "1"))
         metrics = {**METRICS, "frame": [{"name": "toy-difference", "scale": 10.0}]}
         other = write_matrix(tmp_path / "other.toml", {**TABLES, "metrics": metrics})
@@ -103,13 +126,17 @@ class TestScore:
         assert values(tmp_path / "out-rescored", "still", "toy-difference") == [10.0, 20.0]
         assert re.search(r"^[|] still +[|] +1 [|] +15[.]00 [|]", text, re.MULTILINE)
 
-    def test_nothing_kept_or_the_same_folder_is_2(self, tmp_path: Path, printed: Says, refused: Says) -> None:
+    def test_nothing_kept_or_the_same_folder_is_2(
+        self, tmp_path: Path, printed: Says, refused: Says
+    ) -> None:
         printed(*run(tmp_path, "--keep", "0"))
         out = tmp_path / "out"
         assert "keeps no predictions: run it again with --keep" in refused("score", out)
         assert "is the folder that is scored" in refused("score", out, "--out", out)
         (tmp_path / "loop").symlink_to("loop")
-        assert "loop has no protocol.json: not a results folder" in refused("score", tmp_path / "loop")
+        assert "loop has no protocol.json: not a results folder" in refused(
+            "score", tmp_path / "loop"
+        )
 
     def test_skipped_cells_stay_skipped(self, tmp_path: Path, command: Command) -> None:
         command(*run(tmp_path, other={"name": "toy-misfit"}))
@@ -127,7 +154,9 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def python(code: str, **more: Any) -> str:
     """What a new process prints that runs this code to its end."""
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, **more)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, **more
+    )
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
 
@@ -138,7 +167,9 @@ class TestList:
         assert [line for line in lines if not line.startswith(" ")] == list(registry.ROLES)
         assert "  copy-last" in lines
 
-    def test_a_plug_in_and_what_it_lacks_are_there_and_nothing_is_imported_for_it(self, toys: Path) -> None:
+    def test_a_plug_in_and_what_it_lacks_are_there_and_nothing_is_imported_for_it(
+        self, toys: Path
+    ) -> None:
         heavy = ("cv2", "torch", "open3d", "scipy", "geovp_toys", "geovp_learned.lpips")
         lines = python(
             f"import sys; sys.path.insert(0, {str(toys)!r})\n"
@@ -168,10 +199,14 @@ class TestCheck:
         assert "passed  has the methods of its interface" in text
         assert re.search(r"copy-last: ([0-9]+) of \1 checks passed", text)
 
-    def test_a_broken_one_is_1_and_settings_are_written_as_in_toml(self, toys: Path, command: Command) -> None:
+    def test_a_broken_one_is_1_and_settings_are_written_as_in_toml(
+        self, toys: Path, command: Command
+    ) -> None:
         ended = command("check", "predictors", "toy-broken")
         assert ended.code == 1
-        assert re.search(r"^FAILED  .*: ZeroDivisionError: the road ended$", ended.out, re.MULTILINE)
+        assert re.search(
+            r"^FAILED  .*: ZeroDivisionError: the road ended$", ended.out, re.MULTILINE
+        )
         assert command("check", "predictors", "toy-broken", "--set", "brightness=256").code == 0
 
     @pytest.mark.parametrize(
@@ -188,9 +223,12 @@ class TestCheck:
 
 
 @pytest.mark.parametrize(
-    ("words", "names"), [([], cli.VERBS), (["study"], ("depth", "dynamic-objects", "odometry", "confidence"))]
+    ("words", "names"),
+    [([], cli.VERBS), (["study"], ("depth", "dynamic-objects", "odometry", "confidence"))],
 )
-def test_help_names_everything_and_imports_nothing_heavy(words: list[str], names: tuple[str, ...]) -> None:
+def test_help_names_everything_and_imports_nothing_heavy(
+    words: list[str], names: tuple[str, ...]
+) -> None:
     heavy = ("numpy", "cv2", "duckdb", "matplotlib", "torch", "open3d", "tqdm")
     text = python(f"""
 import sys
@@ -205,7 +243,16 @@ assert not [name for name in {heavy!r} if name in sys.modules]
         assert re.search(rf"^ +{name}( |$)", text, re.MULTILINE)
 
 
-WRONG = ["", "walk", "study", "study weather", "run", "run x.toml --limit 0", "table", "study depth many"]
+WRONG = [
+    "",
+    "walk",
+    "study",
+    "study weather",
+    "run",
+    "run x.toml --limit 0",
+    "table",
+    "study depth many",
+]
 WRONG += ["study depth 0", "study depth 1 2 3", "verify x --seed -1", "verify x --tolerance inf"]
 
 

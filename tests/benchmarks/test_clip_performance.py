@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from geovp_benchmarks.performance import clip as benchmark
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.pose_sources import Chained
-from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.refined import Refined
-from geovp_classic.renderers import DepthFusion
-from geovp_classic.types import Grant
+from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.pose_sources.refined import Refined
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.renderers.depth_fusion import DepthFusion
+from geovp_classic.types import PrivilegedInput
+from performance import clip as benchmark
 
 
 def test_the_stages_give_what_the_predictor_gives() -> None:
@@ -23,7 +23,8 @@ def test_the_stages_give_what_the_predictor_gives() -> None:
 
 
 def test_medians_of_stages_and_of_their_sum() -> None:
-    # after the warm-up three rounds; by the clock the stages take 0.1 s each, in the last 0.3 s: sums 0.6, 0.6, 1.8
+    # after the warm-up three rounds; by the clock the stages take 0.1 s each, in the last 0.3 s:
+    # sums 0.6, 0.6, 1.8
     taken_s = np.full((4, 6, 2), 0.1)
     taken_s[3, :, 0] = 0.3
     taken_s[..., 1] = 0.2
@@ -31,12 +32,14 @@ def test_medians_of_stages_and_of_their_sum() -> None:
     lines = benchmark.lines(taken_s)
     assert [float(word) for word in lines[1].split() if word.isdigit()] == [100, 200]
     assert [float(word) for word in lines[7].split() if word.isdigit()] == [600, 1200]
-    assert lines[-1].startswith("first round 9.0 s, of the processor 9.0 s; peak memory of the process ")
+    assert lines[-1].startswith(
+        "first round 9.0 s, of the processor 9.0 s; peak memory of the process "
+    )
 
 
 def test_the_parts_are_the_defaults_but_for_the_frames() -> None:
     refined, renderer = benchmark.parts("crop")
     assert (refined, renderer) == (Refined(Chained()), DepthFusion())
-    wide, fusion = benchmark.parts("wide")
-    assert Grant.WIDE_FRAMES in wide.needs & fusion.needs
+    wide, fusion = benchmark.parts("full")
+    assert PrivilegedInput.FULL_FRAMES in wide.needs & fusion.needs
     assert [type(one) for one in wide.refinements] == [type(one) for one in refined.refinements]

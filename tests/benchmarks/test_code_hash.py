@@ -1,4 +1,6 @@
-"""Rows say which code computed them; a change of the code is told, and nothing is lost or mixed in silence."""
+"""Rows say which code computed them; a change of the code is told, and nothing is lost or mixed in
+silence.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ from geovp_benchmarks.executors import Serial
 from geovp_benchmarks.planning import Options
 from geovp_benchmarks.run import run
 from geovp_benchmarks.store import Cell, Results
-from geovp_classic.predictors import CopyLast
-from geovp_classic.renderers import DepthFusion
+from geovp_classic.predictors.copy_last import CopyLast
+from geovp_classic.renderers.depth_fusion import DepthFusion
 from tests.benchmarks.conftest import Command
 from tests.benchmarks.made import STILL, content, write_matrix
 
@@ -30,7 +32,13 @@ MATRIX = content(metrics={"frame": ["toy-difference"]}, predictors=STILL)
 def go(root: Path, **options: Any) -> tuple[Cell, list[int]]:
     """The one cell of the matrix, and how many clips were computed for it at each report."""
     done: list[int] = []
-    (cell,) = run(matrices.parse("m", MATRIX), Results(root), Options(**options), Serial(), lambda n, _: done.append(n))
+    (cell,) = run(
+        matrices.parse("m", MATRIX),
+        Results(root),
+        Options(**options),
+        Serial(),
+        lambda n, _: done.append(n),
+    )
     return cell, done
 
 
@@ -51,20 +59,29 @@ class TestRuns:
             cell, _ = go(tmp_path)
             assert cell.num_outdated == 0
         assert not [
-            note for table in tables.build(Results(tmp_path)) for note in table.notes if "another version" in note
+            note
+            for table in tables.build(Results(tmp_path))
+            for note in table.notes
+            if "another version" in note
         ]
 
-    def test_rows_of_other_code_are_kept_and_told(self, tmp_path: Path, edit: Callable[[str], None]) -> None:
+    def test_rows_of_other_code_are_kept_and_told(
+        self, tmp_path: Path, edit: Callable[[str], None]
+    ) -> None:
         edit("before")
         go(tmp_path, limit=2)
         edit("after")
         cell, done = go(tmp_path)
         assert (cell.status, cell.num_clips, cell.num_outdated) == ("done", CLIPS, 2)
         assert done[-1] == CLIPS - 2
-        (note,) = [note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note]
+        (note,) = [
+            note for note in tables.build(Results(tmp_path))[0].notes if "another version" in note
+        ]
         assert note == "Computed by another version of the code, in whole or in part: still."
 
-    def test_fresh_computes_just_those_anew(self, tmp_path: Path, edit: Callable[[str], None]) -> None:
+    def test_fresh_computes_just_those_anew(
+        self, tmp_path: Path, edit: Callable[[str], None]
+    ) -> None:
         edit("before")
         go(tmp_path, limit=2)
         edit("after")
@@ -85,13 +102,21 @@ class TestRuns:
     def test_the_command_says_so_in_one_sentence(
         self, tmp_path: Path, edit: Callable[[str], None], command: Command
     ) -> None:
-        order = ["run", write_matrix(tmp_path / "m.toml", MATRIX), "--out", tmp_path / "r", "--no-report"]
+        order = [
+            "run",
+            write_matrix(tmp_path / "m.toml", MATRIX),
+            "--out",
+            tmp_path / "r",
+            "--no-report",
+        ]
         edit("before")
         assert "another version" not in command(*order).err
         edit("after")
         ended = command(*order)
         assert ended.code == 0
-        assert "geovp: 1 of 1 cells hold rows that another version of the code computed" in ended.err
+        assert (
+            "geovp: 1 of 1 cells hold rows that another version of the code computed" in ended.err
+        )
         assert "another version" not in command(*order, "--fresh").err
 
 

@@ -26,8 +26,14 @@ def as_json(command: Command) -> Callable[..., Any]:
 
 @pytest.mark.usefixtures("toys")
 class TestSettings:
-    def test_what_is_set_stands_in_the_results_as_if_written(self, tmp_path: Path, printed: Says) -> None:
-        settings = ("protocol.stride=3", "pose_sources.steady.step_m=2.5", 'predictors.other = "toy-still"')
+    def test_what_is_set_stands_in_the_results_as_if_written(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
+        settings = (
+            "protocol.stride=3",
+            "pose_sources.steady.step_m=2.5",
+            'predictors.other = "toy-still"',
+        )
         printed(*run(tmp_path, *(word for one in settings for word in ("--set", one))))
         results = Results(tmp_path / "out")
         assert results.protocol()["stride"] == 3
@@ -46,7 +52,10 @@ class TestSettings:
         [
             ("protocol.strid=3", "unknown key 'strid': did you mean 'stride'?"),
             ("protocl.stride=3", "unknown table 'protocl': did you mean 'protocol'?"),
-            ("pose_sources.stedy.step_m=1", "[pose_sources] has no entry 'stedy': did you mean 'steady'?"),
+            (
+                "pose_sources.stedy.step_m=1",
+                "[pose_sources] has no entry 'stedy': did you mean 'steady'?",
+            ),
             ("pose_sources.steady.step=1", "no field 'step': did you mean 'step_m'?"),
             ("protocol.stride", "is not KEY=VALUE"),
             ("protocol.stride=[1", "is not a value as in TOML"),
@@ -64,19 +73,29 @@ class TestNames:
     def test_a_name_of_two_parts_and_a_component_that_is_only_named(self) -> None:
         from geovp_benchmarks import matrix as matrices
 
-        read = matrices.read(Path("demo"), ["pose_sources.vo+prior.num_samples=3", "renderers.fusion.fill.name=telea"])
+        read = matrices.read(
+            Path("demo"),
+            ["pose_sources.vo+prior.num_samples=3", "renderers.fusion.fill.name=telea"],
+        )
         assert read.name == "demo"
         assert read.pose_sources["vo+prior"].num_samples == 3
         assert read.renderers["fusion"] == {"name": "depth-fusion", "fill": {"name": "telea"}}
-        assert read.renderers == {**matrices.read(Path("demo")).renderers, "fusion": read.renderers["fusion"]}
+        assert read.renderers == {
+            **matrices.read(Path("demo")).renderers,
+            "fusion": read.renderers["fusion"],
+        }
 
     def test_an_unknown_name_is_2_with_the_nearest(self, refused: Says) -> None:
         assert "no matrix file is called 'dmo': did you mean 'demo'?" in refused("run", "dmo")
 
-    def test_a_file_name_that_is_no_text_is_2_and_begins_nothing(self, tmp_path: Path, refused: Says) -> None:
+    def test_a_file_name_that_is_no_text_is_2_and_begins_nothing(
+        self, tmp_path: Path, refused: Says
+    ) -> None:
         path = tmp_path / os.fsdecode(b"t\xff.toml")
         path.write_bytes(matrix_files.locate(Path("demo")).read_bytes())
-        assert "is not text in UTF-8 on one line: rename it" in refused("run", str(path), "--out", tmp_path / "out")
+        assert "is not text in UTF-8 on one line: rename it" in refused(
+            "run", str(path), "--out", tmp_path / "out"
+        )
         assert not (tmp_path / "out").exists()
 
     def test_a_long_word_is_cut_and_not_left_out(self, refused: Says) -> None:
@@ -87,14 +106,18 @@ class TestNames:
 
 @pytest.mark.usefixtures("toys")
 class TestDryRun:
-    def test_it_counts_what_is_to_do_and_writes_nothing(self, tmp_path: Path, printed: Says) -> None:
+    def test_it_counts_what_is_to_do_and_writes_nothing(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
         text = printed(*run(tmp_path, "--dry-run"))
         assert re.search(r"^steady [+] slide +5 +0 +\d", text, re.MULTILINE)
         assert "predictions: 10 to do, 0 kept" in text  # 5 clips in 2 rows
         assert "2 by one clip timed just now" in text
         assert not (tmp_path / "out").exists()
 
-    def test_after_a_run_of_some_clips_its_times_are_used(self, tmp_path: Path, printed: Says) -> None:
+    def test_after_a_run_of_some_clips_its_times_are_used(
+        self, tmp_path: Path, printed: Says
+    ) -> None:
         printed(*run(tmp_path, "--limit", "2"))  # as many as a part holds
         before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
         text = printed(*run(tmp_path, "--dry-run", "--keep", "0", other="toy-misfit"))
@@ -113,14 +136,18 @@ class TestDryRun:
 class TestAmounts:
     def test_quiet_says_only_errors_and_results(self, tmp_path: Path, command: Command) -> None:
         assert command(*run(tmp_path, "--quiet")).err == ""
-        ended = command(*run(tmp_path, "-q", "--set", "protocol.stride=3"))  # sets rows aside, which is said otherwise
+        ended = command(
+            *run(tmp_path, "-q", "--set", "protocol.stride=3")
+        )  # sets rows aside, which is said otherwise
         assert (ended.code, ended.err) == (0, "")
         assert "| steady + slide [p] |" in ended.out
         ended = command(*run(tmp_path, "-q", other="toy-broken"))
         assert ended.code == 1
         assert ended.err.startswith("geovp: 1 of 3 cells are not done")
 
-    def test_verbose_shows_the_traceback_of_what_failed(self, tmp_path: Path, command: Command) -> None:
+    def test_verbose_shows_the_traceback_of_what_failed(
+        self, tmp_path: Path, command: Command
+    ) -> None:
         assert "Traceback" not in command(*run(tmp_path, other="toy-broken")).err
         said = command(*run(tmp_path, "-v", "--fresh", other="toy-broken")).err
         assert "ZeroDivisionError: the road ended" in said.partition("Traceback")[2]
@@ -133,12 +160,15 @@ class TestAmounts:
 
 @pytest.mark.usefixtures("toys")
 class TestJson:
-    def test_tables(self, tmp_path: Path, printed: Says, refused: Says, as_json: Callable[..., Any]) -> None:
+    def test_tables(
+        self, tmp_path: Path, printed: Says, refused: Says, as_json: Callable[..., Any]
+    ) -> None:
         printed(*run(tmp_path, "--keep", "all"))
         out = tmp_path / "out"
         main, *_ = as_json("table", out)
         still = next(row for row in main["rows"] if row["method"] == "still")
-        # frames get 1 and 2 levels brighter in two steps, a copy of the last one does not: 1.5 on average
+        # frames get 1 and 2 levels brighter in two steps, a copy of the last one does not: 1.5 on
+        # average
         assert still["values"]["toy-difference"]["mean"] == 1.5
         assert still["values"]["toy-gap"]["mean"] is None
         assert still["clips"] == main["rows"][0]["values"]["toy-gap"]["clips"] == 5
@@ -150,7 +180,12 @@ class TestJson:
 
     def test_lists(self, as_json: Callable[..., Any]) -> None:
         predictors = as_json("list", "predictors")["predictors"]
-        assert {"name": "copy-last", "package": "geovp-classic", "lacks": "", "extra": ""} in predictors
+        assert {
+            "name": "copy-last",
+            "package": "geovp-classic",
+            "lacks": "",
+            "extra": "",
+        } in predictors
         missing = next(one for one in predictors if one["name"] == "toy-uninstalled")
         assert (missing["package"], missing["lacks"]) == ("geovp-toys", "package_that_nobody_has")
 
@@ -158,13 +193,28 @@ class TestJson:
         found = as_json("data", "doctor", street)
         assert found["is_sound"] is True
         assert [row["sequence"] for row in found["rows"]] == ["07"]
-        given = ["--sequences", "07", "--num-past", "5", "--num-future", "3", "--stride", "2", "--only", "hold"]
+        given = [
+            "--sequences",
+            "07",
+            "--num-past",
+            "5",
+            "--num-future",
+            "3",
+            "--stride",
+            "2",
+            "--only",
+            "hold",
+        ]
         scores = as_json("forecast", "evaluate", street / "poses", *given)
         assert scores["windows"] == 3  # of 8 among 12 poses, from 0, 2 and 4
-        assert scores["forecasters"]["hold"]["FDE m"] > scores["forecasters"]["hold"]["error @1 m"] > 0
+        assert (
+            scores["forecasters"]["hold"]["FDE m"] > scores["forecasters"]["hold"]["error @1 m"] > 0
+        )
 
 
-def test_fields_defaults_meanings_grants_and_source_of_a_component(printed: Says, as_json: Callable[..., Any]) -> None:
+def test_fields_defaults_meanings_grants_and_source_of_a_component(
+    printed: Says, as_json: Callable[..., Any]
+) -> None:
     text = printed("list", "constant-velocity")  # two roles have one of that name
     assert "constant-velocity (pose_sources)" in text
     assert "constant-velocity (forecasters)" in text
@@ -173,8 +223,10 @@ def test_fields_defaults_meanings_grants_and_source_of_a_component(printed: Says
     fields = {field["name"]: field for field in page["fields"]}
     assert fields["num_frames"]["default"] == 10
     assert fields["num_frames"]["meaning"] == "how many of the last observed frames are used"
-    assert fields["fill"]["default"]["name"] == "borrowed-detail"
-    assert page["source"].startswith("geovp_classic.renderers:DepthFusion of geovp-classic ")
+    assert fields["fill"]["default"]["name"] == "detail-transfer"
+    assert page["source"].startswith(
+        "geovp_classic.renderers.depth_fusion:DepthFusion of geovp-classic "
+    )
     (page,) = as_json("list", "recorded")
     assert "required" in {field["default"] for field in page["fields"]}
 
@@ -202,7 +254,11 @@ def completions(line: str, folder: Path) -> list[str]:
     """What the shell would offer behind a line: argcomplete's own protocol."""
     pytest.importorskip("argcomplete")
     out = folder / "completions"
-    given = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n", "_ARGCOMPLETE_STDOUT_FILENAME": str(out)}
+    given = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "_ARGCOMPLETE_STDOUT_FILENAME": str(out),
+    }
     given |= {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE_COMP_WORDBREAKS": ""}
     code = (
         "import sys; from geovp_benchmarks import cli\n"
@@ -213,7 +269,9 @@ def completions(line: str, folder: Path) -> list[str]:
         "os._exit = ended\n"
         "cli.main()"
     )
-    subprocess.run([sys.executable, "-c", code], env={**os.environ, **given}, check=True, cwd=folder)
+    subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **given}, check=True, cwd=folder
+    )
     return [word.strip() for word in out.read_text().split("\n")]
 
 

@@ -28,7 +28,8 @@ def bold(*rows: Row) -> set[str]:
 
 
 def test_what_cannot_be_told_from_the_best_is_bold_and_what_always_loses_a_little_is_not() -> None:
-    # Scenes differ by 3 dB, so that means have wide intervals; half a decibel on every clip is certain nevertheless.
+    # Scenes differ by 3 dB, so that means have wide intervals; half a decibel on every clip is
+    # certain nevertheless.
     first, equal = row("first", SCENES + OWN[0]), row("equal", SCENES + OWN[1])
     assert first.intervals["psnr"].high - first.intervals["psnr"].low > 1.5
     assert bold(first, equal, row("worse", SCENES - 0.5 + OWN[2])) == {"first", "equal"}
@@ -36,7 +37,9 @@ def test_what_cannot_be_told_from_the_best_is_bold_and_what_always_loses_a_littl
 
 def test_lower_is_better_where_it_is() -> None:
     column = Column("psnr", "LPIPS", higher_is_better=False, decimals=3)
-    assert {name for name, _ in best([row("a", SCENES), row("b", SCENES - 1)], [column], CLIPS)} == {"b"}
+    assert {
+        name for name, _ in best([row("a", SCENES), row("b", SCENES - 1)], [column], CLIPS)
+    } == {"b"}
 
 
 def test_rows_with_other_grants_or_chosen_by_the_truth_do_not_compete() -> None:
@@ -53,7 +56,9 @@ def test_an_unfinished_row_and_one_without_rivals_are_not_bold() -> None:
 
 @pytest.fixture
 def results(tmp_path: Path) -> Results:
-    """`good` has 1 dB more than `base` on every clip, `same` is base with noise, `short` lacks the hardest half."""
+    """`good` has 1 dB more than `base` on every clip, `same` is base with noise, `short` lacks the
+    hardest half.
+    """
     results = Results(tmp_path)
     hard = np.argsort(SCENES)[:15]
     short = {clip: SCENES[n] + 0.5 for n, clip in enumerate(CLIPS) if n not in hard}
@@ -88,7 +93,8 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
 
 
 def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> None:
-    # On its own easy clips `short` has far more than the base has on all; clip by clip it has half a decibel.
+    # On its own easy clips `short` has far more than the base has on all; clip by clip it has half
+    # a decibel.
     short = next(one for one in tables.against(results, "base").rows if one.name == "short")
     assert short.num_clips == 15
     assert float(short.estimates["psnr"].mean) == pytest.approx(0.5)
@@ -101,13 +107,17 @@ def test_a_row_that_is_not_there(results: Results) -> None:
 
 
 def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> None:
-    base = next(one for one in tables.build(results)[0].rows if one.name == "base").intervals["psnr"]
+    base = next(one for one in tables.build(results)[0].rows if one.name == "base").intervals[
+        "psnr"
+    ]
     text = formats.markdown(tables.build(results)[0]).splitlines()
     assert row_of(text, "base")[2].endswith(f"[{base.low:.2f}, {base.high:.2f}]")
     assert any("block bootstrap" in line for line in text)
     assert any(line.startswith("- Bold: ") for line in text)
     assert "Fewer than 3 clips" not in "".join(text)
-    smooth = {(clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)}  # neighbours are alike
+    smooth = {
+        (clip, 0, "psnr"): 20 + np.sin(n / 5) for n, clip in enumerate(CLIPS)
+    }  # neighbours are alike
     write(results, "base", smooth)
     text = formats.markdown(tables.build(results)[0]).splitlines()
     assert any("(n) behind the clips" in line for line in text)

@@ -18,10 +18,14 @@ from tests.benchmarks.made import content, crossed, dicts, go, scores, values
 METRIC = "toy-difference"
 
 
-def rewrite(results: Results, cell: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]) -> None:
+def rewrite(
+    results: Results, cell: str, change: Callable[[dict[str, Any]], dict[str, Any] | None]
+) -> None:
     """Change or drop stored rows."""
     for part, rows in [(part, dicts(results.scores(cell))) for part in results.parts(cell)]:
-        kept = [new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None]
+        kept = [
+            new for row in rows if row["clip"] in part.clips and (new := change(row)) is not None
+        ]
         results.write_part(cell, scores(row.values() for row in kept), part)
 
 
@@ -34,7 +38,9 @@ def results(toys: Path, tmp_path: Path) -> Results:
 
 def test_it_is_stored_per_step_and_shown_nowhere_as_a_score(results: Results) -> None:
     # half of the pixels; three tracked frames out of four and five
-    assert values(results.root, "a--r", "confidence") == pytest.approx([0.5 * 3 / 4, 0.5 * 3 / 5] * 5)
+    assert values(results.root, "a--r", "confidence") == pytest.approx(
+        [0.5 * 3 / 4, 0.5 * 3 / 5] * 5
+    )
     assert values(results.root, "still", "confidence") == []
     about = results.protocol()["metrics"]["confidence"]
     assert (about["higher_is_better"], about["bounds"]) == (None, [0.0, 1.0])
@@ -51,12 +57,18 @@ def test_where_both_fall_with_the_step_the_ranking_is_perfect(results: Results) 
     found = {one.label: one for one in confidence.rankings(results, METRIC)}
     assert list(found) == ["a + r", "a + q", "b + r", "b + q"]
     one = found["a + r"]
-    assert (one.num_clips, one.by_confidence, one.by_step) == (5, pytest.approx(1), pytest.approx(1))
+    assert (one.num_clips, one.by_confidence, one.by_step) == (
+        5,
+        pytest.approx(1),
+        pytest.approx(1),
+    )
     assert one.texts()[-1] == "-"  # all clips are alike
 
 
 def test_among_clips_it_is_apart_from_the_step(results: Results) -> None:
-    """Errors 0..4 by clip, confidences in the order 1 0 3 2 4 at both steps: -(1 - 6 * 4 / (5 * 24)) = -0.8."""
+    """Errors 0..4 by clip, confidences in the order 1 0 3 2 4 at both steps: -(1 - 6 * 4 / (5 *
+    24)) = -0.8.
+    """
 
     def change(row: dict[str, Any]) -> dict[str, Any]:
         number = int(row["clip"][-1])
@@ -84,10 +96,14 @@ def test_the_study_prints_it_and_the_report_has_it(results: Results, printed: Sa
     assert "Spearman correlation with toy difference." in page
 
 
-def test_older_results_and_unknown_metrics_are_one_sentence(results: Results, refused: Says) -> None:
+def test_older_results_and_unknown_metrics_are_one_sentence(
+    results: Results, refused: Says
+) -> None:
     with pytest.raises(BadData, match=r"cannot be ranked by 'confidence'"):
         confidence.rankings(results, "confidence")
-    assert "toy-difference" in refused("study", "confidence", results.root, "--metric", "toy-diference")
+    assert "toy-difference" in refused(
+        "study", "confidence", results.root, "--metric", "toy-diference"
+    )
     for cell in results.cells():
         rewrite(results, cell.name, lambda row: None if row["metric"] == "confidence" else row)
     assert sections.confidence(results) == ""

@@ -1,4 +1,6 @@
-"""Same settings, same bytes: with any number of processes and threads, and compiled for any processor."""
+"""Same settings, same bytes: with any number of processes and threads, and compiled for any
+processor.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,9 @@ MATRIX: dict[str, Any] = {
 CELL = "vo--fusion"
 
 
-def outcome(root: Path, threads: int, executor: Executor) -> tuple[Any, dict[str, tuple[bytes, bytes]]]:
+def outcome(
+    root: Path, threads: int, executor: Executor
+) -> tuple[Any, dict[str, tuple[bytes, bytes]]]:
     """All rows, and the bytes of all predicted frames and poses."""
     before = numba.get_num_threads(), cv2.getNumThreads()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))

@@ -1,4 +1,6 @@
-"""`device` of a matrix and `--device`: every network is built for it, rows say it, and the protocol stays the same."""
+"""`device` of a matrix and `--device`: every network is built for it, rows say it, and the protocol
+stays the same.
+"""
 
 import json
 from pathlib import Path
@@ -12,13 +14,22 @@ from tests.benchmarks.made import write_matrix
 
 pytest.importorskip("torch", reason="torch is not installed: devices need the extra 'learned'")
 
-PROTOCOL = {"dataset": {"name": "synthetic", "num_clips": 1}, "num_past": 3, "num_future": 2, "size_px": [64, 64]}
+PROTOCOL = {
+    "dataset": {"name": "synthetic", "num_clips": 1},
+    "num_past": 3,
+    "num_future": 2,
+    "size_px": [64, 64],
+}
 PROTOCOL |= {"stride": 10}
 FRAME = ["psnr", {"name": "lpips", "weights": "nowhere.npz"}]
 
 
 def written(folder: Path, **more: str) -> Path:
-    tables = {"protocol": PROTOCOL | more, "predictors": {"svg": "svg"}, "metrics": {"frame": FRAME, "trajectory": []}}
+    tables = {
+        "protocol": PROTOCOL | more,
+        "predictors": {"svg": "svg"},
+        "metrics": {"frame": FRAME, "trajectory": []},
+    }
     return write_matrix(folder / "one.toml", tables)
 
 
@@ -27,7 +38,9 @@ def file(tmp_path: Path) -> Path:
     return written(tmp_path)
 
 
-def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(file: Path, tmp_path: Path) -> None:
+def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(
+    file: Path, tmp_path: Path
+) -> None:
     told = {}
     for device in ("cpu", "auto"):
         out = tmp_path / device
@@ -40,11 +53,21 @@ def test_rows_say_their_device_and_the_protocols_id_does_not_depend_on_it(file: 
     assert told["cpu"]["metrics"]["lpips"]["device"] == "cpu"
     assert "device" not in told["cpu"]["metrics"]["psnr"]
     assert told["cpu"]["id"] == told["auto"]["id"]
-    assert cli.main(["score", str(tmp_path / "cpu"), "--device", "cpu", "--out", str(tmp_path / "again")]) == 0
+    assert (
+        cli.main(
+            ["score", str(tmp_path / "cpu"), "--device", "cpu", "--out", str(tmp_path / "again")]
+        )
+        == 0
+    )
 
 
-def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run", str(file), "--out", str(file.with_name("out")), "--device", "cuda:99"]) == 2
+def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        cli.main(["run", str(file), "--out", str(file.with_name("out")), "--device", "cuda:99"])
+        == 2
+    )
     assert "predictors.svg: device 'cuda:99' cannot be used" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         cli.main(["run", str(file), "--device", "abacus"])
@@ -54,7 +77,13 @@ def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(file: Path, caps
 
 def test_the_file_names_a_device_and_the_command_line_another(tmp_path: Path) -> None:
     read = matrix.read(written(tmp_path, device="auto"))
-    assert (read.device, read.with_device(None).device, read.with_device("cpu").device) == ("auto", "auto", "cpu")
+    assert (read.device, read.with_device(None).device, read.with_device("cpu").device) == (
+        "auto",
+        "auto",
+        "cpu",
+    )
     assert matrix.Matrix.from_json(read.to_json()) == read
-    with pytest.raises(BadData, match=r"protocol\.device is 'abacus', expected cpu, cuda, cuda:N or auto"):
+    with pytest.raises(
+        BadData, match=r"protocol\.device is 'abacus', expected cpu, cuda, cuda:N or auto"
+    ):
         matrix.read(written(tmp_path, device="abacus"))

@@ -1,4 +1,6 @@
-"""Wherever the work is done, every task gives its result once, and no task is taken before there is room for it."""
+"""Wherever the work is done, every task gives its result once, and no task is taken before there is
+room for it.
+"""
 
 import sys
 from collections.abc import Iterator
@@ -74,7 +76,9 @@ def test_errors_of_a_task_come_back_as_they_were(scheduler: str) -> None:
             list(executor.map(doubled, [1, -1]))
 
 
-def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(scheduler: str, tmp_path: Path, toys: Path) -> None:
+def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(
+    scheduler: str, tmp_path: Path, toys: Path
+) -> None:
     tables = content(predictors={"noise": {"name": "toy-noise", "num_samples": 2}, **STILL})
     found = []
     for name, executor in (("one", executors.Serial()), ("many", executors.Dask(scheduler))):

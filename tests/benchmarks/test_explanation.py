@@ -1,4 +1,6 @@
-"""`geovp metrics explain A B`: each thing that can differ has its sentence, and nothing else has one."""
+"""`geovp metrics explain A B`: each thing that can differ has its sentence, and nothing else has
+one.
+"""
 
 import json
 from collections.abc import Callable
@@ -16,7 +18,10 @@ pytestmark = pytest.mark.usefixtures("toys")
 
 
 def folder(
-    path: Path, dataset: dict[str, Any] | None = None, protocol: dict[str, Any] | None = None, **tables: Any
+    path: Path,
+    dataset: dict[str, Any] | None = None,
+    protocol: dict[str, Any] | None = None,
+    **tables: Any,
 ) -> Path:
     made = content(dataset, **({"predictors": STILL} | tables))
     made["protocol"] |= protocol or {}
@@ -70,7 +75,10 @@ def test_two_rows_of_one_folder(tmp_path: Path, explained: Explained) -> None:
         "Component: pose_source.step_m: 1.5 in A, 3.0 in B."
     ]
     # the camera goes 1 m a step: .5 and 1 m off, against 2 and 4 m
-    assert any(line.startswith("toy gap: A 0.7500 on 5 clips, B 3.0000 on 5 clips; A - B") for line in lines)
+    assert any(
+        line.startswith("toy gap: A 0.7500 on 5 clips, B 3.0000 on 5 clips; A - B")
+        for line in lines
+    )
     assert any("common clips: -2.2500" in line for line in lines)
     assert not any(line.startswith(("Protocol", "Code", "Library")) for line in lines)
     lines = explained(f"{made}:still", f"{made}:at-3 + slide")
@@ -85,30 +93,53 @@ def test_definitions_versions_and_weights_are_told(tmp_path: Path, explained: Ex
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     shared = Results(b).protocol()
     shared["metrics"]["toy-difference"]["definition"] = "of squares"
-    edited(b / "protocol.json", metrics=shared["metrics"], versions={**shared["versions"], "numpy": "0.9"})
+    edited(
+        b / "protocol.json",
+        metrics=shared["metrics"],
+        versions={**shared["versions"], "numpy": "0.9"},
+    )
     edited(b / "still/cell.json", about=["svg weights x"])
     lines = explained(a, b)
-    assert any(line.endswith("in A, of squares in B.") for line in lines if "toy-difference: definition:" in line)
-    assert f"Library versions: numpy: {Results(a).protocol()['versions']['numpy']} in A, 0.9 in B." in lines
+    assert any(
+        line.endswith("in A, of squares in B.")
+        for line in lines
+        if "toy-difference: definition:" in line
+    )
+    assert (
+        f"Library versions: numpy: {Results(a).protocol()['versions']['numpy']} in A, 0.9 in B."
+        in lines
+    )
     assert "Weights: svg weights x: nothing in A, used in B." in lines
 
 
-def test_clips_that_one_row_could_not_predict_and_other_code(tmp_path: Path, explained: Explained) -> None:
+def test_clips_that_one_row_could_not_predict_and_other_code(
+    tmp_path: Path, explained: Explained
+) -> None:
     a, b = folder(tmp_path / "a"), folder(tmp_path / "b")
     results = Results(b)
     for part in results.parts("still"):
         rows = results.scores("still").of_clips(part.clips)
         why = dict.fromkeys(part.clips[:1], ("failed", "no light", ""))
-        results.write_part("still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"}))
+        results.write_part(
+            "still", rows, type(part)(**{**vars(part), "failures": why, "code": "c0de"})
+        )
     lines = explained(a, b)
-    said = "Only B could not predict road/000, road/002, road/004, scored as copies of the last frame: no light."
+    said = (
+        "Only B could not predict road/000, road/002, road/004, scored as copies of the last "
+        "frame: no light."
+    )
     assert said in lines
-    assert any(line.startswith("Code: version: ") and line.endswith(" in A, c0de in B.") for line in lines)
+    assert any(
+        line.startswith("Code: version: ") and line.endswith(" in A, c0de in B.") for line in lines
+    )
 
 
 @pytest.mark.parametrize(
     ("row", "says"),
-    [(":stil", "has no row 'stil': did you mean 'still'?"), ("/nowhere", "has no protocol.json: not a results folder")],
+    [
+        (":stil", "has no row 'stil': did you mean 'still'?"),
+        ("/nowhere", "has no protocol.json: not a results folder"),
+    ],
 )
 def test_a_wrong_name_is_one_sentence(tmp_path: Path, refused: Says, row: str, says: str) -> None:
     made = folder(tmp_path / "a")
@@ -116,6 +147,9 @@ def test_a_wrong_name_is_one_sentence(tmp_path: Path, refused: Says, row: str, s
 
 
 def test_folders_without_a_common_row_ask_for_rows(tmp_path: Path, refused: Says) -> None:
-    a, b = folder(tmp_path / "a"), folder(tmp_path / "b", predictors={"other": {"name": "toy-still"}})
+    a, b = (
+        folder(tmp_path / "a"),
+        folder(tmp_path / "b", predictors={"other": {"name": "toy-still"}}),
+    )
     said = refused("metrics", "explain", a, b)
     assert "no row is in both: still; and other: name them as DIR:ROW" in said

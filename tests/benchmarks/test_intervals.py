@@ -1,4 +1,6 @@
-"""Intervals of means over dependent clips: simulated coverage, and numbers that one can work out by hand."""
+"""Intervals of means over dependent clips: simulated coverage, and numbers that one can work out by
+hand.
+"""
 
 import itertools
 
@@ -13,11 +15,19 @@ from geovp_classic import registry
 from geovp_classic.types import FloatArray
 
 
-@pytest.mark.parametrize(("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)])
-def test_an_interval_holds_the_truth_about_as_often_as_it_says(name: str, least: float, most: float) -> None:
-    covered, naive, _ = coverage.coverage((36,), coverage.dependences()[name], coverage.NOISES["normal"], 400)
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("AR(1), 0.0", 0.93, 0.985), ("AR(1), 0.5", 0.92, 0.98)]
+)
+def test_an_interval_holds_the_truth_about_as_often_as_it_says(
+    name: str, least: float, most: float
+) -> None:
+    covered, naive, _ = coverage.coverage(
+        (36,), coverage.dependences()[name], coverage.NOISES["normal"], 400
+    )
     assert least < covered < most
-    if name == "AR(1), 0.5":  # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent ones
+    if (
+        name == "AR(1), 0.5"
+    ):  # the variance of the mean is about (1 + .5) / (1 - .5) = 3 times that of independent ones
         assert naive < 0.82
 
 
@@ -31,7 +41,9 @@ def test_independent_values_get_about_students_interval() -> None:
 
 
 def test_clips_that_are_alike_count_as_fewer() -> None:
-    values = np.repeat(np.random.default_rng(1).normal(size=20), 10)  # twenty values, ten times each
+    values = np.repeat(
+        np.random.default_rng(1).normal(size=20), 10
+    )  # twenty values, ten times each
     assert intervals.interval(values, np.zeros(200)).effective < 25
 
 
@@ -42,7 +54,9 @@ def test_values_without_slow_changes_are_not_certain() -> None:
 
 
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
-    values = np.random.default_rng(4).normal(size=10).repeat(2)  # neighbours are equal; of each pair one a sequence
+    values = (
+        np.random.default_rng(4).normal(size=10).repeat(2)
+    )  # neighbours are equal; of each pair one a sequence
     together, _ = intervals.autocorrelation_time(values, [np.arange(20)])
     apart, _ = intervals.autocorrelation_time(values, [np.arange(0, 20, 2), np.arange(1, 20, 2)])
     assert apart < together
@@ -51,7 +65,10 @@ def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
 def test_the_autocorrelation_time_of_known_processes() -> None:
     # AR(1): (1 + r) / (1 - r) = 3; moving average of 6 values: 6
     noise = np.random.default_rng(5)
-    for filters, expected in ((coverage.dependences()["AR(1), 0.5"], 3.0), (coverage.dependences()["overlap, 6"], 6.0)):
+    for filters, expected in (
+        (coverage.dependences()["AR(1), 0.5"], 3.0),
+        (coverage.dependences()["overlap, 6"], 6.0),
+    ):
         values = lfilter(*filters, noise.normal(size=4000))
         tau, _ = intervals.autocorrelation_time(values, [np.arange(4000)])
         assert tau == pytest.approx(expected, rel=0.25)
@@ -65,7 +82,9 @@ def test_a_difference_that_is_always_there_is_not_zero() -> None:
 
 @pytest.mark.parametrize("shift", np.linspace(-1.2, 1.2, 13))
 def test_p_is_below_a_twentieth_just_where_the_interval_leaves_zero_out(shift: float) -> None:
-    found = intervals.interval(np.random.default_rng(7).exponential(size=20) - 1 + shift, np.zeros(20))
+    found = intervals.interval(
+        np.random.default_rng(7).exponential(size=20) - 1 + shift, np.zeros(20)
+    )
     assert (found.p_zero < 0.05) == (found.low > 0 or found.high < 0)
 
 
@@ -104,7 +123,11 @@ def test_holms_correction_worked_out() -> None:
 
 
 def test_a_clips_sequence_is_its_name_without_the_number() -> None:
-    assert [intervals.sequence_of(name) for name in ("03/000180", "a/b/7", "7")] == ["03", "a/b", ""]
+    assert [intervals.sequence_of(name) for name in ("03/000180", "a/b/7", "7")] == [
+        "03",
+        "a/b",
+        "",
+    ]
 
 
 class TestBounds:
@@ -138,8 +161,10 @@ class TestAutocorrelationTime:
     """Of patterns whose correlations can be counted."""
 
     def test_one_visible_lag_goes_on_geometrically(self) -> None:
-        # Threes of ones of either sign: of 299 pairs of neighbours 200 are equal, so r = 101 / 299; pairs two apart
-        # correlate negatively. A mean taken out of 300 values adds (1 - r) tau / 300; tau is (1 + r) / (1 - r).
+        # Threes of ones of either sign: of 299 pairs of neighbours 200 are equal, so r = 101 / 299;
+        # pairs two apart
+        # correlate negatively. A mean taken out of 300 values adds (1 - r) tau / 300; tau is (1 +
+        # r) / (1 - r).
         values = np.tile([1.0, 1, 1, -1, -1, -1], 50)
         tau, visible = intervals.autocorrelation_time(values, [np.arange(300)])
         correlation = 101 / 299 + 198 / 299 * tau / 300
@@ -147,8 +172,10 @@ class TestAutocorrelationTime:
         assert visible == 1
 
     def test_at_most_half_of_the_variance_has_gone_with_the_means(self) -> None:
-        # Fifty sequences of six. One apart 4 of 5 pairs are equal: 3 / 5; two apart 2 of 4: 0. Half of what lacks to 1
-        # is added, .8 and .5, and .5 halves in two lags: 1 + 2 (.8 + .5 + .5 (1 / sqrt 2 + 1 / 2 + ...)).
+        # Fifty sequences of six. One apart 4 of 5 pairs are equal: 3 / 5; two apart 2 of 4: 0. Half
+        # of what lacks to 1
+        # is added, .8 and .5, and .5 halves in two lags: 1 + 2 (.8 + .5 + .5 (1 / sqrt 2 + 1 / 2 +
+        # ...)).
         groups = [np.arange(start, start + 6) for start in range(0, 300, 6)]
         tau, visible = intervals.autocorrelation_time(
             np.tile([1.0, 1, 1, -1, -1, -1], 50) + np.arange(300) // 6, groups
@@ -156,12 +183,19 @@ class TestAutocorrelationTime:
         assert tau == pytest.approx(1 + 2 * (1.3 + 0.5 * (1 + np.sqrt(2))), rel=0.01)
         assert visible == 2
 
-    @pytest.mark.parametrize(("plus", "least"), [([4, 4, 2, 2, 2, 2, 2], 1), ([4, 2, 2, 2, 2, 2, 2, 2], 0)])
-    def test_a_correlation_counts_from_one_and_a_half_standard_errors_on(self, plus: list[int], least: int) -> None:
-        # Runs of +-1, 36 in all: a standard error is 1 / 6, so .25 is the limit. With 13 changes of sign r = 9 / 35,
+    @pytest.mark.parametrize(
+        ("plus", "least"), [([4, 4, 2, 2, 2, 2, 2], 1), ([4, 2, 2, 2, 2, 2, 2, 2], 0)]
+    )
+    def test_a_correlation_counts_from_one_and_a_half_standard_errors_on(
+        self, plus: list[int], least: int
+    ) -> None:
+        # Runs of +-1, 36 in all: a standard error is 1 / 6, so .25 is the limit. With 13 changes of
+        # sign r = 9 / 35,
         # with 14 7 / 35; the mean that was taken out adds (1 - r) / 36.
         runs = itertools.zip_longest(plus, [-4, -4, -2, -2, -2, -2, -2], fillvalue=0)
-        values = np.concatenate([np.full(abs(run), np.sign(run)) for run in itertools.chain(*runs)]).astype(float)
+        values = np.concatenate(
+            [np.full(abs(run), np.sign(run)) for run in itertools.chain(*runs)]
+        ).astype(float)
         assert (len(values), values.sum()) == (36, 0)
         assert min(intervals.autocorrelation_time(values, [np.arange(36)])[1], 1) == least
 
@@ -189,9 +223,14 @@ def cosine(number: int, count: int) -> FloatArray:
 class TestStandardError:
     """Of sums of cosines, whose powers are known."""
 
-    @pytest.mark.parametrize(("tau", "first_share"), [(1.0, 1.0), (3.0, 0.25 / (1.25 - np.cos(np.pi / 10)))])
-    def test_the_two_slowest_cosines_of_few_values_count(self, tau: float, first_share: float) -> None:
-        # of an autoregression with tau = 3 a step keeps one half: at an angle a 1 / 4 of 5 / 4 - cos(a) is left
+    @pytest.mark.parametrize(
+        ("tau", "first_share"), [(1.0, 1.0), (3.0, 0.25 / (1.25 - np.cos(np.pi / 10)))]
+    )
+    def test_the_two_slowest_cosines_of_few_values_count(
+        self, tau: float, first_share: float
+    ) -> None:
+        # of an autoregression with tau = 3 a step keeps one half: at an angle a 1 / 4 of 5 / 4 -
+        # cos(a) is left
         values = 7 + 3 * cosine(1, 10) + 4 * cosine(2, 10) + 100 * cosine(9, 10)
         second_share = 0.25 / (1.25 - np.cos(np.pi / 5)) if tau == 3 else 1.0
         error, degrees = intervals.standard_error(values, [np.arange(10)], tau)
@@ -201,7 +240,9 @@ class TestStandardError:
     def test_three_twentieths_of_many_independent_ones_count(self) -> None:
         values = np.array([cosine(number, 100) for number in range(1, 100)])
         powers = [intervals.standard_error(one, [np.arange(100)], 1.0)[0] for one in values]
-        np.testing.assert_allclose(powers, np.where(np.arange(99) < 15, np.sqrt(1 / 15 / 100), 0), atol=1e-9)
+        np.testing.assert_allclose(
+            powers, np.where(np.arange(99) < 15, np.sqrt(1 / 15 / 100), 0), atol=1e-9
+        )
         assert intervals.standard_error(values[0], [np.arange(100)], 10 / 3)[1] == round(15 * 0.3)
 
     def test_clips_that_stand_alone_have_the_classical_one(self) -> None:
@@ -211,8 +252,11 @@ class TestStandardError:
         assert degrees == 11
 
     def test_sequences_share_the_cosines_and_differ_in_their_means(self) -> None:
-        # 30 and 10 clips: two of the cosines are the first one's (1.5 rounded), one the second's (.5 is rounded to 0)
-        values = np.concatenate([np.full(30, 1.0) + 2 * cosine(1, 30), np.full(10, -3.0) + 5 * cosine(1, 10)])
+        # 30 and 10 clips: two of the cosines are the first one's (1.5 rounded), one the second's
+        # (.5 is rounded to 0)
+        values = np.concatenate(
+            [np.full(30, 1.0) + 2 * cosine(1, 30), np.full(10, -3.0) + 5 * cosine(1, 10)]
+        )
         groups = [np.arange(30), np.arange(30, 40)]
         error, degrees = intervals.standard_error(values, groups, 3.0)
         assert degrees == 1 + round(2 * 0.75) + round(2 * 0.25)
@@ -221,7 +265,9 @@ class TestStandardError:
         between = 30 * 1.0**2 + 10 * 3.0**2  # the mean of all is zero
         assert error == pytest.approx(np.sqrt((between + 4) / expected / 40))
 
-    @pytest.mark.parametrize(("count", "level"), [(5, 0.95), (10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)])
+    @pytest.mark.parametrize(
+        ("count", "level"), [(5, 0.95), (10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)]
+    )
     def test_the_interval_is_students_with_its_degrees(self, count: int, level: float) -> None:
         values = np.random.default_rng(10).normal(size=count)
         tau, _ = intervals.autocorrelation_time(values, [np.arange(count)])
@@ -249,12 +295,15 @@ def test_correlated_values_are_worth_fewer() -> None:
 def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:
     values = np.random.default_rng(8).normal(size=20)
     found, shifted = (intervals.interval(values + more, np.zeros(20)) for more in (0.0, 100.0))
-    np.testing.assert_allclose([shifted.low, shifted.high], [found.low + 100, found.high + 100], atol=1e-9)
+    np.testing.assert_allclose(
+        [shifted.low, shifted.high], [found.low + 100, found.high + 100], atol=1e-9
+    )
 
 
 def test_three_values_have_an_interval() -> None:
     found = intervals.interval(np.array([-1.0, 0.0, 1.0]), np.zeros(3))
-    # resampled sums of three reach 1 at most, so that the quantile is that of few values: wider than one s / sqrt 3
+    # resampled sums of three reach 1 at most, so that the quantile is that of few values: wider
+    # than one s / sqrt 3
     assert found.low < -1 / np.sqrt(3)
     assert found.high > 1 / np.sqrt(3)
     assert found.effective == 3
@@ -262,7 +311,11 @@ def test_three_values_have_an_interval() -> None:
 
 @pytest.mark.parametrize(
     ("names", "long", "short"),
-    [([1, 1, 2, 3, 3, 3], [[3, 4, 5]], [0, 1, 2]), ([1, 1, 1, 2, 2, 2], [[0, 1, 2], [3, 4, 5]], []), ([1], [], [0])],
+    [
+        ([1, 1, 2, 3, 3, 3], [[3, 4, 5]], [0, 1, 2]),
+        ([1, 1, 1, 2, 2, 2], [[0, 1, 2], [3, 4, 5]], []),
+        ([1], [], [0]),
+    ],
 )
 def test_sequences_of_two_stand_together_and_of_three_alone(
     names: list[int], long: list[list[int]], short: list[int]

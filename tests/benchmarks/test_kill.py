@@ -1,4 +1,6 @@
-"""Kill -9 in the middle of a run, run again: the same rows as an uninterrupted run, none lost or doubled."""
+"""Kill -9 in the middle of a run, run again: the same rows as an uninterrupted run, none lost or
+doubled.
+"""
 
 import os
 import signal
@@ -20,20 +22,34 @@ def matrix(folder: Path, sleep_s: float) -> Path:
     folder.mkdir(exist_ok=True)
     slow, noise = {"name": "toy-still", "sleep_s": sleep_s}, {"name": "toy-noise", "num_samples": 2}
     parts = {"pose_sources": {"steady": "toy-steady"}, "renderers": {"slide": "toy-slide"}}
-    return write_matrix(folder / "m.toml", content({"clips": 9}, **parts, predictors={"slow": slow, "noise": noise}))
+    return write_matrix(
+        folder / "m.toml", content({"clips": 9}, **parts, predictors={"slow": slow, "noise": noise})
+    )
 
 
 def begin(
     folder: Path, toys: Path, sleep_s: float, *more: str, stderr: Any = subprocess.DEVNULL
 ) -> subprocess.Popen[bytes]:
-    words = ["run", str(matrix(folder, sleep_s)), "--out", str(folder / "out"), "--no-report", *more]
-    own = {**os.environ, "PYTHONPATH": os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")])}
+    words = [
+        "run",
+        str(matrix(folder, sleep_s)),
+        "--out",
+        str(folder / "out"),
+        "--no-report",
+        *more,
+    ]
+    own = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(toys), os.environ.get("PYTHONPATH", "")]),
+    }
     command = [sys.executable, "-m", "geovp_benchmarks.cli", *words]
     return subprocess.Popen(command, env=own, stderr=stderr, preexec_fn=_heed_interrupts)
 
 
 def _heed_interrupts() -> None:
-    """A shell starts what it runs in the background deaf to interrupts, and the tests may run there."""
+    """A shell starts what it runs in the background deaf to interrupts, and the tests may run
+    there.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -58,7 +74,9 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> No
     scratch = killed / "out/slow/scores/.part-00004.parquet.1.part"
     scratch.write_bytes(b"half a part that a kill left behind")
     assert begin(killed, toys, sleep_s=0.15).wait() == 0
-    assert cli.main(["run", str(matrix(whole, 0.0)), "--out", str(whole / "out"), "--no-report"]) == 0
+    assert (
+        cli.main(["run", str(matrix(whole, 0.0)), "--out", str(whole / "out"), "--no-report"]) == 0
+    )
     for cell in CELLS:
         resumed = rows(killed / "out", cell)
         assert resumed == rows(whole / "out", cell)
@@ -68,7 +86,9 @@ def test_a_killed_run_goes_on_to_the_same_rows(tmp_path: Path, toys: Path) -> No
 
 
 def parent_of(process: Path) -> int:
-    """The number of the process that started the one of this folder of /proc; 0 when that has ended."""
+    """The number of the process that started the one of this folder of /proc; 0 when that has
+    ended.
+    """
     try:
         return int((process / "stat").read_text().rpartition(")")[2].split()[1])
     except OSError:

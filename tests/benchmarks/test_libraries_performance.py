@@ -4,10 +4,12 @@ import re
 
 import pytest
 
-from geovp_benchmarks.performance import libraries
+from performance import libraries
 
 
-@pytest.mark.parametrize("problem", ["triangulation", "resection", "relative_pose", "local_bundle_adjustment"])
+@pytest.mark.parametrize(
+    "problem", ["triangulation", "resection", "relative_pose", "local_bundle_adjustment"]
+)
 def test_our_solvers_are_about_as_accurate_or_more(problem: str) -> None:
     comparison = getattr(libraries, problem)(libraries.Scene.random())
     ours, theirs = comparison.error(comparison.ours()), comparison.error(comparison.library())

@@ -8,7 +8,13 @@ import pytest
 from geovp_benchmarks import matrix
 from geovp_classic.errors import GeovpError
 
-PROTOCOL = {"dataset": {"name": "synthetic"}, "num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
+PROTOCOL = {
+    "dataset": {"name": "synthetic"},
+    "num_past": 3,
+    "num_future": 2,
+    "size_px": [32, 32],
+    "stride": 5,
+}
 CONFIGS = Path(matrix.__file__).parent / "configs"
 
 
@@ -35,9 +41,16 @@ def test_samples_are_the_protocols_unless_an_entry_says_otherwise() -> None:
 
 def test_metrics_are_a_list_or_a_table_of_columns() -> None:
     assert list(matrix.parse("m", content()).frame_metrics) == ["psnr", "ssim", "lpips"]
-    parsed = matrix.parse("m", content(metrics={"frame": ["psnr", {"name": "lpips", "net": "squeeze"}]}))
-    assert parsed.frame_metrics == {"psnr": {"name": "psnr"}, "lpips": {"name": "lpips", "net": "squeeze"}}
-    parsed = matrix.parse("m", content(metrics={"frame": {"small": {"name": "lpips", "net": "squeeze"}}}))
+    parsed = matrix.parse(
+        "m", content(metrics={"frame": ["psnr", {"name": "lpips", "net": "squeeze"}]})
+    )
+    assert parsed.frame_metrics == {
+        "psnr": {"name": "psnr"},
+        "lpips": {"name": "lpips", "net": "squeeze"},
+    }
+    parsed = matrix.parse(
+        "m", content(metrics={"frame": {"small": {"name": "lpips", "net": "squeeze"}}})
+    )
     assert parsed.frame_metrics == {"small": {"name": "lpips", "net": "squeeze"}}
 
 
@@ -56,19 +69,37 @@ def test_a_root_is_replaced_or_read_from_the_environment(monkeypatch: pytest.Mon
     ("wrong", "says"),
     [
         (content(predictor={}), "unknown table 'predictor': did you mean 'predictors'"),
-        (content(protocol={**PROTOCOL, "num_pats": 3}), "unknown key 'num_pats': did you mean 'num_past'"),
-        (content(protocol={**PROTOCOL, "num_past": "ten"}), "num_past is 'ten', expected a whole number"),
-        (content(protocol={**PROTOCOL, "stride": 0}), "stride is 0, expected a whole number of 1 or more"),
+        (
+            content(protocol={**PROTOCOL, "num_pats": 3}),
+            "unknown key 'num_pats': did you mean 'num_past'",
+        ),
+        (
+            content(protocol={**PROTOCOL, "num_past": "ten"}),
+            "num_past is 'ten', expected a whole number",
+        ),
+        (
+            content(protocol={**PROTOCOL, "stride": 0}),
+            "stride is 0, expected a whole number of 1 or more",
+        ),
         (content(protocol={**PROTOCOL, "stride": True}), "stride is True"),
-        (content(protocol={**PROTOCOL, "size_px": 256}), "size_px is 256, expected .width, height. in pixels"),
+        (
+            content(protocol={**PROTOCOL, "size_px": 256}),
+            "size_px is 256, expected .width, height. in pixels",
+        ),
         (content(protocol={"dataset": "synthetic", "num_past": 3}), "protocol needs num_future"),
         (content(protocol={}), "protocol.dataset is None, expected a table"),
-        (content(protocol={**PROTOCOL, "dataset": {"name": "kitti", "stride": 2}}), "which the harness sets"),
+        (
+            content(protocol={**PROTOCOL, "dataset": {"name": "kitti", "stride": 2}}),
+            "which the harness sets",
+        ),
         (content(metrics={"frames": ["psnr"]}), "unknown key 'frames': did you mean 'frame'"),
         (content(metrics={"frame": "psnr"}), "expected a list such as"),
         (content(metrics={"frame": ["psnr", "psnr"]}), "'psnr' twice"),
         (content(metrics={"frame": ["coverage"]}), "cannot be called 'coverage'"),
-        (content(metrics={"frame": ["psnr"], "trajectory": ["psnr"]}), "frame metric and a trajectory metric"),
+        (
+            content(metrics={"frame": ["psnr"], "trajectory": ["psnr"]}),
+            "frame metric and a trajectory metric",
+        ),
         (content(pose_sources={"a": "ground-truth"}), "but no .renderers."),
         (content(predictors={}), "no cell"),
         (content(predictors={"plots": "copy-last"}), "called 'plots'"),

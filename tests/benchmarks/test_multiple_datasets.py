@@ -34,9 +34,15 @@ def street() -> Clip:
 def matrix_file(tmp_path: Path, street: Clip) -> Path:
     """Two clips of the synthetic street, and two of the same images without poses, in a folder."""
     write_images(tmp_path / "frames", street.frames)
-    images = {"name": "folder", "path": str(tmp_path / "frames"), "intrinsics": intrinsics_of(street.intrinsics)}
+    images = {
+        "name": "folder",
+        "path": str(tmp_path / "frames"),
+        "intrinsics": intrinsics_of(street.intrinsics),
+    }
     datasets = [{"name": "synthetic", "num_clips": 2}, {**images, "camera_height_m": 1.65}]
-    return write_matrix(tmp_path / "both.toml", {"protocol": {"datasets": datasets, **PROTOCOL}, **REST})
+    return write_matrix(
+        tmp_path / "both.toml", {"protocol": {"datasets": datasets, **PROTOCOL}, **REST}
+    )
 
 
 def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
@@ -49,7 +55,9 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
     assert list(parts) == ["synthetic", "folder"]
     cells = {label: {cell.label: cell for cell in part.cells()} for label, part in parts.items()}
     row = "gt-3d + ground-far-plane"
-    assert {label: {name: cell.status for name, cell in own.items()} for label, own in cells.items()} == {
+    assert {
+        label: {name: cell.status for name, cell in own.items()} for label, own in cells.items()
+    } == {
         "synthetic": {row: "done", "copy-last": "done"},
         "folder": {row: "skipped", "copy-last": "done"},
     }
@@ -61,19 +69,32 @@ def test_each_data_set_has_its_results_and_a_row_is_skipped_where_it_cannot_be(
         *(f"{label}: {name}" for label in parts for name in ("PSNR", "rotation error")),
     ]
     assert first.count(" - ") == 2  # the folder's two columns
-    assert [word.strip() == "-" for word in second.split("|")[2:-1]] == [False, True] * 2  # it has no poses
+    assert [word.strip() == "-" for word in second.split("|")[2:-1]] == [
+        False,
+        True,
+    ] * 2  # it has no poses
     assert f"- folder: {row}: skipped: {cells['folder'][row].reason}." in table
     again = command("table", out).out
     assert table.strip() in again
-    assert again.count("## both/synthetic: whole frames") == again.count("## both/folder: whole frames") == 1
+    assert (
+        again.count("## both/synthetic: whole frames")
+        == again.count("## both/folder: whole frames")
+        == 1
+    )
     command("run", matrix_file, "--out", out, "--no-report")  # nothing is computed twice
     assert Results(out / "folder").cell("copy-last") == cells["folder"]["copy-last"]
-    assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in refused("score", out)
+    assert f"{out} holds several data sets: give one, such as {out / 'folder'}" in refused(
+        "score", out
+    )
     assert "--page is of one data set" in refused("table", out, "--page", "x.md")
 
 
-def test_a_file_with_one_data_set_gives_what_it_gave(tmp_path: Path, matrix_file: Path, command: Command) -> None:
-    """The same rows, bit by bit, whether the data set stands alone or among others; nothing lies elsewhere."""
+def test_a_file_with_one_data_set_gives_what_it_gave(
+    tmp_path: Path, matrix_file: Path, command: Command
+) -> None:
+    """The same rows, bit by bit, whether the data set stands alone or among others; nothing lies
+    elsewhere.
+    """
     both = tmp_path / "both-out"
     assert command("run", matrix_file, "--out", both, "--no-report").code == 1
     protocol = {"dataset": {"name": "synthetic", "num_clips": 2}, **PROTOCOL}
@@ -94,13 +115,26 @@ def test_what_stored_results_depend_on_has_not_changed(
 ) -> None:
     """The settings that are hashed are those that older versions knew, in full."""
     write_kitti_raw(tmp_path, 60, street)
-    shared = {"num_frames": 5, "stride": 10, "size_px": [32, 32], "with_wide": False}
+    shared = {"num_frames": 5, "stride": 10, "size_px": [32, 32], "with_full": False}
     raw = registry.build("datasets", {"name": "kitti-raw", "root": tmp_path, **shared})
-    kitti = {"name": "kitti-raw", "root": str(tmp_path), "fit": "crop", "camera_height_m": 1.65, "with_right": False}
+    kitti = {
+        "name": "kitti-raw",
+        "root": str(tmp_path),
+        "fit": "crop",
+        "camera_height_m": 1.65,
+        "with_right": False,
+    }
     assert registry.describe(raw) == {**kitti, **shared}
     images = raw.recordings["2011_09_26_drive_0060"].frames.paths[0].parent
-    folder = registry.build("datasets", {"name": "folder", "path": images, "intrinsics": [40, 40, 15, 15], **shared})
-    own = {"name": "folder", "path": str(images), "intrinsics": [40.0, 40.0, 15.0, 15.0], "is_metric": True}
+    folder = registry.build(
+        "datasets", {"name": "folder", "path": images, "intrinsics": [40, 40, 15, 15], **shared}
+    )
+    own = {
+        "name": "folder",
+        "path": str(images),
+        "intrinsics": [40.0, 40.0, 15.0, 15.0],
+        "is_metric": True,
+    }
     assert registry.describe(folder) == {**own, **shared}
     assert folder.split_hash == ""
 
@@ -111,7 +145,9 @@ def content(**protocol: Any) -> dict[str, Any]:
 
 def test_labels_are_names_or_given() -> None:
     synthetic = {"name": "synthetic", "num_clips": 1}
-    found = multiple_datasets.parse("m", content(datasets={"a": synthetic, "b": {**synthetic, "seed": 1}}))
+    found = multiple_datasets.parse(
+        "m", content(datasets={"a": synthetic, "b": {**synthetic, "seed": 1}})
+    )
     assert {label: one.name for label, one in found.items()} == {"a": "m/a", "b": "m/b"}
     assert found["b"].dataset == {**synthetic, "seed": 1}
     assert list(multiple_datasets.parse("m", content(datasets=[synthetic]))) == ["synthetic"]
@@ -121,13 +157,29 @@ def test_labels_are_names_or_given() -> None:
 @pytest.mark.parametrize(
     ("protocol", "root", "message"),
     [
-        ({"datasets": [{"name": "synthetic"}] * 2}, None, "protocol.datasets has 'synthetic' twice: give a table"),
+        (
+            {"datasets": [{"name": "synthetic"}] * 2},
+            None,
+            "protocol.datasets has 'synthetic' twice: give a table",
+        ),
         ({"datasets": []}, None, "protocol.datasets is empty"),
         ({"datasets": {"a/b": {"name": "synthetic"}}}, None, "'a/b' cannot be a folder's name"),
-        ({"datasets": {"tables": {"name": "synthetic"}}}, None, "'tables' cannot be a folder's name"),
-        ({"datasets": ["synthetic"], "dataset": "synthetic"}, None, "both dataset and datasets: keep one"),
+        (
+            {"datasets": {"tables": {"name": "synthetic"}}},
+            None,
+            "'tables' cannot be a folder's name",
+        ),
+        (
+            {"datasets": ["synthetic"], "dataset": "synthetic"},
+            None,
+            "both dataset and datasets: keep one",
+        ),
         ({"datasets": ["synthetic"]}, Path("/data"), "--root replaces the root of one data set"),
-        ({"datasets": ["syntetic"]}, None, "data set 'syntetic': no dataset is called 'syntetic': did you mean"),
+        (
+            {"datasets": ["syntetic"]},
+            None,
+            "data set 'syntetic': no dataset is called 'syntetic': did you mean",
+        ),
         (
             {"datasets": {"a": {"name": "tum", "root": "/no"}}},
             None,
@@ -135,11 +187,15 @@ def test_labels_are_names_or_given() -> None:
         ),
     ],
 )
-def test_wrong_files_are_told_what_is_wrong(protocol: dict[str, Any], root: Path | None, message: str) -> None:
+def test_wrong_files_are_told_what_is_wrong(
+    protocol: dict[str, Any], root: Path | None, message: str
+) -> None:
     with pytest.raises((BadData, UnknownComponent), match=message):
         multiple_datasets.parse("m", content(**protocol), root)
 
 
 def test_a_verb_for_one_data_set_says_so() -> None:
-    with pytest.raises(BadData, match=r"names several data sets, but this takes one: give a file with dataset"):
+    with pytest.raises(
+        BadData, match=r"names several data sets, but this takes one: give a file with dataset"
+    ):
         matrix.parse("m", content(datasets=["synthetic"]))

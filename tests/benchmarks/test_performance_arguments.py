@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from geovp_benchmarks.performance import __main__ as page
-from geovp_benchmarks.performance import clip, scoring, splat
+from performance import __main__ as page
+from performance import clip, scoring, splat
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,10 @@ from geovp_benchmarks.performance import clip, scoring, splat
     ],
 )
 def test_wrong_arguments_end_with_exit_code_2(
-    main: Callable[[Sequence[str]], None], arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+    main: Callable[[Sequence[str]], None],
+    arguments: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(arguments)

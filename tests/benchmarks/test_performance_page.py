@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from geovp_benchmarks.performance import __main__ as performance
-from geovp_benchmarks.performance import scoring
+from performance import __main__ as performance
+from performance import scoring
 
 
 @pytest.fixture
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
-    """The arguments that the measurements and the new processes are given; none of them measures anything."""
+    """The arguments that the measurements and the new processes are given; none of them measures
+    anything.
+    """
     taken: list[Sequence[str]] = []
 
     def measurement(arguments: Sequence[str]) -> None:
@@ -35,14 +37,16 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     return taken
 
 
-def test_the_page_holds_every_measurement_and_its_command(calls: list[Sequence[str]], tmp_path: Path) -> None:
+def test_the_page_holds_every_measurement_and_its_command(
+    calls: list[Sequence[str]], tmp_path: Path
+) -> None:
     out = tmp_path / "speed.md"
     performance.main(["3", "--kitti", "/data/kitti", "03[0:180)", "--out", str(out)])
     text = out.read_text()
-    assert "python -m geovp_benchmarks.performance 3 --kitti path/to/kitti '03[0:180)'" in text
+    assert "python -m performance 3 --kitti path/to/kitti '03[0:180)'" in text
     assert "/data" not in text  # where the data lies is nobody's business
     assert calls[0] == ["3", "--kitti", "/data/kitti", "03[0:180)"]
-    assert calls[1] == ["3", "--wide", "--kitti", "/data/kitti", "03[0:180)"]
+    assert calls[1] == ["3", "--full", "--kitti", "/data/kitti", "03[0:180)"]
     assert [line for line in text.splitlines() if line.startswith("measured")] == [
         f"measured {n}" for n in (1, 2, 5, 6, 7)
     ]
@@ -51,16 +55,23 @@ def test_the_page_holds_every_measurement_and_its_command(calls: list[Sequence[s
 
 def test_the_first_clip_starts_without_compiled_code(calls: list[Sequence[str]]) -> None:
     lines = performance.first_clips([]).splitlines()
-    assert lines == ["after installation: first round with 0 files", "compiled before: first round with 1 files"]
-    assert calls == [[sys.executable, "-m", "geovp_benchmarks.performance.clip", "1"]] * 2
+    assert lines == [
+        "after installation: first round with 0 files",
+        "compiled before: first round with 1 files",
+    ]
+    assert calls == [[sys.executable, "-m", "performance.clip", "1"]] * 2
 
 
-def test_the_page_is_printed_without_a_file(calls: list[Sequence[str]], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_page_is_printed_without_a_file(
+    calls: list[Sequence[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
     performance.main(["2"])
-    assert capsys.readouterr().out.startswith("# Speed\n\n```sh\npython -m geovp_benchmarks.performance 2\n```")
+    assert capsys.readouterr().out.startswith("# Speed\n\n```sh\npython -m performance 2\n```")
 
 
-def test_a_metric_and_its_rival_are_timed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_metric_and_its_rival_are_timed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(scoring, "SIZE_PX", 32)
     scoring.main(["1"])
     lines = capsys.readouterr().out.splitlines()

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.types import Context, Grant, Prediction
+from geovp_classic.types import Context, PrivilegedInput, Prediction
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Grey:
     """The same grey everywhere."""
 
     level: int = 128
-    needs = Grant.NONE
+    needs = PrivilegedInput.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         shape = (1, context.num_future, *context.frames.shape[1:])
@@ -53,7 +53,16 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source, target = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
     (source / "pyproject.toml").write_text(PROJECT)
     (source / "far_away_methods.py").write_text(MODULE)
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+    ]
     subprocess.run([*command, "--target", str(target), str(source)], check=True)
     return target
 
@@ -61,7 +70,9 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def geovp(installed: Path, toys: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join([str(installed), str(toys), os.environ.get("PYTHONPATH", "")])
     command = [sys.executable, "-m", "geovp_benchmarks.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False
+    )
 
 
 def test_it_is_listed_with_its_package(installed: Path, toys: Path) -> None:
@@ -71,7 +82,10 @@ def test_it_is_listed_with_its_package(installed: Path, toys: Path) -> None:
 
 
 def test_it_runs_in_a_matrix(installed: Path, toys: Path, tmp_path: Path) -> None:
-    path = write_matrix(tmp_path / "m.toml", content({"clips": 1}, predictors={"dark": {"name": "grey", "level": 13}}))
+    path = write_matrix(
+        tmp_path / "m.toml",
+        content({"clips": 1}, predictors={"dark": {"name": "grey", "level": 13}}),
+    )
     done = geovp(installed, toys, "run", str(path), "--out", str(tmp_path / "out"), "--no-report")
     assert done.returncode == 0, done.stderr
     cell = Results(tmp_path / "out").cell("dark")

@@ -1,4 +1,6 @@
-"""`geovp predict`: everything is there and can be read back, mistakes get one sentence and leave nothing behind."""
+"""`geovp predict`: everything is there and can be read back, mistakes get one sentence and leave
+nothing behind.
+"""
 
 import dataclasses
 import json
@@ -15,15 +17,14 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from geovp_benchmarks import cli, plausibility, prediction, prediction_files, webcam
+from geovp_benchmarks import cli, exports, plausibility, prediction, prediction_files, webcam
 from geovp_benchmarks.components import code_hash
+from geovp_benchmarks.contracts import street
 from geovp_benchmarks.plots import video
 from geovp_benchmarks.prediction_request import PredictionRequest, check_memory, output_size
-from geovp_classic import exports
-from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, FloatArray, Grant, Motion
+from geovp_classic.types import ByteArray, FloatArray, Motion, PrivilegedInput
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import write_images
 
@@ -43,13 +44,26 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(images: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("predicted") / "out"
-    asked = [str(images), *INTRINSICS, "--fps", "10", "--camera-height", "1.65", "--first", "0", "--out", str(out)]
+    asked = [
+        str(images),
+        *INTRINSICS,
+        "--fps",
+        "10",
+        "--camera-height",
+        "1.65",
+        "--first",
+        "0",
+        "--out",
+        str(out),
+    ]
     assert cli.main(["predict", *asked, *SHORT]) == 0
     return out
 
 
 def test_frames_are_numbered_as_in_the_recording(written: Path) -> None:
-    assert [path.name for path in sorted((written / "seen").iterdir())] == [f"{n:06d}.png" for n in range(8)]
+    assert [path.name for path in sorted((written / "seen").iterdir())] == [
+        f"{n:06d}.png" for n in range(8)
+    ]
     predicted = sorted((written / "frames").iterdir())
     assert [path.name for path in predicted] == ["000008.png", "000009.png", "000010.png"]
     assert cv2.imread(str(predicted[0])).shape == (96, 96, 3)
@@ -72,12 +86,16 @@ def test_cloud_and_model_hold_the_same_points(written: Path) -> None:
 
 
 def projected(written: Path, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of the model's points that lie in an image of it: pixels [N, 2], depths [N] and colours [N, 3]."""
+    """Of the model's points that lie in an image of it: pixels [N, 2], depths [N] and colours [N,
+    3].
+    """
     model = pycolmap.Reconstruction(str(written / "colmap"))
     (image,) = (one for one in model.images.values() if one.name == name)
     points = np.stack([point.xyz for point in model.points3D.values()])
     colours = np.stack([point.color for point in model.points3D.values()])
-    points_cam = points @ image.cam_from_world().matrix()[:, :3].T + image.cam_from_world().matrix()[:, 3]
+    points_cam = (
+        points @ image.cam_from_world().matrix()[:, :3].T + image.cam_from_world().matrix()[:, 3]
+    )
     fx, fy, cx, cy = image.camera.params
     pixels = points_cam[:, :2] / points_cam[:, 2:] * [fx, fy] + [cx - 0.5, cy - 0.5]
     inside = (points_cam[:, 2] > 0) & (pixels > 0).all(axis=1) & (pixels < 95).all(axis=1)
@@ -117,9 +135,18 @@ def test_depth_maps_say_their_scale(written: Path) -> None:
 def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
     with av.open(str(written / "film.mp4")) as film:
         (stream,) = film.streams.video
-        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")  # plays in browsers
-        assert (stream.width, stream.height, stream.average_rate) == (192, 96, 10)  # predicted beside recorded
-        shown = np.stack([frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]).astype(int)
+        assert (stream.codec_context.name, stream.codec_context.pix_fmt) == (
+            "h264",
+            "yuv420p",
+        )  # plays in browsers
+        assert (stream.width, stream.height, stream.average_rate) == (
+            192,
+            96,
+            10,
+        )  # predicted beside recorded
+        shown = np.stack(
+            [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+        ).astype(int)
     assert len(shown) == 11
     seen = cv2.imread(str(written / "seen" / "000000.png"))[..., ::-1].astype(int)
     assert np.abs(shown[0, :70, :96] - seen[:70]).mean() < 6
@@ -129,7 +156,9 @@ def test_the_video_shows_observed_and_predicted_frames(written: Path) -> None:
     assert strip.shape[1] == 2 * 96 + video.GAP_PX  # the last seen frame and horizon 1
 
 
-def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(images: Path, tmp_path: Path) -> None:
+def test_without_a_height_there_are_no_metres_and_no_truth_beyond_the_end(
+    images: Path, tmp_path: Path
+) -> None:
     given = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
     request = PredictionRequest(images, given, rate_hz=10.0, num_past=8, num_future=2, size_px=96)
     stages: list[int] = []
@@ -168,9 +197,13 @@ def test_mistakes_get_one_sentence_and_leave_nothing(
     assert not any(tmp_path.iterdir())
 
 
-def test_a_folder_with_something_in_it_is_not_written_over(images: Path, tmp_path: Path, refused: Says) -> None:
+def test_a_folder_with_something_in_it_is_not_written_over(
+    images: Path, tmp_path: Path, refused: Says
+) -> None:
     (tmp_path / "mine.txt").write_text("keep me")
-    assert "holds something already" in refused("predict", images, *INTRINSICS, "--fps", "10", "--out", tmp_path)
+    assert "holds something already" in refused(
+        "predict", images, *INTRINSICS, "--fps", "10", "--out", tmp_path
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
@@ -213,7 +246,9 @@ def test_a_strip_has_a_row_for_each_kind_and_a_bar_marks_what_was_predicted() ->
 def test_a_camera_by_its_angle_or_its_file(
     images: Path, tmp_path: Path, command: Command, options: list[str], source: str, focal_px: float
 ) -> None:
-    (tmp_path / "camera.yaml").write_text("cam0: {intrinsics: [150, 150, 63.5, 63.5], resolution: [128, 128]}")
+    (tmp_path / "camera.yaml").write_text(
+        "cam0: {intrinsics: [150, 150, 63.5, 63.5], resolution: [128, 128]}"
+    )
     options = [str(tmp_path / each) if each.endswith(".yaml") else each for each in options]
     given = ["predict", images, *options, "--fps", "10", "--out", tmp_path / "out", "--size", "64"]
     ended = command(*given, "--past", "4", "--future", "1")
@@ -233,10 +268,16 @@ def test_a_focal_length_that_motion_cannot_tell_is_assumed_with_a_warning(images
 def test_a_wrong_principal_point_turns_the_path_away_from_the_axis(
     images: Path, cx_px: float, angle_deg: float
 ) -> None:
-    request = PredictionRequest(images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96)
+    request = PredictionRequest(
+        images, (150.0, 150.0, cx_px, 63.5), rate_hz=10.0, num_future=1, size_px=96
+    )
     predicted = prediction.predict(request, lambda done, total: None)
-    assert plausibility.off_axis_deg(predicted.prediction.motion) == pytest.approx(angle_deg, abs=4.5)
-    assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (angle_deg > 6)
+    assert plausibility.off_axis_deg(predicted.prediction.motion) == pytest.approx(
+        angle_deg, abs=4.5
+    )
+    assert any("the principal point is wrong" in warning for warning in predicted.warnings) == (
+        angle_deg > 6
+    )
 
 
 def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None:
@@ -244,11 +285,18 @@ def test_a_hood_is_said_and_stays_in_place(images: Path, tmp_path: Path) -> None
         image = cv2.imread(str(path))
         image[-20:] = (90, 40, 30)
         cv2.imwrite(str(tmp_path / path.name), image)
-    request = PredictionRequest(tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=96)
+    request = PredictionRequest(
+        tmp_path, (150.0, 150.0, 63.5, 63.5), rate_hz=10.0, num_future=2, size_px=96
+    )
     predicted = prediction.predict(request, lambda done, total: None)
     assert predicted.about()["static_share"] == pytest.approx(20 / 128, abs=0.01)
-    assert "static: black bars, parts of the vehicle or one ahead take 16% of the image" in predicted.summary()
-    assert (np.abs(predicted.prediction.frames[..., -13:, :, :].astype(int) - (30, 40, 90)) <= 3).all()
+    assert (
+        "static: black bars, parts of the vehicle or one ahead take 16% of the image"
+        in predicted.summary()
+    )
+    assert (
+        np.abs(predicted.prediction.frames[..., -13:, :, :].astype(int) - (30, 40, 90)) <= 3
+    ).all()
 
 
 def test_every_frame_of_a_film_says_what_it_is() -> None:
@@ -265,7 +313,7 @@ def test_every_frame_of_a_film_says_what_it_is() -> None:
 
 @pytest.mark.parametrize(("uncertainty", "is_assumed"), [(0.05, False), (0.51, True)])
 def test_an_assumed_scale_is_said(uncertainty: float, is_assumed: bool) -> None:
-    context, _ = street.clip().split(8, Grant.CAMERA_HEIGHT | Grant.PAST_POSES)
+    context, _ = street.clip().split(8, PrivilegedInput.CAMERA_HEIGHT | PrivilegedInput.PAST_POSES)
     past = dataclasses.replace(context.past, scale_uncertainty=uncertainty)
     motion = Motion(past, past.world_from_cam[None, -1:], np.ones(8, bool))
     said = "no road was found below the camera: scale from a prior of driving speeds, +- 51%"
@@ -293,14 +341,21 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
     assert about["photometric_residual"] < 0.5
-    bounds = np.array([8 / 9, 8 / 10, 8 / 11])  # 8 tracked frames of all until then, where all is covered
+    bounds = np.array(
+        [8 / 9, 8 / 10, 8 / 11]
+    )  # 8 tracked frames of all until then, where all is covered
     assert (0.5 * bounds < about["confidence"]).all()
     assert (about["confidence"] <= bounds.round(4)).all()
-    seen_two = cv2.imread(str(written / "frames" / "000008.png")), street.clip().frames[8][..., ::-1]
+    seen_two = (
+        cv2.imread(str(written / "frames" / "000008.png")),
+        street.clip().frames[8][..., ::-1],
+    )
     real = cv2.resize(seen_two[1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((seen_two[0].astype(float) - real) ** 2))
     assert about["scores"]["psnr"][0] == pytest.approx(psnr, abs=0.01)
-    assert len(about["scores"]["psnr"]) == len(about["scores"]["ssim"]) == 2  # of 3 predicted frames, 2 are recorded
+    assert (
+        len(about["scores"]["psnr"]) == len(about["scores"]["ssim"]) == 2
+    )  # of 3 predicted frames, 2 are recorded
 
 
 @pytest.mark.parametrize(
@@ -319,7 +374,9 @@ def test_frames_keep_the_aspect_unless_a_size_is_given(
     assert output_size(asked, width_px, height_px) == expected
 
 
-def test_what_does_not_fit_into_memory_is_refused_before_any_work(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_fit_into_memory_is_refused_before_any_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(plausibility, "free_memory_bytes", lambda: 4.0 * 2**30)
     check_memory((640, 360), 10, 20)
     with pytest.raises(BadData, match=r"30 frames of 4000x4000 take about .* 4.0 GiB are free"):
@@ -331,28 +388,60 @@ def test_what_does_not_fit_into_memory_is_refused_before_any_work(monkeypatch: p
 def test_a_camera_that_stands_gets_a_standing_prediction(tmp_path: Path, command: Command) -> None:
     write_images(tmp_path / "images", street.clip(2, 0.0).frames[[0] * 6])
     out = tmp_path / "out"
-    given = ["predict", tmp_path / "images", "--fps", "10", "--fov", "60", "--past", "6", "--future", "2"]
+    given = [
+        "predict",
+        tmp_path / "images",
+        "--fps",
+        "10",
+        "--fov",
+        "60",
+        "--past",
+        "6",
+        "--future",
+        "2",
+    ]
     told = command(*given, "--size", "96x64", "--out", out).err
     assert "stands still" in told
     assert "no cloud.ply" in told
     assert not (out / "cloud.ply").exists()
-    assert {"strip.png", "film.mp4", "film.gif", "frames", "depths", "colmap"} <= {path.name for path in out.iterdir()}
-    seen, ahead = (cv2.imread(str(out / name)).astype(int) for name in ("seen/000005.png", "frames/000007.png"))
+    assert {"strip.png", "film.mp4", "film.gif", "frames", "depths", "colmap"} <= {
+        path.name for path in out.iterdir()
+    }
+    seen, ahead = (
+        cv2.imread(str(out / name)).astype(int) for name in ("seen/000005.png", "frames/000007.png")
+    )
     assert seen.shape == (64, 96, 3)
     assert np.abs(seen - ahead).mean() < 1
 
 
 def test_components_by_name_and_table(images: Path, tmp_path: Path) -> None:
-    given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "6", "--future", "2", "--size", "64"]
+    given = [
+        "predict",
+        str(images),
+        *INTRINSICS,
+        "--fps",
+        "10",
+        "--past",
+        "6",
+        "--future",
+        "2",
+        "--size",
+        "64",
+    ]
     hold = '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "hold" }'
     still = ["--pose-source", hold, "--renderer", '{ name = "depth-fusion", num_frames = 3 }']
     assert cli.main([*given, *still, "--out", str(tmp_path / "still")]) == 0
     about = json.loads((tmp_path / "still" / "predict.json").read_text())["predictor"]
-    assert (about["pose_source"]["forecaster"]["name"], about["renderer"]["num_frames"]) == ("hold", 3)
+    assert (about["pose_source"]["forecaster"]["name"], about["renderer"]["num_frames"]) == (
+        "hold",
+        3,
+    )
     assert cli.main([*given, "--predictor", "copy-last", "--out", str(tmp_path / "copy")]) == 0
     copied = tmp_path / "copy"
     assert not (copied / "poses.tum.txt").exists()
-    last, ahead = (cv2.imread(str(copied / name)) for name in ("seen/000009.png", "frames/000011.png"))
+    last, ahead = (
+        cv2.imread(str(copied / name)) for name in ("seen/000009.png", "frames/000011.png")
+    )
     assert (last == ahead).all()
 
 
@@ -381,43 +470,102 @@ def test_the_same_video_again_goes_into_a_folder_of_its_own(
 
 
 def test_a_row_of_a_matrix(images: Path, tmp_path: Path, refused: Says) -> None:
-    given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "6", "--future", "2", "--size", "64"]
+    given = [
+        "predict",
+        str(images),
+        *INTRINSICS,
+        "--fps",
+        "10",
+        "--past",
+        "6",
+        "--future",
+        "2",
+        "--size",
+        "64",
+    ]
     assert (
         cli.main(
-            [*given, "--camera-height", "1.6", "--row", "fusion", "vo+prior + fusion", "--out", str(tmp_path / "a")]
+            [
+                *given,
+                "--camera-height",
+                "1.6",
+                "--row",
+                "fusion",
+                "vo+prior + fusion",
+                "--out",
+                str(tmp_path / "a"),
+            ]
         )
         == 0
     )
     about = json.loads((tmp_path / "a" / "predict.json").read_text())["predictor"]
-    assert (about["pose_source"]["name"], about["renderer"]["name"]) == ("chained", "depth-fusion")  # not refined
+    assert (about["pose_source"]["name"], about["renderer"]["name"]) == (
+        "chained",
+        "depth-fusion",
+    )  # not refined
     assert cli.main([*given, "--row", "demo", "copy-last", "--out", str(tmp_path / "b")]) == 0
-    assert json.loads((tmp_path / "b" / "predict.json").read_text())["predictor"]["name"] == "copy-last"
+    assert (
+        json.loads((tmp_path / "b" / "predict.json").read_text())["predictor"]["name"]
+        == "copy-last"
+    )
     assert "has no row 'copy'" in refused(*given, "--row", "demo", "copy")
-    assert "needs" in refused(*given, "--row", "demo", "gt-3d + fusion")  # recorded poses, which a video does not have
-    assert "give it alone" in refused(*given, "--row", "demo", "copy-last", "--predictor", "copy-last")
+    assert "needs" in refused(
+        *given, "--row", "demo", "gt-3d + fusion"
+    )  # recorded poses, which a video does not have
+    assert "give it alone" in refused(
+        *given, "--row", "demo", "copy-last", "--predictor", "copy-last"
+    )
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
 def test_a_browser_plays_the_film(written: Path, tmp_path: Path) -> None:
     page, film = tmp_path / "film.html", (written / "film.mp4").as_uri()
     said = "document.title = 'plays ' + this.videoWidth + ' ' + this.duration.toFixed(1)"
-    page.write_text(f'<video muted autoplay src="{film}" onloadeddata="{said}" onerror="document.title = 0"></video>')
-    browser = ["chromium", "--headless=new", "--no-sandbox", "--dump-dom", page.as_uri()]  # waits for the first frame
+    page.write_text(
+        f'<video muted autoplay src="{film}" onloadeddata="{said}" onerror="document.title = '
+        '0"></video>'
+    )
+    browser = [
+        "chromium",
+        "--headless=new",
+        "--no-sandbox",
+        "--dump-dom",
+        page.as_uri(),
+    ]  # waits for the first frame
     shown = subprocess.run(browser, capture_output=True, text=True, timeout=120).stdout
     assert "<title>plays 192 1.1</title>" in shown  # 11 frames, 10 a second
 
 
 def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
-    given = ["predict", str(images), *INTRINSICS, "--fps", "10", "--past", "8", "--future", "2", "--size", "64"]
-    source = (
-        '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "motion-prior" }'
+    given = [
+        "predict",
+        str(images),
+        *INTRINSICS,
+        "--fps",
+        "10",
+        "--past",
+        "8",
+        "--future",
+        "2",
+        "--size",
+        "64",
+    ]
+    source = '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "motion-prior" }'
+    assert (
+        cli.main(
+            [*given, "--samples", "3", "--pose-source", source, "--out", str(tmp_path / "out")]
+        )
+        == 0
     )
-    assert cli.main([*given, "--samples", "3", "--pose-source", source, "--out", str(tmp_path / "out")]) == 0
-    first, second = (cv2.imread(str(tmp_path / "out" / "samples" / n / "000011.png")) for n in ("001", "002"))
+    first, second = (
+        cv2.imread(str(tmp_path / "out" / "samples" / n / "000011.png")) for n in ("001", "002")
+    )
     assert (first != second).any()
 
 
-@pytest.mark.parametrize("arguments", [["--size", "9x9"], ["--size", "1x2x3"], ["--renderer", "{ name = "]])
+@pytest.mark.parametrize(
+    "arguments", [["--size", "9x9"], ["--size", "1x2x3"], ["--renderer", "{ name = "]]
+)
 def test_options_that_cannot_be_read_are_refused(images: Path, arguments: list[str]) -> None:
     with pytest.raises(SystemExit):
         cli.main(["predict", str(images), *arguments])
@@ -439,7 +587,9 @@ class Webcam:
 
 def test_a_webcam_is_a_video(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = iter(0.05 * np.arange(1000))  # 20 Hz, of which every second frame is taken
-    monkeypatch.setattr(webcam, "cv2", SimpleNamespace(VideoCapture=Webcam, cvtColor=cv2.cvtColor, COLOR_BGR2RGB=4))
+    monkeypatch.setattr(
+        webcam, "cv2", SimpleNamespace(VideoCapture=Webcam, cvtColor=cv2.cvtColor, COLOR_BGR2RGB=4)
+    )
     monkeypatch.setattr(webcam, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
     recording = webcam.record(0, 3)
     np.testing.assert_allclose(recording.times_s, [0, 0.1, 0.2])
@@ -456,16 +606,24 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The street through a lens: each pixel shows what OpenCV says a pinhole camera sees elsewhere."""
     folder = tmp_path_factory.mktemp("lens") / "images"
     matrix = np.array([[CAMERA.fx_px, 0, CAMERA.cx_px], [0, CAMERA.fy_px, CAMERA.cy_px], [0, 0, 1]])
-    grid = np.stack(np.meshgrid(np.arange(float(CAMERA.width_px)), np.arange(float(CAMERA.height_px))), axis=-1)
-    straight = cv2.undistortPoints(grid.reshape(-1, 1, 2), matrix, np.array(LENS), P=matrix).reshape(grid.shape)
+    grid = np.stack(
+        np.meshgrid(np.arange(float(CAMERA.width_px)), np.arange(float(CAMERA.height_px))), axis=-1
+    )
+    straight = cv2.undistortPoints(
+        grid.reshape(-1, 1, 2), matrix, np.array(LENS), P=matrix
+    ).reshape(grid.shape)
     how = {"map1": straight.astype(np.float32), "map2": None, "interpolation": cv2.INTER_CUBIC}
-    frames = [cv2.remap(frame, **how, borderMode=cv2.BORDER_REPLICATE) for frame in street.clip().frames]
+    frames = [
+        cv2.remap(frame, **how, borderMode=cv2.BORDER_REPLICATE) for frame in street.clip().frames
+    ]
     write_images(folder, np.stack(frames))
     return folder
 
 
 def error_in_the_middle(out: Path, frames: Path) -> float:
-    """Mean grey-level difference of the last observed frame from that of another folder, without a border."""
+    """Mean grey-level difference of the last observed frame from that of another folder, without a
+    border.
+    """
     ours = cv2.imread(str(out / "seen" / "000007.png")).astype(float)
     theirs = cv2.imread(str(frames / "seen" / "000007.png")).astype(float)
     return float(np.abs(ours - theirs)[12:-12, 12:-12].mean())
@@ -477,10 +635,22 @@ def test_lens_distortion_is_taken_out(
 ) -> None:
     numbers = (CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px + 0.5, CAMERA.cy_px + 0.5, *LENS)
     camera = tmp_path / "cameras.txt"
-    camera.write_text(f"1 OPENCV {CAMERA.width_px} {CAMERA.height_px} {' '.join(map(str, numbers))}\n")
-    said = ["--calibration", str(camera)] if by_file else [*INTRINSICS, "--distortion", *map(str, LENS)]
+    camera.write_text(
+        f"1 OPENCV {CAMERA.width_px} {CAMERA.height_px} {' '.join(map(str, numbers))}\n"
+    )
+    said = (
+        ["--calibration", str(camera)]
+        if by_file
+        else [*INTRINSICS, "--distortion", *map(str, LENS)]
+    )
     common = ["predict", bent, "--fps", "10", "--first", "0", *SHORT]
-    assert "lens distortion taken out" in command(*common, *said, "--out", tmp_path / "straight").err
-    assert json.loads((tmp_path / "straight" / "predict.json").read_text())["camera"]["removed_distortion"] == [*LENS]
+    assert (
+        "lens distortion taken out" in command(*common, *said, "--out", tmp_path / "straight").err
+    )
+    assert json.loads((tmp_path / "straight" / "predict.json").read_text())["camera"][
+        "removed_distortion"
+    ] == [*LENS]
     assert command(*common, *INTRINSICS, "--out", tmp_path / "bent").code == 0
-    assert error_in_the_middle(tmp_path / "straight", written) < 0.3 * error_in_the_middle(tmp_path / "bent", written)
+    assert error_in_the_middle(tmp_path / "straight", written) < 0.3 * error_in_the_middle(
+        tmp_path / "bent", written
+    )

@@ -12,7 +12,9 @@ from geovp_benchmarks.built_matrix import Cache
 from geovp_benchmarks.profiling import StageProfiler
 
 LARGE_MB = 300
-on_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")
+on_linux = pytest.mark.skipif(
+    sys.platform != "linux", reason="only Linux forgets the peak of a process"
+)
 
 
 def hold(megabytes: int) -> int:

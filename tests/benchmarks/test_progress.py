@@ -17,7 +17,9 @@ def test_an_item_is_done_when_the_next_is_asked_for() -> None:
     assert calls == [(1, 2), (2, 2)]
 
 
-def test_the_bar_is_on_standard_error_and_takes_a_new_total(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_bar_is_on_standard_error_and_takes_a_new_total(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with progress_bar("letters", "steps") as progress:
         for done, total in ((0, 0), (1, 3), (3, 3), (1, 2)):
             progress(done, total)

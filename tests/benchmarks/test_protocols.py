@@ -1,4 +1,6 @@
-"""Each protocol's numbers against definitions written out here, and how a matrix follows a protocol by name."""
+"""Each protocol's numbers against definitions written out here, and how a matrix follows a protocol
+by name.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,14 @@ Definition = Callable[[np.ndarray, np.ndarray], float]  # of two frames [H, W, 3
 
 
 def frames() -> tuple[ByteArray, ByteArray]:
-    """A prediction and a target [2, 176, 240, 3]: waves, shifted and fainter in the prediction, which is noisy."""
+    """A prediction and a target [2, 176, 240, 3]: waves, shifted and fainter in the prediction,
+    which is noisy.
+    """
     rng = np.random.default_rng(11)
     v, u = np.mgrid[:176, :240]
-    base = 127 + 60 * np.stack([np.sin(u / 7 + v / 11), np.cos(u / 13 - v / 5), np.sin(u * v / 900)], axis=-1)
+    base = 127 + 60 * np.stack(
+        [np.sin(u / 7 + v / 11), np.cos(u / 13 - v / 5), np.sin(u * v / 900)], axis=-1
+    )
     target = np.stack([base, np.roll(base, 5, axis=0)]) + rng.normal(0, 8, (2, *base.shape))
     predicted = np.roll(target, 2, axis=2) * [0.9, 1.0, 0.7] + rng.normal(0, 15, target.shape)
     return tuple(np.clip(each, 0, 255).round().astype(np.uint8) for each in (predicted, target))  # type: ignore[return-value]
@@ -39,16 +45,23 @@ def psnr_per_channel(x: np.ndarray, y: np.ndarray) -> float:
 
 
 def ssim(
-    x: np.ndarray, y: np.ndarray, mean: Callable[[np.ndarray], np.ndarray], scale: float, unbiased: float
+    x: np.ndarray,
+    y: np.ndarray,
+    mean: Callable[[np.ndarray], np.ndarray],
+    scale: float,
+    unbiased: float,
 ) -> float:
     """Wang et al. 2004, eq. 13, for each channel, with local means by `mean` and L = `scale`."""
     c1, c2, scores = (0.01 * scale) ** 2, (0.03 * scale) ** 2, []
     for a, b in zip(np.moveaxis(x, -1, 0), np.moveaxis(y, -1, 0), strict=True):
         ma, mb = mean(a), mean(b)
         va, vb, vab = (
-            unbiased * each for each in (mean(a * a) - ma * ma, mean(b * b) - mb * mb, mean(a * b) - ma * mb)
+            unbiased * each
+            for each in (mean(a * a) - ma * ma, mean(b * b) - mb * mb, mean(a * b) - ma * mb)
         )
-        scores.append(((2 * ma * mb + c1) * (2 * vab + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))).mean())
+        scores.append(
+            ((2 * ma * mb + c1) * (2 * vab + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2))).mean()
+        )
     return float(np.mean(scores))
 
 
@@ -81,12 +94,16 @@ DEFINITIONS: dict[str, dict[str, Definition]] = {
 
 
 @pytest.mark.parametrize(
-    ("protocol", "column"), [(name, column) for name, each in DEFINITIONS.items() for column in each]
+    ("protocol", "column"),
+    [(name, column) for name, each in DEFINITIONS.items() for column in each],
 )
 def test_values_agree_with_the_definition_to_the_fourth_decimal(protocol: str, column: str) -> None:
     predicted, target = frames()
     metric = registry.build("frame_metrics", protocols.ALL[protocol].metrics[column])
-    expected = [DEFINITIONS[protocol][column](p / 255, t / 255) for p, t in zip(predicted, target, strict=True)]
+    expected = [
+        DEFINITIONS[protocol][column](p / 255, t / 255)
+        for p, t in zip(predicted, target, strict=True)
+    ]
     np.testing.assert_allclose(metric(predicted, target, None), expected, atol=2e-5)
 
 
@@ -112,7 +129,9 @@ def test_fvs20_is_ms_ssim_and_lpips_in_both_orders() -> None:
 def test_fvs20_has_1337_clips_and_means_over_the_first_frames() -> None:
     protocol = protocols.ALL["fvs20"]
     lengths = (78, 383, 433, 475)
-    assert protocol.num_clips == sum(length - (protocol.num_past + protocol.num_future) + 1 for length in lengths)
+    assert protocol.num_clips == sum(
+        length - (protocol.num_past + protocol.num_future) + 1 for length in lengths
+    )
     values = np.array([[1.0, 2, 6, 4, 12], [0, 0, 3, 1, 1]])
     expected = [[1, 3, 5], [0, 1, 1]]  # (1 + 2 + 6) / 3, (1 + 2 + 6 + 4 + 12) / 5
     np.testing.assert_allclose(reproduction.first_frames_means(values, protocol.horizons), expected)
@@ -132,7 +151,12 @@ FOLLOWS = {"protocol": {"name": "fvs20", "root": "raw"}, "predictors": {"copy-la
 
 def test_a_matrix_follows_a_protocol_by_name() -> None:
     parsed = matrix.parse("m", FOLLOWS)
-    assert (parsed.num_past, parsed.num_future, parsed.size_px, parsed.stride) == (4, 5, (832, 256), 1)
+    assert (parsed.num_past, parsed.num_future, parsed.size_px, parsed.stride) == (
+        4,
+        5,
+        (832, 256),
+        1,
+    )
     assert parsed.dataset["root"] == "raw"
     assert parsed.dataset["name"] == "kitti-raw"
     assert list(parsed.frame_metrics) == ["ms-ssim", "lpips", "lpips-bgr"]
@@ -152,7 +176,11 @@ def test_what_stands_beside_the_name_replaces_the_protocols_choice() -> None:
     ("protocol", "kind", "message"),
     [
         ({"name": "fvs"}, UnknownComponent, "no protocol 'fvs': did you mean 'fvs20'"),
-        ({"name": "openstl"}, BadData, "measured on Caltech Pedestrian .* nothing here reads: give dataset"),
+        (
+            {"name": "openstl"},
+            BadData,
+            "measured on Caltech Pedestrian .* nothing here reads: give dataset",
+        ),
         ({"name": "fvs20", "rot": "x"}, UnknownComponent, "unknown key 'rot'"),
         ({"name": 20}, UnknownComponent, "unknown key 'name'"),
     ],
@@ -174,7 +202,9 @@ def test_every_protocol_gives_a_matrix_whose_metrics_can_be_built(name: str) -> 
             assert registry.build("frame_metrics", spec).protocol
 
 
-def test_protocols_are_listed_and_nothing_heavy_is_imported_for_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_protocols_are_listed_and_nothing_heavy_is_imported_for_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert cli.main(["list", "protocols"]) == 0
     printed = capsys.readouterr().out
     for name, protocol in protocols.ALL.items():

@@ -13,9 +13,15 @@ from geovp_benchmarks.rescoring import rescore, stored_metrics
 from geovp_benchmarks.store import Cell, Results
 from tests.benchmarks.made import STILL, content, go
 
-PSNR = {"role": "frame", "asked": {"name": "psnr"}, "unit": "dB", "definition": "RGB jointly", "unavailable": None}
+PSNR = {
+    "role": "frame",
+    "asked": {"name": "psnr"},
+    "unit": "dB",
+    "definition": "RGB jointly",
+    "unavailable": None,
+}
 PROTOCOL: dict[str, Any] = {
-    "dataset": {"name": "kitti", "split": "test", "root": "/here", "with_wide": False},
+    "dataset": {"name": "kitti", "split": "test", "root": "/here", "with_full": False},
     "split_hash": "ab",
     "num_past": 10,
     "num_future": 20,
@@ -45,14 +51,21 @@ def test_another_protocol_has_another_id(change: dict[str, Any]) -> None:
 
 
 def test_the_same_protocol_elsewhere_has_the_same_id() -> None:
-    elsewhere = {**PROTOCOL["dataset"], "root": "/there", "with_wide": True}
+    elsewhere = {**PROTOCOL["dataset"], "root": "/there", "with_full": True}
     other = {**PROTOCOL, "dataset": elsewhere, "versions": {}, "cells": ["a"], "name": "other"}
     assert protocol_id(other) == protocol_id(PROTOCOL)
     assert len(protocol_id(PROTOCOL)) == 8
 
 
 def cell(label: str, **record: Any) -> Cell:
-    facts = {"label": label, "kind": "predictor", "status": "done", "grants": [], "num_samples": 1, "num_clips": 2}
+    facts = {
+        "label": label,
+        "kind": "predictor",
+        "status": "done",
+        "grants": [],
+        "num_samples": 1,
+        "num_clips": 2,
+    }
     return Cell.of(label, {**facts, "seconds": {}, "fingerprint": "f", "components": {}, **record})
 
 
@@ -75,7 +88,10 @@ def test_cells_tables_and_csv_carry_the_id(tmp_path: Path) -> None:
         assert results.protocol()["id"] == own
         table = tables.build(results)[0]
         assert f"Protocol id {own}." in table.notes
-        assert [line.split(",")[3] for line in formats.comma_separated(table).splitlines()] == ["protocol", own]
+        assert [line.split(",")[3] for line in formats.comma_separated(table).splitlines()] == [
+            "protocol",
+            own,
+        ]
 
 
 @pytest.mark.usefixtures("toys")

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import cli, plots, protocols, reproduction, statistics, thesis
+from geovp_benchmarks.contracts import street
 from geovp_benchmarks.store import Results
-from geovp_classic.contracts import street
 from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import Says
 
@@ -22,12 +22,16 @@ DRIVES = (60, 84, 93, 96)
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory, write_kitti_raw: Callable[..., Path]) -> Path:
-    """Ten frames of the synthetic street, whole frames of 530x160, as each of the protocol's drives."""
+    """Ten frames of the synthetic street, whole frames of 530x160, as each of the protocol's
+    drives.
+    """
     folder = tmp_path_factory.mktemp("raw")
-    clip = Synthetic(num_clips=1, num_frames=10, size_px=(160, 160), with_wide=True)[0]
-    assert clip.wide is not None
-    nothing = {"depths": None, "moving": None, "wide": None}
-    wide = dataclasses.replace(clip, frames=clip.wide.frames, intrinsics=clip.wide.intrinsics, **nothing)  # type: ignore[arg-type]
+    clip = Synthetic(num_clips=1, num_frames=10, size_px=(160, 160), with_full=True)[0]
+    assert clip.full is not None
+    nothing = {"depths": None, "moving": None, "full": None}
+    wide = dataclasses.replace(
+        clip, frames=clip.full.frames, intrinsics=clip.full.intrinsics, **nothing
+    )  # type: ignore[arg-type]
     for number in DRIVES:
         write_kitti_raw(folder, number, wide)
     return folder
@@ -39,7 +43,9 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
     out = tmp_path_factory.mktemp("out")
     with pytest.MonkeyPatch.context() as patch:  # what is in figures is tested elsewhere
         patch.setattr(plots, "rendered", lambda page, kind: b"")
-        code = cli.main(["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"])
+        code = cli.main(
+            ["reproduce", "fvs20", "--root", str(root), "--out", str(out), "--limit", "1"]
+        )
     return code, Results(out)
 
 
@@ -65,7 +71,9 @@ def test_both_tables_stand_in_blocks_of_their_own(done: tuple[int, Results]) -> 
     assert "| copy-last" in ours
     assert "1 clips, not the protocol's 1,337: not comparable yet" in ours
     assert re.search(
-        r"^\| DMVFN +\| +88[.]53 \| +78[.]01 \| +70[.]52 \| +10[.]74 \| +19[.]27 \| +26[.]05 \|$", published, re.M
+        r"^\| DMVFN +\| +88[.]53 \| +78[.]01 \| +70[.]52 \| +10[.]74 \| +19[.]27 \| +26[.]05 \|$",
+        published,
+        re.M,
     )
     assert re.search(r"^\| CorrWise +\| +82[.]00 \| +- \| +66[.]70 \|", published, re.M)
     assert "NeurIPS 2024" in published
@@ -81,7 +89,10 @@ def test_printed_numbers_are_means_over_the_first_frames(done: tuple[int, Result
 
 
 def test_true_poses_and_depth_beat_the_last_frame(done: tuple[int, Results]) -> None:
-    means = {cell.name: statistics.cube(done[1].scores(cell.name), "ms-ssim").values.mean() for cell in done[1].cells()}
+    means = {
+        cell.name: statistics.cube(done[1].scores(cell.name), "ms-ssim").values.mean()
+        for cell in done[1].cells()
+    }
     assert means["gt-3d--fusion"] > means["copy-last"] + 0.2
 
 

@@ -14,16 +14,24 @@ from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import Says, write_kitti
 from tests.benchmarks.made import dicts
 
-pytest.importorskip("torch", reason="torch is not installed: the thesis's rows need the extra 'learned'")
+pytest.importorskip(
+    "torch", reason="torch is not installed: the thesis's rows need the extra 'learned'"
+)
 ROWS = ("svg-1", "svg-100", "gt-3d+ground-far-plane", "copy-last")
 
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The two test sequences of `thesis-like-test`, one clip of 30 frames each, of two different streets."""
+    """The two test sequences of `thesis-like-test`, one clip of 30 frames each, of two different
+    streets.
+    """
     folder = tmp_path_factory.mktemp("kitti")
     for seed, sequence in enumerate(("07", "10")):
-        write_kitti(folder, sequence, Synthetic(seed=seed, num_clips=1, num_frames=30, size_px=(160, 160))[0])
+        write_kitti(
+            folder,
+            sequence,
+            Synthetic(seed=seed, num_clips=1, num_frames=30, size_px=(160, 160))[0],
+        )
     return folder
 
 
@@ -35,7 +43,9 @@ def words(root: Path, out: Path, *more: str) -> list[str]:
 @pytest.fixture(scope="module")
 def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Results]:
     out = tmp_path_factory.mktemp("out")
-    with pytest.MonkeyPatch.context() as patch:  # their names and places are tested here, what is in them elsewhere
+    with (
+        pytest.MonkeyPatch.context() as patch
+    ):  # their names and places are tested here, what is in them elsewhere
         patch.setattr(plots, "rendered", lambda page, kind: b"")
         return cli.main(words(root, out, "--limit", "2", "--rows", *ROWS)), Results(out)
 
@@ -52,17 +62,24 @@ def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
     }
 
 
-def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(done: tuple[int, Results]) -> None:
+def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
+    done: tuple[int, Results],
+) -> None:
     code, results = done
     assert code == 0
     text = (results.tables / "thesis.md").read_text()
     ours, published = text.split("## Published, not measured here")
     names = ["SVG - 1 Sample", "SVG - 2 Samples", "gt-3d+ground-far-plane [pfh]", "copy-last"]
     assert re.findall(r"^[|] (\w.*?) +[|] [*\d]", ours, re.M) == names
-    assert "- 2 clips of kitti, split thesis-like-test; 10 frames seen, the next 20 predicted at 256x256." in ours
+    assert (
+        "- 2 clips of kitti, split thesis-like-test; 10 frames seen, the next 20 predicted at "
+        "256x256." in ours
+    )
     assert "Split thesis-like-test: 07, 10." in ours
     assert "**13.504 ± 0.070**" in published
-    rivals = [line.split("|")[2:5] for line in ours.splitlines() if re.match(r"[|] (SVG|copy)", line)]
+    rivals = [
+        line.split("|")[2:5] for line in ours.splitlines() if re.match(r"[|] (SVG|copy)", line)
+    ]
     for column, choose in zip(zip(*rivals, strict=True), (max, max, min), strict=True):
         means = [float(cell.strip(" *").split()[0]) for cell in column if cell.strip() != "-"]
         bold = [float(cell.strip(" *").split()[0]) for cell in column if "**" in cell]
@@ -91,7 +108,9 @@ def test_the_thesiss_figures_are_drawn(done: tuple[int, Results]) -> None:
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_it_goes_on_where_it_was(done: tuple[int, Results], root: Path, tmp_path: Path, printed: Says) -> None:
+def test_it_goes_on_where_it_was(
+    done: tuple[int, Results], root: Path, tmp_path: Path, printed: Says
+) -> None:
     out = shutil.copytree(done[1].root, tmp_path / "out")
     files = sorted(out.glob("*/scores/*.parquet"))
     before = [path.stat().st_mtime_ns for path in files]
@@ -100,11 +119,15 @@ def test_it_goes_on_where_it_was(done: tuple[int, Results], root: Path, tmp_path
     assert [path.stat().st_mtime_ns for path in files] == before
     assert "## Published, not measured here" in text
     assert "figure 4.5 (PSNR over time): horizon-psnr.png\n" in text
-    assert "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in text
+    assert (
+        "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in text
+    )
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path, printed: Says) -> None:
+def test_failures_are_the_clips_of_the_worst_score(
+    root: Path, tmp_path: Path, printed: Says
+) -> None:
     printed(*words(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr"))
     results = Results(tmp_path)
     means = dict.fromkeys(results.protocol()["clips"], 0.0)
@@ -116,10 +139,14 @@ def test_failures_are_the_clips_of_the_worst_score(root: Path, tmp_path: Path, p
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_the_thesiss_own_row_names_both_of_its_networks(root: Path, tmp_path: Path, printed: Says) -> None:
+def test_the_thesiss_own_row_names_both_of_its_networks(
+    root: Path, tmp_path: Path, printed: Says
+) -> None:
     printed(*words(root, tmp_path, "--limit", "1", "--rows", "ours"))
     text = (tmp_path / "tables/thesis.md").read_text()
-    assert re.search(r"^[|] Ours +[|] [*]{2}\d+[.]\d{3}[*]{2} ", text, re.M)  # one clip has no standard error
+    assert re.search(
+        r"^[|] Ours +[|] [*]{2}\d+[.]\d{3}[*]{2} ", text, re.M
+    )  # one clip has no standard error
     notes = re.findall(r"^- (\w+) weights .* [(]ours[)][.]$", text, re.M)
     assert notes == ["deepvo", "synsin"]
 
@@ -142,5 +169,10 @@ def test_a_mistake_is_one_sentence(
 def test_samples_are_capped_not_added() -> None:
     matrix = reproduction.chosen_rows(reproduction.read_matrix("thesis"), None, 4, None)
     counts = {name: entry.num_samples for name, entry in matrix.predictors.items()}
-    assert (counts["svg-1"], counts["svg-100"], counts["vo+prior+fusion-10"], counts["ours"]) == (1, 4, 4, 1)
+    assert (counts["svg-1"], counts["svg-100"], counts["vo+prior+fusion-10"], counts["ours"]) == (
+        1,
+        4,
+        4,
+        1,
+    )
     assert len(matrix.cells) == 25

@@ -1,4 +1,6 @@
-"""Paths, names and values that cannot be used end in one sentence and exit code 2, and nothing hangs."""
+"""Paths, names and values that cannot be used end in one sentence and exit code 2, and nothing
+hangs.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,11 @@ def street(tmp_path: Path) -> Path:
     noise = np.random.default_rng(0).integers(0, 256, (11, 40, 40, 3), dtype=np.uint8)
     write_images(tmp_path / "images", noise, digits=1)
     (tmp_path / "times.txt").write_text("".join(f"{number / 10}\n" for number in range(11)))
-    dataset = {"name": "folder", "path": str(tmp_path / "images"), "intrinsics": [40, 40, 19.5, 19.5]}
+    dataset = {
+        "name": "folder",
+        "path": str(tmp_path / "images"),
+        "intrinsics": [40, 40, 19.5, 19.5],
+    }
     dataset["times"] = str(tmp_path / "times.txt")
     return write_matrix(tmp_path / "m.toml", {"protocol": {"dataset": dataset, **PROTOCOL}, **REST})
 
@@ -73,16 +79,26 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
         ("[32, 32]", "[30000, 30000]", "at most 8192 pixels on a side"),
         ("[32, 32]", "[1000000000, 1000000000]", "at most 8192 pixels on a side"),
         ("num_past = 3", "num_past = 1000000000", "a clip would have 1000000002 frames"),
-        ("intrinsics = [40", "intrinsics = [nan", "protocol.dataset.intrinsics[0] is nan, expected a finite number"),
+        (
+            "intrinsics = [40",
+            "intrinsics = [nan",
+            "protocol.dataset.intrinsics[0] is nan, expected a finite number",
+        ),
         ("intrinsics = [40", "intrinsics = [1e18", "no camera of 40x40 pixels has"),
-        ('name = "folder"', 'name = "folder", is_metric = 1979-05-27', "is 1979-05-27, a date or time"),
+        (
+            'name = "folder"',
+            'name = "folder", is_metric = 1979-05-27',
+            "is 1979-05-27, a date or time",
+        ),
         ("stride = 3", f"stride = {'9' * 5000}", "is not TOML"),
         ("stride = 3", f"stride = {'9' * 30}", "a number of more than 63 bits"),
         ("stride = 3", f"stride = {'[' * 5000}{']' * 5000}", "is not TOML"),
         ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "nested more than 32 tables deep"),
     ],
 )
-def test_what_a_matrix_cannot_say(street: Path, refused: Says, old: str, new: str, says: str) -> None:
+def test_what_a_matrix_cannot_say(
+    street: Path, refused: Says, old: str, new: str, says: str
+) -> None:
     content = street.read_text()
     assert old in content
     street.write_text(content.replace(old, new))
@@ -107,7 +123,9 @@ def test_pipes_devices_and_folders_are_no_files(street: Path, refused: Says) -> 
     assert "4.png cannot be read (Too many levels of symbolic links)" in refused(*run(street))
 
 
-@pytest.mark.parametrize(("name", "says"), [("路" * 80, "as a file's name"), ("street\udcff", "is not text in UTF-8")])
+@pytest.mark.parametrize(
+    ("name", "says"), [("路" * 80, "as a file's name"), ("street\udcff", "is not text in UTF-8")]
+)
 def test_names_that_results_cannot_have(street: Path, refused: Says, name: str, says: str) -> None:
     renamed = (street.parent / "images").rename(street.parent / name)
     link = street.parent / "images"
@@ -117,13 +135,27 @@ def test_names_that_results_cannot_have(street: Path, refused: Says, name: str, 
 
 def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
     """A file may have 3 kB: protocol.json fits, a kept clip of 15 kB does not."""
-    command = [sys.executable, "-m", "geovp_benchmarks.cli", "run", str(street), "--out", str(street.parent / "out")]
-    ended = subprocess.run(command, preexec_fn=_small_files, capture_output=True, text=True, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "geovp_benchmarks.cli",
+        "run",
+        str(street),
+        "--out",
+        str(street.parent / "out"),
+    ]
+    ended = subprocess.run(
+        command, preexec_fn=_small_files, capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 2
     assert "Traceback" not in ended.stderr
     assert "File too large" in ended.stderr
-    assert "finished parts are kept: make room there and give the same command again" in ended.stderr
-    assert subprocess.run([*command, "--no-report"], capture_output=True, check=False).returncode == 0
+    assert (
+        "finished parts are kept: make room there and give the same command again" in ended.stderr
+    )
+    assert (
+        subprocess.run([*command, "--no-report"], capture_output=True, check=False).returncode == 0
+    )
     assert len(Results(street.parent / "out").scores("copy-last")) == 3 * 2  # clips, steps
 
 
@@ -144,7 +176,9 @@ with locking.results_lock(Path(sys.argv[1])) as claim:
 
 
 def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
-    other = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    other = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
     try:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
@@ -152,7 +186,9 @@ def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
             claim("one protocol")  # joins
         with (
             locking.results_lock(tmp_path) as claim,
-            pytest.raises(BadData, match=rf"being filled by process {other.pid} on .* with another protocol"),
+            pytest.raises(
+                BadData, match=rf"being filled by process {other.pid} on .* with another protocol"
+            ),
         ):
             claim("another")
     finally:
@@ -195,7 +231,10 @@ def test_what_was_damaged_is_named_set_aside_and_computed_again(
     out = street.parent / "out"
     printed(*run(street))
     before = rows(out, "copy-last")
-    damaged = [out / "copy-last/scores/part-00000.parquet", *(out / "copy-last/predictions").glob("*.npz")]
+    damaged = [
+        out / "copy-last/scores/part-00000.parquet",
+        *(out / "copy-last/predictions").glob("*.npz"),
+    ]
     for path in damaged:
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1

@@ -39,8 +39,14 @@ class TestRows:
 
     def test_equal_predictions_are_scored_once_and_all_masks_together(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
-        metrics = {"frame": ["toy-difference", {"name": "toy-together", "log": str(log)}], "trajectory": []}
-        go(tmp_path / "out", content({"clips": 1, "with_depths": True}, metrics, **crossed(tmp_path / "steps")))
+        metrics = {
+            "frame": ["toy-difference", {"name": "toy-together", "log": str(log)}],
+            "trajectory": [],
+        }
+        go(
+            tmp_path / "out",
+            content({"clips": 1, "with_depths": True}, metrics, **crossed(tmp_path / "steps")),
+        )
         # four cells that show the same images: all pixels, covered, seen, disoccluded
         assert log.read_text().split() == ["over-4"]
         for cell in ("a--r", "b--q"):
@@ -65,8 +71,12 @@ class TestRows:
     @pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")
     def test_a_small_cell_is_not_charged_with_the_large_one_before_it(self, tmp_path: Path) -> None:
         sizes_mb = {"large": 300, "small": 1}
-        predictors = {name: {"name": "toy-hoard", "megabytes": size} for name, size in sizes_mb.items()}
-        records = {name: cell.record for name, cell in go(tmp_path, content(predictors=predictors)).items()}
+        predictors = {
+            name: {"name": "toy-hoard", "megabytes": size} for name, size in sizes_mb.items()
+        }
+        records = {
+            name: cell.record for name, cell in go(tmp_path, content(predictors=predictors)).items()
+        }
         assert list(records) == ["large", "small"]
         assert records["large"]["peak_memory_mb"] - records["small"]["peak_memory_mb"] > 200
         assert (records["large"]["peak_is_own"], records["small"]["peak_is_own"]) == (True, True)
@@ -82,12 +92,20 @@ class TestRows:
     def test_what_was_used_is_written_down(self, tmp_path: Path) -> None:
         cells = go(tmp_path, content(**crossed(tmp_path / "log"), predictors=STILL))
         assert cells["a--r"].grants == ["PAST_POSES"]
-        assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == ("a", "r", None)
-        assert cells["still"].components == {"predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}}
+        assert (cells["a--r"].pose_source, cells["a--r"].renderer, cells["still"].pose_source) == (
+            "a",
+            "r",
+            None,
+        )
+        assert cells["still"].components == {
+            "predictor": {"name": "toy-still", "sleep_s": 0.0, "log": ""}
+        }
         protocol = Results(tmp_path).protocol()
         assert protocol["clips"] == [f"road/{i:03d}" for i in range(5)]
         assert protocol["metrics"]["toy-difference"]["unit"] == "grey levels"
-        assert protocol["metrics"]["toy-difference"]["definition"] == "mean over pixels and channels"
+        assert (
+            protocol["metrics"]["toy-difference"]["definition"] == "mean over pixels and channels"
+        )
         assert protocol["dataset"]["num_frames"] == 5
 
     def test_a_few_predictions_and_their_clips_are_kept(self, tmp_path: Path) -> None:
@@ -117,7 +135,12 @@ class TestAgain:
 
     def test_only_the_cell_that_changed_is_computed_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
-        tables = content(predictors={"still": {"name": "toy-still", "log": str(log)}, "noise": {"name": "toy-noise"}})
+        tables = content(
+            predictors={
+                "still": {"name": "toy-still", "log": str(log)},
+                "noise": {"name": "toy-noise"},
+            }
+        )
         go(tmp_path, tables)
         before = rows(tmp_path, "noise")
         tables["predictors"]["noise"]["seed"] = 1
@@ -127,7 +150,9 @@ class TestAgain:
         assert rows(tmp_path, "noise") != before
         assert len(rows(tmp_path, "noise")) == len(before)
 
-    def test_old_rows_come_back_with_the_old_settings_and_nothing_is_computed(self, tmp_path: Path) -> None:
+    def test_old_rows_come_back_with_the_old_settings_and_nothing_is_computed(
+        self, tmp_path: Path
+    ) -> None:
         log = tmp_path / "log"
         tables = content({"clips": 4}, predictors={"still": {"name": "toy-still", "log": str(log)}})
         go(tmp_path, tables)
@@ -171,7 +196,10 @@ class TestAgain:
         tables = content(predictors=STILL)
         go(tmp_path, tables)
         double = {"name": "toy-difference", "scale": 2.0}
-        tables["metrics"] = {"frame": {"toy-difference": double, "plain": {"name": "toy-difference"}}, "trajectory": []}
+        tables["metrics"] = {
+            "frame": {"toy-difference": double, "plain": {"name": "toy-difference"}},
+            "trajectory": [],
+        }
         go(tmp_path, tables)
         assert values(tmp_path, "still", "toy-difference") == [2.0, 4.0] * 5
         assert values(tmp_path, "still", "plain") == [1.0, 2.0] * 5
@@ -182,17 +210,32 @@ class TestFailures:
     def test_a_failure_is_recorded_and_the_matrix_goes_on(self, tmp_path: Path) -> None:
         names = ("broken", "misfit", "small", "uninstalled", "still")
         cells = go(tmp_path, content(predictors={name: {"name": f"toy-{name}"} for name in names}))
-        assert [cells[name].status for name in names] == ["failed", "skipped", "failed", "skipped", "done"]
+        assert [cells[name].status for name in names] == [
+            "failed",
+            "skipped",
+            "failed",
+            "skipped",
+            "done",
+        ]
         assert cells["broken"].reason == "ZeroDivisionError: the road ended"
         assert "the road ended" in cells["broken"].record["traceback"]
         assert cells["misfit"].reason == "misfits need a square road: give one"
-        assert cells["small"].reason == "predicted frames have shape (1, 2, 2, 2, 3), expected (S, 2, 8, 8, 3)"
+        assert (
+            cells["small"].reason
+            == "predicted frames have shape (1, 2, 2, 2, 3), expected (S, 2, 8, 8, 3)"
+        )
         assert "package_that_nobody_has, which is not installed" in cells["uninstalled"].reason
 
     def test_a_clip_that_fails_is_scored_as_a_copy_and_tried_again(self, tmp_path: Path) -> None:
         log = tmp_path / "log"
-        broken = {"name": "toy-broken", "brightness": 32, "log": str(log)}  # clips 3 and 4 end so bright
-        tables = content({"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}})
+        broken = {
+            "name": "toy-broken",
+            "brightness": 32,
+            "log": str(log),
+        }  # clips 3 and 4 end so bright
+        tables = content(
+            {"clips": 5}, predictors={"broken": broken, "still": {"name": "toy-still"}}
+        )
         cell = go(tmp_path, tables, keep=0)["broken"]
         assert (cell.status, cell.num_clips, cell.num_failed) == ("done", 5, 2)
         assert "the road ended" in cell.record["traceback"]
@@ -204,13 +247,18 @@ class TestFailures:
         go(tmp_path, tables, keep=0)  # parts with failed clips only: clips 2 and 3, and 4
         assert len(log.read_text().split()) == tried + 3 + 1  # a clip that works is noted twice
 
-    def test_tables_say_which_clips_failed_and_leave_them_out_when_asked(self, tmp_path: Path) -> None:
+    def test_tables_say_which_clips_failed_and_leave_them_out_when_asked(
+        self, tmp_path: Path
+    ) -> None:
         broken = {"name": "toy-broken", "brightness": 32}
         go(tmp_path, content({"clips": 5}, predictors={"broken": broken}))
-        said, strict = (tables.build(Results(tmp_path), strict=strict)[0] for strict in (False, True))
+        said, strict = (
+            tables.build(Results(tmp_path), strict=strict)[0] for strict in (False, True)
+        )
         assert (said.rows[0].num_clips, strict.rows[0].num_clips) == (5, 3)
         words = (
-            "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame (--strict leaves them out)"
+            "broken: 2 of 5 clips could not be predicted, scored as copies of the last frame "
+            "(--strict leaves them out)"
         )
         assert said.notes[-1] == f"{words}: road/003, road/004: ZeroDivisionError: the road ended."
         assert "left out" in strict.notes[-1]
@@ -225,13 +273,19 @@ class TestFailures:
         assert log.read_text() == tried
 
     def test_a_plug_in_without_needs_fails_alone(self, tmp_path: Path) -> None:
-        cells = go(tmp_path, content(predictors={"odd": {"name": "toy-needless"}, "still": {"name": "toy-still"}}))
+        cells = go(
+            tmp_path,
+            content(predictors={"odd": {"name": "toy-needless"}, "still": {"name": "toy-still"}}),
+        )
         assert (cells["odd"].status, cells["still"].status) == ("failed", "done")
         assert "'odd' does not say what it needs" in cells["odd"].reason
 
     def test_a_metric_without_its_weights_is_a_column_without_numbers(self, tmp_path: Path) -> None:
         weights = tmp_path / "weights"
-        metrics = {"frame": ["toy-difference", {"name": "toy-weightless", "weights": str(weights)}], "trajectory": []}
+        metrics = {
+            "frame": ["toy-difference", {"name": "toy-weightless", "weights": str(weights)}],
+            "trajectory": [],
+        }
         tables = content(metrics=metrics, predictors=STILL)
         assert go(tmp_path, tables)["still"].status == "done"
         entry = Results(tmp_path).protocol()["metrics"]["toy-weightless"]
@@ -252,8 +306,12 @@ class TestFailures:
         assert cell is not None
         assert (cell.status, cell.num_clips) == ("partial", 4)
 
-    def test_rows_of_another_machine_stay_when_their_cell_cannot_be_built_here(self, tmp_path: Path) -> None:
-        tables = content(predictors={"still": {"name": "toy-still"}, "gone": {"name": "toy-uninstalled"}})
+    def test_rows_of_another_machine_stay_when_their_cell_cannot_be_built_here(
+        self, tmp_path: Path
+    ) -> None:
+        tables = content(
+            predictors={"still": {"name": "toy-still"}, "gone": {"name": "toy-uninstalled"}}
+        )
         go(tmp_path, tables)
         shutil.copytree(tmp_path / "still/scores", tmp_path / "gone/scores")
         there = json.loads((tmp_path / "still/cell.json").read_text())
@@ -269,12 +327,27 @@ class TestFailures:
     @pytest.mark.parametrize(
         ("tables", "says"),
         [
-            (content(predictors={"x": "toy-stil"}), "no predictor is called 'toy-stil': did you mean 'toy-still'"),
-            (content(predictors={"x": {"name": "toy-still", "slep_s": 1}}), "has no field 'slep_s': did you mean"),
-            (content(predictors={"x": {"name": "toy-still", "sleep_s": "1"}}), "sleep_s is '1', expected a number"),
+            (
+                content(predictors={"x": "toy-stil"}),
+                "no predictor is called 'toy-stil': did you mean 'toy-still'",
+            ),
+            (
+                content(predictors={"x": {"name": "toy-still", "slep_s": 1}}),
+                "has no field 'slep_s': did you mean",
+            ),
+            (
+                content(predictors={"x": {"name": "toy-still", "sleep_s": "1"}}),
+                "sleep_s is '1', expected a number",
+            ),
             (content({"clips": 0}, predictors={"x": "toy-still"}), "no clip of that length"),
-            (content({"clip": 0}, predictors={"x": "toy-still"}), "has no field 'clip': did you mean 'clips'"),
-            (content(metrics={"frame": ["toy-differ"]}, predictors={"x": "toy-still"}), "no frame metric is called"),
+            (
+                content({"clip": 0}, predictors={"x": "toy-still"}),
+                "has no field 'clip': did you mean 'clips'",
+            ),
+            (
+                content(metrics={"frame": ["toy-differ"]}, predictors={"x": "toy-still"}),
+                "no frame metric is called",
+            ),
         ],
     )
     def test_a_users_mistake_is_one_sentence_before_anything_runs(
@@ -286,9 +359,17 @@ class TestFailures:
 
 
 def test_processes_give_the_rows_of_one_process(tmp_path: Path, toys: Path) -> None:
-    broken, noise = {"name": "toy-broken", "brightness": 25}, {"name": "toy-noise", "num_samples": 2}
-    tables = content({"clips": 7}, **crossed(tmp_path / "log"), predictors={"noise": noise, "broken": broken})
-    alone, together = go(tmp_path / "one", tables), go(tmp_path / "two", tables, executor=Processes(workers=2))
+    broken, noise = (
+        {"name": "toy-broken", "brightness": 25},
+        {"name": "toy-noise", "num_samples": 2},
+    )
+    tables = content(
+        {"clips": 7}, **crossed(tmp_path / "log"), predictors={"noise": noise, "broken": broken}
+    )
+    alone, together = (
+        go(tmp_path / "one", tables),
+        go(tmp_path / "two", tables, executor=Processes(workers=2)),
+    )
     for name, cell in alone.items():
         assert (cell.status, cell.reason) == (together[name].status, together[name].reason)
         assert rows(tmp_path / "one", name) == rows(tmp_path / "two", name)

@@ -1,4 +1,6 @@
-"""Which numbers a prediction gets; the stabilised columns: by each row's own rotation, absent where it has none."""
+"""Which numbers a prediction gets; the stabilised columns: by each row's own rotation, absent where
+it has none.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +20,16 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.metrics.stabilised import Stabilised
 from geovp_classic.metrics.trajectory import TranslationError
-from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Intrinsics, Motion, Prediction, Trajectory
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Clip,
+    FloatArray,
+    Intrinsics,
+    Motion,
+    Prediction,
+    Trajectory,
+)
 from tests.benchmarks.made import dicts
 
 CAMERA = Intrinsics(80.0, 80.0, 31.5, 31.5, 64, 64)
@@ -43,11 +54,15 @@ def drive() -> Clip:
     """A camera that turns right, three degrees a step, from an odd heading."""
     poses = looking(40 + 3.0 * np.arange(PAST + FUTURE))
     times_s = 0.1 * np.arange(PAST + FUTURE)
-    return Clip("drive", panorama(poses), times_s, CAMERA, Trajectory(poses, times_s, is_metric=True))
+    return Clip(
+        "drive", panorama(poses), times_s, CAMERA, Trajectory(poses, times_s, is_metric=True)
+    )
 
 
 def predicted(clip: Clip, *wrong_deg: float) -> Prediction:
-    """Samples that turn a little wrong, in a world of their own, and show exactly what they would have seen."""
+    """Samples that turn a little wrong, in a world of their own, and show exactly what they would
+    have seen.
+    """
     assert clip.trajectory is not None
     poses = clip.trajectory.world_from_cam
     futures = np.stack([poses[PAST:] @ looking(np.full(FUTURE, wrong)) for wrong in wrong_deg])
@@ -58,14 +73,17 @@ def predicted(clip: Clip, *wrong_deg: float) -> Prediction:
 
 
 def values(rows: Rows, metric: str, sample: int = 0) -> list[float]:
-    return [row["value"] for row in dicts(rows) if (row["metric"], row["sample"]) == (metric, sample)]
+    return [
+        row["value"] for row in dicts(rows) if (row["metric"], row["sample"]) == (metric, sample)
+    ]
 
 
 def test_every_sample_is_stabilised_by_its_own_rotation() -> None:
     clip = drive()
     rows = score(ScoringContext(clip, PAST), predicted(clip, 0.0, 1.0, -0.4), METRICS)
     assert values(rows, "psnr", 0) == values(rows, "psnr-stabilised", 0) == [100.0] * FUTURE
-    # stripes of amplitude 100 that are off by 1 / 7 and .4 / 7 of a period differ by 2 * 100 sin(pi / 7) cos(...):
+    # stripes of amplitude 100 that are off by 1 / 7 and .4 / 7 of a period differ by 2 * 100 sin(pi
+    # / 7) cos(...):
     # a mean square of 2 * 100^2 sin^2(pi / 7), 12.4 dB, and of 2 * 100^2 sin^2(.4 pi / 7), 20.1 dB
     np.testing.assert_allclose(values(rows, "psnr", 1), [12.4] * FUTURE, atol=0.3)
     np.testing.assert_allclose(values(rows, "psnr", 2), [20.1] * FUTURE, atol=0.3)
@@ -85,7 +103,10 @@ def test_equal_images_of_unequal_rotations_are_not_confused() -> None:
 def test_the_order_of_the_columns_changes_no_number() -> None:
     clip = drive()
     backwards = Metrics(dict(reversed(list(METRICS.frame.items()))), {})
-    tables = [score(ScoringContext(clip, PAST), predicted(clip, 1.0), each) for each in (METRICS, backwards)]
+    tables = [
+        score(ScoringContext(clip, PAST), predicted(clip, 1.0), each)
+        for each in (METRICS, backwards)
+    ]
     for metric in METRICS.frame:
         assert values(tables[0], metric) == values(tables[1], metric)
 
@@ -96,11 +117,19 @@ def test_a_row_without_a_camera_has_no_stabilised_score() -> None:
     rows = score(ScoringContext(clip, PAST), still, METRICS)
     assert rows.metric.categories == ("psnr",)
     unknown = replace(clip, trajectory=None)
-    assert score(ScoringContext(unknown, PAST), predicted(clip, 1.0), METRICS).metric.categories == ("psnr",)
+    assert score(
+        ScoringContext(unknown, PAST), predicted(clip, 1.0), METRICS
+    ).metric.categories == ("psnr",)
 
 
 def content(**metrics: Any) -> dict[str, Any]:
-    protocol = {"dataset": {"name": "synthetic"}, "num_past": 3, "num_future": 2, "size_px": [32, 32], "stride": 5}
+    protocol = {
+        "dataset": {"name": "synthetic"},
+        "num_past": 3,
+        "num_future": 2,
+        "size_px": [32, 32],
+        "stride": 5,
+    }
     return {"protocol": protocol, "predictors": {"copy": {"name": "copy-last"}}, "metrics": metrics}
 
 
@@ -116,8 +145,14 @@ def test_a_matrix_asks_for_them_by_the_names_of_its_frame_metrics() -> None:
 @pytest.mark.parametrize(
     ("metrics", "says"),
     [
-        ({"stabilised": "psnr"}, r"metrics.stabilised is 'psnr', expected a list of frame metrics such as"),
-        ({"stabilised": ["psn"]}, r"metrics.stabilised has an unknown frame metric 'psn': did you mean 'psnr'"),
+        (
+            {"stabilised": "psnr"},
+            r"metrics.stabilised is 'psnr', expected a list of frame metrics such as",
+        ),
+        (
+            {"stabilised": ["psn"]},
+            r"metrics.stabilised has an unknown frame metric 'psn': did you mean 'psnr'",
+        ),
         (
             {"stabilised": ["psnr"], "frame": {"psnr": "psnr", "psnr-stabilised": "ssim"}},
             r"metrics.frame has 'psnr-stabilised', as metrics.stabilised calls its own: give another name",
@@ -137,11 +172,16 @@ class Brightness:
     higher_is_better: bool = True
     asked: list[str] = field(default_factory=list)
 
-    def __call__(self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None) -> FloatArray:
+    def __call__(
+        self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
+    ) -> FloatArray:
         self.asked.append("one")
         chosen = np.ones(predicted.shape[:3], bool) if mask is None else mask
         return np.array(
-            [frame[pixels].mean() if pixels.any() else np.nan for frame, pixels in zip(predicted, chosen, strict=True)]
+            [
+                frame[pixels].mean() if pixels.any() else np.nan
+                for frame, pixels in zip(predicted, chosen, strict=True)
+            ]
         )
 
 
@@ -149,31 +189,43 @@ class Brightness:
 class Masked(Brightness):
     """The same with all masks at once."""
 
-    def over(self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]) -> list[FloatArray]:
+    def over(
+        self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]
+    ) -> list[FloatArray]:
         self.asked.append("many")
         return [Brightness()(predicted, target, mask) for mask in masks]
 
 
 def standing() -> Clip:
-    """A camera that stands in front of a wall at one metre, before whose upper quarter something moves."""
+    """A camera that stands in front of a wall at one metre, before whose upper quarter something
+    moves.
+    """
     clip, count = drive(), PAST + FUTURE
     moving = np.zeros((count, 64, 64), bool)
     moving[:, :16] = True
     path = Trajectory(np.tile(np.eye(4), (count, 1, 1)), clip.times_s, is_metric=True)
-    return replace(clip, trajectory=path, depths=np.ones((count, 64, 64), np.float32), moving=moving)
+    return replace(
+        clip, trajectory=path, depths=np.ones((count, 64, 64), np.float32), moving=moving
+    )
 
 
 def halves(samples: int, sideways_m: Sequence[float] | None = None) -> Prediction:
-    """Sample s at step k: grey 10 s + k, 100 more in the left half and 40 more above; only step 1 has a left half."""
+    """Sample s at step k: grey 10 s + k, 100 more in the left half and 40 more above; only step 1
+    has a left half.
+    """
     frames = np.zeros((samples, FUTURE, 64, 64, 3), np.uint8)
-    frames += (10 * np.arange(samples)[:, None] + np.arange(1, FUTURE + 1)).astype(np.uint8)[..., None, None, None]
+    frames += (10 * np.arange(samples)[:, None] + np.arange(1, FUTURE + 1)).astype(np.uint8)[
+        ..., None, None, None
+    ]
     frames[:, :, :, :32] += 100
     frames[:, :, :16] += 40
     covered = np.zeros(frames.shape[:4], bool)
     covered[:, 0, :, :32] = True
     if sideways_m is None:
         return Prediction(frames, covered)
-    own_from_world = se3.compose(Rotation.from_euler("y", 90, degrees=True).as_matrix(), np.array([5.0, 0, 7]))
+    own_from_world = se3.compose(
+        Rotation.from_euler("y", 90, degrees=True).as_matrix(), np.array([5.0, 0, 7])
+    )
     futures = np.tile(own_from_world, (len(sideways_m), FUTURE, 1, 1))
     futures[..., :3, 3] += np.multiply.outer(sideways_m, own_from_world[:3, 0])[:, None]
     past = Trajectory(np.tile(own_from_world, (PAST, 1, 1)), 0.1 * np.arange(PAST), is_metric=True)
@@ -198,42 +250,63 @@ def test_every_set_of_pixels_has_a_column_and_every_step_a_row(metric: Brightnes
 
 def test_facts_are_shares_of_the_futures_pixels_and_of_the_path() -> None:
     facts = ScoringContext(standing(), PAST).facts
-    assert (facts["moving"], facts["static"], facts["seen"], facts["disoccluded"]) == (0.25, 0.75, 0.75, 0.0)
+    assert (facts["moving"], facts["static"], facts["seen"], facts["disoccluded"]) == (
+        0.25,
+        0.75,
+        0.75,
+        0.0,
+    )
     assert facts["speed_m_s"] == 0.0
 
 
 def test_equal_images_are_scored_once_unless_other_pixels_are_covered() -> None:
     metric, context = Masked(), ScoringContext(standing(), PAST)
-    for prediction, asked in ((halves(2), 2), (halves(2), 2), (replace(halves(1), covered=None), 3)):
+    for prediction, asked in (
+        (halves(2), 2),
+        (halves(2), 2),
+        (replace(halves(1), covered=None), 3),
+    ):
         score(context, prediction, Metrics({"grey": metric}, {}))
         assert len(metric.asked) == asked
 
 
-@pytest.mark.parametrize(("sideways_m", "expected"), [([0.0, 1.0, 2.5], [0.0, 1.0, 2.5]), ([2.0], [2.0, 2.0, 2.0])])
-def test_every_sample_has_its_future_or_all_share_one(sideways_m: list[float], expected: list[float]) -> None:
+@pytest.mark.parametrize(
+    ("sideways_m", "expected"), [([0.0, 1.0, 2.5], [0.0, 1.0, 2.5]), ([2.0], [2.0, 2.0, 2.0])]
+)
+def test_every_sample_has_its_future_or_all_share_one(
+    sideways_m: list[float], expected: list[float]
+) -> None:
     metrics = Metrics({}, {"off": TranslationError()})
     rows = score(ScoringContext(standing(), PAST), halves(3, sideways_m), metrics)
     for sample, distance_m in enumerate(expected):
         np.testing.assert_allclose(values(rows, "off", sample), [distance_m] * FUTURE, atol=1e-12)
-        # half of the pixels, or none; two of three past frames tracked, four or five frames until there
+        # half of the pixels, or none; two of three past frames tracked, four or five frames until
+        # there
         np.testing.assert_allclose(values(rows, "confidence", sample), [0.5 * 2 / 4, 0.0])
 
 
 @pytest.mark.parametrize("shape", [(1, 64, 64), (3, 64, 64), (2, 32, 64), (2, 64, 128)])
 def test_a_prediction_of_another_size_is_refused(shape: tuple[int, ...]) -> None:
     prediction = Prediction(np.zeros((1, *shape, 3), np.uint8))
-    with pytest.raises(BadData, match=r"frames have shape \(1, \d.*, 3\), expected \(S, 2, 64, 64, 3\)$"):
+    with pytest.raises(
+        BadData, match=r"frames have shape \(1, \d.*, 3\), expected \(S, 2, 64, 64, 3\)$"
+    ):
         score(ScoringContext(drive(), PAST), prediction, METRICS)
 
 
 @pytest.mark.parametrize("futures", [2, 4])
 def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) -> None:
-    with pytest.raises(BadData, match=f"{futures} predicted futures for 3 samples, expected one each or one for all"):
+    with pytest.raises(
+        BadData,
+        match=f"{futures} predicted futures for 3 samples, expected one each or one for all",
+    ):
         score(ScoringContext(drive(), PAST), halves(3, [0.0] * futures), METRICS)
 
 
 @pytest.mark.parametrize(("samples", "times"), [(4, 0), (5, 1), (12, 2)])
-def test_memory_is_released_after_every_fifth_sample(samples: int, times: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_released_after_every_fifth_sample(
+    samples: int, times: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     released: list[int] = []
     monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(1))
     score(ScoringContext(drive(), PAST), halves(samples), Metrics({}, {}))
@@ -241,5 +314,7 @@ def test_memory_is_released_after_every_fifth_sample(samples: int, times: int, m
 
 
 def test_no_samples_and_no_metrics_are_no_rows() -> None:
-    rows = score(ScoringContext(drive(), PAST), Prediction(drive().frames[None, PAST:]), Metrics({}, {}))
+    rows = score(
+        ScoringContext(drive(), PAST), Prediction(drive().frames[None, PAST:]), Metrics({}, {})
+    )
     assert (len(rows), rows.clip.categories, rows.metric.categories) == (0, (), ())

@@ -1,4 +1,6 @@
-"""The clips that a report shows: the worst, the best or the usual ones by a score, or those that are named."""
+"""The clips that a report shows: the worst, the best or the usual ones by a score, or those that
+are named.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -16,20 +18,39 @@ from tests.benchmarks.made import write_matrix, write_protocol, write_row
 
 PSNR = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}
 ERROR = {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None}
-CLIPS = [f"03/{first:06d}" for first in range(0, 40, 5)]  # of five frames, and then each overlaps with none
+CLIPS = [
+    f"03/{first:06d}" for first in range(0, 40, 5)
+]  # of five frames, and then each overlaps with none
 
 
-def fill(root: Path, rows: Mapping[str, Sequence[float | None]], kinds: dict[str, str], num_past: int = 3) -> Results:
-    """The PSNR of each cell's clips, as many metres of error, and none of the last clip where one is missing."""
+def fill(
+    root: Path, rows: Mapping[str, Sequence[float | None]], kinds: dict[str, str], num_past: int = 3
+) -> Results:
+    """The PSNR of each cell's clips, as many metres of error, and none of the last clip where one
+    is missing.
+    """
     results = Results(root)
-    write_protocol(results, rows, CLIPS, metrics={"psnr": PSNR, "error": ERROR}, num_past=num_past, num_future=2)
+    write_protocol(
+        results,
+        rows,
+        CLIPS,
+        metrics={"psnr": PSNR, "error": ERROR},
+        num_past=num_past,
+        num_future=2,
+    )
     for name, scores in rows.items():
         lines = [
             (clip, 0, 1, metric, score)
             for clip, score in zip(CLIPS, scores, strict=False)
             for metric in ("psnr", "error")
         ]
-        write_row(results, name, lines, kind=kinds[name], status="done" if len(scores) == len(CLIPS) else "partial")
+        write_row(
+            results,
+            name,
+            lines,
+            kind=kinds[name],
+            status="done" if len(scores) == len(CLIPS) else "partial",
+        )
     return results
 
 
@@ -48,34 +69,56 @@ def numbers(selection: Selection) -> list[int]:
 @pytest.mark.parametrize(
     ("ranking", "expected"),
     [
-        (Ranking("worst", "psnr"), [1, 3, 6]),  # 11, 12 and 17 dB of the first complete row that has a pose source
+        (
+            Ranking("worst", "psnr"),
+            [1, 3, 6],
+        ),  # 11, 12 and 17 dB of the first complete row that has a pose source
         (Ranking("best", "psnr"), [5, 2, 0]),
-        (Ranking("median", "psnr"), [4, 6, 0]),  # of 11 12 17 18 20 25 30: 18, and those 1 and 2 dB from it
+        (
+            Ranking("median", "psnr"),
+            [4, 6, 0],
+        ),  # of 11 12 17 18 20 25 30: 18, and those 1 and 2 dB from it
         (Ranking("worst", "error"), [5, 2, 0]),  # an error is worst where it is largest
         (Ranking("worst", "psnr", "copy"), [7, 6, 5]),
         (Ranking("best", "psnr", "a--r"), [5, 2, 0]),
     ],
 )
-def test_clips_are_chosen_by_their_scores(tmp_path: Path, ranking: Ranking, expected: list[int]) -> None:
+def test_clips_are_chosen_by_their_scores(
+    tmp_path: Path, ranking: Ranking, expected: list[int]
+) -> None:
     assert numbers(ranking.choose(fill(tmp_path, SCORES_OF, KINDS))) == expected
 
 
 def test_the_reason_says_metric_and_row(tmp_path: Path) -> None:
-    assert Ranking("worst", "psnr").choose(fill(tmp_path, SCORES_OF, KINDS)).by == "worst PSNR of a + r"
+    assert (
+        Ranking("worst", "psnr").choose(fill(tmp_path, SCORES_OF, KINDS)).by
+        == "worst PSNR of a + r"
+    )
 
 
 def test_clips_that_share_frames_are_one_example(tmp_path: Path) -> None:
-    # clips of 4 + 2 frames, five apart: neighbours share one frame. In ascending order 1, 3, 6 and 4 are the worst
+    # clips of 4 + 2 frames, five apart: neighbours share one frame. In ascending order 1, 3, 6 and
+    # 4 are the worst
     crowded = {"a--r": [20.0, 11.0, 12.0, 13.0, 18.0, 30.0, 17.0, 40.0]}
-    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "a", crowded, KINDS, num_past=4))) == [1, 3, 6]
-    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "b", crowded, KINDS))) == [1, 2, 3]
+    assert numbers(
+        Ranking("worst", "psnr").choose(fill(tmp_path / "a", crowded, KINDS, num_past=4))
+    ) == [1, 3, 6]
+    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "b", crowded, KINDS))) == [
+        1,
+        2,
+        3,
+    ]
     # with 38 + 2 frames all share some: better three that do than one
-    assert numbers(Ranking("worst", "psnr").choose(fill(tmp_path / "c", crowded, KINDS, num_past=38))) == [1, 2, 3]
+    assert numbers(
+        Ranking("worst", "psnr").choose(fill(tmp_path / "c", crowded, KINDS, num_past=38))
+    ) == [1, 2, 3]
 
 
 def test_no_complete_row_is_one_sentence(tmp_path: Path) -> None:
     results = fill(tmp_path, {"half--r": [1.0]}, KINDS)
-    with pytest.raises(BadData, match="--keep: no row is complete with psnr, by which clips are to be"):
+    with pytest.raises(
+        BadData, match="--keep: no row is complete with psnr, by which clips are to be"
+    ):
         Ranking("worst", "psnr").choose(results)
     with pytest.raises(BadData, match="the row 'half--r' is not complete with psnr"):
         Ranking("worst", "psnr", "half--r").choose(results)
@@ -84,11 +127,14 @@ def test_no_complete_row_is_one_sentence(tmp_path: Path) -> None:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     protocol = {"num_past": 3, "num_future": 2, "size_px": [48, 48], "stride": 10}
-    tables: dict[str, Any] = {"protocol": {"dataset": {"name": "synthetic", "num_clips": 5}, **protocol}}
+    tables: dict[str, Any] = {
+        "protocol": {"dataset": {"name": "synthetic", "num_clips": 5}, **protocol}
+    }
     tables |= {"pose_sources": {"still": "stand-still"}, "renderers": {"far": "ground-far-plane"}}
     tables |= {"predictors": {"copy-last": "copy-last"}}
     return write_matrix(
-        tmp_path / "m.toml", {**tables, "metrics": {"frame": ["psnr"], "trajectory": ["translation-error"]}}
+        tmp_path / "m.toml",
+        {**tables, "metrics": {"frame": ["psnr"], "trajectory": ["translation-error"]}},
     )
 
 
@@ -130,25 +176,40 @@ def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path, pri
 @pytest.mark.parametrize(
     ("keep", "says"),
     [
-        ("wurst:psnr", "has 'wurst', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you mean"),
-        ("worst:psn", "has 'psn', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you mean 'psnr'"),
+        (
+            "wurst:psnr",
+            "has 'wurst', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did "
+            "you mean",
+        ),
+        (
+            "worst:psn",
+            "has 'psn', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you "
+            "mean 'psnr'",
+        ),
         (
             "worst",
-            "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are confidence, coverage,",
+            "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are "
+            "confidence, coverage,",
         ),
         ("best:psnr:copy-lst", "has 'copy-lst', expected N, all, clip names"),
         ("03/000180", "--keep: there is no clip '03/000180': they are called seed0-"),
     ],
 )
-def test_a_wrong_word_is_one_sentence_before_anything_runs(file: Path, refused: Says, keep: str, says: str) -> None:
+def test_a_wrong_word_is_one_sentence_before_anything_runs(
+    file: Path, refused: Says, keep: str, says: str
+) -> None:
     line = refused(*run(file, keep, "--no-report"))
     assert line.startswith("geovp: --keep")
     assert says in line
     assert not list(file.parent.glob("out/*/scores"))
 
 
-def test_what_was_computed_is_shown_though_no_clip_can_be_chosen(file: Path, command: Command) -> None:
-    ended = command(*run(file, "worst:coverage:copy-last", "--no-report"))  # which covers nothing by itself
+def test_what_was_computed_is_shown_though_no_clip_can_be_chosen(
+    file: Path, command: Command
+) -> None:
+    ended = command(
+        *run(file, "worst:coverage:copy-last", "--no-report")
+    )  # which covers nothing by itself
     assert ended.code == 2
     assert "| still + far" in ended.out
     assert "--keep: the row 'copy-last' is not complete with coverage" in ended.err

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from geovp_benchmarks.performance import splat
+from performance import splat
 
 
 def test_all_three_draw_the_same_street() -> None:

@@ -16,7 +16,8 @@ def rows(values: dict[tuple[str, int, int], float | None], metric: str = "psnr")
 
 
 def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
-    # clip a: (1 + 3) / 2 = 2; clip b: (5 + 7) / 2 = 6; mean 4; s = sqrt(((2-4)^2 + (6-4)^2) / 1) = 2.828; / sqrt(2) = 2
+    # clip a: (1 + 3) / 2 = 2; clip b: (5 + 7) / 2 = 6; mean 4; s = sqrt(((2-4)^2 + (6-4)^2) / 1) =
+    # 2.828; / sqrt(2) = 2
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 7.0})
     one = statistics.mean_of_samples(statistics.cube(table, "psnr"), True)
     estimate = statistics.overall(one)
@@ -26,7 +27,9 @@ def test_steps_are_averaged_within_a_clip_before_clips_are() -> None:
 
 def test_steps_have_their_own_means() -> None:
     table = rows({("a", 0, 1): 1.0, ("a", 0, 2): 3.0, ("b", 0, 1): 5.0, ("b", 0, 2): 9.0})
-    estimate = statistics.over_clips(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
+    estimate = statistics.over_clips(
+        statistics.mean_of_samples(statistics.cube(table, "psnr"), True)
+    )
     np.testing.assert_allclose(estimate.mean, [3.0, 6.0])
     np.testing.assert_allclose(estimate.error, [2.0, 3.0])
 
@@ -38,7 +41,15 @@ def test_one_clip_has_no_standard_error() -> None:
 
 
 def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> None:
-    table = rows({("a", 0, 1): 1.0, ("a", 0, 2): None, ("b", 0, 1): None, ("b", 0, 2): None, ("c", 0, 1): 3.0})
+    table = rows(
+        {
+            ("a", 0, 1): 1.0,
+            ("a", 0, 2): None,
+            ("b", 0, 1): None,
+            ("b", 0, 2): None,
+            ("c", 0, 1): 3.0,
+        }
+    )
     estimate = statistics.overall(statistics.mean_of_samples(statistics.cube(table, "psnr"), True))
     assert (float(estimate.mean), int(estimate.count)) == (2.0, 2)
 
@@ -49,7 +60,9 @@ def test_best_sample_is_one_sample_over_all_steps() -> None:
     cube = statistics.cube(table, "psnr")
     np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[10.0, 2.0]])
     np.testing.assert_array_equal(statistics.best_of_samples(cube, False), [[5.0, 5.0]])
-    np.testing.assert_array_equal(statistics.best_of_samples(cube, None), [[7.5, 3.5]])  # nothing is better
+    np.testing.assert_array_equal(
+        statistics.best_of_samples(cube, None), [[7.5, 3.5]]
+    )  # nothing is better
     np.testing.assert_array_equal(statistics.mean_of_samples(cube, True), [[7.5, 3.5]])
 
 
@@ -59,7 +72,8 @@ def test_a_sample_without_values_is_never_the_best() -> None:
 
 
 def test_one_metric_can_choose_the_sample_of_all() -> None:
-    # Clip a: sample 1 is best in PSNR; clip b: sample 0. LPIPS of just these: a 0.5, b 0.3, though 0.1 and 0.2 exist.
+    # Clip a: sample 1 is best in PSNR; clip b: sample 0. LPIPS of just these: a 0.5, b 0.3, though
+    # 0.1 and 0.2 exist.
     psnr = statistics.Cube(("a", "b"), np.array([[[10.0], [12.0]], [[9.0], [8.0]]]))
     lpips = statistics.Cube(("b", "a"), np.array([[[0.3], [0.2]], [[0.1], [0.5]]]))
     same = statistics.best_by(psnr, True)
@@ -72,7 +86,9 @@ def test_a_clip_that_the_judge_does_not_know_has_no_value() -> None:
     judge = statistics.Cube(("a",), np.array([[[10.0], [12.0]]]))
     other = statistics.Cube(("a", "z"), np.array([[[1.0], [2.0]], [[3.0], [4.0]]]))
     np.testing.assert_array_equal(statistics.best_by(judge, True)(other, True), [[2.0], [NAN]])
-    whole = statistics.Cube(("a",), np.array([[[7.0]]]))  # one value for all samples, not the judge's number of them
+    whole = statistics.Cube(
+        ("a",), np.array([[[7.0]]])
+    )  # one value for all samples, not the judge's number of them
     np.testing.assert_array_equal(statistics.best_by(judge, True)(whole, True), [[NAN]])
 
 
@@ -80,7 +96,9 @@ def test_expected_best_of_k_worked_out() -> None:
     # Scores 1, 2, 4. Of one: 7 / 3. Of two: sets {1,2} {1,4} {2,4} -> (2 + 4 + 4) / 3. Of three: 4.
     cube = statistics.Cube(("a",), np.array([[[4.0], [1.0], [2.0]]]))
     np.testing.assert_allclose(statistics.expected_best(cube, True), [[7 / 3, 10 / 3, 4.0]])
-    np.testing.assert_allclose(statistics.expected_best(cube, False), [[7 / 3, 4 / 3, 1.0]])  # (1 + 1 + 2) / 3, then 1
+    np.testing.assert_allclose(
+        statistics.expected_best(cube, False), [[7 / 3, 4 / 3, 1.0]]
+    )  # (1 + 1 + 2) / 3, then 1
 
 
 def test_expected_best_is_the_mean_over_all_sets() -> None:
@@ -102,12 +120,18 @@ def test_expected_best_ends_at_mean_and_best_even_of_a_hundred() -> None:
 
 
 def test_expected_best_leaves_out_samples_without_a_value() -> None:
-    cube = statistics.Cube(("a", "b"), np.array([[[1.0, NAN], [NAN, NAN], [3.0, 3.0]], [[NAN, NAN]] * 3]))
-    np.testing.assert_allclose(statistics.expected_best(cube, True), [[2.0, 3.0, NAN], [NAN, NAN, NAN]])
+    cube = statistics.Cube(
+        ("a", "b"), np.array([[[1.0, NAN], [NAN, NAN], [3.0, 3.0]], [[NAN, NAN]] * 3])
+    )
+    np.testing.assert_allclose(
+        statistics.expected_best(cube, True), [[2.0, 3.0, NAN], [NAN, NAN, NAN]]
+    )
 
 
 def test_other_metrics_do_not_mix_in() -> None:
-    table = Rows.concatenated([rows({("a", 0, 1): 1.0}), rows({("a", 0, 1): 9.0}, metric="psnr@covered")])
+    table = Rows.concatenated(
+        [rows({("a", 0, 1): 1.0}), rows({("a", 0, 1): 9.0}, metric="psnr@covered")]
+    )
     np.testing.assert_array_equal(statistics.cube(table, "psnr").values, [[[1.0]]])
 
 

@@ -61,13 +61,22 @@ def test_a_clip_comes_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.moving, moving)
     assert back.trajectory is not None
     np.testing.assert_array_equal(back.trajectory.world_from_cam, trajectory(5).world_from_cam)
-    assert (back.intrinsics, back.camera_height_m, back.trajectory.is_metric) == (CAMERA, 1.65, True)
+    assert (back.intrinsics, back.camera_height_m, back.trajectory.is_metric) == (
+        CAMERA,
+        1.65,
+        True,
+    )
 
 
 def test_a_clip_of_images_alone_comes_back(tmp_path: Path) -> None:
     Results(tmp_path).write_clip(clip())
     back = Results(tmp_path).clip(NAME)
-    assert (back.trajectory, back.depths, back.moving, back.camera_height_m) == (None, None, None, None)
+    assert (back.trajectory, back.depths, back.moving, back.camera_height_m) == (
+        None,
+        None,
+        None,
+        None,
+    )
 
 
 def test_a_prediction_comes_back_with_and_without_motion(tmp_path: Path) -> None:
@@ -109,7 +118,8 @@ def test_parts_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: 
     (tmp_path / "x/scores/part-00002.parquet").write_bytes(whole[: len(whole) // 2])
     assert [part.index for part in results.parts("x")] == [1]
     with pytest.raises(
-        BadData, match=r"part-00002.parquet is damaged: `geovp run` sets it aside and computes it again"
+        BadData,
+        match=r"part-00002.parquet is damaged: `geovp run` sets it aside and computes it again",
     ):
         results.scores("x")
     assert [path.name for path in results.set_damaged_aside("x")] == ["part-00002.parquet"]
@@ -120,7 +130,13 @@ def test_parts_of_an_older_cell_do_not_count_and_half_a_file_is_named(tmp_path: 
 def test_a_peak_is_the_cells_own_only_where_its_part_says_so(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 10.0, peak_is_own=True))
-    older = {"clips": ["b"], "fingerprint": "f", "metrics": {}, "seconds": {}, "peak_memory_mb": 11.0}
+    older = {
+        "clips": ["b"],
+        "fingerprint": "f",
+        "metrics": {},
+        "seconds": {},
+        "peak_memory_mb": 11.0,
+    }
     write_unsealed(tmp_path / "x/scores/part-00001.parquet", ROW, older)
     told = [(part.clips, part.peak_memory_mb, part.peak_is_own) for part in results.parts("x")]
     assert told == [(("a",), 10.0, True), (("b",), 11.0, False)]
@@ -129,11 +145,14 @@ def test_a_peak_is_the_cells_own_only_where_its_part_says_so(tmp_path: Path) -> 
 def test_a_part_that_pyarrow_wrote_is_read(tmp_path: Path) -> None:
     results = begun(tmp_path)
     write_bytes(
-        tmp_path / "x/scores/part-00000.parquet", (Path(__file__).parent / "older/pyarrow-26.parquet").read_bytes()
+        tmp_path / "x/scores/part-00000.parquet",
+        (Path(__file__).parent / "older/pyarrow-26.parquet").read_bytes(),
     )
     assert [*results.scores("x").of_clips(["b"]).lines()] == [("b", 0, 1, "psnr", 30.0)]
     assert values(results) == [20.5, None, 30.0]
-    assert results.parts("x") == [Part(0, ("a", "b"), "f", {"psnr": {}}, {"view": 2.5}, 100.0, code="c0de")]
+    assert results.parts("x") == [
+        Part(0, ("a", "b"), "f", {"psnr": {}}, {"view": 2.5}, 100.0, code="c0de")
+    ]
 
 
 ROW = "SELECT 'b' AS clip, 0 AS sample, 1 AS step, 'psnr' AS metric, 2.0 AS value"
@@ -164,7 +183,13 @@ def test_a_part_with_other_columns_is_refused_in_a_sentence(
     monkeypatch.setattr(part_files, "LIMIT_ROWS", 1000)
     results = begun(tmp_path)
     results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0))
-    about = {"clips": ["b"], "fingerprint": "f", "metrics": {}, "seconds": {}, "peak_memory_mb": 11.0}
+    about = {
+        "clips": ["b"],
+        "fingerprint": "f",
+        "metrics": {},
+        "seconds": {},
+        "peak_memory_mb": 11.0,
+    }
     path = tmp_path / "x/scores/part-00001.parquet"
     write_unsealed(path, f"{choice}{'' if choice.endswith(',') else ' FROM'} ({ROW})", about)
     reason = rf"^.*part-00001.parquet is no part of results \({HOSTILE[choice]}\): remove it and run again$"
@@ -176,18 +201,33 @@ def test_a_part_with_other_columns_is_refused_in_a_sentence(
 
 def test_rows_that_no_memory_can_hold_as_an_array_are_refused(tmp_path: Path) -> None:
     results = begun(tmp_path)
-    results.write_part("x", scores([("a", 2**20, 1, "psnr", 1.0)]), Part(0, ("a",), "f", {}, {}, 0.0))
+    results.write_part(
+        "x", scores([("a", 2**20, 1, "psnr", 1.0)]), Part(0, ("a",), "f", {}, {}, 0.0)
+    )
     assert values(results) == [1.0]
-    results.write_part("x", scores([("b", 0, 2**10, "psnr", 1.0)]), Part(1, ("b",), "f", {}, {}, 0.0))
+    results.write_part(
+        "x", scores([("b", 0, 2**10, "psnr", 1.0)]), Part(1, ("b",), "f", {}, {}, 0.0)
+    )
     with pytest.raises(
-        BadData, match="x has rows of 2 clips, 1048577 samples and 1024 steps, which no run has: remove"
+        BadData,
+        match="x has rows of 2 clips, 1048577 samples and 1024 steps, which no run has: remove",
     ):
         results.scores("x")
 
 
 def test_equal_rows_are_equal_bytes_and_names_may_hold_quotes(tmp_path: Path) -> None:
-    about = Part(0, ("it's",), "f", {"m'": {"a": "'"}}, {}, 0.0, failures={"it's": ("failed", "'\0\n\u00fc", "")})
-    stored = scores(("it's", 0, step, "m'", value) for step, value in enumerate((1.0, None, float("inf")), 1))
+    about = Part(
+        0,
+        ("it's",),
+        "f",
+        {"m'": {"a": "'"}},
+        {},
+        0.0,
+        failures={"it's": ("failed", "'\0\n\u00fc", "")},
+    )
+    stored = scores(
+        ("it's", 0, step, "m'", value) for step, value in enumerate((1.0, None, float("inf")), 1)
+    )
     written = []
     for root in (tmp_path / "a", tmp_path / "a longer name"):
         results = begun(root)
@@ -203,7 +243,9 @@ def test_equal_rows_are_equal_bytes_and_names_may_hold_quotes(tmp_path: Path) ->
 def test_a_part_of_more_rows_than_are_read_at_once_comes_back(tmp_path: Path) -> None:
     count = part_files.ROWS_AT_ONCE + 1
     results, clips = begun(tmp_path), [f"clip {number // 1000}" for number in range(count)]
-    stored = Rows.of(clips, [0] * count, np.arange(count) % 1000 + 1, ["psnr"] * count, np.arange(count))
+    stored = Rows.of(
+        clips, [0] * count, np.arange(count) % 1000 + 1, ["psnr"] * count, np.arange(count)
+    )
     results.write_part("x", stored, Part(0, tuple(stored.clip.categories), "f", {}, {}, 0.0))
     found = results.scores("x")
     assert found.clip.categories == stored.clip.categories
@@ -226,7 +268,10 @@ def test_no_room_for_a_part_is_an_error_of_the_system(tmp_path: Path) -> None:
 
 def test_the_database_sees_no_other_file(tmp_path: Path) -> None:
     (tmp_path / "secret.csv").write_text("1")
-    with pytest.raises(GeovpError, match="refuses a file"), part_files._database() as (database, _, _):
+    with (
+        pytest.raises(GeovpError, match="refuses a file"),
+        part_files._database() as (database, _, _),
+    ):
         database.execute(f"SELECT * FROM read_csv('{tmp_path}/secret.csv')")
     with part_files._database() as (database, _, _), pytest.raises(duckdb.Error, match="locked"):
         database.execute("SET enable_external_access = true")
@@ -263,7 +308,11 @@ def test_an_edited_record_is_refused_and_one_without_a_checksum_is_not(tmp_path:
     with pytest.raises(BadData, match=r"cell\.json does not match its own checksum"):
         results.cell("x")
     record = json.loads(path.read_text())
-    path.write_text(json.dumps({key: value for key, value in record.items() if "seal" not in key and "sha" not in key}))
+    path.write_text(
+        json.dumps(
+            {key: value for key, value in record.items() if "seal" not in key and "sha" not in key}
+        )
+    )
     found = results.cell("x")
     assert found is not None
     assert found.num_samples == 7
@@ -301,8 +350,13 @@ def test_several_data_sets_are_folders_beside_each_other(tmp_path: Path) -> None
     results = Results(tmp_path)
     assert results.by_dataset() == {"": results}
     results.write_datasets(["near", "far"])
-    assert results.by_dataset() == {"near": Results(tmp_path / "near"), "far": Results(tmp_path / "far")}
-    with pytest.raises(BadData, match=rf"holds several data sets: give one, such as {tmp_path / 'far'}$"):
+    assert results.by_dataset() == {
+        "near": Results(tmp_path / "near"),
+        "far": Results(tmp_path / "far"),
+    }
+    with pytest.raises(
+        BadData, match=rf"holds several data sets: give one, such as {tmp_path / 'far'}$"
+    ):
         results.protocol()
     for _ in range(2):  # what is not there need not be removed
         results.write_datasets([""])
@@ -331,9 +385,13 @@ def test_only_parts_of_the_same_settings_count(other: str, tmp_path: Path) -> No
 def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> None:
     results = begun(tmp_path)
     failed = {"b": ("failed", "no features", "trace")}
-    results.write_part("x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0, facts={"a": {"yaw_deg": 2.0}}))
     results.write_part(
-        "x", rows(1.0), Part(1, ("b",), "f", {}, {}, 0.0, failures=failed, facts={"b": {"yaw_deg": 3.0}})
+        "x", rows(1.0), Part(0, ("a",), "f", {}, {}, 0.0, facts={"a": {"yaw_deg": 2.0}})
+    )
+    results.write_part(
+        "x",
+        rows(1.0),
+        Part(1, ("b",), "f", {}, {}, 0.0, failures=failed, facts={"b": {"yaw_deg": 3.0}}),
     )
     assert results.failures("x") == {"b": "no features"}
     assert results.clip_facts() == {"a": {"yaw_deg": 2.0}, "b": {"yaw_deg": 3.0}}
@@ -351,7 +409,9 @@ def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path
     results.swap("x", "new", "old")
     assert results.set_aside() == {tmp_path / "earlier/new/x"}
     assert values(results) == [1.0]
-    results.swap("x", "old", "0123456789abcdef0")  # a folder is named by 16 letters, and replaces one before it
+    results.swap(
+        "x", "old", "0123456789abcdef0"
+    )  # a folder is named by 16 letters, and replaces one before it
     results.write_clip(clip())
     results.swap("clips", "", "other")
     assert {path.relative_to(tmp_path / "earlier").as_posix() for path in results.set_aside()} == {
@@ -392,7 +452,11 @@ def test_damaged_kept_files_are_set_aside_by_cell_or_for_all(tmp_path: Path) -> 
     results.write_prediction("x", "good", Prediction(clip().frames[None]))
     results.write_prediction("x", "bad", Prediction(clip().frames[None]))
     bad, kept = results.root / "x/predictions/bad.npz", results.clips()[0][1]
-    assert results.size_bytes("x", "predictions") > bad.stat().st_size == results.size_bytes("x", "predictions") / 2
+    assert (
+        results.size_bytes("x", "predictions")
+        > bad.stat().st_size
+        == results.size_bytes("x", "predictions") / 2
+    )
     for path in (bad, kept):
         path.write_bytes(path.read_bytes()[:-30])
     assert results.set_damaged_aside("x") == [bad]
@@ -424,7 +488,9 @@ def test_scratch_files_are_no_predictions(tmp_path: Path) -> None:
 def test_a_clips_name_fits_a_files_name() -> None:
     check_clip_name("a")
     check_clip_name("a" * 226)  # and ".npz": 230 bytes
-    with pytest.raises(BadData, match=rf"the clip '{'a' * 40}'\.\.\. takes 231 bytes .* a name of 230 at most"):
+    with pytest.raises(
+        BadData, match=rf"the clip '{'a' * 40}'\.\.\. takes 231 bytes .* a name of 230 at most"
+    ):
         check_clip_name("a" * 227)
     with pytest.raises(BadData, match="takes 232 bytes"):
         check_clip_name("\u00e9" * 38)  # two bytes in UTF-8, %C3%A9 in the file's name

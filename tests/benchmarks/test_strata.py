@@ -1,4 +1,6 @@
-"""Results divided by what the clips are like: every clip in one stratum, each with a table and figures of its own."""
+"""Results divided by what the clips are like: every clip in one stratum, each with a table and
+figures of its own.
+"""
 
 import math
 from pathlib import Path
@@ -25,13 +27,23 @@ UNITS = {"psnr": ("dB", True), "coverage": ("", True)}
 
 
 def fill(root: Path, facts: dict[str, dict[str, float]], num_clips: int = 5) -> Results:
-    """PSNR is 10, 11, ... by clip and falls by 1 from the first step to the second; `half` has only the first clip."""
+    """PSNR is 10, 11, ... by clip and falls by 1 from the first step to the second; `half` has only
+    the first clip.
+    """
     results, clips = Results(root), list(facts)[:num_clips]
     metrics = {
-        name: {"role": "frame", "unit": unit, "higher_is_better": up, "unavailable": None, "asked": {"name": "psnr"}}
+        name: {
+            "role": "frame",
+            "unit": unit,
+            "higher_is_better": up,
+            "unavailable": None,
+            "asked": {"name": "psnr"},
+        }
         for name, (unit, up) in UNITS.items()
     }
-    write_protocol(results, ["s--r", "half"], clips, metrics=metrics, num_past=3, num_future=2, size_px=[8, 8])
+    write_protocol(
+        results, ["s--r", "half"], clips, metrics=metrics, num_past=3, num_future=2, size_px=[8, 8]
+    )
     for name, count in (("s--r", len(clips)), ("half", 1)):
         rows = [
             (clip, 0, step, metric, value)
@@ -40,7 +52,9 @@ def fill(root: Path, facts: dict[str, dict[str, float]], num_clips: int = 5) -> 
             for metric, value in (("psnr", 11.0 + number - step), ("coverage", COVERED[clip]))
         ]
         own = {clip: facts[clip] for clip in clips[:count]}
-        write_row(results, name, rows, own, kind="geometric", status="done" if count > 1 else "partial")
+        write_row(
+            results, name, rows, own, kind="geometric", status="done" if count > 1 else "partial"
+        )
     return results
 
 
@@ -54,10 +68,25 @@ def results(tmp_path: Path) -> Results:
     [
         (
             "turning",
-            {"straight, by less than 5 deg": "ac", "turning, by 5 deg or more": "bd", "yaw_deg not known": "e"},
+            {
+                "straight, by less than 5 deg": "ac",
+                "turning, by 5 deg or more": "bd",
+                "yaw_deg not known": "e",
+            },
         ),
-        ("speed", {"below 5 m/s": "a", "5 to 10 m/s": "b", "10 m/s or more": "c", "speed_m_s not known": "de"}),
-        ("step", {"below 0.5 m a frame": "a", "0.5 to 1 m a frame": "b", "1 m a frame or more": "c"}),
+        (
+            "speed",
+            {
+                "below 5 m/s": "a",
+                "5 to 10 m/s": "b",
+                "10 m/s or more": "c",
+                "speed_m_s not known": "de",
+            },
+        ),
+        (
+            "step",
+            {"below 0.5 m a frame": "a", "0.5 to 1 m a frame": "b", "1 m a frame or more": "c"},
+        ),
         # thirds of .7 .8 .9 .95 .99: the bounds are at places 4 / 3 and 8 / 3 of 0..4
         (
             "seen",
@@ -69,25 +98,39 @@ def results(tmp_path: Path) -> Results:
         ),
     ],
 )
-def test_every_clip_is_in_the_stratum_of_its_facts(results: Results, by: str, expected: dict[str, str]) -> None:
-    divided = {subset.label: "".join(sorted(subset.chosen)) for subset in strata.divide(results, by)}
+def test_every_clip_is_in_the_stratum_of_its_facts(
+    results: Results, by: str, expected: dict[str, str]
+) -> None:
+    divided = {
+        subset.label: "".join(sorted(subset.chosen)) for subset in strata.divide(results, by)
+    }
     assert expected.items() <= divided.items()
     assert "".join(sorted("".join(divided.values()))) == "abcde"
 
 
 def test_exact_depth_is_believed_before_a_methods_coverage(tmp_path: Path) -> None:
-    facts = {name: {"seen": share, "moving": share - 0.5} for name, share in zip("abc", (0.5, 0.6, 0.7), strict=True)}
+    facts = {
+        name: {"seen": share, "moving": share - 0.5}
+        for name, share in zip("abc", (0.5, 0.6, 0.7), strict=True)
+    }
     results = fill(tmp_path, facts)
     assert strata.divide(results, "seen")[0].label == "below 56.7% seen before"
     moving = {subset.label: set(subset.chosen) for subset in strata.divide(results, "moving")}
-    assert moving == {"below 1.0% of pixels moving": {"a"}, "1.0% or more of pixels moving": {"b", "c"}}
+    assert moving == {
+        "below 1.0% of pixels moving": {"a"},
+        "1.0% or more of pixels moving": {"b", "c"},
+    }
 
 
 def test_a_table_of_a_stratum_is_of_its_clips_alone(results: Results) -> None:
-    straight, turning, unknown = (tables.build(subset)[0] for subset in strata.divide(results, "turning"))
+    straight, turning, unknown = (
+        tables.build(subset)[0] for subset in strata.divide(results, "turning")
+    )
     assert straight.title == "demo, straight, by less than 5 deg (n = 2): whole frames and poses"
     # clips a and c have 9.5 and 11.5 dB over their two steps, b and d 10.5 and 12.5, e 13.5
-    assert [float(table.rows[0].estimates["psnr"].mean) for table in (straight, turning, unknown)] == [10.5, 11.5, 13.5]
+    assert [
+        float(table.rows[0].estimates["psnr"].mean) for table in (straight, turning, unknown)
+    ] == [10.5, 11.5, 13.5]
     assert [table.rows[0].num_clips for table in (straight, turning, unknown)] == [2, 2, 1]
     assert straight.rows[1].num_clips == 1
     assert any(note == "half: partial: 1 of 2 clips; run again." for note in straight.notes)
@@ -97,7 +140,9 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     list(plots.write_all(results))
     before = {path.name for path in results.plots.iterdir()}
     pages = [page for page, _ in plots.write_all(results, by="turning")]
-    assert [page.name for page in pages if page.subject == "psnr"] == [f"strata-turning-{n}-psnr" for n in (1, 2, 3)]
+    assert [page.name for page in pages if page.subject == "psnr"] == [
+        f"strata-turning-{n}-psnr" for n in (1, 2, 3)
+    ]
     limits = {page.figure.axes[0].get_ylim() for page in pages if page.subject == "psnr"}
     assert len(limits) == 1
     first = pages[0].figure.axes[0]
@@ -105,7 +150,10 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     legend = first.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["s + r", "half (only 1 of 2 clips)"]
-    assert [np.asarray(line.get_ydata()).tolist() for line in first.lines[:2]] == [[11.0, 10.0], [10.0, 9.0]]
+    assert [np.asarray(line.get_ydata()).tolist() for line in first.lines[:2]] == [
+        [11.0, 10.0],
+        [10.0, 9.0],
+    ]
     after = {path.name for path in results.plots.iterdir()}
     assert before < after
     list(plots.write_all(results))
@@ -113,8 +161,17 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
 
 
 def test_the_command_line_prints_a_table_a_stratum(results: Results, printed: Says) -> None:
-    headings = [line for line in printed("table", results.root, "--by", "speed").splitlines() if line.startswith("## ")]
-    speeds = ["below 5 m/s (n = 1)", "5 to 10 m/s (n = 1)", "10 m/s or more (n = 1)", "speed_m_s not known (n = 2)"]
+    headings = [
+        line
+        for line in printed("table", results.root, "--by", "speed").splitlines()
+        if line.startswith("## ")
+    ]
+    speeds = [
+        "below 5 m/s (n = 1)",
+        "5 to 10 m/s (n = 1)",
+        "10 m/s or more (n = 1)",
+        "speed_m_s not known (n = 2)",
+    ]
     assert [line.partition(", ")[2].partition(":")[0] for line in headings] == speeds
     assert "strata-speed-1-psnr.png" in printed("plot", results.root, "--by", "speed")
 
@@ -126,7 +183,9 @@ def test_a_wrong_word_is_one_sentence(results: Results, refused: Says, verb: str
 
 
 def test_what_nothing_is_known_of_cannot_be_divided(tmp_path: Path) -> None:
-    with pytest.raises(BadData, match="does not say moving of any clip, by which it could be divided"):
+    with pytest.raises(
+        BadData, match="does not say moving of any clip, by which it could be divided"
+    ):
         strata.divide(fill(tmp_path, FACTS), "moving")
 
 
@@ -139,6 +198,11 @@ def test_a_run_and_a_rescoring_store_the_facts_of_their_clips(tmp_path: Path) ->
     assert facts.pop("seen") + facts.pop("disoccluded") <= 1
     assert facts == pytest.approx({"yaw_deg": 0.0, "speed_m_s": 10.0, "step_m": 1.0})
     again = Results(tmp_path / "again")
-    rescore(Results(tmp_path / "out"), again, stored_metrics(Results(tmp_path / "out")), lambda done, total: None)
+    rescore(
+        Results(tmp_path / "out"),
+        again,
+        stored_metrics(Results(tmp_path / "out")),
+        lambda done, total: None,
+    )
     assert again.clip_facts() == {"road/001": stored["road/001"]}
     assert not any(math.isnan(value) for value in stored["road/001"].values())

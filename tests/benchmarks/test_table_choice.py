@@ -79,10 +79,15 @@ def test_intervals_of_errors_do_not_go_below_zero(results: Results) -> None:
         (["--metrics", "psrn"], "no column is called 'psrn': did you mean 'psnr'?"),
         (["--label", "tab:a"], "--label and --caption are LaTeX's, not for md: add --format tex"),
         (["--format", "tex", "--label", "a}b"], "--label 'a}b' is not a name for LaTeX"),
-        (["--style", "thesis", "--metrics", "psnr"], "--style thesis has the thesis's rows and columns"),
+        (
+            ["--style", "thesis", "--metrics", "psnr"],
+            "--style thesis has the thesis's rows and columns",
+        ),
     ],
 )
-def test_what_cannot_be_is_one_sentence(results: Results, given: list[str], said: str, refused: Says) -> None:
+def test_what_cannot_be_is_one_sentence(
+    results: Results, given: list[str], said: str, refused: Says
+) -> None:
     assert said in refused("table", results.root, *given)
 
 
@@ -97,7 +102,18 @@ def test_differences_of_chosen_rows(results: Results) -> None:
 def test_a_page_says_what_was_chosen(results: Results, tmp_path: Path, printed: Says) -> None:
     results.write_protocol({**results.protocol(), "versions": {}})
     page = tmp_path / "page.md"
-    printed("table", results.root, "--page", page, "--metrics", "psnr", "coverage", "--methods", "plain", ODD)
+    printed(
+        "table",
+        results.root,
+        "--page",
+        page,
+        "--metrics",
+        "psnr",
+        "coverage",
+        "--methods",
+        "plain",
+        ODD,
+    )
     assert "--methods plain '50%_a & b {x}" in page.read_text()
     assert "--metrics psnr coverage" in page.read_text()
 
@@ -114,15 +130,22 @@ class TestCompiled:
     def compile(self, results: Results, tmp_path: Path, printed: Says) -> Says:
         engine = next(filter(None, map(shutil.which, ("tectonic", "pdflatex", "latex"))), None)
         if engine is None:
-            pytest.skip("no LaTeX engine (tectonic, pdflatex or latex) is installed: the tables were not compiled")
+            pytest.skip(
+                "no LaTeX engine (tectonic, pdflatex or latex) is installed: the tables were "
+                "not compiled"
+            )
 
         def compiled(*given: str) -> str:
             body = f"See \\ref{{tab:main}}.\n{printed('table', results.root, '--format', 'tex', *given)}"
             head = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}"
             (tmp_path / "t.tex").write_text(f"{head}\n{body}\\end{{document}}\n")
-            quiet = ["--keep-logs"] if Path(engine).stem == "tectonic" else ["-interaction=nonstopmode"]
+            quiet = (
+                ["--keep-logs"] if Path(engine).stem == "tectonic" else ["-interaction=nonstopmode"]
+            )
             for _ in range(2):  # references are known the second time
-                done = subprocess.run([engine, *quiet, "t.tex"], cwd=tmp_path, capture_output=True, timeout=300)
+                done = subprocess.run(
+                    [engine, *quiet, "t.tex"], cwd=tmp_path, capture_output=True, timeout=300
+                )
             assert done.returncode == 0, done.stdout[-2000:]
             return (tmp_path / "t.log").read_text(errors="replace")
 
@@ -132,13 +155,29 @@ class TestCompiled:
         "given",
         [
             ["--metrics", "psnr", "coverage"],
-            ["--metrics", "psnr", "lpips", "translation-error", "coverage", "--spread", "standard-error"],
+            [
+                "--metrics",
+                "psnr",
+                "lpips",
+                "translation-error",
+                "coverage",
+                "--spread",
+                "standard-error",
+            ],
             ["--caption", r"Scores of $n = 6$ clips, \textbf{best}.", "--against", "plain"],
             [],
         ],
     )
-    def test_nothing_is_too_wide_and_the_label_is_known(self, compile: Says, given: list[str]) -> None:
+    def test_nothing_is_too_wide_and_the_label_is_known(
+        self, compile: Says, given: list[str]
+    ) -> None:
         log = compile("--label", "tab:main", *given)
-        for complaint in ("Overfull", "undefined", "multiply defined", "Float too large", "LaTeX Error"):
+        for complaint in (
+            "Overfull",
+            "undefined",
+            "multiply defined",
+            "Float too large",
+            "LaTeX Error",
+        ):
             assert complaint not in log
         assert "Output written" in log or "tectonic" in log

@@ -14,16 +14,40 @@ from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol, write_row
 
 METRICS = {
-    "psnr": {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None, "definition": "per frame"},
+    "psnr": {
+        "role": "frame",
+        "unit": "dB",
+        "higher_is_better": True,
+        "unavailable": None,
+        "definition": "per frame",
+    },
     "lpips": {"role": "frame", "unavailable": "lpips_alex is not here: fetch it"},
-    "translation-error": {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None},
-    "coverage": {"role": "frame", "unit": "", "higher_is_better": True, "unavailable": None, "definition": "share"},
+    "translation-error": {
+        "role": "trajectory",
+        "unit": "m",
+        "higher_is_better": False,
+        "unavailable": None,
+    },
+    "coverage": {
+        "role": "frame",
+        "unit": "",
+        "higher_is_better": True,
+        "unavailable": None,
+        "definition": "share",
+    },
 }
 
 
-def write(results: Results, name: str, values: dict[tuple[str, int, str], float | None], **record: Any) -> None:
+def write(
+    results: Results, name: str, values: dict[tuple[str, int, str], float | None], **record: Any
+) -> None:
     """A cell with values at one step by clip, sample and metric."""
-    write_row(results, name, [(clip, sample, 1, metric, v) for (clip, sample, metric), v in values.items()], **record)
+    write_row(
+        results,
+        name,
+        [(clip, sample, 1, metric, v) for (clip, sample, metric), v in values.items()],
+        **record,
+    )
 
 
 @pytest.fixture
@@ -31,12 +55,26 @@ def results(tmp_path: Path) -> Results:
     """Two clips; `sharp` is better in PSNR, `still` in the error; one cell of each other status."""
     results = Results(tmp_path)
     road = {"name": "road", "split": "test"}
-    write_protocol(results, ["a--sharp", "still", "half", "broken", "apart"], "xy", metrics=METRICS, dataset=road)
+    write_protocol(
+        results,
+        ["a--sharp", "still", "half", "broken", "apart"],
+        "xy",
+        metrics=METRICS,
+        dataset=road,
+    )
     sharp = {("x", 0, "psnr"): 20.0, ("y", 0, "psnr"): 24.0}
     sharp |= {(clip, 0, "translation-error"): 3.0 for clip in "xy"}
-    apart = {("x", 0, "psnr@covered"): 25.0, ("y", 0, "psnr@covered"): None, ("x", 0, "coverage"): 0.5}
+    apart = {
+        ("x", 0, "psnr@covered"): 25.0,
+        ("y", 0, "psnr@covered"): None,
+        ("x", 0, "coverage"): 0.5,
+    }
     write(results, "a--sharp", {**sharp, **apart}, grants=["PAST_POSES", "FUTURE_POSES"])
-    write(results, "still", {("x", 0, "psnr"): 10.0, ("y", 0, "psnr"): 12.0, ("x", 0, "translation-error"): 1.0})
+    write(
+        results,
+        "still",
+        {("x", 0, "psnr"): 10.0, ("y", 0, "psnr"): 12.0, ("x", 0, "translation-error"): 1.0},
+    )
     write(results, "half", {("x", 0, "psnr"): 90.0}, status="partial")
     write(results, "broken", {}, status="failed", reason="the road ended")
     write(results, "apart", {}, status="skipped", reason="give the odometry a scale")
@@ -53,7 +91,13 @@ def row_of(text: list[str], name: str) -> list[str]:
 
 
 def test_headings_say_unit_and_direction(results: Results) -> None:
-    assert row_of(lines(results), "method") == ["method", "clips", "PSNR (dB) ↑", "LPIPS", "translation error (m) ↓"]
+    assert row_of(lines(results), "method") == [
+        "method",
+        "clips",
+        "PSNR (dB) ↑",
+        "LPIPS",
+        "translation error (m) ↓",
+    ]
 
 
 def test_means_with_their_standard_errors_as_the_thesis_has_them(results: Results) -> None:
@@ -73,7 +117,9 @@ def test_grants_are_marked_and_explained(results: Results) -> None:
     text = lines(results)
     assert row_of(text, "a + sharp")[0] == "a + sharp [pf]"
     assert row_of(text, "still")[0] == "still"
-    assert "- Granted beyond the observed frames: [p] true past poses, [f] true future poses." in text
+    assert (
+        "- Granted beyond the observed frames: [p] true past poses, [f] true future poses." in text
+    )
 
 
 def test_what_stands_below(results: Results) -> None:
@@ -97,7 +143,10 @@ def test_what_two_clips_do_not_give_is_not_explained(results: Results) -> None:
     main = tables.build(results)[0]
     for table in (main, tables.against(results, "still")):
         text = formats.markdown(table)
-        assert "- A clip's value is the mean over its steps. Fewer than 3 clips give no interval.\n" in text
+        assert (
+            "- A clip's value is the mean over its steps. Fewer than 3 clips give no interval.\n"
+            in text
+        )
         assert not [word for word in ("[low, high]", "Bold", "(n) behind", "*:") if word in text]
 
 
@@ -109,7 +158,12 @@ def test_sets_of_pixels_have_their_own_table(results: Results) -> None:
 
 
 def test_samples_give_a_row_for_one_guess_and_rows_for_the_best(results: Results) -> None:
-    values = {("x", 0, "psnr"): 10.0, ("x", 1, "psnr"): 30.0, ("y", 0, "psnr"): 20.0, ("y", 1, "psnr"): 10.0}
+    values = {
+        ("x", 0, "psnr"): 10.0,
+        ("x", 1, "psnr"): 30.0,
+        ("y", 0, "psnr"): 20.0,
+        ("y", 1, "psnr"): 10.0,
+    }
     write(results, "still", values)
     text = lines(results)
     assert row_of(text, "still, mean of 2")[2] == "17.50 ± 2.50"
@@ -117,7 +171,9 @@ def test_samples_give_a_row_for_one_guess_and_rows_for_the_best(results: Results
 
 
 def test_latex_escapes_and_emphasises(results: Results) -> None:
-    write(results, "still", {("x", 0, "psnr"): 30.0, ("y", 0, "psnr"): 30.0}, label="100%_still & co")
+    write(
+        results, "still", {("x", 0, "psnr"): 30.0, ("y", 0, "psnr"): 30.0}, label="100%_still & co"
+    )
     text = formats.latex(tables.build(results, "standard-error")[0])
     assert r"100\%\_still \& co & 2 & 30.00 $\pm$ 0.00" in text
     assert r"a + sharp$^{\mathrm{pf}}$ & 2 & 22.00 $\pm$ 2.00" in text
@@ -139,7 +195,9 @@ def test_csv_has_every_digit(results: Results) -> None:
 def test_all_formats_are_written(results: Results) -> None:
     names = sorted(path.name for path in formats.write_all(results))
     endings = ("csv", "md", "tex")
-    assert names == [f"{table}.{ending}" for table in ("pixels-psnr", "scores") for ending in endings]
+    assert names == [
+        f"{table}.{ending}" for table in ("pixels-psnr", "scores") for ending in endings
+    ]
     assert all((results.root / "tables" / name).read_text() for name in names)
 
 
@@ -149,10 +207,14 @@ class TestPage:
     @pytest.fixture
     def page(self, results: Results, tmp_path: Path) -> Path:
         protocol = results.protocol()
-        results.write_protocol({**protocol, "versions": {"geovp-classic": "0.1.0", "numpy": "2.4.6"}})
+        results.write_protocol(
+            {**protocol, "versions": {"geovp-classic": "0.1.0", "numpy": "2.4.6"}}
+        )
         return tmp_path / "docs" / "demo.md"
 
-    def test_it_says_commands_date_versions_and_tables(self, results: Results, page: Path, printed: Says) -> None:
+    def test_it_says_commands_date_versions_and_tables(
+        self, results: Results, page: Path, printed: Says
+    ) -> None:
         told = printed("table", results.root, "--page", page, "--strict")
         text = page.read_text()
         assert text.startswith("# demo\n\n```sh\ngeovp run demo\n")
@@ -161,14 +223,21 @@ class TestPage:
         assert "computed with geovp-classic 0.1.0, numpy 2.4.6." in text
         assert told.strip() in text
 
-    def test_another_command_and_another_table(self, results: Results, page: Path, printed: Says) -> None:
+    def test_another_command_and_another_table(
+        self, results: Results, page: Path, printed: Says
+    ) -> None:
         given = ["--command", "geovp run mine.toml", "--against", "still", "--page", page]
         printed("table", results.root, *given)
         text = page.read_text()
-        assert f"```sh\ngeovp run mine.toml\ngeovp table results/{results.root.name} --against still\n```" in text
+        assert (
+            f"```sh\ngeovp run mine.toml\ngeovp table results/{results.root.name} --against still\n```"
+            in text
+        )
         assert "## demo: differences from still" in text
 
-    def test_notes_below_stay_and_old_tables_go(self, results: Results, page: Path, printed: Says) -> None:
+    def test_notes_below_stay_and_old_tables_go(
+        self, results: Results, page: Path, printed: Says
+    ) -> None:
         page.parent.mkdir()
         page.write_text("# demo\n\nold numbers\n\n## Notes\n\nStill blurs.\n")
         printed("table", results.root, "--page", page)
@@ -186,29 +255,53 @@ def sampled(tmp_path: Path) -> Results:
     """Two clips, three samples: sample 1 is best in PSNR, sample 2 in the error."""
     results = Results(tmp_path / "sampled")
     write_protocol(results, ["chance", "still"], "xy", metrics=METRICS)
-    psnr = {(clip, sample, "psnr"): value for clip in "xy" for sample, value in enumerate((10.0, 13.0, 11.0))}
+    psnr = {
+        (clip, sample, "psnr"): value
+        for clip in "xy"
+        for sample, value in enumerate((10.0, 13.0, 11.0))
+    }
     metres = {
-        (clip, sample, "translation-error"): value for clip in "xy" for sample, value in enumerate((4.0, 3.0, 1.0))
+        (clip, sample, "translation-error"): value
+        for clip in "xy"
+        for sample, value in enumerate((4.0, 3.0, 1.0))
     }
     write(results, "chance", {**psnr, **metres}, num_samples=3)
     write(results, "still", {("x", 0, "psnr"): 11.5, ("y", 0, "psnr"): 11.5})
     return results
 
 
-def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(sampled: Results) -> None:
+def test_samples_give_a_mean_a_best_and_a_best_that_answers_for_all_columns(
+    sampled: Results,
+) -> None:
     text = lines(sampled)
     assert row_of(text, "chance, mean of 3")[2:] == ["11.33 ± 0.00", "unavailable", "2.667 ± 0.000"]
-    assert row_of(text, "chance, best of 3  ")[2:] == ["13.00 ± 0.00", "unavailable", "1.000 ± 0.000"]
-    assert row_of(text, "chance, best of 3 by PSNR")[2:] == ["13.00 ± 0.00", "unavailable", "3.000 ± 0.000"]
+    assert row_of(text, "chance, best of 3  ")[2:] == [
+        "13.00 ± 0.00",
+        "unavailable",
+        "1.000 ± 0.000",
+    ]
+    assert row_of(text, "chance, best of 3 by PSNR")[2:] == [
+        "13.00 ± 0.00",
+        "unavailable",
+        "3.000 ± 0.000",
+    ]
 
 
 def test_no_coverage_is_the_best(sampled: Results) -> None:
-    """Shares .1, .3 and .8 of samples of 10, 13 and 11 dB: of the best in itself their mean, of the best in PSNR .3."""
-    found = {(clip, s, "psnr"): value for clip in "xy" for s, value in enumerate((10.0, 13.0, 11.0))}
-    found |= {(clip, s, "coverage"): value for clip in "xy" for s, value in enumerate((0.1, 0.3, 0.8))}
+    """Shares .1, .3 and .8 of samples of 10, 13 and 11 dB: of the best in itself their mean, of the
+    best in PSNR .3.
+    """
+    found = {
+        (clip, s, "psnr"): value for clip in "xy" for s, value in enumerate((10.0, 13.0, 11.0))
+    }
+    found |= {
+        (clip, s, "coverage"): value for clip in "xy" for s, value in enumerate((0.1, 0.3, 0.8))
+    }
     write(sampled, "chance", found, num_samples=3)
     (table,) = tables.build(sampled, choice=Choice(metrics=("coverage",)))
-    means = {row.name: float(row.estimates["coverage"].mean) for row in table.rows if row.name != "still"}
+    means = {
+        row.name: float(row.estimates["coverage"].mean) for row in table.rows if row.name != "still"
+    }
     assert list(means) == ["chance, mean of 3", "chance, best of 3", "chance, best of 3 by PSNR"]
     assert list(means.values()) == pytest.approx([0.4, 0.4, 0.3])
 
@@ -220,11 +313,19 @@ def test_a_methods_name_compares_with_its_mean_sample(sampled: Results) -> None:
 
 
 def test_best_of_k_has_a_table_per_metric(sampled: Results) -> None:
-    tables_by_name = {table.name: formats.markdown(table).splitlines() for table in tables.build(sampled)}
+    tables_by_name = {
+        table.name: formats.markdown(table).splitlines() for table in tables.build(sampled)
+    }
     assert list(tables_by_name) == ["scores", "samples-psnr", "samples-translation-error"]
     psnr, metres = tables_by_name["samples-psnr"], tables_by_name["samples-translation-error"]
-    assert row_of(psnr, "method")[2:] == ["best of 1 (dB) ↑", "best of 2 (dB) ↑", "best of 3 (dB) ↑"]
+    assert row_of(psnr, "method")[2:] == [
+        "best of 1 (dB) ↑",
+        "best of 2 (dB) ↑",
+        "best of 3 (dB) ↑",
+    ]
     # Pairs of 10, 13, 11: (13 + 11 + 13) / 3 = 12.33; of 4, 3, 1: (3 + 1 + 1) / 3 = 1.667.
     for text, means in ((psnr, ["11.33", "12.33", "13.00"]), (metres, ["2.667", "1.667", "1.000"])):
-        assert [entry.strip("*").split()[0].strip("*") for entry in row_of(text, "chance")[2:]] == means
+        assert [
+            entry.strip("*").split()[0].strip("*") for entry in row_of(text, "chance")[2:]
+        ] == means
     assert not any(line.startswith("| still") for line in psnr)

@@ -12,12 +12,37 @@ from tests.benchmarks.made import scores, write_protocol, write_row
 
 VO = {"name": "chained", "odometry": {"name": "monocular"}}
 GT = {"name": "ground-truth"}
-CELLS: dict[str, tuple[dict[str, Any], int, float]] = {  # name: (components, samples, PSNR of the first sample)
+CELLS: dict[
+    str, tuple[dict[str, Any], int, float]
+] = {  # name: (components, samples, PSNR of the first sample)
     "copy-last": ({"predictor": {"name": "copy-last"}}, 1, 14.0),
     "crossed": ({"pose_source": GT, "renderer": {"name": "synsin"}}, 1, 13.0),
-    "flat": ({"predictor": {"pose_source": {"name": "planar", "source": GT}, "renderer": {"name": "synsin"}}}, 1, 12.5),
-    "vo": ({"predictor": {"name": "geometric", "pose_source": VO, "renderer": {"name": "depth-fusion"}}}, 1, 17.0),
-    "deep": ({"predictor": {"pose_source": {"name": "deepvo"}, "renderer": {"name": "synsin"}}}, 1, 11.0),
+    "flat": (
+        {
+            "predictor": {
+                "pose_source": {"name": "planar", "source": GT},
+                "renderer": {"name": "synsin"},
+            }
+        },
+        1,
+        12.5,
+    ),
+    "vo": (
+        {
+            "predictor": {
+                "name": "geometric",
+                "pose_source": VO,
+                "renderer": {"name": "depth-fusion"},
+            }
+        },
+        1,
+        17.0,
+    ),
+    "deep": (
+        {"predictor": {"pose_source": {"name": "deepvo"}, "renderer": {"name": "synsin"}}},
+        1,
+        11.0,
+    ),
     "svg-4": ({"predictor": {"name": "svg"}}, 4, 12.0),
     "svg-1": ({"predictor": {"name": "svg"}}, 1, 12.0),
 }
@@ -25,9 +50,16 @@ CELLS: dict[str, tuple[dict[str, Any], int, float]] = {  # name: (components, sa
 
 @pytest.fixture
 def results(tmp_path: Path) -> Results:
-    """Two clips; each sample has 1 dB more than the one before it, and an LPIPS of a hundredth of its PSNR."""
+    """Two clips; each sample has 1 dB more than the one before it, and an LPIPS of a hundredth of
+    its PSNR.
+    """
     results = Results(tmp_path / "thesis")
-    protocol = {"name": "thesis", "dataset_name": "kitti", "dataset": {"name": "kitti", "split": "test"}, "metrics": {}}
+    protocol = {
+        "name": "thesis",
+        "dataset_name": "kitti",
+        "dataset": {"name": "kitti", "split": "test"},
+        "metrics": {},
+    }
     write_protocol(results, [*CELLS, "slamp-1"], "xy", **protocol, size_px=[256, 256])
     for name, (components, samples, psnr) in CELLS.items():
         lines = [
@@ -57,13 +89,20 @@ def blocks(results: Results) -> tuple[str, str]:
 def test_rows_have_the_thesiss_names_and_order_and_ours_come_after(results: Results) -> None:
     ours = rows_of(blocks(results)[0])
     assert ours[0] == ["Models", "PSNR (↑)", "SSIM (↑)", "LPIPS (↓)"]
-    names = ["SVG - 1 Sample", "SVG - 4 Samples", "Ours", "GT 2D Pose + SynSin", "GT 3D Pose + SynSin"]
+    names = [
+        "SVG - 1 Sample",
+        "SVG - 4 Samples",
+        "Ours",
+        "GT 2D Pose + SynSin",
+        "GT 3D Pose + SynSin",
+    ]
     assert [row[0] for row in ours[2:]] == [*names, "copy-last", "vo [h]"]
 
 
 def test_samples_are_scored_by_the_best_of_each_column(results: Results) -> None:
     rows = {row[0]: row[1:] for row in rows_of(blocks(results)[0])}
-    # Clips have 12.0 and 12.5: mean 12.25 (LPIPS .1225), s = 0.354, / sqrt(2) = 0.25. The best PSNR of four is 3 dB
+    # Clips have 12.0 and 12.5: mean 12.25 (LPIPS .1225), s = 0.354, / sqrt(2) = 0.25. The best PSNR
+    # of four is 3 dB
     # above, the best LPIPS is the first sample's.
     assert rows["SVG - 1 Sample"] == ["12.250 ± 0.250", "-", "0.122 ± 0.003"]
     assert rows["SVG - 4 Samples"] == ["15.250 ± 0.250", "-", "0.122 ± 0.003"]
@@ -75,7 +114,12 @@ def test_published_numbers_stand_apart_with_their_source(results: Results) -> No
     ours, published = blocks(results)
     rows = rows_of(published)
     assert len(rows) == 2 + 9
-    assert rows[5] == ["SRVP - 100 Samples", "**13.504 ± 0.070**", "**0.433 ± 0.003**", "0.698 ± 0.003"]
+    assert rows[5] == [
+        "SRVP - 100 Samples",
+        "**13.504 ± 0.070**",
+        "**0.433 ± 0.003**",
+        "0.698 ± 0.003",
+    ]
     assert rows[-1] == ["GT 3D Pose + SynSin", "12.897 ± 0.107", "0.393 ± 0.004", "0.380 ± 0.006"]
     assert "Table 4.1 of the thesis" in published
     assert "13.504" not in ours
@@ -119,7 +163,9 @@ def test_the_published_block_has_the_thesiss_bold_cells_and_no_others(results: R
     assert LATEX in published
     assert "Table 4.1 of the thesis" in published
     assert r"SVG - 4 Samples & 15.250 $\pm$ 0.250 & - & 0.122 $\pm$ 0.003 \\" in ours
-    assert published.count(r"\begin") == published.count(r"\end") - 1 == 1  # its table begins above the caption
+    assert (
+        published.count(r"\begin") == published.count(r"\end") - 1 == 1
+    )  # its table begins above the caption
 
 
 def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) -> None:
@@ -135,7 +181,11 @@ def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) 
     ]
     results.write_part("crossed", scores(best), Part(0, ("x", "y"), "f", {}, {}, 0.0))
     rows = {row[0]: row[1:] for row in rows_of(blocks(results)[0])}
-    assert rows["GT 3D Pose + SynSin"] == ["40.500 ± 0.500", "-", "0.015 ± 0.005"]  # the best by far, not in bold
+    assert rows["GT 3D Pose + SynSin"] == [
+        "40.500 ± 0.500",
+        "-",
+        "0.015 ± 0.005",
+    ]  # the best by far, not in bold
     assert rows["vo [h]"][0] == "**17.250 ± 0.250**"
     assert rows["Ours"][2] == "**0.113 ± 0.003**"
 
@@ -144,13 +194,18 @@ def test_weights_are_told_once_with_the_rows_that_use_them(results: Results) -> 
     for name in ("svg-1", "svg-4"):
         cell = results.cell(name)
         assert cell is not None
-        results.write_cell(name, {**cell.record, "about": ["svg weights a.safetensors; works at 64x64"]})
+        results.write_cell(
+            name, {**cell.record, "about": ["svg weights a.safetensors; works at 64x64"]}
+        )
     assert "- svg weights a.safetensors; works at 64x64 (svg-4, svg-1)." in blocks(results)[0]
 
 
 def test_what_is_missing_is_told(results: Results) -> None:
     ours, _ = blocks(results)
-    assert "Not in these results: SRVP - 1 Sample, SRVP - 100 Samples, SLAMP - 1 Sample, SLAMP - 100 Samples." in ours
+    assert (
+        "Not in these results: SRVP - 1 Sample, SRVP - 100 Samples, SLAMP - 1 Sample, SLAMP - "
+        "100 Samples." in ours
+    )
     assert "- slamp-1: skipped: no weights." in ours
     assert "2 clips of kitti, split test; 10 frames seen, the next 20 predicted at 256x256." in ours
 
@@ -167,13 +222,22 @@ def test_the_matrices_that_come_with_it_have_every_row_of_the_thesis(name: str) 
     own = matrix.read(Path(thesis.__file__).parent / "configs" / f"{name}.toml")
     samples = {(entry.spec["name"], entry.num_samples) for entry in own.predictors.values()}
     assert {(name, count) for name in ("svg", "srvp", "slamp") for count in (1, 100)} <= samples
-    sources = [entry.spec["pose_source"]["name"] for entry in own.predictors.values() if "pose_source" in entry.spec]
+    sources = [
+        entry.spec["pose_source"]["name"]
+        for entry in own.predictors.values()
+        if "pose_source" in entry.spec
+    ]
     refined = ["refined"] * 4  # the rows of fusion without any true pose
     assert sources[:7] == ["deepvo", "planar", "ground-truth", *refined]
     crossed = {
-        f"{poses}+{renderer}" for poses in ("gt-3d", "gt-3d-refined") for renderer in ("fusion", "ground-far-plane")
+        f"{poses}+{renderer}"
+        for poses in ("gt-3d", "gt-3d-refined")
+        for renderer in ("fusion", "ground-far-plane")
     }
     assert crossed | {"gt-3d-refined+synsin", "gt-2d-refined+synsin"} <= set(own.predictors)
-    drawn = [own.predictors[f"vo+{forecast}+fusion-10"].num_samples for forecast in ("ctrv", "prior", "representative")]
+    drawn = [
+        own.predictors[f"vo+{forecast}+fusion-10"].num_samples
+        for forecast in ("ctrv", "prior", "representative")
+    ]
     assert drawn == [10, 10, 10]
     assert "copy-last" in own.predictors

@@ -1,4 +1,6 @@
-"""Stored results are computed again and compared: what reproduces, what was changed, what was never the same twice."""
+"""Stored results are computed again and compared: what reproduces, what was changed, what was never
+the same twice.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -34,23 +36,38 @@ def shift(root: Path, cell: str, clip: str, metric: str, by: float) -> None:
     results = Results(root)
     part = next(part for part in results.parts(cell) if clip in part.clips)
     lines = [row for row in dicts(results.scores(cell)) if row["clip"] in part.clips]
-    changed = next(row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2))
+    changed = next(
+        row for row in lines if (row["clip"], row["metric"], row["step"]) == (clip, metric, 2)
+    )
     changed["value"] += by
     results.write_part(cell, scores(row.values() for row in lines), part)
 
 
 @pytest.mark.usefixtures("toys")
 class TestReproduction:
-    def test_all_of_it_is_identical_and_nothing_is_written(self, tmp_path: Path, verified: Verified) -> None:
+    def test_all_of_it_is_identical_and_nothing_is_written(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         root = tmp_path / "out"
         go(root, content(predictors={"still": "toy-still"}, **crossed(tmp_path / "log")))
-        before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in root.rglob("*") if path.is_file()}
+        before = {
+            path: (path.stat().st_mtime_ns, path.read_bytes())
+            for path in root.rglob("*")
+            if path.is_file()
+        }
         code, lines = verified(root, *ALL)
-        assert (code, lines[-1]) == (0, "25 of 25 reproduce")  # two sources with two renderers and still, five clips
+        assert (code, lines[-1]) == (
+            0,
+            "25 of 25 reproduce",
+        )  # two sources with two renderers and still, five clips
         assert "a + r, road/000: identical" in lines
-        assert before == {p: (p.stat().st_mtime_ns, p.read_bytes()) for p in root.rglob("*") if p.is_file()}
+        assert before == {
+            p: (p.stat().st_mtime_ns, p.read_bytes()) for p in root.rglob("*") if p.is_file()
+        }
 
-    def test_a_changed_row_is_found_and_how_far_it_is_off(self, tmp_path: Path, verified: Verified) -> None:
+    def test_a_changed_row_is_found_and_how_far_it_is_off(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         go(tmp_path, content(predictors={"still": "toy-still", "noise": "toy-noise"}))
         shift(tmp_path, "still", "road/003", "toy-difference", 0.25)
         code, lines = verified(tmp_path, *ALL)
@@ -61,21 +78,33 @@ class TestReproduction:
         ]
         assert verified(tmp_path, *ALL, "--tolerance", "0.2")[0] == 1
         code, lines = verified(tmp_path, *ALL, "--tolerance", "0.3")
-        assert (code, lines[3]) == (0, "still, road/003: within the tolerance: toy-difference 0.25 grey levels")
+        assert (code, lines[3]) == (
+            0,
+            "still, road/003: within the tolerance: toy-difference 0.25 grey levels",
+        )
 
-    def test_what_no_table_prints_is_said_and_reproduces(self, tmp_path: Path, verified: Verified) -> None:
+    def test_what_no_table_prints_is_said_and_reproduces(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         go(tmp_path, content({"clips": 1}, predictors={"still": "toy-still"}))
         shift(tmp_path, "still", "road/000", "toy-difference", 1e-6)
         code, lines = verified(tmp_path)
-        assert (code, lines[0]) == (0, "still, road/000: within the tolerance: toy-difference 1e-06 grey levels")
+        assert (code, lines[0]) == (
+            0,
+            "still, road/000: within the tolerance: toy-difference 1e-06 grey levels",
+        )
         assert verified(tmp_path, "--tolerance", "0")[0] == 1
 
-    def test_what_is_never_the_same_twice_is_named(self, tmp_path: Path, verified: Verified) -> None:
+    def test_what_is_never_the_same_twice_is_named(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         go(tmp_path, content({"clips": 1}, predictors={"dice": "toy-dice", "still": "toy-still"}))
         code, (dice, still, _, last) = verified(tmp_path)
         assert (code, still, last) == (1, "still, road/000: identical", "1 of 2 reproduce")
         assert dice.startswith("dice, road/000: differs: toy-difference ")
-        assert dice.endswith(" grey levels; not deterministic: two computations here differ as well")
+        assert dice.endswith(
+            " grey levels; not deterministic: two computations here differ as well"
+        )
 
     def test_the_same_seed_draws_the_same_pairs(self, tmp_path: Path, verified: Verified) -> None:
         go(tmp_path, content(predictors={"still": "toy-still", "noise": "toy-noise"}))
@@ -83,22 +112,32 @@ class TestReproduction:
         assert draws[0] == draws[1] != draws[2]
         assert [len(draw) for draw in draws] == [4, 4, 4]
 
-    def test_a_clip_that_failed_before_fails_again(self, tmp_path: Path, verified: Verified) -> None:
+    def test_a_clip_that_failed_before_fails_again(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         go(tmp_path, content(predictors={"broken": {"name": "toy-broken", "brightness": 30}}))
         assert verified(tmp_path, *ALL)[0] == 0
 
-    def test_libraries_and_code_that_changed_are_named(self, tmp_path: Path, verified: Verified) -> None:
+    def test_libraries_and_code_that_changed_are_named(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         go(tmp_path, content({"clips": 1}, predictors={"still": "toy-still"}))
         results = Results(tmp_path)
-        results.write_protocol({**results.protocol(), "versions": {**planning.versions(), "numpy": "1.0"}})
+        results.write_protocol(
+            {**results.protocol(), "versions": {**planning.versions(), "numpy": "1.0"}}
+        )
         (part,) = results.parts("still")
-        results.write_part("still", results.scores("still"), part.__class__(**{**vars(part), "code": "abc"}))
+        results.write_part(
+            "still", results.scores("still"), part.__class__(**{**vars(part), "code": "abc"})
+        )
         code, lines = verified(tmp_path)
         assert code == 0
         assert lines[0].startswith("still, road/000: identical; stored by code abc, here it is ")
         assert lines[1] == f"numpy: stored with 1.0, here {np.__version__}"
 
-    def test_a_metric_that_cannot_be_computed_here_is_said(self, tmp_path: Path, verified: Verified) -> None:
+    def test_a_metric_that_cannot_be_computed_here_is_said(
+        self, tmp_path: Path, verified: Verified
+    ) -> None:
         weights = tmp_path / "weights"
         weights.touch()
         metric = {"name": "toy-weightless", "weights": str(weights)}
@@ -108,13 +147,18 @@ class TestReproduction:
         weights.unlink()
         code, lines = verified(tmp_path / "out")
         why = "weights of toy-weightless are not here: fetch them"
-        assert (code, lines[0]) == (1, f"still, road/000: identical; toy-weightless cannot be compared: {why}")
+        assert (code, lines[0]) == (
+            1,
+            f"still, road/000: identical; toy-weightless cannot be compared: {why}",
+        )
 
 
 def test_another_root_is_read_and_a_missing_one_is_bad_input(
     street: Path, tmp_path: Path, verified: Verified, refused: Says
 ) -> None:
-    tables = content({"name": "kitti", "root": str(street), "sequences": ["07"]}, {"frame": ["psnr"]})
+    tables = content(
+        {"name": "kitti", "root": str(street), "sequences": ["07"]}, {"frame": ["psnr"]}
+    )
     go(tmp_path, {**tables, "predictors": {"copy-last": "copy-last"}}, limit=2)
     elsewhere = tmp_path / "link"
     elsewhere.symlink_to(street)

@@ -1,4 +1,6 @@
-"""Every registered component, built: with its defaults, with default parts, or with the settings of this table."""
+"""Every registered component, built: with its defaults, with default parts, or with the settings of
+this table.
+"""
 
 import dataclasses
 import functools
@@ -12,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
+from geovp_benchmarks.contracts import street
 from geovp_classic import registry
-from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import MissingExtra
 from geovp_classic.geometry import pinhole, se3
@@ -37,7 +39,9 @@ POSED = {("datasets", name) for name in ("tum", "euroc", "colmap")}
 
 @pytest.fixture
 def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[[str, str], Any]:
-    """Build a component of a role by name; the test is skipped when an extra or weights are missing."""
+    """Build a component of a role by name; the test is skipped when an extra or weights are
+    missing.
+    """
 
     def build(role: str, name: str) -> Any:
         try:
@@ -46,7 +50,11 @@ def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[
                 request.getfixturevalue("write_kitti_raw")(tmp_path, 1, street.clip())
             if (role, name) in POSED:
                 request.getfixturevalue(f"write_{name}")(tmp_path, "00", street.clip())
-            settings = {"name": name, **SETTINGS.get((role, name), {}), **_on_disk(role, name, tmp_path)}
+            settings = {
+                "name": name,
+                **SETTINGS.get((role, name), {}),
+                **_on_disk(role, name, tmp_path),
+            }
             for field, part in _parts(kind).items():
                 settings.setdefault(field, part)
             return registry.build(role, settings)
@@ -64,7 +72,9 @@ def _parts(kind: type) -> dict[str, str]:
         for field in dataclasses.fields(kind)
         if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
     ]
-    return {name: PART_OF_PROTOCOL[hints[name]] for name in required if hints[name] in PART_OF_PROTOCOL}
+    return {
+        name: PART_OF_PROTOCOL[hints[name]] for name in required if hints[name] in PART_OF_PROTOCOL
+    }
 
 
 def _on_disk(role: str, name: str, folder: Path) -> dict[str, Any]:
@@ -81,8 +91,15 @@ def _on_disk(role: str, name: str, folder: Path) -> dict[str, Any]:
         return {"root": str(folder), "num_frames": 3, "size_px": [32, 32], **calibration}
     if (role, name) in (("datasets", "kitti"), ("datasets", "folder")):
         _write_kitti(folder)
-        images = {"path": str(folder / "sequences" / "00" / "image_2"), "intrinsics": [150.0, 150.0, 63.5, 63.5]}
-        return {**({"root": str(folder)} if name == "kitti" else images), "num_frames": 3, "size_px": [32, 32]}
+        images = {
+            "path": str(folder / "sequences" / "00" / "image_2"),
+            "intrinsics": [150.0, 150.0, 63.5, 63.5],
+        }
+        return {
+            **({"root": str(folder)} if name == "kitti" else images),
+            "num_frames": 3,
+            "size_px": [32, 32],
+        }
     return {}
 
 
@@ -93,13 +110,16 @@ def _write_kitti(root: Path) -> None:
     for step, frame in enumerate(clip.frames):
         cv2.imwrite(str(sequence / "image_2" / f"{step:06d}.png"), frame[..., ::-1])
     projection = " ".join(map(str, np.column_stack([clip.intrinsics.matrix, np.zeros(3)]).ravel()))
-    (sequence / "calib.txt").write_text("".join(f"P{camera}: {projection}\n" for camera in range(4)))
+    (sequence / "calib.txt").write_text(
+        "".join(f"P{camera}: {projection}\n" for camera in range(4))
+    )
     np.savetxt(sequence / "times.txt", clip.times_s)
     (root / "poses").mkdir()
     pose_files.write_kitti(root / "poses" / "00.txt", clip.trajectory)
 
 
-# A street that can be worked out on paper: flat ground, a wall ahead and a box in front of it, all textured.
+# A street that can be worked out on paper: flat ground, a wall ahead and a box in front of it, all
+# textured.
 
 CAMERA = Intrinsics(120.0, 120.0, 63.5, 55.0, 128, 112)
 HEIGHT = 1.6  # of the camera above the ground
@@ -108,7 +128,9 @@ BOX = (1.0, 4.0, 14.0)  # left and right x of a box's front that stands on the g
 
 
 def _texture(points: FloatArray, tint: float) -> FloatArray:
-    """Grey values [...] 0..255 of points [..., 3]: waves of several directions, none shorter than 0.4."""
+    """Grey values [...] 0..255 of points [..., 3]: waves of several directions, none shorter than
+    0.4.
+    """
     rng = np.random.default_rng(7)
     value = np.full(points.shape[:-1], 128.0)
     for wavelength in (0.4, 0.55, 0.8, 1.3, 2.5, 5.0):
@@ -119,7 +141,9 @@ def _texture(points: FloatArray, tint: float) -> FloatArray:
     return value
 
 
-def depth_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> tuple[FloatArray, FloatArray]:
+def depth_of_street(
+    world_from_cam: FloatArray, camera: Intrinsics = CAMERA
+) -> tuple[FloatArray, FloatArray]:
     """The z-depth [H, W] that a camera sees, and the points [H, W, 3] in the world."""
     rays = pinhole.rays(camera) @ world_from_cam[:3, :3].T
     origin = world_from_cam[:3, 3]
@@ -128,13 +152,22 @@ def depth_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> 
         wall = (WALL - origin[2]) / rays[..., 2]
         box = (BOX[2] - origin[2]) / rays[..., 2]
     on_box = origin + box[..., None] * rays
-    hit = (on_box[..., 0] > BOX[0]) & (on_box[..., 0] < BOX[1]) & (on_box[..., 1] > HEIGHT - 3.0) & (box > 0)
-    depth = np.minimum(np.minimum(ground, wall), np.where(hit & (on_box[..., 1] < HEIGHT), box, np.inf))
+    hit = (
+        (on_box[..., 0] > BOX[0])
+        & (on_box[..., 0] < BOX[1])
+        & (on_box[..., 1] > HEIGHT - 3.0)
+        & (box > 0)
+    )
+    depth = np.minimum(
+        np.minimum(ground, wall), np.where(hit & (on_box[..., 1] < HEIGHT), box, np.inf)
+    )
     return depth, origin + depth[..., None] * rays
 
 
 def image_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> FloatArray:
-    """What the camera sees, uint8 [H, W, 3]; each pixel is sampled four times, so that nothing flickers."""
+    """What the camera sees, uint8 [H, W, 3]; each pixel is sampled four times, so that nothing
+    flickers.
+    """
     fine = camera.resized(2 * camera.width_px, 2 * camera.height_px)
     _, points = depth_of_street(world_from_cam, fine)
     value = _texture(points, 0.0)
@@ -144,16 +177,24 @@ def image_of_street(world_from_cam: FloatArray, camera: Intrinsics = CAMERA) -> 
 
 @pytest.fixture(scope="session")
 def observe() -> Callable[..., tuple[Context, Trajectory, FloatArray]]:
-    """Context, past trajectory and true inverse depths [P, H, W] of a street seen from the given poses."""
+    """Context, past trajectory and true inverse depths [P, H, W] of a street seen from the given
+    poses.
+    """
 
-    def _observe(world_from_cam: FloatArray, unit_m: float = 1.0) -> tuple[Context, Trajectory, FloatArray]:
+    def _observe(
+        world_from_cam: FloatArray, unit_m: float = 1.0
+    ) -> tuple[Context, Trajectory, FloatArray]:
         num = len(world_from_cam)
         frames = np.stack([image_of_street(one) for one in world_from_cam])
         times_s = 0.1 * np.arange(num + 1)
         in_unit = np.array(world_from_cam)
         in_unit[:, :3, 3] /= unit_m
         truth = np.stack([unit_m / depth_of_street(one)[0] for one in world_from_cam])
-        return Context(frames, times_s, CAMERA), Trajectory(in_unit, times_s[:num], unit_m == 1.0), truth
+        return (
+            Context(frames, times_s, CAMERA),
+            Trajectory(in_unit, times_s[:num], unit_m == 1.0),
+            truth,
+        )
 
     return _observe
 
@@ -175,16 +216,23 @@ class Car:
     velocity: tuple[float, float, float] = (1.2, 0.0, 5.0)  # per second
 
     def image(self, world_from_cam: FloatArray, seconds: float) -> tuple[FloatArray, BoolArray]:
-        """Street and car, float32 grey [H, W], and where the car is [H, W]; each pixel is sampled four times."""
+        """Street and car, float32 grey [H, W], and where the car is [H, W]; each pixel is sampled
+        four times.
+        """
         fine = CAMERA.resized(2 * CAMERA.width_px, 2 * CAMERA.height_px)
         origin = world_from_cam[:3, 3] - seconds * np.array(self.velocity)  # in the car's own frame
         rays = pinhole.rays(fine) @ world_from_cam[:3, :3].T
         points = origin + ((self.distance - origin[2]) / rays[..., 2])[..., None] * rays
         hit = (points[..., 0] > self.left) & (points[..., 0] < self.right)
         hit &= (points[..., 1] < HEIGHT) & (points[..., 1] > HEIGHT - self.height)
-        street = _texture(0.4 * depth_of_street(world_from_cam, fine)[1], 0.0)  # coarser than a pixel at the wall
+        street = _texture(
+            0.4 * depth_of_street(world_from_cam, fine)[1], 0.0
+        )  # coarser than a pixel at the wall
         grey = np.where(hit, _texture(0.7 * points, 2.0), street)
-        blocks = (one.reshape(CAMERA.height_px, 2, CAMERA.width_px, 2).mean(axis=(1, 3)) for one in (grey, hit))
+        blocks = (
+            one.reshape(CAMERA.height_px, 2, CAMERA.width_px, 2).mean(axis=(1, 3))
+            for one in (grey, hit)
+        )
         value, share = blocks
         return np.clip(np.round(value), 0, 255).astype(np.float32), share > 0.5
 
@@ -207,14 +255,25 @@ def drive_behind() -> Callable[..., Traffic]:
 
     @functools.cache
     def _drive(
-        velocity: tuple[float, float, float] = Car.velocity, unit_m: float = 1.0, distance: float = Car.distance
+        velocity: tuple[float, float, float] = Car.velocity,
+        unit_m: float = 1.0,
+        distance: float = Car.distance,
     ) -> Traffic:
         car, times_s = Car(velocity=velocity, distance=distance), 0.1 * np.arange(-9, 1)
         poses = se3.exp(np.outer(times_s, [0, 0, 4.0, 0, 0, 0]))
-        images, masks = zip(*(car.image(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True)
+        images, masks = zip(
+            *(car.image(pose, t) for pose, t in zip(poses, times_s, strict=True)), strict=True
+        )
         poses[:, :3, 3] /= unit_m
         street = (unit_m / depth_of_street(np.eye(4))[0]).astype(np.float32)
         road = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT / unit_m)
-        return Traffic(np.stack(images), Trajectory(poses, times_s, unit_m == 1.0), CAMERA, street, masks[-1], road)
+        return Traffic(
+            np.stack(images),
+            Trajectory(poses, times_s, unit_m == 1.0),
+            CAMERA,
+            street,
+            masks[-1],
+            road,
+        )
 
     return _drive

@@ -32,7 +32,11 @@ def test_a_file_is_what_sha256sums_beside_it_says(tmp_path: Path) -> None:
 def test_pipes_folders_and_large_files_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "large").write_bytes(bytes(3 * files.MIB))
-    for name, says in (("pipe", "is a pipe or device"), (".", "is a folder"), ("large", "has more than 2 MiB")):
+    for name, says in (
+        ("pipe", "is a pipe or device"),
+        (".", "is a folder"),
+        ("large", "has more than 2 MiB"),
+    ):
         with pytest.raises(BadData, match=says):
             files.read_bytes(tmp_path / name, 2 * files.MIB)
 
@@ -55,7 +59,9 @@ def test_a_byte_order_mark_is_no_text(tmp_path: Path) -> None:
 def test_a_damaged_place_of_a_checksum_is_no_missing_one(tmp_path: Path) -> None:
     whole = files.json_bytes({"name": "a", "count": 3})
     assert files.read_json(_written(tmp_path, whole)) == {"name": "a", "count": 3}
-    damaged = whole.replace(b'"file-sha256": ', b'"file-sha256":\t').replace(b'"count": 3', b'"count": 7')
+    damaged = whole.replace(b'"file-sha256": ', b'"file-sha256":\t').replace(
+        b'"count": 3', b'"count": 7'
+    )
     with pytest.raises(BadData, match="does not match its own checksum"):
         files.read_json(_written(tmp_path, damaged))
 
@@ -92,7 +98,13 @@ def test_texts_are_escaped_in_html_and_latex(text: str) -> None:
         r"\textgreater{}",
     ):
         plain = plain.replace(command, "")
-    for command in (r"\textbar{}", r"$\pm$", r"$\uparrow$", r"$\downarrow$", *(f"\\{letter}" for letter in "&%_#${}")):
+    for command in (
+        r"\textbar{}",
+        r"$\pm$",
+        r"$\uparrow$",
+        r"$\downarrow$",
+        *(f"\\{letter}" for letter in "&%_#${}"),
+    ):
         plain = plain.replace(command, "")
     assert not set(plain) & set("\\&%_#${}~^")
 

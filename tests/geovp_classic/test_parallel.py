@@ -40,7 +40,9 @@ def test_no_task_begins_after_an_error() -> None:
 
 def test_calls_may_be_nested() -> None:
     # Pool threads that wait for pool threads would wait for ever.
-    assert parallel_map(lambda n: sum(parallel_map(lambda m: n * m, range(5))), range(8)) == [10 * n for n in range(8)]
+    assert parallel_map(lambda n: sum(parallel_map(lambda m: n * m, range(5))), range(8)) == [
+        10 * n for n in range(8)
+    ]
 
 
 def test_a_fork_has_threads_of_its_own() -> None:
@@ -58,13 +60,17 @@ def test_a_fork_has_threads_of_its_own() -> None:
 
 
 def blas_threads() -> set[int]:
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    return {
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    }
 
 
 def test_linear_algebra_has_one_thread_meanwhile_and_all_its_threads_afterwards() -> None:
     with threadpool_limits(limits=2, user_api="blas"):
         assert blas_threads() == {2}
-        assert single_threaded_blas(lambda: (blas_threads(), single_threaded_blas(blas_threads)()))() == ({1}, {1})
+        assert single_threaded_blas(
+            lambda: (blas_threads(), single_threaded_blas(blas_threads)())
+        )() == ({1}, {1})
         assert blas_threads() == {2}
 
 

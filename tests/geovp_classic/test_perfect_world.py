@@ -1,8 +1,8 @@
 """With exact depth and exact poses, geometry must predict the future of the synthetic street.
 
-What the last frame does not determine is left out, by exact masks, and how much is left in is asserted as well: pixels
-that the renderer does not cover; moving things, where they are and where the last frame shows them; and surfaces that
-the last frame did not see.
+What the last frame does not determine is left out, by exact masks, and how much is left in is
+asserted as well: pixels that the renderer does not cover; moving things, where they are and where
+the last frame shows them; and surfaces that the last frame did not see.
 """
 
 from dataclasses import replace
@@ -14,10 +14,10 @@ from scipy import ndimage
 
 from geovp_classic.data.synthetic import Synthetic
 from geovp_classic.metrics.strata import strata
-from geovp_classic.pose_sources import GroundTruth
-from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.render.given_depth import GivenDepth
-from geovp_classic.types import BoolArray, ByteArray, Clip, Context, Grant, Target
+from geovp_classic.pose_sources.ground_truth import GroundTruth
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.renderers.given_depth import GivenDepth
+from geovp_classic.types import BoolArray, ByteArray, Clip, Context, PrivilegedInput, Target
 
 NUM_FUTURE = 5
 PREDICTOR = GeometricPredictor(GroundTruth(), GivenDepth())
@@ -47,8 +47,12 @@ def quiet_street(index: int, cache: Path, pitch_deg: float, roll_deg: float) -> 
 
 
 def determined(context: Context, target: Target, moving: BoolArray) -> BoolArray:
-    """Static future pixels [F, H, W] whose surface the last frame shows and no moving thing is drawn over."""
-    stains = np.where(ndimage.binary_dilation(moving, iterations=2)[None, ..., None], 255, 0).astype(np.uint8)
+    """Static future pixels [F, H, W] whose surface the last frame shows and no moving thing is
+    drawn over.
+    """
+    stains = np.where(
+        ndimage.binary_dilation(moving, iterations=2)[None, ..., None], 255, 0
+    ).astype(np.uint8)
     stained = replace(context, frames=np.broadcast_to(stains, context.frames.shape))
     drawn_over = PREDICTOR.predict(stained).frames[0].any(axis=-1)
     return strata(context, target)["seen"] & ~drawn_over
@@ -66,14 +70,18 @@ def psnr_db(frames: ByteArray, target: ByteArray, mask: BoolArray) -> float:
         pytest.param(1, -4.0, 5.0, id="turn-pitched-and-rolled"),
     ],
 )
-def test_the_future_is_reproduced(index: int, pitch_deg: float, roll_deg: float, cache: Path) -> None:
+def test_the_future_is_reproduced(
+    index: int, pitch_deg: float, roll_deg: float, cache: Path
+) -> None:
     clip = quiet_street(index, cache, pitch_deg, roll_deg)
-    context, target = clip.split(1, ~Grant.NONE)
+    context, target = clip.split(1, ~PrivilegedInput.NONE)
     prediction = PREDICTOR.predict(context)
     known = determined(context, target, clip.moving[0])
     static = prediction.covered[0] & known
     assert static.mean() > 0.75
-    assert static.sum() > 0.93 * known.sum()  # the renderer vouches for nearly all that can be known
+    assert (
+        static.sum() > 0.93 * known.sum()
+    )  # the renderer vouches for nearly all that can be known
     assert psnr_db(prediction.frames[0], target.frames, static) >= 35
     assert psnr_db(prediction.frames[0], target.frames, known) >= 32  # outlines that parted, too
     copied = np.broadcast_to(context.frames[-1], target.frames.shape)

@@ -11,7 +11,7 @@ import pytest
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra, UnknownComponent
 from geovp_classic.interfaces import Forecaster, Odometry, PoseSource
-from geovp_classic.types import BoolArray, Context, FloatArray, Grant, Motion, Trajectory
+from geovp_classic.types import BoolArray, Context, FloatArray, Motion, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,12 @@ class Walk:
 
     forecaster: Forecaster
     odometry: Odometry | None = None
-    needs: ClassVar[Grant] = Grant.PAST_POSES
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        futures = self.forecaster.forecast(context.past, context.times_s[context.num_past :], num_samples)
+        futures = self.forecaster.forecast(
+            context.past, context.times_s[context.num_past :], num_samples
+        )
         return Motion(context.past, futures, np.ones(context.num_past, bool))
 
 
@@ -59,7 +61,10 @@ def door(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A registry that holds this file's components and one whose package is missing."""
 
     def entry_points(*, group: str) -> list[metadata.EntryPoint]:
-        found = [metadata.EntryPoint(n, f"{HERE}:{c}", group) for n, c in REGISTERED.get(group, {}).items()]
+        found = [
+            metadata.EntryPoint(n, f"{HERE}:{c}", group)
+            for n, c in REGISTERED.get(group, {}).items()
+        ]
         if group == "geovp.forecasters":
             found.append(metadata.EntryPoint("deep", "a_missing_module:Deep", group))
         return found
@@ -67,7 +72,9 @@ def door(monkeypatch: pytest.MonkeyPatch) -> Any:
     def load(point: metadata.EntryPoint) -> Any:
         module, _, attribute = point.value.partition(":")
         if module == HERE:
-            return {"Drift": Drift, "Walk": Walk, "NotADataclass": NotADataclass}.get(attribute) or fail(attribute)
+            return {"Drift": Drift, "Walk": Walk, "NotADataclass": NotADataclass}.get(
+                attribute
+            ) or fail(attribute)
         raise ModuleNotFoundError("No module named 'torch'", name="torch")
 
     def fail(attribute: str) -> None:
@@ -84,7 +91,13 @@ def door(monkeypatch: pytest.MonkeyPatch) -> Any:
 def test_describe_undoes_build() -> None:
     spec = {
         "name": "walk",
-        "forecaster": {"name": "drift", "speed_m_s": 2, "size_px": [7, 8], "tags": ["a"], "path": "x"},
+        "forecaster": {
+            "name": "drift",
+            "speed_m_s": 2,
+            "size_px": [7, 8],
+            "tags": ["a"],
+            "path": "x",
+        },
     }
     built = registry.build("pose_sources", spec)
     assert built == Walk(Drift(speed_m_s=2.0, size_px=(7, 8), tags=("a",), path=pathlib.Path("x")))
@@ -103,7 +116,11 @@ def test_a_bare_name_is_a_component_with_its_defaults() -> None:
     ("role", "spec", "message"),
     [
         ("forecasters", {"name": "drfit"}, "did you mean 'drift'"),
-        ("forecasters", {"name": "drift", "sped_m_s": 1}, "no field 'sped_m_s': did you mean 'speed_m_s'"),
+        (
+            "forecasters",
+            {"name": "drift", "sped_m_s": 1},
+            "no field 'sped_m_s': did you mean 'speed_m_s'",
+        ),
         ("forecaster", {"name": "drift"}, "did you mean 'forecasters'"),
         ("pose_sources", {"name": "walk", "forecaster": {"name": "drfit"}}, "did you mean 'drift'"),
     ],

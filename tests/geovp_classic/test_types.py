@@ -9,10 +9,10 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import (
     Clip,
     ExtraView,
-    Grant,
     Intrinsics,
     Motion,
     Prediction,
+    PrivilegedInput,
     Trajectory,
     Views,
 )
@@ -27,11 +27,24 @@ def trajectory(steps: int, is_metric: bool = True) -> Trajectory:
 
 
 def full_clip(steps: int = 6) -> Clip:
-    frames = np.arange(steps, dtype=np.uint8)[:, None, None, None] * np.ones((1, 24, 32, 3), np.uint8)
-    extra = ExtraView(np.zeros((steps, 24, 48, 3), np.uint8), Intrinsics(50, 50, 23.5, 11.5, 48, 24), np.eye(4))
+    frames = np.arange(steps, dtype=np.uint8)[:, None, None, None] * np.ones(
+        (1, 24, 32, 3), np.uint8
+    )
+    extra = ExtraView(
+        np.zeros((steps, 24, 48, 3), np.uint8), Intrinsics(50, 50, 23.5, 11.5, 48, 24), np.eye(4)
+    )
     depths, moving = np.ones((steps, 24, 32), np.float32), np.zeros((steps, 24, 32), bool)
     return Clip(
-        "street/000", frames, np.arange(steps) * 0.1, CAMERA, trajectory(steps), depths, moving, extra, extra, 1.65
+        "street/000",
+        frames,
+        np.arange(steps) * 0.1,
+        CAMERA,
+        trajectory(steps),
+        depths,
+        moving,
+        extra,
+        extra,
+        1.65,
     )
 
 
@@ -90,15 +103,17 @@ def test_only_metres_have_an_uncertainty_and_slices_keep_it() -> None:
 
 def test_a_split_gives_the_past_to_the_context_and_the_future_to_the_target() -> None:
     clip = full_clip(6)
-    context, target = clip.split(4, Grant.PAST_POSES | Grant.WIDE_FRAMES | Grant.PAST_DEPTHS)
+    context, target = clip.split(
+        4, PrivilegedInput.PAST_POSES | PrivilegedInput.FULL_FRAMES | PrivilegedInput.PAST_DEPTHS
+    )
     assert (context.num_past, context.num_future) == (4, 2)
     np.testing.assert_array_equal(context.frames[:, 0, 0, 0], [0, 1, 2, 3])
     np.testing.assert_array_equal(target.frames[:, 0, 0, 0], [4, 5])
-    assert (len(context.past), len(context.wide.frames), len(context.times_s)) == (4, 4, 6)
+    assert (len(context.past), len(context.full.frames), len(context.times_s)) == (4, 4, 6)
     np.testing.assert_array_equal(target.trajectory.world_from_cam[:, 2, 3], [4, 5])
     for num_past in (0, 6):
         with pytest.raises(BadData, match="expected 1 to 5"):
-            clip.split(num_past, Grant.NONE)
+            clip.split(num_past, PrivilegedInput.NONE)
 
 
 def test_clips_refuse_parts_that_do_not_fit() -> None:
@@ -113,7 +128,7 @@ def test_clips_refuse_parts_that_do_not_fit() -> None:
         Clip("a", clip.frames, clip.times_s, CAMERA, depths=np.ones((3, 24, 32)))
     extra = ExtraView(np.zeros((2, 24, 32, 3), np.uint8), CAMERA, np.eye(4))
     with pytest.raises(BadData, match="2 wide frames for 3"):
-        Clip("a", clip.frames, clip.times_s, CAMERA, wide=extra)
+        Clip("a", clip.frames, clip.times_s, CAMERA, full=extra)
 
 
 def test_intrinsics_must_be_positive_and_finite() -> None:
@@ -144,7 +159,9 @@ def test_motions_views_and_predictions_are_checked() -> None:
 def test_confidence_is_what_was_seen_and_tracked_of_all_frames_until_then() -> None:
     covered = np.ones((2, 3, 4, 4), bool)
     covered[1, 2, :, 0] = False  # a quarter of the second sample's third frame is invented
-    motion = Motion(trajectory(4), np.tile(np.eye(4), (1, 3, 1, 1)), np.array([True, True, False, True]))
+    motion = Motion(
+        trajectory(4), np.tile(np.eye(4), (1, 3, 1, 1)), np.array([True, True, False, True])
+    )
     frames = np.zeros((2, 3, 4, 4, 3), np.uint8)
     confidence = Prediction(frames, covered, motion).confidence
     np.testing.assert_allclose(confidence, [[3 / 5, 3 / 6, 3 / 7], [3 / 5, 3 / 6, 0.75 * 3 / 7]])

@@ -1,4 +1,6 @@
-"""All of these need torch; networks as small as these only wait for one another on more threads than one."""
+"""All of these need torch; networks as small as these only wait for one another on more threads
+than one.
+"""
 
 from collections.abc import Iterator
 

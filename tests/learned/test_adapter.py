@@ -8,12 +8,12 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from geovp_benchmarks import built_matrix, cli
+from geovp_benchmarks import built_matrix, cli, contracts
+from geovp_benchmarks.contracts import street
 from geovp_benchmarks.store import Results
-from geovp_classic import contracts, registry
-from geovp_classic.contracts import street
+from geovp_classic import registry
 from geovp_classic.errors import BadData
-from geovp_classic.types import Grant
+from geovp_classic.types import PrivilegedInput
 from geovp_learned.adapter import TorchPredictor
 
 
@@ -44,7 +44,7 @@ class Sideways(TorchPredictor):
 
 
 def test_a_network_goes_on_from_its_own_images_as_long_as_is_asked_for() -> None:
-    context, _ = street.clip().split(7, Grant.NONE)
+    context, _ = street.clip().split(7, PrivilegedInput.NONE)
     frames = Dusk().predict(context).frames  # three steps from a network that makes two at a time
     assert frames.shape == (1, 3, *context.frames.shape[1:])
     for step, frame in enumerate(frames[0], 1):
@@ -52,7 +52,7 @@ def test_a_network_goes_on_from_its_own_images_as_long_as_is_asked_for() -> None
 
 
 def test_samples_differ_and_the_first_do_not_depend_on_how_many_follow() -> None:
-    context, _ = street.clip().split(7, Grant.NONE)
+    context, _ = street.clip().split(7, PrivilegedInput.NONE)
     torch.manual_seed(5)
     expected = torch.rand(1)
     torch.manual_seed(5)
@@ -65,7 +65,7 @@ def test_samples_differ_and_the_first_do_not_depend_on_how_many_follow() -> None
 
 @pytest.mark.parametrize("suffix", ["safetensors", "pt"])
 def test_weights_are_read_and_identified(suffix: str, tmp_path: Path) -> None:
-    context, _ = street.clip().split(7, Grant.NONE)
+    context, _ = street.clip().split(7, PrivilegedInput.NONE)
     file, state = tmp_path / f"weights.{suffix}", {"share": torch.tensor(1.0)}
     save_file(state, file) if suffix == "safetensors" else torch.save(state, file)
     predictor = Dusk(checkpoint=file)
@@ -79,20 +79,31 @@ def test_weights_are_read_and_identified(suffix: str, tmp_path: Path) -> None:
 
 
 def test_images_of_another_shape_are_refused() -> None:
-    context, _ = street.clip().split(7, Grant.NONE)
-    with pytest.raises(BadData, match=r"Flatten gives images \[1, \d+\], expected \[1, 1 or more, 3, "):
+    context, _ = street.clip().split(7, PrivilegedInput.NONE)
+    with pytest.raises(
+        BadData, match=r"Flatten gives images \[1, \d+\], expected \[1, 1 or more, 3, "
+    ):
         Sideways().predict(context)
     with pytest.raises(BadData, match="num_past is -1"):
         Dusk(num_past=-1)
 
 
-def test_it_keeps_the_contract_and_joins_a_matrix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    known, own = registry._entry_points("predictors"), EntryPoint("dusk", f"{__name__}:Dusk", "geovp.predictors")
+def test_it_keeps_the_contract_and_joins_a_matrix(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, own = (
+        registry._entry_points("predictors"),
+        EntryPoint("dusk", f"{__name__}:Dusk", "geovp.predictors"),
+    )
     found = registry._entry_points
     both = {**known, "dusk": own}
-    monkeypatch.setattr(registry, "_entry_points", lambda role: both if role == "predictors" else found(role))
+    monkeypatch.setattr(
+        registry, "_entry_points", lambda role: both if role == "predictors" else found(role)
+    )
     monkeypatch.setattr(EntryPoint, "load", lambda self: Dusk if self is own else LOAD(self))
-    assert [finding.detail for finding in contracts.check("predictors", Dusk()) if not finding.passed] == []
+    assert [
+        finding.detail for finding in contracts.check("predictors", Dusk()) if not finding.passed
+    ] == []
     built_matrix.build_matrix.cache_clear()
     (tmp_path / "dusk.toml").write_text(
         '[protocol]\ndataset = { name = "synthetic", num_clips = 1 }\nnum_past = 3\nnum_future = 2\n'

@@ -15,7 +15,9 @@ def test_convolutions_of_a_residual_block_stretch_nothing() -> None:
     for _ in range(50):  # the spectral norm is found by one power iteration a pass
         block(torch.rand(2, 6, 8, 8), torch.empty(2, 0))
     for convolution in (block.conv1, block.conv2, block.shortcut):
-        assert float(torch.linalg.matrix_norm(convolution.weight.flatten(1), 2)) == pytest.approx(1, abs=0.02)
+        assert float(torch.linalg.matrix_norm(convolution.weight.flatten(1), 2)) == pytest.approx(
+            1, abs=0.02
+        )
 
 
 def test_a_block_of_equal_channels_has_an_identity_beside_its_convolutions() -> None:
@@ -29,7 +31,9 @@ def test_a_block_of_equal_channels_has_an_identity_beside_its_convolutions() -> 
 def test_noise_scales_and_shifts_what_is_normalised() -> None:
     norm = NoisyNorm(2, noise_size=1)
     with torch.no_grad():
-        norm.gain_and_offset.weight.copy_(torch.tensor([[0.5], [0.0], [0.0], [3.0]]))  # gains, then offsets
+        norm.gain_and_offset.weight.copy_(
+            torch.tensor([[0.5], [0.0], [0.0], [3.0]])
+        )  # gains, then offsets
     maps = torch.randn(4, 2, 6, 6)
     plain = norm(maps, torch.zeros(4, 1))
     assert plain.mean(dim=(0, 2, 3)).abs().max() < 1e-5

@@ -67,7 +67,10 @@ def test_what_half_precision_cannot_hold_is_kept_whole(tmp_path: Path) -> None:
         (slice(5), "is not a whole safetensors file"),
         (slice(200), "is not a whole safetensors file|does not match its own checksum"),
         (slice(-1), "does not match its own checksum"),
-        (b"\x80\x04\x95" + bytes(range(200)), "is not a whole safetensors file"),  # as a pickle begins
+        (
+            b"\x80\x04\x95" + bytes(range(200)),
+            "is not a whole safetensors file",
+        ),  # as a pickle begins
         (save({"a": torch.ones(1)}, {"format": "{"}), "is not a whole safetensors file"),  # no JSON
         (save({"a": torch.ones(1)}), "holds no format, no method"),
         (slice(None), "holds geovp-weights-1, toy, expected geovp-weights-1, deepvo"),
@@ -101,9 +104,15 @@ def test_settings_are_checked(tmp_path: Path, settings: object, says: str) -> No
 
 def test_tensors_must_be_the_networks_own(file: Path) -> None:
     _, tensors = checkpoints.read(file, "toy", Settings)
-    with pytest.raises(BadData, match=r"0\.bias.*\[2\]\) from checkpoint, the shape in current model is .*\[4\]"):
-        checkpoints.restore(file, nn.Sequential(nn.Linear(3, 4), nn.BatchNorm1d(2)), tensors, "net.")
-    with pytest.raises(BadData, match=r'Missing key.*"2\.bias".*: the settings in it are not its own'):
+    with pytest.raises(
+        BadData, match=r"0\.bias.*\[2\]\) from checkpoint, the shape in current model is .*\[4\]"
+    ):
+        checkpoints.restore(
+            file, nn.Sequential(nn.Linear(3, 4), nn.BatchNorm1d(2)), tensors, "net."
+        )
+    with pytest.raises(
+        BadData, match=r'Missing key.*"2\.bias".*: the settings in it are not its own'
+    ):
         checkpoints.restore(file, nn.Sequential(*network(), nn.Linear(2, 2)), tensors, "net.")
 
 
@@ -113,7 +122,9 @@ def test_numbers_must_be_finite(tmp_path: Path) -> None:
         net[0].bias[0] = float("nan")
     checkpoints.write(tmp_path / "w", "toy", Settings(), {"net": net}, {})
     with pytest.raises(BadData, match=r"net\.0\.bias has a number that is not finite"):
-        checkpoints.restore(tmp_path / "w", net, checkpoints.read(tmp_path / "w", "toy", Settings)[1], "net.")
+        checkpoints.restore(
+            tmp_path / "w", net, checkpoints.read(tmp_path / "w", "toy", Settings)[1], "net."
+        )
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
@@ -127,13 +138,16 @@ def test_a_row_can_say_what_its_shipped_weights_are() -> None:
     assert "after 500 of 800 steps of 6 examples and 390.2 s" in card
     assert "- `kitti`: split train, num_frames 75, stride 60, size_px [64, 64]" in card
     note = registry.build("predictors", "svg").weights_note
-    begin, end = note.split("1,655,763")  # of the card's 1,657,021 numbers 1,258 are statistics of batches
+    begin, end = note.split(
+        "1,655,763"
+    )  # of the card's 1,657,021 numbers 1,258 are statistics of batches
     assert re.fullmatch(
         r"svg weights svg.safetensors [0-9a-f]{12}; works at 64x64 on the last 5 frames, resized to the clip's size; ",
         begin,
     )
     assert end == (
-        " parameters on cpu; 500 of 800 training steps, 6.5 minutes; trained on kitti split train (64x64) and "
+        " parameters on cpu; 500 of 800 training steps, 6.5 minutes; trained on kitti split "
+        "train (64x64) and "
         "synthetic (128x128)"
     )
 
@@ -142,7 +156,11 @@ def test_a_row_can_say_what_its_shipped_weights_are() -> None:
     ("role", "name", "says"),
     [
         ("pose_sources", "deepvo", "; works at 96x96 on all observed frames; "),
-        ("renderers", "synsin", "; works at the frames' own size on the last frame, its depth at 128 rows; "),
+        (
+            "renderers",
+            "synsin",
+            "; works at the frames' own size on the last frame, its depth at 128 rows; ",
+        ),
     ],
 )
 def test_each_method_says_what_it_is_shown(role: str, name: str, says: str) -> None:
@@ -152,6 +170,8 @@ def test_each_method_says_what_it_is_shown(role: str, name: str, says: str) -> N
 def test_weights_without_a_history_say_so(tmp_path: Path) -> None:
     _, settings = checkpoints.load("svg", checkpoints.shipped("svg"), "", "cpu")
     checkpoints.write(tmp_path / "own.safetensors", "svg", settings, settings.build(), {})
-    note = registry.build("predictors", {"name": "svg", "checkpoint": str(tmp_path / "own.safetensors")}).weights_note
+    note = registry.build(
+        "predictors", {"name": "svg", "checkpoint": str(tmp_path / "own.safetensors")}
+    ).weights_note
     assert note.startswith("svg weights own.safetensors ")
     assert note.endswith("parameters on cpu; the file does not say on what it was trained")

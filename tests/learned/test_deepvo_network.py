@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic.contracts import street
+from geovp_benchmarks.contracts import street
 from geovp_classic.errors import BadData, Incompatible
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
 from geovp_learned.deepvo.train import DeepVoTraining
@@ -46,10 +46,15 @@ def test_what_came_before_changes_what_a_pair_says() -> None:
 
 
 def test_the_lstm_can_be_that_of_the_original() -> None:
-    """4 gates x 1000 x (inputs + 1000 + 2 biases) in the first layer, 4 x 1000 x (1000 + 1000 + 2) in the second."""
+    """4 gates x 1000 x (inputs + 1000 + 2 biases) in the first layer, 4 x 1000 x (1000 + 1000 + 2)
+    in the second.
+    """
     net = network(replace(TINY, lstm_size=1000, lstm_layers=2))
     features = net.encode(images(2)).shape[-1]
-    assert sum(weight.numel() for weight in net.past.parameters()) == 4000 * (features + 1002) + 4000 * 2002
+    assert (
+        sum(weight.numel() for weight in net.past.parameters())
+        == 4000 * (features + 1002) + 4000 * 2002
+    )
     assert net(images(3), 2)[1].shape == (1, 2, 3)
 
 
@@ -67,7 +72,9 @@ def test_a_decoder_started_from_poses_sees_nothing_else() -> None:
     net = network(replace(TINY, decoder_start="poses"))
     past = torch.tensor([[[0.0, 1.0, 0.01], [0.0, 1.0, 0.02]]])
     state = (torch.rand(1, 1, 12), torch.rand(1, 1, 12))
-    torch.testing.assert_close(net.future(state, past, 3), net.future((2 * state[0], state[1]), past, 3))
+    torch.testing.assert_close(
+        net.future(state, past, 3), net.future((2 * state[0], state[1]), past, 3)
+    )
     assert not torch.allclose(net.future(state, past, 3), net.future(state, 2 * past, 3))
 
 
@@ -93,7 +100,9 @@ def test_long_videos_go_through_the_encoder_in_parts(monkeypatch: pytest.MonkeyP
     torch.testing.assert_close(net.encode(seen), whole)
 
 
-@pytest.mark.parametrize("wrong", [{"size_px": (32, 64)}, {"lstm_size": 0}, {"dropout": 1.0}, {"encoder_width": 0.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"size_px": (32, 64)}, {"lstm_size": 0}, {"dropout": 1.0}, {"encoder_width": 0.0}]
+)
 def test_impossible_architectures_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(BadData, match=next(iter(wrong))):
         replace(TINY, **wrong)
@@ -101,9 +110,15 @@ def test_impossible_architectures_are_refused(wrong: dict[str, object]) -> None:
 
 @pytest.mark.parametrize("future", ["recurrent", "fixed-window"])
 def test_it_overfits_eight_windows(future: str) -> None:
-    """From 8 windows of a street it learns to say where the camera was and will be, to centimetres a step."""
-    architecture = replace(TINY, encoder_width=1 / 8, future=future, window_pairs=2, window_future=4)
-    method = DeepVoTraining(architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3)
+    """From 8 windows of a street it learns to say where the camera was and will be, to centimetres
+    a step.
+    """
+    architecture = replace(
+        TINY, encoder_width=1 / 8, future=future, window_pairs=2, window_future=4
+    )
+    method = DeepVoTraining(
+        architecture, NO_AUGMENTATION, num_past=4, num_future=4, shortest_past=4, rate=3e-3
+    )
     examples = method.examples([street.clip()], training=True)[:8]
     batch = method.batch(examples, range(len(examples)), np.random.default_rng(0))
     torch.manual_seed(0)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from geovp_benchmarks.contracts import check, street
 from geovp_classic import registry
-from geovp_classic.contracts import check, street
 from geovp_classic.errors import Incompatible
-from geovp_classic.types import Context, Grant
+from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
 from geovp_learned.deepvo.poses import DeepVo, DeepVoOdometry, network_images
@@ -28,14 +28,16 @@ def written(folder: Path, architecture: Architecture = TINY) -> Path:
 
 
 def context(num_past: int = 6) -> Context:
-    return street.clip().split(num_past, Grant.NONE)[0]
+    return street.clip().split(num_past, PrivilegedInput.NONE)[0]
 
 
 def test_shipped_weights_are_small() -> None:
     assert checkpoints.shipped("deepvo").stat().st_size < 15e6
 
 
-def test_with_a_head_in_3d_it_keeps_every_promise_as_the_shipped_one_does_in_2d(tmp_path: Path) -> None:
+def test_with_a_head_in_3d_it_keeps_every_promise_as_the_shipped_one_does_in_2d(
+    tmp_path: Path,
+) -> None:
     file = written(tmp_path, replace(TINY, head="3d"))
     for role in ("pose_sources", "odometries"):
         component = registry.build(role, {"name": "deepvo", "checkpoint": str(file)})
@@ -60,14 +62,20 @@ def test_a_flat_network_stays_in_the_first_cameras_plane(tmp_path: Path) -> None
 def test_the_odometry_is_the_past_of_the_pose_source(tmp_path: Path) -> None:
     file = written(tmp_path)
     past, tracked = DeepVoOdometry(file).track(context())
-    np.testing.assert_array_equal(past.world_from_cam, DeepVo(file).estimate(context()).past.world_from_cam)
+    np.testing.assert_array_equal(
+        past.world_from_cam, DeepVo(file).estimate(context()).past.world_from_cam
+    )
     assert tracked.all()
 
 
 def test_a_sequence_frame_by_frame_is_a_clip_of_its_length(tmp_path: Path) -> None:
     odometry, clip = DeepVoOdometry(written(tmp_path)), context()
-    whole, tracked = odometry.track_sequence(iter(clip.frames), clip.times_s[:6], clip.intrinsics, None)
-    np.testing.assert_allclose(whole.world_from_cam, odometry.track(clip)[0].world_from_cam, atol=1e-6)
+    whole, tracked = odometry.track_sequence(
+        iter(clip.frames), clip.times_s[:6], clip.intrinsics, None
+    )
+    np.testing.assert_allclose(
+        whole.world_from_cam, odometry.track(clip)[0].world_from_cam, atol=1e-6
+    )
     assert tracked.tolist() == [True] * 6
 
 
@@ -76,7 +84,9 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
     whole = context()
     camera = whole.intrinsics.resized(64, 64)
     small = replace(
-        whole, frames=whole.frames.reshape(6, 64, 2, 64, 2, 3).mean((2, 4)).astype(np.uint8), intrinsics=camera
+        whole,
+        frames=whole.frames.reshape(6, 64, 2, 64, 2, 3).mean((2, 4)).astype(np.uint8),
+        intrinsics=camera,
     )
     narrow = replace(TINY, focal_widths=2.0)
 
@@ -85,7 +95,10 @@ def test_another_camera_of_the_same_street_looks_alike() -> None:
 
     difference = (seen(whole, narrow) - seen(small, narrow)).abs()
     assert float(difference.mean()) < 0.04
-    assert float(difference.mean()) < float((seen(whole, narrow)[1:] - seen(whole, narrow)[:-1]).abs().mean()) / 2
+    assert (
+        float(difference.mean())
+        < float((seen(whole, narrow)[1:] - seen(whole, narrow)[:-1]).abs().mean()) / 2
+    )
 
 
 def test_one_frame_is_refused(tmp_path: Path) -> None:

@@ -26,7 +26,9 @@ def flat(*steps: tuple[float, float, float]) -> torch.Tensor:
 
 
 def test_one_ahead_then_a_right_turn_then_one_ahead_ends_beside_the_start() -> None:
-    """The first step goes 1 m ahead while turning right by 90 degrees, the second 1 m along the new heading: +x."""
+    """The first step goes 1 m ahead while turning right by 90 degrees, the second 1 m along the new
+    heading: +x.
+    """
     poses = chained(flat((0, 1, QUARTER), (0, 1, 0)))
     np.testing.assert_allclose(poses[:, :3, 3], [[0, 0, 1], [1, 0, 1]], atol=1e-12)
     moved, turned = coordinates(poses, "2d")
@@ -39,7 +41,9 @@ def test_yaw_and_plane_are_those_of_the_classical_room() -> None:
     ours = motions(torch.from_numpy(states), "2d").numpy()
     np.testing.assert_allclose(ours, planar.lift(states, np.eye(4), np.eye(4)), atol=1e-12)
     again = coordinates(torch.from_numpy(ours), "2d")
-    np.testing.assert_allclose(torch.cat(again, -1), planar.reduce(ours, np.eye(4), np.eye(4)), atol=1e-12)
+    np.testing.assert_allclose(
+        torch.cat(again, -1), planar.reduce(ours, np.eye(4), np.eye(4)), atol=1e-12
+    )
 
 
 def test_three_dimensional_steps_are_rigid_and_come_back() -> None:
@@ -53,7 +57,9 @@ def test_three_dimensional_steps_are_rigid_and_come_back() -> None:
 
 
 def test_pitch_looks_up_and_roll_is_clockwise() -> None:
-    """With y down: a camera that looks up by 0.1 has its axis at -sin(0.1) in y; rolled, its x axis dips."""
+    """With y down: a camera that looks up by 0.1 has its axis at -sin(0.1) in y; rolled, its x axis
+    dips.
+    """
     up = motions(torch.tensor([0, 0, 0, 0, 0.1, 0], dtype=torch.float64), "3d")
     assert float(up[1, 2]) == pytest.approx(-np.sin(0.1))
     rolled = motions(torch.tensor([0, 0, 0, 0, 0, 0.1], dtype=torch.float64), "3d")
@@ -62,7 +68,9 @@ def test_pitch_looks_up_and_roll_is_clockwise() -> None:
 
 def test_squared_errors_by_hand() -> None:
     """3 m and 4 m apart: 25; 0.2 rad apart across the cut at 180 degrees: 0.04."""
-    translation, rotation = squared_errors(flat((3, 0, np.pi - 0.1)), flat((0, 4, -np.pi + 0.1)), "2d")
+    translation, rotation = squared_errors(
+        flat((3, 0, np.pi - 0.1)), flat((0, 4, -np.pi + 0.1)), "2d"
+    )
     assert float(translation) == pytest.approx(25.0)
     assert float(rotation) == pytest.approx(0.04)
 
@@ -76,10 +84,12 @@ ALL = torch.ones(1, 3)
 
 
 def test_the_absolute_loss_by_hand() -> None:
-    """The past step turns 0.1 rad to the right where there was none; everything else is right, in its own frame.
+    """The past step turns 0.1 rad to the right where there was none; everything else is right, in
+    its own frame.
 
-    Absolute: the past is off by 0.1 rad: 100 * 0.01 = 1. The first future pose is off by 0.1 rad and stands at
-    (sin 0.1, 1 + cos 0.1) for (0, 2): 4 sin^2(0.05) = 0.009992 m^2; the second is twice as far: 0.039967 m^2.
+    Absolute: the past is off by 0.1 rad: 100 * 0.01 = 1. The first future pose is off by 0.1 rad
+    and stands at (sin 0.1, 1 + cos 0.1) for (0, 2): 4 sin^2(0.05) = 0.009992 m^2; the second is
+    twice as far: 0.039967 m^2.
     """
     method = DeepVoTraining(architecture=Architecture(head="2d"))
     losses = method.losses(steps_2d((0, 1, 0.1)), steps_2d((0, 1, 0), (0, 1, 0)), STRAIGHT, ALL)
@@ -117,6 +127,10 @@ def test_unknown_steps_do_not_count() -> None:
     known = torch.tensor([[1.0, 1.0, 0.0]])
     right, wrong = steps_2d((0, 1, 0), (0, 1, 0)), steps_2d((0, 1, 0), (9, 9, 1))
     past = steps_2d((0, 1, 0))
-    assert value(method.losses(past, right, STRAIGHT, known)["total"]) == pytest.approx(0.0, abs=1e-9)
-    assert value(method.losses(past, wrong, STRAIGHT, known)["total"]) == pytest.approx(0.0, abs=1e-9)
+    assert value(method.losses(past, right, STRAIGHT, known)["total"]) == pytest.approx(
+        0.0, abs=1e-9
+    )
+    assert value(method.losses(past, wrong, STRAIGHT, known)["total"]) == pytest.approx(
+        0.0, abs=1e-9
+    )
     assert value(method.losses(past, wrong, STRAIGHT, ALL)["total"]) > 10

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geovp_classic.contracts import street
+from geovp_benchmarks.contracts import street
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray
@@ -19,7 +19,9 @@ DRIVE = windows.read(street.clip(), CAMERA)
 REAL = se3.inverse(DRIVE.world_from_cam[:-1]) @ DRIVE.world_from_cam[1:]
 
 
-def drawn(augmentation: Augmentation, seed: int = 0, first: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
+def drawn(
+    augmentation: Augmentation, seed: int = 0, first: int = 0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     rng = np.random.default_rng(seed)
     return windows.sample(Window(DRIVE, first), CAMERA, 4, 3, augmentation, rng)
 
@@ -29,8 +31,12 @@ def yaw_deg(motion: FloatArray) -> FloatArray:
 
 
 def test_the_wide_image_is_read_where_there_is_one() -> None:
-    assert DRIVE.frames[0].shape == (82, 123, 3)  # 128 x 192, at 96 instead of 150 pixels of focal length
-    assert windows.read(replace(street.clip(), wide=None), CAMERA).frames[0].shape == (82, 82, 3)
+    assert DRIVE.frames[0].shape == (
+        82,
+        123,
+        3,
+    )  # 128 x 192, at 96 instead of 150 pixels of focal length
+    assert windows.read(replace(street.clip(), full=None), CAMERA).frames[0].shape == (82, 82, 3)
 
 
 def test_nothing_varied_is_the_drive_itself() -> None:
@@ -47,7 +53,9 @@ def test_mirroring_turns_right_into_left() -> None:
     )
     np.testing.assert_allclose(yaw_deg(exchanged), -yaw_deg(motions), atol=1e-9)
     assert yaw_deg(motions).min() > 0.5  # this street bends to the right
-    flipped = plain[:, :, ::-1]  # the principal point at 29.5 of 63 pixels: 4.1 pixels off its mirror image
+    flipped = plain[
+        :, :, ::-1
+    ]  # the principal point at 29.5 of 63 pixels: 4.1 pixels off its mirror image
     moved = abs(mirrored[:, :, 4:-8].astype(int) - flipped[:, :, 8:-4]).mean()
     assert moved < abs(mirrored[:, :, 4:-8].astype(int) - flipped[:, :, 4:-8]).mean() / 4
 
@@ -55,7 +63,9 @@ def test_mirroring_turns_right_into_left() -> None:
 def test_every_other_frame_is_twice_the_motion() -> None:
     _, motions, known = drawn(replace(NO_AUGMENTATION, fast_share=1.0))
     np.testing.assert_allclose(motions[0], REAL[0] @ REAL[1], atol=1e-9)
-    np.testing.assert_array_equal(known, [True] * 4 + [False] * 2)  # of 10 frames: 2, 4, 6, 8, but not 10 and 12
+    np.testing.assert_array_equal(
+        known, [True] * 4 + [False] * 2
+    )  # of 10 frames: 2, 4, 6, 8, but not 10 and 12
 
 
 def test_where_twice_the_speed_would_leave_the_clip_it_is_not_taken() -> None:
@@ -74,11 +84,15 @@ def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
 
 
 def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
-    """Half way through the window the swing is nil: of 3 images the last is turned one way, the first the other."""
+    """Half way through the window the swing is nil: of 3 images the last is turned one way, the
+    first the other.
+    """
     rng = np.random.default_rng(5)
     swing = replace(NO_AUGMENTATION, turn_share=1.0, turn_deg=3.0)
     images, motions, _ = windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, swing, rng)
-    plain = windows.sample(Window(DRIVE, 0), CAMERA, 3, 1, NO_AUGMENTATION, np.random.default_rng(5))[0]
+    plain = windows.sample(
+        Window(DRIVE, 0), CAMERA, 3, 1, NO_AUGMENTATION, np.random.default_rng(5)
+    )[0]
     np.testing.assert_array_equal(images[1], plain[1])
     rate_px = np.deg2rad(yaw_deg(motions)[0] - yaw_deg(REAL)[0]) * CAMERA.fx_px
     shift_px = round(rate_px)  # turning right moves the image to the left
@@ -86,7 +100,10 @@ def test_a_swung_image_is_what_a_turned_camera_sees() -> None:
     middle = slice(16, 48)
     moved = np.roll(plain[2], -shift_px, axis=1)[middle, middle].astype(int)
     still = plain[2][middle, middle].astype(int)
-    assert abs(images[2][middle, middle] - moved).mean() < abs(images[2][middle, middle] - still).mean()
+    assert (
+        abs(images[2][middle, middle] - moved).mean()
+        < abs(images[2][middle, middle] - still).mean()
+    )
 
 
 def test_grey_has_three_equal_channels_and_gamma_is_the_same_for_all_frames() -> None:
@@ -104,9 +121,14 @@ def test_windows_are_every_run_that_fits() -> None:
 
 
 def test_a_batch_draws_how_much_past_is_seen() -> None:
-    method = DeepVoTraining(Architecture(size_px=(64, 64)), num_past=4, num_future=3, shortest_past=2)
+    method = DeepVoTraining(
+        Architecture(size_px=(64, 64)), num_past=4, num_future=3, shortest_past=2
+    )
     examples = method.examples([street.clip()], training=True)
-    seen = {method.batch(examples, [0, 1], np.random.default_rng(seed))["images"].shape[1] for seed in range(20)}
+    seen = {
+        method.batch(examples, [0, 1], np.random.default_rng(seed))["images"].shape[1]
+        for seed in range(20)
+    }
     assert seen == {2, 3, 4}
     batch = method.batch(examples, [0, 1], np.random.default_rng(0))
     past = batch["images"].shape[1]

@@ -25,4 +25,6 @@ def test_buffers_are_averaged_and_counters_copied() -> None:
     network(torch.ones(2, 1))
     average.update_parameters(network)
     assert average.module.num_batches_tracked.item() == 1
-    assert average.module.running_mean.item() == pytest.approx(0.1 / 2)  # momentum 0.1 from 0 to 1, half of it taken
+    assert average.module.running_mean.item() == pytest.approx(
+        0.1 / 2
+    )  # momentum 0.1 from 0 to 1, half of it taken

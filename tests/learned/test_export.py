@@ -10,23 +10,30 @@ pytest.importorskip("onnx", reason=f"onnx is {WITH}")
 pytest.importorskip("onnxscript", reason=f"onnxscript is {WITH}")
 onnxruntime = pytest.importorskip("onnxruntime", reason=f"onnxruntime is {WITH}")
 
-from geovp_classic.contracts import street  # noqa: E402
+from geovp_benchmarks.contracts import street  # noqa: E402
 from geovp_classic.types import FloatArray  # noqa: E402
 from geovp_learned import __main__ as command  # noqa: E402
 from geovp_learned import export, lpips  # noqa: E402
 from geovp_learned.deepvo.network import motions  # noqa: E402
 from geovp_learned.deepvo.poses import DeepVo  # noqa: E402
 
-WIDTHS, SHAPES = (4, 6, 5, 5, 3), ((11, 3), (5, 4), (3, 6), (3, 5), (3, 5))  # of AlexNet's five convolutions, narrow
+WIDTHS, SHAPES = (
+    (4, 6, 5, 5, 3),
+    ((11, 3), (5, 4), (3, 6), (3, 5), (3, 5)),
+)  # of AlexNet's five convolutions, narrow
 
 
 def run(file: Path, **inputs: Any) -> list[FloatArray]:
     return list(onnxruntime.InferenceSession(str(file)).run(None, inputs))
 
 
-def test_deepvo_gives_the_same_steps_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_deepvo_gives_the_same_steps_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file, clip, predictor = tmp_path / "deepvo.onnx", street.clip(), DeepVo()
-    assert command.main(["export", "deepvo", "--onnx", str(file), "--past", "6", "--future", "4"]) == 0
+    assert (
+        command.main(["export", "deepvo", "--onnx", str(file), "--past", "6", "--future", "4"]) == 0
+    )
     assert capsys.readouterr().out == f"{file}: images [1, 6, 3, 96, 96] to past and future\n"
     images = predictor.images(list(clip.frames[:6]), clip.intrinsics)
     past, future = run(file, images=images[None].numpy())
@@ -45,7 +52,9 @@ def test_lpips_gives_the_same_distances_elsewhere_for_any_number_of_images(
     layers = zip((0, 3, 6, 8, 10), WIDTHS, SHAPES, strict=True)
     weights: dict[str, Any] = {}
     for index, (layer, width, (side, into)) in enumerate(layers):
-        weights[f"features.{layer}.weight"] = rng.normal(0, 0.2, (width, into, side, side)).astype(np.float32)
+        weights[f"features.{layer}.weight"] = rng.normal(0, 0.2, (width, into, side, side)).astype(
+            np.float32
+        )
         weights[f"features.{layer}.bias"] = rng.normal(0, 0.2, width).astype(np.float32)
         weights[f"lin{index}.weight"] = rng.random(width, np.float32)
     np.savez(tmp_path / "lpips_alex_v0.1.npz", **weights)
@@ -70,4 +79,7 @@ def test_what_cannot_be_exported_is_said_in_one_sentence(
     assert "no is no folder: make it, or give another --onnx" in capsys.readouterr().err
     monkeypatch.setattr(export, "NEEDS", ("onnx", "onnx_of_tomorrow"))
     assert command.main(["export", "deepvo", "--onnx", str(tmp_path / "d.onnx")]) == 2
-    assert "export needs onnx_of_tomorrow, which is not installed: pip install" in capsys.readouterr().err
+    assert (
+        "export needs onnx_of_tomorrow, which is not installed: pip install"
+        in capsys.readouterr().err
+    )

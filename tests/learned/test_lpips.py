@@ -1,4 +1,6 @@
-"""LPIPS: published values with the real weights; everything else with small random networks of the same build."""
+"""LPIPS: published values with the real weights; everything else with small random networks of the
+same build.
+"""
 
 import hashlib
 import http.server
@@ -24,7 +26,13 @@ from geovp_learned import lpips, lpips_networks
 from geovp_learned.lpips import Lpips, Net
 
 NETS = get_args(Net)
-ALEX_WIDTHS = {0: (3, 6, 11), 3: (6, 5, 5), 6: (5, 7, 3), 8: (7, 4, 3), 10: (4, 4, 3)}  # in, out, kernel
+ALEX_WIDTHS = {
+    0: (3, 6, 11),
+    3: (6, 5, 5),
+    6: (5, 7, 3),
+    8: (7, 4, 3),
+    10: (4, 4, 3),
+}  # in, out, kernel
 ALEX_LINEAR, SQUEEZE_LINEAR = (6, 5, 7, 4, 4), (6, 4, 4, 4, 4, 4, 4)
 
 
@@ -38,7 +46,10 @@ def random_weights(net: Net, seed: int = 0) -> dict[str, Tensor]:
     weights: dict[str, Tensor] = {}
 
     def convolution(name: str, into: int, out: int, kernel: int) -> None:
-        weights[f"{name}.weight"], weights[f"{name}.bias"] = draw(out, into, kernel, kernel), draw(out)
+        weights[f"{name}.weight"], weights[f"{name}.bias"] = (
+            draw(out, into, kernel, kernel),
+            draw(out),
+        )
 
     if net == "alex":
         for layer, (into, out, kernel) in ALEX_WIDTHS.items():
@@ -60,7 +71,9 @@ def no_weights_by_accident(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> N
     for variable in (lpips.WEIGHTS_VARIABLE, "GEOVP_CACHE"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(lpips, "REMOTES", dict.fromkeys(NETS, (("file:///nowhere.pth", "0" * 64),) * 2))
+    monkeypatch.setattr(
+        lpips, "REMOTES", dict.fromkeys(NETS, (("file:///nowhere.pth", "0" * 64),) * 2)
+    )
 
 
 @pytest.fixture
@@ -69,7 +82,10 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     scores = {}
     for net in NETS:
         weights = random_weights(net)
-        np.savez(tmp_path / f"lpips_{net}_v0.1.npz", **{name: tensor.numpy() for name, tensor in weights.items()})
+        np.savez(
+            tmp_path / f"lpips_{net}_v0.1.npz",
+            **{name: tensor.numpy() for name, tensor in weights.items()},
+        )
         scores[net] = float(distances(net, weights, *map(images, lpips.check_images()))[0])
     monkeypatch.setattr(lpips, "CHECK_SCORES", scores)
     return tmp_path
@@ -80,7 +96,9 @@ def images(frames: ByteArray) -> Tensor:
     return torch.tensor(frames).permute(0, 3, 1, 2).float() / 127.5 - 1.0
 
 
-def distances(net: Net, weights: dict[str, Tensor], predicted: Tensor, target: Tensor) -> FloatArray:
+def distances(
+    net: Net, weights: dict[str, Tensor], predicted: Tensor, target: Tensor
+) -> FloatArray:
     features = [lpips.unit_features(net, weights, each) for each in (predicted, target)]
     return lpips._distances(weights, *features, [None])[0]
 
@@ -92,7 +110,9 @@ def noise(seed: int, shape: tuple[int, ...] = (3, 48, 64, 3)) -> ByteArray:
 def real_weights(net: Net) -> Path:
     root = os.environ.get("GEOVP_TEST_DATA")
     if not root:
-        pytest.skip("GEOVP_TEST_DATA is not set: needs lpips/lpips_*_v0.1.npz and the example images")
+        pytest.skip(
+            "GEOVP_TEST_DATA is not set: needs lpips/lpips_*_v0.1.npz and the example images"
+        )
     return Path(root) / "lpips" / f"lpips_{net}_v0.1.npz"
 
 
@@ -100,11 +120,18 @@ def image(file: Path) -> ByteArray:
     return np.asarray(cv2.cvtColor(cv2.imread(str(file)), cv2.COLOR_BGR2RGB))[None]
 
 
-@pytest.mark.parametrize(("net", "published"), [("alex", (0.721881, 0.137566)), ("squeeze", (0.711048, 0.147902))])
-def test_the_authors_example_images_score_as_published(net: Net, published: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    ("net", "published"), [("alex", (0.721881, 0.137566)), ("squeeze", (0.711048, 0.147902))]
+)
+def test_the_authors_example_images_score_as_published(
+    net: Net, published: tuple[float, float]
+) -> None:
     file = real_weights(net)
     reference = image(file.with_name("ex_ref.png"))
-    scores = [float(Lpips(net, file)(image(file.with_name(f"ex_p{k}.png")), reference, None)[0]) for k in (0, 1)]
+    scores = [
+        float(Lpips(net, file)(image(file.with_name(f"ex_p{k}.png")), reference, None)[0])
+        for k in (0, 1)
+    ]
     np.testing.assert_allclose(scores, published, atol=2e-6)
 
 
@@ -113,7 +140,9 @@ def test_squeeze_scores_as_torchmetrics_documents_it() -> None:
     weights = lpips.load_weights("squeeze", real_weights("squeeze"))
     generator = torch.Generator().manual_seed(42)
     first, second = (torch.rand(2, 3, 100, 100, generator=generator) * 2 - 1 for _ in range(2))
-    np.testing.assert_allclose(distances("squeeze", weights, first, second), [0.1024, 0.0938], atol=5e-5)
+    np.testing.assert_allclose(
+        distances("squeeze", weights, first, second), [0.1024, 0.0938], atol=5e-5
+    )
     generator = torch.Generator().manual_seed(42)
     first, second = (torch.rand(10, 3, 100, 100, generator=generator) * 2 - 1 for _ in range(2))
     assert distances("squeeze", weights, first, second).mean() == pytest.approx(0.1005, abs=5e-5)
@@ -126,7 +155,9 @@ def test_real_weights_pass_the_check_and_altered_ones_do_not(net: Net, tmp_path:
     arrays = dict(np.load(file))
     arrays["lin2.weight"] = arrays["lin2.weight"] * 1.05
     np.savez(tmp_path / "altered.npz", **arrays)
-    with pytest.raises(MissingExtra, match=r"check images score 0\.\d+, expected 0\.\d+: get them anew"):
+    with pytest.raises(
+        MissingExtra, match=r"check images score 0\.\d+, expected 0\.\d+: get them anew"
+    ):
         lpips.load_weights(net, tmp_path / "altered.npz")
 
 
@@ -135,10 +166,16 @@ def module_by_module(weights: dict[str, Tensor], pixels: Tensor) -> list[Tensor]
     strides, paddings = {0: 4}, {0: 2, 3: 2}
     features = nn.Sequential(*(nn.Identity() for _ in range(12)))
     for layer, (into, out, kernel) in ALEX_WIDTHS.items():
-        features[layer] = nn.Conv2d(into, out, kernel, strides.get(layer, 1), paddings.get(layer, 1))
+        features[layer] = nn.Conv2d(
+            into, out, kernel, strides.get(layer, 1), paddings.get(layer, 1)
+        )
         features[layer + 1] = nn.ReLU()
     features[2] = features[5] = nn.MaxPool2d(3, 2)  # the last one comes after what LPIPS looks at
-    wanted = {name.removeprefix("features."): w for name, w in weights.items() if name.startswith("features.")}
+    wanted = {
+        name.removeprefix("features."): w
+        for name, w in weights.items()
+        if name.startswith("features.")
+    }
     features.load_state_dict(wanted)
     outputs = []
     for index, module in enumerate(features):
@@ -155,12 +192,16 @@ def test_alex_agrees_with_a_slow_twin(folder: Path) -> None:
     mean, deviation = torch.tensor([-0.030, -0.088, -0.188]), torch.tensor([0.458, 0.448, 0.450])
     expected = []
     for ours, real in zip(predicted, target, strict=True):
-        pair = torch.stack([(torch.tensor(frame) / 255.0 * 2 - 1 - mean) / deviation for frame in (ours, real)])
+        pair = torch.stack(
+            [(torch.tensor(frame) / 255.0 * 2 - 1 - mean) / deviation for frame in (ours, real)]
+        )
         total = 0.0
         for index, (a, b) in enumerate(module_by_module(weights, pair.permute(0, 3, 1, 2))):
             places = [(y, x) for y in range(a.shape[1]) for x in range(a.shape[2])]
             linear = weights[f"lin{index}.weight"]
-            total += sum(float(linear @ (unit(a[:, y, x]) - unit(b[:, y, x])) ** 2) for y, x in places) / len(places)
+            total += sum(
+                float(linear @ (unit(a[:, y, x]) - unit(b[:, y, x])) ** 2) for y, x in places
+            ) / len(places)
         expected.append(total)
     np.testing.assert_allclose(Lpips("alex", folder)(predicted, target, None), expected, rtol=1e-4)
 
@@ -192,7 +233,10 @@ def test_the_same_call_twice_gives_the_same_bytes_and_threads_do_not_mix(folder:
     metric, first, second = Lpips("alex", folder), noise(1), noise(2)
     once = metric(first, second, None)
     answers: list[object] = []
-    threads = [threading.Thread(target=lambda: answers.append(metric(first, second, None).tobytes())) for _ in range(3)]
+    threads = [
+        threading.Thread(target=lambda: answers.append(metric(first, second, None).tobytes()))
+        for _ in range(3)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -205,7 +249,9 @@ def test_the_same_call_twice_gives_the_same_bytes_and_threads_do_not_mix(folder:
 def test_masks_weigh_the_maps_of_differences(net: Net, folder: Path) -> None:
     metric, target = Lpips(net, folder), noise(1, (3, 32, 320, 3))
     predicted = target.copy()
-    predicted[:, :, 288:] = 255 - predicted[:, :, 288:]  # changed on the right alone, out of reach of the left
+    predicted[:, :, 288:] = (
+        255 - predicted[:, :, 288:]
+    )  # changed on the right alone, out of reach of the left
     left, right = np.zeros((2, 3, 32, 320), dtype=bool)
     left[:, :, :80], right[:, :, 240:] = True, True
     everywhere = metric(predicted, target, None)
@@ -218,7 +264,11 @@ def test_masks_weigh_the_maps_of_differences(net: Net, folder: Path) -> None:
 
 @pytest.mark.parametrize("net", NETS)
 def test_many_masks_at_once_score_as_one_by_one(net: Net, folder: Path) -> None:
-    metric, predicted, target = Lpips(net, folder), noise(1, (11, 40, 48, 3)), noise(2, (11, 40, 48, 3))
+    metric, predicted, target = (
+        Lpips(net, folder),
+        noise(1, (11, 40, 48, 3)),
+        noise(2, (11, 40, 48, 3)),
+    )
     masks = [None, *(np.random.default_rng(0).random((3, 11, 40, 48)) < 0.3)]
     masks[2][5] = False
     assert isinstance(metric, ManyMasks)
@@ -242,7 +292,9 @@ def test_features_are_computed_once_for_all_masks_and_the_targets_once_for_all_p
     assert len(calls) == 4  # the predictions alone
     target = target.copy()
     target[0, 0, 0, 0] ^= 255
-    assert metric(noise(3), target)[0] != scores[0][0]  # another target is not mistaken for the one before
+    assert (
+        metric(noise(3), target)[0] != scores[0][0]
+    )  # another target is not mistaken for the one before
 
 
 def test_on_two_threads_the_same_values_come_out(folder: Path) -> None:
@@ -250,7 +302,9 @@ def test_on_two_threads_the_same_values_come_out(folder: Path) -> None:
     masks = [None, np.random.default_rng(0).random((13, 32, 40)) < 0.3]
     expected = Lpips("alex", folder).over(predicted, target, masks)
     torch.set_num_threads(2)
-    np.testing.assert_allclose(Lpips("alex", folder).over(predicted, target, masks), expected, rtol=1e-6)
+    np.testing.assert_allclose(
+        Lpips("alex", folder).over(predicted, target, masks), expected, rtol=1e-6
+    )
     assert torch.get_num_threads() == 2
     torch.set_num_threads(1)
 
@@ -270,7 +324,9 @@ def test_frames_that_do_not_fit_are_refused(folder: Path) -> None:
 
 
 def test_it_comes_and_goes_through_the_registry_without_weights() -> None:
-    metric = registry.build("frame_metrics", {"name": "lpips", "net": "squeeze", "weights": "some/where.npz"})
+    metric = registry.build(
+        "frame_metrics", {"name": "lpips", "net": "squeeze", "weights": "some/where.npz"}
+    )
     assert metric == Lpips("squeeze", Path("some/where.npz"))
     assert isinstance(metric, FrameMetric)
     settings = {"net": "squeeze", "weights": "some/where.npz", "channels": "rgb"}
@@ -305,7 +361,9 @@ def test_unreadable_weights_are_said_in_one_sentence(content: bytes, tmp_path: P
 
 
 def test_missing_or_other_weights_are_said_in_one_sentence(folder: Path) -> None:
-    with pytest.raises(MissingExtra, match=r"nowhere do not exist: name lpips_alex_v0\.1\.npz or its folder"):
+    with pytest.raises(
+        MissingExtra, match=r"nowhere do not exist: name lpips_alex_v0\.1\.npz or its folder"
+    ):
         Lpips("alex", folder / "nowhere")(noise(1), noise(2), None)
     with pytest.raises(MissingExtra, match=r"does not hold LPIPS weights for 'squeeze'"):
         Lpips("squeeze", folder / "lpips_alex_v0.1.npz")(noise(1), noise(2), None)
@@ -327,13 +385,17 @@ class Shelf(http.server.SimpleHTTPRequestHandler):
 
 @pytest.fixture
 def shelf(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
-    """A server on this machine with a backbone and linear layers as published; gives the paths asked for."""
+    """A server on this machine with a backbone and linear layers as published; gives the paths
+    asked for.
+    """
     asked: list[str] = []
     root = folder / "shelf"
     root.mkdir()
     weights = random_weights("alex")
     backbone = {name: tensor for name, tensor in weights.items() if name.startswith("features.")}
-    linear = {f"lin{k}.model.1.weight": weights[f"lin{k}.weight"][None, :, None, None] for k in range(5)}
+    linear = {
+        f"lin{k}.model.1.weight": weights[f"lin{k}.weight"][None, :, None, None] for k in range(5)
+    }
     torch.save({**backbone, "classifier.1.weight": torch.zeros(4)}, root / "backbone.pth")
     torch.save(linear, root / "linear.pth")
     handler = type("Handler", (Shelf,), {"asked": asked})
@@ -343,7 +405,9 @@ def shelf(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     thread = threading.Thread(target=server.serve_forever, args=(0.02,))
     thread.start()
     here = f"http://127.0.0.1:{server.server_port}"
-    remotes = [(f"{here}/{name}.pth", sha256_of(root / f"{name}.pth")) for name in ("backbone", "linear")]
+    remotes = [
+        (f"{here}/{name}.pth", sha256_of(root / f"{name}.pth")) for name in ("backbone", "linear")
+    ]
     monkeypatch.setattr(lpips, "REMOTES", {"alex": tuple(remotes)})
     yield asked
     server.shutdown()
@@ -355,7 +419,9 @@ def sha256_of(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def test_weights_are_downloaded_once_and_score_as_the_npz_does(shelf: list[str], folder: Path, tmp_path: Path) -> None:
+def test_weights_are_downloaded_once_and_score_as_the_npz_does(
+    shelf: list[str], folder: Path, tmp_path: Path
+) -> None:
     predicted, target = noise(1), noise(2)
     scores = Lpips()(predicted, target, None)
     np.testing.assert_array_equal(scores, Lpips("alex", folder)(predicted, target, None))
@@ -366,11 +432,14 @@ def test_weights_are_downloaded_once_and_score_as_the_npz_does(shelf: list[str],
     assert "classifier.1.weight" not in np.load(cached[0]).files
 
 
-def test_a_download_with_another_hash_is_never_opened(shelf: list[str], folder: Path, tmp_path: Path) -> None:
+def test_a_download_with_another_hash_is_never_opened(
+    shelf: list[str], folder: Path, tmp_path: Path
+) -> None:
     right = (folder / "shelf" / "linear.pth").read_bytes()
     (folder / "shelf" / "linear.pth").write_bytes(right[:-1] + b"?")
     with pytest.raises(
-        MissingExtra, match=r"linear\.pth has SHA-256 [0-9a-f]{8}\.\.\., expected [0-9a-f]{8}\.\.\.\): set"
+        MissingExtra,
+        match=r"linear\.pth has SHA-256 [0-9a-f]{8}\.\.\., expected [0-9a-f]{8}\.\.\.\): set",
     ):
         Lpips()(noise(1), noise(2), None)
     assert list((tmp_path / "cache" / "geovp").iterdir()) == []
@@ -380,7 +449,8 @@ def test_a_failed_download_is_not_tried_again(shelf: list[str], folder: Path) ->
     (folder / "shelf" / "backbone.pth").unlink()
     for _ in range(2):
         with pytest.raises(
-            MissingExtra, match=r"cannot be downloaded \(HTTP Error 404.*\): set GEOVP_LPIPS_WEIGHTS to"
+            MissingExtra,
+            match=r"cannot be downloaded \(HTTP Error 404.*\): set GEOVP_LPIPS_WEIGHTS to",
         ):
             Lpips()(noise(1), noise(2), None)
     assert shelf == ["/backbone.pth"]
@@ -393,12 +463,18 @@ def test_without_a_network_the_sentence_says_what_to_set(monkeypatch: pytest.Mon
         monkeypatch.setattr(lpips, "REMOTES", {"alex": ((here, "0" * 64),) * 2})
         with pytest.raises(MissingExtra) as caught:
             Lpips()(noise(1), noise(2), None)
-    assert str(caught.value).startswith("LPIPS weights for 'alex' are not on this machine and cannot be downloaded (")
-    assert str(caught.value).endswith("set GEOVP_LPIPS_WEIGHTS to lpips_alex_v0.1.npz or its folder")
+    assert str(caught.value).startswith(
+        "LPIPS weights for 'alex' are not on this machine and cannot be downloaded ("
+    )
+    assert str(caught.value).endswith(
+        "set GEOVP_LPIPS_WEIGHTS to lpips_alex_v0.1.npz or its folder"
+    )
     assert "\n" not in str(caught.value)
 
 
-def test_a_cache_that_cannot_be_written_is_a_reason_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cache_that_cannot_be_written_is_a_reason_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(MissingExtra, match=r"cannot be downloaded \(.*Not a directory"):

@@ -11,9 +11,18 @@ from geovp_learned import checkpoints, model_cards, training_log
 from geovp_learned.__main__ import main
 
 HISTORY = {
-    "train": [{"name": "kitti", "split": "train", "split_hash": "abc123"}, {"name": "synthetic", "seed": 7}],
+    "train": [
+        {"name": "kitti", "split": "train", "split_hash": "abc123"},
+        {"name": "synthetic", "seed": 7},
+    ],
     "validation": [{"name": "kitti", "split": "val", "split_hash": "def456"}],
-    "training": {"num_steps": 40, "batch_size": 4, "seed": 3, "warmup_steps": 5, "precision": "32-true"},
+    "training": {
+        "num_steps": 40,
+        "batch_size": 4,
+        "seed": 3,
+        "warmup_steps": 5,
+        "precision": "32-true",
+    },
     "step": 30,
     "seconds": 12.5,
     "scores": {"score": 1.23456},
@@ -54,19 +63,29 @@ def test_a_card_says_when_weights_are_a_mean(tmp_path: Path) -> None:
     assert "- exponential moving average (EMA) of the weights over 9 steps\n" in text
 
 
-@pytest.mark.parametrize(("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)])
-def test_kittis_licence_goes_with_weights_trained_on_it(tmp_path: Path, names: tuple[str, ...], licensed: bool) -> None:
-    text = model_cards.model_card(written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]}))
+@pytest.mark.parametrize(
+    ("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)]
+)
+def test_kittis_licence_goes_with_weights_trained_on_it(
+    tmp_path: Path, names: tuple[str, ...], licensed: bool
+) -> None:
+    text = model_cards.model_card(
+        written(tmp_path, {**HISTORY, "train": [{"name": name} for name in names]})
+    )
     assert ("CC BY-NC-SA 3.0" in text) == licensed
 
 
-def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_it(tmp_path: Path) -> None:
+def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_it(
+    tmp_path: Path,
+) -> None:
     log = tmp_path / "log.csv"
     training_log.truncate(log, 0)
     for step, loss in ((20, 4.0), (40, 2.0), (60, 1.0)):
         training_log.append(log, step, step / 10, "train", {"total": loss})
         if step != 20:
-            training_log.append(log, step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0})
+            training_log.append(
+                log, step, step / 10, "validation", {"score": loss / 2, "psnr": 20.0}
+            )
     lines = model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
     assert lines == [
         "| step | seconds | score | psnr | training total |",
@@ -82,7 +101,8 @@ def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
     for step in range(1, 61):
         training_log.append(log, step, step, "validation", {"score": 1.0})
     rows = [
-        line.split("|")[1].strip() for line in model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
+        line.split("|")[1].strip()
+        for line in model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
     ]
     assert rows[2:4] == ["1", "4"]  # every third of 60: 20 rows, and the last
     assert rows[-1] == "60"
@@ -90,7 +110,9 @@ def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["deepvo", "synsin"])
-def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(name: str) -> None:
+def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(
+    name: str,
+) -> None:
     folder = Path(model_cards.__file__).parent / "weights"
     text = model_cards.model_card(folder / f"{name}.safetensors", Path(f"{name}-small"))
     assert f"    python -m geovp_learned train {name} {name}-small\n" in text
@@ -98,9 +120,12 @@ def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_car
 
 
 def test_a_config_of_other_settings_is_refused() -> None:
-    with pytest.raises(BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own config"):
+    with pytest.raises(
+        BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own config"
+    ):
         model_cards.model_card(
-            Path(model_cards.__file__).parent / "weights" / "deepvo.safetensors", Path("deepvo-tiny")
+            Path(model_cards.__file__).parent / "weights" / "deepvo.safetensors",
+            Path("deepvo-tiny"),
         )
 
 

@@ -14,7 +14,9 @@ def view(camera: Intrinsics, cam_from_world: np.ndarray | None = None) -> ByteAr
     """What a camera sees of smooth colours infinitely far away."""
     rays = pinhole.rays(camera) @ (np.eye(3) if cam_from_world is None else cam_from_world)
     x, y = rays[..., 0] / rays[..., 2], rays[..., 1] / rays[..., 2]
-    return np.stack([127 + 100 * np.sin(5 * x), 127 + 100 * np.cos(4 * y), 127 + 100 * x], axis=-1).astype(np.uint8)
+    return np.stack(
+        [127 + 100 * np.sin(5 * x), 127 + 100 * np.cos(4 * y), 127 + 100 * x], axis=-1
+    ).astype(np.uint8)
 
 
 def test_channels_come_first_and_white_is_one() -> None:
@@ -28,12 +30,16 @@ def test_channels_come_first_and_white_is_one() -> None:
 
 def test_another_calibration_sees_what_its_own_rays_see() -> None:
     wanted = Intrinsics(120.0, 110.0, 28.0, 33.0, 64, 64)
-    np.testing.assert_allclose(reproject(view(CAMERA), CAMERA, wanted).astype(int), view(wanted), atol=3)
+    np.testing.assert_allclose(
+        reproject(view(CAMERA), CAMERA, wanted).astype(int), view(wanted), atol=3
+    )
 
 
 def test_a_turned_camera_sees_along_its_own_axes() -> None:
     wanted = Intrinsics(120.0, 120.0, 31.5, 31.5, 64, 64)
-    right = se3.exp(np.array([0, 0, 0, 0, 0.1, 0]))[:3, :3]  # 0.1 rad to the right: what is at x = 0.1 is in the middle
+    right = se3.exp(np.array([0, 0, 0, 0, 0.1, 0]))[
+        :3, :3
+    ]  # 0.1 rad to the right: what is at x = 0.1 is in the middle
     seen = reproject(view(CAMERA), CAMERA, wanted, right)
     np.testing.assert_allclose(seen.astype(int), view(wanted, right.T), atol=3)
     assert seen[32, 32, 2] == pytest.approx(127 + 10, abs=2)

@@ -1,4 +1,6 @@
-"""The training loop on a method small enough to follow: a line through brightness against time, and a critic."""
+"""The training loop on a method small enough to follow: a line through brightness against time, and
+a critic.
+"""
 
 import csv
 import os
@@ -28,7 +30,9 @@ from geovp_learned.training_config import Training, TrainingConfig
 
 @dataclass(frozen=True)
 class LineTraining:
-    """Learns how bright a frame is from its time, under dropout and noise, so that random numbers matter."""
+    """Learns how bright a frame is from its time, under dropout and noise, so that random numbers
+    matter.
+    """
 
     rate: float = 0.05
     noise: float = 0.1
@@ -38,11 +42,17 @@ class LineTraining:
         return ("line",)
 
     def build(self) -> dict[str, nn.Module]:
-        return {"line": nn.Sequential(nn.Linear(1, 8), nn.Dropout(0.1), nn.Linear(8, 1)), "critic": nn.Linear(1, 1)}
+        return {
+            "line": nn.Sequential(nn.Linear(1, 8), nn.Dropout(0.1), nn.Linear(8, 1)),
+            "critic": nn.Linear(1, 1),
+        }
 
     def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
         line, critic = networks["line"].parameters(), networks["critic"].parameters()
-        return {"line": torch.optim.Adam(line, self.rate), "critic": torch.optim.SGD(critic, 0.01, momentum=0.9)}
+        return {
+            "line": torch.optim.Adam(line, self.rate),
+            "critic": torch.optim.SGD(critic, 0.01, momentum=0.9),
+        }
 
     def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[tuple[float, float]]:
         return [
@@ -51,12 +61,16 @@ class LineTraining:
             for t, frame in zip(clip.times_s, clip.frames, strict=True)
         ]
 
-    def batch(self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator) -> Batch:
+    def batch(
+        self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator
+    ) -> Batch:
         rows = torch.tensor([examples[index] for index in indices], dtype=torch.float32)
         noise = torch.from_numpy(rng.normal(0, self.noise, (len(rows), 1)).astype(np.float32))
         return {"time": rows[:, :1] + noise, "brightness": rows[:, 1:]}
 
-    def training_step(self, networks: Networks, batch: Batch, step: int) -> Iterator[tuple[str, Losses]]:
+    def training_step(
+        self, networks: Networks, batch: Batch, step: int
+    ) -> Iterator[tuple[str, Losses]]:
         guess = networks["line"](batch["time"])
         yield "line", {"total": ((guess - batch["brightness"]) ** 2).mean()}
         seen = networks["critic"](guess.detach())
@@ -89,7 +103,13 @@ class Fading:
 
 
 SETTINGS = Training(
-    num_steps=60, batch_size=4, seed=3, warmup_steps=5, clip_norm=1.0, validate_every=20, save_every_s=0.0
+    num_steps=60,
+    batch_size=4,
+    seed=3,
+    warmup_steps=5,
+    clip_norm=1.0,
+    validate_every=20,
+    save_every_s=0.0,
 )
 
 
@@ -97,12 +117,15 @@ SETTINGS = Training(
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data set has no entry point; describe it all the same."""
     monkeypatch.setattr(
-        "geovp_learned.training_config.describe", lambda datasets: [{"name": each.name} for each in datasets]
+        "geovp_learned.training_config.describe",
+        lambda datasets: [{"name": each.name} for each in datasets],
     )
 
 
 def config(settings: Training = SETTINGS, method: LineTraining | None = None) -> TrainingConfig:
-    return TrainingConfig("line", method or LineTraining(), settings, (Fading(),), (Fading(num_clips=1),))
+    return TrainingConfig(
+        "line", method or LineTraining(), settings, (Fading(),), (Fading(num_clips=1),)
+    )
 
 
 def logged(folder: Path, name: str, split: str = "train") -> list[tuple[int, float]]:
@@ -137,24 +160,35 @@ def test_it_learns_and_keeps_the_best_tensors_of(tmp_path: Path) -> None:
     scores = logged(tmp_path, "score", "validation")
     assert [step for step, _ in scores] == list(range(20, 301, 20))
     assert outcome.progress.best_score == pytest.approx(min(score for _, score in scores), rel=1e-5)
-    assert outcome.progress.best_score < 0.01  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
+    assert (
+        outcome.progress.best_score < 0.01
+    )  # brightness runs from 0.39 to 0.67: its variance alone is 0.01
     settings, tensors = checkpoints.read(tmp_path / training.WEIGHTS, "line", LineTraining)
     assert settings == LineTraining()
     metadata, _ = checkpoints.read_tensors(tmp_path / training.WEIGHTS)
     assert metadata["history"]["step"] == outcome.progress.best_step
-    assert {name.partition(".")[0] for name in tensors} == {"line"}  # the critic only served training
+    assert {name.partition(".")[0] for name in tensors} == {
+        "line"
+    }  # the critic only served training
 
 
 def test_the_mean_of_the_weights_is_what_is_kept(tmp_path: Path) -> None:
-    """Of a run that steps to and fro, the mean scores better than where it stands, and is what the file holds."""
+    """Of a run that steps to and fro, the mean scores better than where it stands, and is what the
+    file holds.
+    """
     restless = LineTraining(rate=0.5)
     plain = training.train(config(SETTINGS, restless), tmp_path / "plain")
     mean = training.train(config(replace(SETTINGS, average_steps=20), restless), tmp_path / "mean")
     assert mean.progress.best_score < plain.progress.best_score
-    assert logged(tmp_path / "mean", "line.total") == logged(tmp_path / "plain", "line.total")  # learns the same
+    assert logged(tmp_path / "mean", "line.total") == logged(
+        tmp_path / "plain", "line.total"
+    )  # learns the same
     metadata, kept = checkpoints.read_tensors(tmp_path / "mean" / training.WEIGHTS)
     state = state_of(tmp_path / "mean")
-    mean_bias, last_bias = state["averages"]["line"]["module.0.bias"], state["networks"]["line"]["0.bias"]
+    mean_bias, last_bias = (
+        state["averages"]["line"]["module.0.bias"],
+        state["networks"]["line"]["0.bias"],
+    )
     assert metadata["history"]["step"] == 60
     torch.testing.assert_close(kept["line.0.bias"].float(), mean_bias, atol=1e-3, rtol=1e-3)
     assert not torch.allclose(last_bias, mean_bias, atol=1e-2)
@@ -175,11 +209,16 @@ def test_a_resumed_run_ends_with_the_same_bytes(average_steps: int, tmp_path: Pa
     assert any(name.endswith("exp_avg_sq") for name in whole)
     assert all(torch.equal(whole[name], pieces[name]) for name in whole)
     assert logged(tmp_path / "whole", "line.total") == logged(tmp_path / "pieces", "line.total")
-    best = [checkpoints.read_tensors(tmp_path / each / training.WEIGHTS)[1] for each in ("whole", "pieces")]
+    best = [
+        checkpoints.read_tensors(tmp_path / each / training.WEIGHTS)[1]
+        for each in ("whole", "pieces")
+    ]
     assert all(torch.equal(best[0][name], best[1][name]) for name in best[0])
 
 
-def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_resumed_run_in_halves_goes_on_with_its_loss_scale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As "16-mixed" is on a GPU; here on the CPU, with a factor that doubles every 7 good steps."""
 
     def halves(**given: Any) -> Fabric:
@@ -212,7 +251,9 @@ line.LineTraining.training_step = deadly
 often = line.config(line.replace(line.SETTINGS, save_every_s=0.05))
 line.training.train(often, pathlib.Path({str(tmp_path)!r}) / "killed")
 """
-    done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ, capture_output=True, check=False
+    )
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
     training.train(config(), tmp_path / "killed")
     whole, killed = tensors_of(tmp_path / "whole"), tensors_of(tmp_path / "killed")
@@ -228,7 +269,9 @@ def test_early_stopping_counts_validations_without_a_better_score(tmp_path: Path
         20,
         True,
     )  # 20 is the best, 40 and 60 are not
-    assert training.train(config(replace(SETTINGS, patience=2), still), tmp_path).progress.step == 60
+    assert (
+        training.train(config(replace(SETTINGS, patience=2), still), tmp_path).progress.step == 60
+    )
 
 
 @pytest.mark.parametrize("name", ["16-mixed", "bf16-mixed"])
@@ -265,12 +308,15 @@ def test_bfloat16_wants_wide_vectors(
     hardware.check_precision(replace(SETTINGS, precision=precision, accelerator=accelerator))
     monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: "AVX2")
     with pytest.raises(
-        BadData, match=r"bf16-mixed needs a processor with AVX-512 .*: AVX2\): give --precision 32-true"
+        BadData,
+        match=r"bf16-mixed needs a processor with AVX-512 .*: AVX2\): give --precision 32-true",
     ):
         hardware.check_precision(replace(SETTINGS, precision="bf16-mixed", accelerator="cpu"))
 
 
-@pytest.mark.parametrize(("field", "given"), [("precision", "half"), ("accelerator", "gpus"), ("strategy", "dpp")])
+@pytest.mark.parametrize(
+    ("field", "given"), [("precision", "half"), ("accelerator", "gpus"), ("strategy", "dpp")]
+)
 def test_settings_that_fabric_does_not_know_are_refused(field: str, given: str) -> None:
     with pytest.raises(BadData, match=rf"\[training\] does not fit this machine: .*{given}"):
         hardware.fabric(replace(SETTINGS, **{field: given}))
@@ -288,7 +334,9 @@ def test_a_truncated_state_is_refused(tmp_path: Path) -> None:
     training.train(config(), tmp_path)
     file = tmp_path / training.STATE
     file.write_bytes(file.read_bytes()[:-50])
-    with pytest.raises(BadData, match=r"is not a whole safetensors file|does not match its own checksum"):
+    with pytest.raises(
+        BadData, match=r"is not a whole safetensors file|does not match its own checksum"
+    ):
         training.train(config(), tmp_path)
 
 
@@ -301,7 +349,12 @@ def test_the_rate_rises_and_falls() -> None:
 
 
 def test_every_example_comes_once_an_epoch() -> None:
-    dealt = [index for step in range(5) for device in batch_indices(step, 10, 2, 2, seed=0) for index in device]
+    dealt = [
+        index
+        for step in range(5)
+        for device in batch_indices(step, 10, 2, 2, seed=0)
+        for index in device
+    ]
     assert sorted(dealt[:8]) != sorted(dealt[8:16])
     assert sorted(dealt) == sorted(2 * list(range(10)))  # 5 steps of 4 are two epochs
     assert batch_indices(3, 10, 2, 2, seed=0) == batch_indices(3, 10, 2, 2, seed=0)

@@ -1,4 +1,6 @@
-"""Training configs and the command line: messages for mistakes; training needs neither Open3D nor pycolmap."""
+"""Training configs and the command line: messages for mistakes; training needs neither Open3D nor
+pycolmap.
+"""
 
 import dataclasses
 import os
@@ -59,8 +61,13 @@ def kitti(tmp_path: Path) -> Path:
     (tmp_path / "kitti" / "poses").mkdir()
     rng = np.random.default_rng(0)
     for number in range(12):
-        cv2.imwrite(str(folder / "image_2" / f"{number:06d}.png"), rng.integers(0, 255, (80, 100, 3), dtype=np.uint8))
-    (folder / "calib.txt").write_text("".join(f"P{n}: 150 0 49.5 0 0 150 39.5 0 0 0 1 0\n" for n in range(4)))
+        cv2.imwrite(
+            str(folder / "image_2" / f"{number:06d}.png"),
+            rng.integers(0, 255, (80, 100, 3), dtype=np.uint8),
+        )
+    (folder / "calib.txt").write_text(
+        "".join(f"P{n}: 150 0 49.5 0 0 150 39.5 0 0 0 1 0\n" for n in range(4))
+    )
     (folder / "times.txt").write_text("".join(f"{0.1 * number:.3f}\n" for number in range(12)))
     poses = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {0.7 * number:.2f}\n" for number in range(12))
     (tmp_path / "kitti" / "poses" / "00.txt").write_text(poses)
@@ -76,7 +83,15 @@ def written(folder: Path, text: str = CONFIG) -> Path:
 def test_the_command_trains_and_a_second_time_goes_on(
     tmp_path: Path, kitti: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = ["train", "deepvo", str(written(tmp_path)), "--root", str(kitti), "--out", str(tmp_path / "run")]
+    command = [
+        "train",
+        "deepvo",
+        str(written(tmp_path)),
+        "--root",
+        str(kitti),
+        "--out",
+        str(tmp_path / "run"),
+    ]
     assert main([*command, "--limit-seconds", "0"]) == 1
     assert "stopped, goes on when started again, after 0 steps" in capsys.readouterr().out
     assert main(command) == 0
@@ -91,14 +106,30 @@ def test_the_command_trains_and_a_second_time_goes_on(
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("num_past", "num_pasts", "method: 'DeepVoTraining' has no field 'num_pasts': did you mean 'num_past'?"),
-        ("lstm_size = 8", "lstm_size = 8.5", "method.architecture.lstm_size is 8.5, expected a whole number"),
+        (
+            "num_past",
+            "num_pasts",
+            "method: 'DeepVoTraining' has no field 'num_pasts': did you mean 'num_past'?",
+        ),
+        (
+            "lstm_size = 8",
+            "lstm_size = 8.5",
+            "method.architecture.lstm_size is 8.5, expected a whole number",
+        ),
         ("num_steps = 4", "num_steps = 0", "training: num_steps is 0, expected 1 or more"),
-        ("num_steps = 4", "num_steps = 4\naverage_steps = -1", "training: average_steps is -1, expected 0 or more"),
+        (
+            "num_steps = 4",
+            "num_steps = 4\naverage_steps = -1",
+            "training: average_steps is -1, expected 0 or more",
+        ),
         ("num_steps = 4", "", "'Training' needs the field 'num_steps'"),
         ("[[train]]", "[[trane]]", "unknown table 'trane': did you mean 'train'?"),
         ("[[validation]]", "[validation]", "expected at least one [[validation]] with a data set"),
-        ("$GEOVP_TEST_RECIPE_ROOT", "$GEOVP_NOT_SET", "root holds $GEOVP_NOT_SET, which is not set"),
+        (
+            "$GEOVP_TEST_RECIPE_ROOT",
+            "$GEOVP_NOT_SET",
+            "root holds $GEOVP_NOT_SET, which is not set",
+        ),
         ('name = "kitti"', 'name = "kiti"', "did you mean 'kitti'?"),
         ("[training]", "[training", "is not TOML"),
     ],
@@ -130,10 +161,12 @@ wide = { method.architecture.lstm_size = 16, training.num_steps = 6 }
 )
 
 
-def test_a_variant_changes_what_it_names_alone_and_a_seed_only_the_seed(tmp_path: Path, kitti: Path) -> None:
+def test_a_variant_changes_what_it_names_alone_and_a_seed_only_the_seed(
+    tmp_path: Path, kitti: Path
+) -> None:
     file = written(tmp_path, VARIED)
     plain = training_config.load("deepvo", file, kitti, Changes("plain"))
-    wide = training_config.load("deepvo", file, kitti, Changes("wide", seed=7))
+    wide = training_config.load("deepvo", file, kitti, Changes("full", seed=7))
     assert isinstance(plain.method, DeepVoTraining)
     assert plain.method == training_config.load("deepvo", file, kitti).method
     architecture = dataclasses.replace(plain.method.architecture, lstm_size=16)
@@ -145,7 +178,7 @@ def test_a_variant_has_a_folder_of_its_own_and_its_card_its_command(
     tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    file, chosen = written(tmp_path, VARIED), ["--variant", "wide", "--seed", "7"]
+    file, chosen = written(tmp_path, VARIED), ["--variant", "full", "--seed", "7"]
     assert main(["train", "deepvo", str(file), "--root", str(kitti), *chosen]) == 0
     weights = tmp_path / "runs" / "config-wide-7" / "weights.safetensors"
     assert main(["card", str(weights), "--config", str(file), *chosen]) == 0
@@ -184,7 +217,9 @@ def test_shipped_configs_are_found_by_name() -> None:
     assert isinstance(config.train[0], Synthetic)
 
 
-@pytest.mark.parametrize("name", [name for name in training_config.shipped() if name.startswith("deepvo")])
+@pytest.mark.parametrize(
+    "name", [name for name in training_config.shipped() if name.startswith("deepvo")]
+)
 def test_every_shipped_config_can_be_read(name: str, tmp_path: Path) -> None:
     """All but the data, which is not here."""
     complaint = ""
@@ -192,7 +227,9 @@ def test_every_shipped_config_can_be_read(name: str, tmp_path: Path) -> None:
         training_config.load("deepvo", Path(name), tmp_path)
     except GeovpError as error:
         complaint = str(error)
-    assert (f"{name}: train[0]: {tmp_path} holds no folder 'sequences'" in complaint) == (name != "deepvo-tiny")
+    assert (f"{name}: train[0]: {tmp_path} holds no folder 'sequences'" in complaint) == (
+        name != "deepvo-tiny"
+    )
 
 
 def test_descriptions_name_no_place_on_this_machine(tmp_path: Path, kitti: Path) -> None:
@@ -203,7 +240,15 @@ def test_descriptions_name_no_place_on_this_machine(tmp_path: Path, kitti: Path)
 
 
 def test_training_needs_neither_open3d_nor_pycolmap(tmp_path: Path, kitti: Path) -> None:
-    command = ["train", "deepvo", str(written(tmp_path)), "--root", str(kitti), "--out", str(tmp_path / "run")]
+    command = [
+        "train",
+        "deepvo",
+        str(written(tmp_path)),
+        "--root",
+        str(kitti),
+        "--out",
+        str(tmp_path / "run"),
+    ]
     code = f"""
 import sys
 class Absent:
@@ -214,18 +259,37 @@ sys.meta_path.insert(0, Absent())
 from geovp_learned.__main__ import main
 sys.exit(main({command!r}))
 """
-    done = subprocess.run([sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 
 def test_two_processes_learn_as_one(tmp_path: Path, kitti: Path) -> None:
-    """Distributed data parallel on the CPU: one log and one state, from batches of two in each of two processes."""
-    both = CONFIG.replace('accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"')
-    command = ["train", "deepvo", str(written(tmp_path, both)), "--root", str(kitti), "--out", str(tmp_path / "run")]
+    """Distributed data parallel on the CPU: one log and one state, from batches of two in each of
+    two processes.
+    """
+    both = CONFIG.replace(
+        'accelerator = "cpu"', 'accelerator = "cpu"\ndevices = 2\nstrategy = "ddp"'
+    )
+    command = [
+        "train",
+        "deepvo",
+        str(written(tmp_path, both)),
+        "--root",
+        str(kitti),
+        "--out",
+        str(tmp_path / "run"),
+    ]
     done = subprocess.run(
-        [sys.executable, "-m", "geovp_learned", *command], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "geovp_learned", *command],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("finished after 4 steps") == 1
     rows = (tmp_path / "run" / "log.csv").read_text().splitlines()
-    assert sum(",score," in row for row in rows) == 2  # after steps 2 and 4, of the first process alone
+    assert (
+        sum(",score," in row for row in rows) == 2
+    )  # after steps 2 and 4, of the first process alone

@@ -21,9 +21,13 @@ class Sample(FilterApp):
             for item in work_db.pending_work_items
             for m in item.mutations
         }
-        shuffled = random.Random(args.seed).sample(sorted(place, key=lambda job: place[job]), len(place))
+        shuffled = random.Random(args.seed).sample(
+            sorted(place, key=lambda job: place[job]), len(place)
+        )
         for job in shuffled[args.count :]:
-            work_db.set_result(job, WorkResult(output="not in the sample", worker_outcome=WorkerOutcome.SKIPPED))
+            work_db.set_result(
+                job, WorkResult(output="not in the sample", worker_outcome=WorkerOutcome.SKIPPED)
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""The synthetic data set: clips of a car driving through synthetic streets, rendered on first use and kept on disk."""
+"""The synthetic data set: clips of a car driving through synthetic streets, rendered on first use
+and kept on disk.
+"""
 
 import dataclasses
 import functools
@@ -33,14 +35,15 @@ RIGHT_FROM_CAM = se3.compose(np.eye(3), np.array([-drive.BASELINE_M, 0.0, 0.0]))
 class Synthetic:
     """A synthetic street with exact poses, depths and moving masks.
 
-    The clips go round the manoeuvres of `drive.Manoeuvre`, each on a street of its own. After one round come later
-    windows of the same drives, `stride` frames on, and when the drives (DRIVE_FRAMES long) are used up, new streets.
-    Streets are furnished for 230 m, so that clips of more than about 150 frames drive out of town.
-    The same settings give the same bytes. Clips are kept under `cache` (default: GEOVP_CACHE, else the user's cache
-    folder). `noise` (in bytes), `exposure_drift`, `haze_per_m` and `gloss` set to 0 make a world whose surfaces look
-    the same from everywhere. More `blur_px`, the spread of the lens, and `finest_detail_m`, the size to which textures
-    are smoothed, make images that survive resampling. `pitch_deg` (up) and `roll_deg` (clockwise) say how the camera
-    is mounted, `bounce` scales how the car shakes it.
+    The clips go round the manoeuvres of `drive.Manoeuvre`, each on a street of its own. After one
+    round come later windows of the same drives, `stride` frames on, and when the drives
+    (DRIVE_FRAMES long) are used up, new streets. Streets are furnished for 230 m, so that clips of
+    more than about 150 frames drive out of town. The same settings give the same bytes. Clips are
+    kept under `cache` (default: GEOVP_CACHE, else the user's cache folder). `noise` (in bytes),
+    `exposure_drift`, `haze_per_m` and `gloss` set to 0 make a world whose surfaces look the same
+    from everywhere. More `blur_px`, the spread of the lens, and `finest_detail_m`, the size to
+    which textures are smoothed, make images that survive resampling. `pitch_deg` (up) and
+    `roll_deg` (clockwise) say how the camera is mounted, `bounce` scales how the car shakes it.
     """
 
     name: ClassVar[str] = "synthetic"  # in results
@@ -50,7 +53,7 @@ class Synthetic:
     num_frames: int = 30
     stride: int = 10
     size_px: tuple[int, int] = (256, 256)
-    with_wide: bool = False
+    with_full: bool = False
     with_right: bool = False
     pitch_deg: float = 0.0
     roll_deg: float = 0.0
@@ -66,7 +69,8 @@ class Synthetic:
     def __post_init__(self) -> None:
         if min(self.num_clips, self.num_frames, self.stride, *self.size_px) < 1:
             raise BadData(
-                f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride {self.stride} and "
+                f"synthetic: num_clips {self.num_clips}, num_frames {self.num_frames}, stride "
+                f"{self.stride} and "
                 f"size_px {tuple(self.size_px)} must all be at least 1"
             )
         if self.seed < 0:
@@ -95,16 +99,22 @@ class Synthetic:
             trajectory=Trajectory(arrays["world_from_cam"], arrays["times_s"], is_metric=True),
             depths=arrays["depths"],
             moving=arrays["moving"],
-            wide=ExtraView(arrays["wide"], wide, np.eye(4)) if self.with_wide else None,
+            full=ExtraView(arrays["full"], wide, np.eye(4)) if self.with_full else None,
             right=ExtraView(arrays["right"], wide, RIGHT_FROM_CAM) if self.with_right else None,
             camera_height_m=drive.CAMERA_HEIGHT_M,
         )
 
     def window(self, index: int) -> tuple[int, Manoeuvre, int]:
-        """The seed of clip `index`'s street, what is driven there, and the first frame of the clip on that drive."""
+        """The seed of clip `index`'s street, what is driven there, and the first frame of the clip
+        on that drive.
+        """
         windows = max(1, 1 + (DRIVE_FRAMES - self.num_frames) // self.stride)
         lap, kind = divmod(index, len(Manoeuvre))
-        return self.seed + 1000 * (lap // windows), list(Manoeuvre)[kind], (lap % windows) * self.stride
+        return (
+            self.seed + 1000 * (lap // windows),
+            list(Manoeuvre)[kind],
+            (lap % windows) * self.stride,
+        )
 
     @property
     def clip_names(self) -> tuple[str, ...]:
@@ -126,29 +136,41 @@ class Synthetic:
         def images(world_from_cam: FloatArray, camera: Intrinsics, eye: int) -> Arrays:
             rendering = render_drive(street, world_from_cam, camera, times_s, optics)
             rng = np.random.default_rng([self.seed, index, eye, 99])
-            frames = drive.expose(rendering.light, wide.width_px, rng, self.noise, self.exposure_drift)
+            frames = drive.expose(
+                rendering.light, wide.width_px, rng, self.noise, self.exposure_drift
+            )
             return {"frames": frames, "depths": rendering.depths, "moving": rendering.moving}
 
         world_from_cam = drive.world_from_camera(
             street.ego, street.terrain, times_s, seed, self.pitch_deg, self.roll_deg, self.bounce
         )
-        whole = images(world_from_cam, wide if self.with_wide else square, eye=0)
+        whole = images(world_from_cam, wide if self.with_full else square, eye=0)
         left = (whole["frames"].shape[2] - square.width_px) // 2
         arrays = {key: value[:, :, left : left + square.width_px] for key, value in whole.items()}
         arrays |= {"world_from_cam": world_from_cam, "times_s": times_s}
-        if self.with_wide:
-            arrays["wide"] = whole["frames"]
+        if self.with_full:
+            arrays["full"] = whole["frames"]
         if self.with_right:
-            arrays["right"] = images(world_from_cam @ se3.inverse(RIGHT_FROM_CAM), wide, eye=1)["frames"]
+            arrays["right"] = images(world_from_cam @ se3.inverse(RIGHT_FROM_CAM), wide, eye=1)[
+                "frames"
+            ]
         return arrays
 
     def _folder(self) -> Path:
         """Where clips of these settings, made by this code, are kept."""
-        settings = {key: value for key, value in dataclasses.asdict(self).items() if key not in ("cache", "num_clips")}
-        code = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))
+        settings = {
+            key: value
+            for key, value in dataclasses.asdict(self).items()
+            if key not in ("cache", "num_clips")
+        }
+        code = b"".join(
+            source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py"))
+        )
         digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode() + code).hexdigest()
         users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
-        return Path(self.cache or os.environ.get("GEOVP_CACHE") or users) / "synthetic" / digest[:16]
+        return (
+            Path(self.cache or os.environ.get("GEOVP_CACHE") or users) / "synthetic" / digest[:16]
+        )
 
 
 _street = functools.lru_cache(maxsize=2)(build_street)
@@ -163,6 +185,7 @@ def _write(file: Path, arrays: Arrays) -> None:
         os.replace(part.name, file)
     except OSError as error:
         raise BadData(
-            f"synthetic clips cannot be kept in {file.parent} ({error.strerror}): make room there or set GEOVP_CACHE "
+            f"synthetic clips cannot be kept in {file.parent} ({error.strerror}): make room "
+            "there or set GEOVP_CACHE "
             "to another folder"
         ) from error

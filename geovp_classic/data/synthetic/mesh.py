@@ -1,6 +1,7 @@
 """Textured triangle meshes, built from grids of points, and the rays that hit them.
 
-Objects stand in a frame with x to the right, y down and z ahead, so that heights above the ground are negative y.
+Objects stand in a frame with x to the right, y down and z ahead, so that heights above the ground
+are negative y.
 """
 
 import math
@@ -13,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_classic.data.synthetic.images import TILE_M, IntArray, Texture
+from geovp_classic.data.synthetic.ray_casting import TriangleTree
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.ray_casting import TriangleTree
 from geovp_classic.types import BoolArray, FloatArray
 
 Colour = npt.ArrayLike  # [3], 0 to 1
@@ -36,7 +37,9 @@ class TriangleMesh:
         """Single precision, for speed; 0.03 mm on a street of 500 m."""
         for part in fields(self):
             kind = np.int32 if part.name == "texture" else np.float32
-            object.__setattr__(self, part.name, np.ascontiguousarray(getattr(self, part.name), dtype=kind))
+            object.__setattr__(
+                self, part.name, np.ascontiguousarray(getattr(self, part.name), dtype=kind)
+            )
 
     def moved(self, world_from_object: FloatArray, scale: float = 1.0) -> Self:
         """The same triangles elsewhere."""
@@ -46,7 +49,10 @@ class TriangleMesh:
 
 def joined(meshes: Sequence[TriangleMesh]) -> TriangleMesh:
     """All triangles in one mesh, in the order given."""
-    parts = {part.name: np.concatenate([getattr(mesh, part.name) for mesh in meshes]) for part in fields(TriangleMesh)}
+    parts = {
+        part.name: np.concatenate([getattr(mesh, part.name) for mesh in meshes])
+        for part in fields(TriangleMesh)
+    }
     return TriangleMesh(**parts)
 
 
@@ -54,7 +60,8 @@ def triangles(
     corners: FloatArray,  # [N, 3, 3]
     texture: Texture,
     tint: Colour = WHITE,
-    uv: FloatArray | None = None,  # [N, 3, 2]; None: metres along the two axes that the triangle faces least
+    uv: FloatArray
+    | None = None,  # [N, 3, 2]; None: metres along the two axes that the triangle faces least
     ambient: npt.ArrayLike = 1.0,  # [N, 3]
 ) -> TriangleMesh:
     """Triangles of one texture and tint."""
@@ -62,8 +69,14 @@ def triangles(
     if uv is None:
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         columns = np.array([[2, 1], [0, 2], [0, 1]])[np.abs(cross).argmax(axis=-1)]
-        uv = np.take_along_axis(corners, np.repeat(columns[:, None], 3, axis=1), axis=-1) / TILE_M[texture]
-    light, colour = np.broadcast_to(ambient, (count, 3)), np.broadcast_to(np.asarray(tint), (count, 3))
+        uv = (
+            np.take_along_axis(corners, np.repeat(columns[:, None], 3, axis=1), axis=-1)
+            / TILE_M[texture]
+        )
+    light, colour = (
+        np.broadcast_to(ambient, (count, 3)),
+        np.broadcast_to(np.asarray(tint), (count, 3)),
+    )
     return TriangleMesh(corners, uv, light, np.full(count, int(texture)), colour)
 
 
@@ -71,7 +84,8 @@ def sheet(
     points: npt.ArrayLike,  # [R, K, 3]
     texture: Texture,
     tint: Colour = WHITE,
-    uv: Iterable[npt.ArrayLike] | None = None,  # u and v in tiles, each [R, K]; None: as in `triangles`
+    uv: Iterable[npt.ArrayLike]
+    | None = None,  # u and v in tiles, each [R, K]; None: as in `triangles`
     ambient: npt.ArrayLike = 1.0,  # [R, K]
 ) -> TriangleMesh:
     """The surface through R rows of K points, two triangles a cell."""
@@ -81,12 +95,22 @@ def sheet(
         return np.stack([a, b, c, a, c, d], axis=2).reshape(-1, 3, *grid.shape[2:])
 
     grid = np.asarray(points, dtype=np.float64)
-    tiles = None if uv is None else cells(np.stack([np.broadcast_to(part, grid.shape[:2]) for part in uv], axis=-1))
-    return triangles(cells(grid), texture, tint, tiles, cells(np.broadcast_to(ambient, grid.shape[:2])))
+    tiles = (
+        None
+        if uv is None
+        else cells(np.stack([np.broadcast_to(part, grid.shape[:2]) for part in uv], axis=-1))
+    )
+    return triangles(
+        cells(grid), texture, tint, tiles, cells(np.broadcast_to(ambient, grid.shape[:2]))
+    )
 
 
-def box(low: Sequence[float], high: Sequence[float], texture: Texture, tint: Colour = WHITE) -> TriangleMesh:
-    """The box between two corners, without its underside; `low` has the smaller y, which is the top."""
+def box(
+    low: Sequence[float], high: Sequence[float], texture: Texture, tint: Colour = WHITE
+) -> TriangleMesh:
+    """The box between two corners, without its underside; `low` has the smaller y, which is the
+    top.
+    """
     (x0, y0, z0), (x1, y1, z1) = low, high
     foot = np.array([(x0, y1, z0), (x1, y1, z0), (x1, y1, z1), (x0, y1, z1), (x0, y1, z0)])
     top = np.where([False, True, False], y0, foot)
@@ -94,19 +118,27 @@ def box(low: Sequence[float], high: Sequence[float], texture: Texture, tint: Col
     return sheet(np.stack([foot, top, lid]), texture, tint)
 
 
-def lathe(start: npt.ArrayLike, end: npt.ArrayLike, profile: npt.ArrayLike, num_sides: int = 8) -> FloatArray:
-    """Rings of points [R, num_sides + 1, 3] around a line; the profile [R, 2] is fraction of the way and radius_m."""
+def lathe(
+    start: npt.ArrayLike, end: npt.ArrayLike, profile: npt.ArrayLike, num_sides: int = 8
+) -> FloatArray:
+    """Rings of points [R, num_sides + 1, 3] around a line; the profile [R, 2] is fraction of the
+    way and radius_m.
+    """
     axis = np.subtract(end, start)
     side = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     side /= np.linalg.norm(side)
     angle_rad = np.linspace(0, 2 * np.pi, num_sides + 1)[:, None]
-    ring = np.cos(angle_rad) * side + np.sin(angle_rad) * np.cross(axis / np.linalg.norm(axis), side)
+    ring = np.cos(angle_rad) * side + np.sin(angle_rad) * np.cross(
+        axis / np.linalg.norm(axis), side
+    )
     along, radius_m = np.asarray(profile, dtype=np.float64).T[..., None, None]
     return np.asarray(start) + along * axis + radius_m * ring
 
 
 class Hits(NamedTuple):
-    """Where rays hit a mesh, and each pixel's footprint there: steps to the next pixel right and down; float32."""
+    """Where rays hit a mesh, and each pixel's footprint there: steps to the next pixel right and
+    down; float32.
+    """
 
     points: FloatArray  # [N, 3]
     normal: FloatArray  # [N, 3], towards the eye
@@ -119,7 +151,9 @@ class Hits(NamedTuple):
 
 
 class Surfaces:
-    """A mesh ready for rays, with u, v and ambient light as linear functions of the place on every triangle."""
+    """A mesh ready for rays, with u, v and ambient light as linear functions of the place on every
+    triangle.
+    """
 
     def __init__(self, mesh: TriangleMesh) -> None:
         """Index the triangles; those without area get constant values."""
@@ -144,9 +178,15 @@ class Surfaces:
         return self.tree.blocks(*_lines(points, to_sun))
 
     def hits(
-        self, eye: FloatArray, rays: FloatArray, depths: FloatArray, triangles: IntArray, pixel_steps: FloatArray
+        self,
+        eye: FloatArray,
+        rays: FloatArray,
+        depths: FloatArray,
+        triangles: IntArray,
+        pixel_steps: FloatArray,
     ) -> Hits:
-        """What rays [N, 3] of z-depth 1 hit; `pixel_steps` [2, 3] lead to the rays of the pixels right and down.
+        """What rays [N, 3] of z-depth 1 hit; `pixel_steps` [2, 3] lead to the rays of the pixels
+        right and down.
 
         A footprint is a parallelogram in the plane of the triangle.
         """
@@ -154,7 +194,9 @@ class Surfaces:
         _footprints(self.table, triangles, eye, rays, depths, pixel_steps, out)
         points, normal, uv, uv_steps, sizes_m, ambient = np.split(out, [3, 6, 8, 12, 14], axis=1)
         texture, tint = self.mesh.texture.take(triangles), self.mesh.tint.take(triangles, axis=0)
-        return Hits(points, normal, uv, uv_steps.reshape(-1, 2, 2), sizes_m, ambient[:, 0], texture, tint)
+        return Hits(
+            points, normal, uv, uv_steps.reshape(-1, 2, 2), sizes_m, ambient[:, 0], texture, tint
+        )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -175,7 +217,10 @@ def _footprints(table, triangles, eye, rays, depths, pixel_steps, out):  # type:
             along = _dot(normal, pixel_steps[to]) / facing
             for axis in range(3):
                 step[axis] = depth * (pixel_steps[to, axis] - along * ray[axis])
-            out[i, 8 + 2 * to], out[i, 9 + 2 * to] = _dot(gradient[0], step), _dot(gradient[1], step)
+            out[i, 8 + 2 * to], out[i, 9 + 2 * to] = (
+                _dot(gradient[0], step),
+                _dot(gradient[1], step),
+            )
             out[i, 12 + to] = math.sqrt(_dot(step, step))
 
 

@@ -1,4 +1,6 @@
-"""Render the street: a ray from every pixel to the nearest surface, more of them at edges, shadows from the sun."""
+"""Render the street: a ray from every pixel to the nearest surface, more of them at edges, shadows
+from the sun.
+"""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -14,7 +16,9 @@ from geovp_classic.data.synthetic.street import Street
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
-SUBPIXELS = np.array([(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)])  # with the centre, a spread of four
+SUBPIXELS = np.array(
+    [(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)]
+)  # with the centre, a spread of four
 LEAF_GAP_M = 0.7  # leaves are not shaded by their nearest neighbours, which would be all flicker
 UP = np.array([0, -1, 0], dtype=np.float32)
 BLUR_REACH = 3.0  # in spreads
@@ -31,9 +35,15 @@ class Rendering:
 
 
 def render_drive(
-    street: Street, world_from_cam: FloatArray, camera: Intrinsics, times_s: FloatArray, optics: Optics
+    street: Street,
+    world_from_cam: FloatArray,
+    camera: Intrinsics,
+    times_s: FloatArray,
+    optics: Optics,
 ) -> Rendering:
-    """The street from cameras [T, 4, 4] at any times [T]; pixels at edges are averages of four rays."""
+    """The street from cameras [T, 4, 4] at any times [T]; pixels at edges are averages of four
+    rays.
+    """
     static = street.surfaces
 
     def image(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -57,7 +67,9 @@ class _Frame:
     camera: Intrinsics
 
     def image(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Light [H, W, 3], depth [H, W] and moving [H, W]; edges and blur look beyond the border."""
+        """Light [H, W, 3], depth [H, W] and moving [H, W]; edges and blur look beyond the
+        border.
+        """
         blur_px = self.optics.blur_px
         margin = int(BLUR_REACH * blur_px + 0.5) + 1
         size = (self.camera.height_px + 2 * margin, self.camera.width_px + 2 * margin)
@@ -71,10 +83,14 @@ class _Frame:
         blurred = gaussian_filter(light, (blur_px, blur_px, 0), truncate=BLUR_REACH)
         return blurred[inner], depths[inner], moving[inner]
 
-    def trace(self, pixels: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray, IntArray, FloatArray]:
-        """What rays through pixels [..., 2] meet: light [..., 3], moving, depth and a label [...], normal [..., 3].
+    def trace(
+        self, pixels: FloatArray
+    ) -> tuple[FloatArray, BoolArray, FloatArray, IntArray, FloatArray]:
+        """What rays through pixels [..., 2] meet: light [..., 3], moving, depth and a label [...],
+        normal [..., 3].
 
-        The label differs between textures, colours, and sun and shadow. Leaves and sky all have the same normal.
+        The label differs between textures, colours, and sun and shadow. Leaves and sky all have the
+        same normal.
         """
         rotation, eye = self.world_from_cam[:3, :3], self.world_from_cam[:3, 3]
         rays_cam = pinhole.unproject(pixels, np.ones(pixels.shape[:-1]), self.camera).reshape(-1, 3)
@@ -85,14 +101,22 @@ class _Frame:
         label, moving = np.zeros(len(rays), np.int32), np.zeros(len(rays), dtype=bool)
         normal, light = np.zeros_like(rays) + UP, np.empty_like(rays)
         free = np.isinf(depths)
-        light[free] = sky_light(self.weather, rays[free] / np.linalg.norm(rays[free], axis=-1, keepdims=True))
-        for number, (surfaces, (depth, triangles)) in enumerate(zip(self.layers, found, strict=True)):
+        light[free] = sky_light(
+            self.weather, rays[free] / np.linalg.norm(rays[free], axis=-1, keepdims=True)
+        )
+        for number, (surfaces, (depth, triangles)) in enumerate(
+            zip(self.layers, found, strict=True)
+        ):
             where = np.nonzero(~free & (depth == depths))[0]
             hits = surfaces.hits(eye, rays[where], depths[where], triangles[where], steps)
             lit, shaded_by_traffic = self._sunlight(hits)
             light[where] = shade(hits, eye, lit, self.weather, self.optics)
-            label[where] = 1 + hits.texture + 64 * ((hits.tint[:, 0] * 255).astype(np.int32) + 512 * lit)
-            normal[where] = np.where(hits.texture[:, None] == Texture.LEAVES, normal[where], hits.normal)
+            label[where] = (
+                1 + hits.texture + 64 * ((hits.tint[:, 0] * 255).astype(np.int32) + 512 * lit)
+            )
+            normal[where] = np.where(
+                hits.texture[:, None] == Texture.LEAVES, normal[where], hits.normal
+            )
             moving[where] = shaded_by_traffic | (number > 0)
         shape = pixels.shape[:-1]
         surface = (depths.reshape(shape), label.reshape(shape), normal.reshape(*shape, 3))
@@ -114,10 +138,14 @@ class _Frame:
 def _edges(depths: FloatArray, label: IntArray, normal: FloatArray) -> BoolArray:
     """Pixels [H, W] whose neighbours show something else, or the same in another light."""
     inverse, edge = 1.0 / depths, np.zeros(depths.shape, dtype=bool)
-    jump = np.where(label % 64 == Texture.LEAVES + 1, 0.2, 0.06)  # leaves before leaves show little of an edge
+    jump = np.where(
+        label % 64 == Texture.LEAVES + 1, 0.2, 0.06
+    )  # leaves before leaves show little of an edge
     for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         turned = np.einsum("hwk,hwk->hw", normal[here], normal[there]) < 0.8
-        step = np.abs(inverse[here] - inverse[there]) > jump[here] * np.maximum(inverse[here], inverse[there])
+        step = np.abs(inverse[here] - inverse[there]) > jump[here] * np.maximum(
+            inverse[here], inverse[there]
+        )
         differs = (label[here] != label[there]) | step | turned
         edge[here] |= differs
         edge[there] |= differs

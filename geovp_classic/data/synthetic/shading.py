@@ -1,4 +1,5 @@
-"""How bright a surface is where a ray hits it: textures filtered over the pixel's footprint, sun, sky and haze.
+"""How bright a surface is where a ray hits it: textures filtered over the pixel's footprint, sun,
+sky and haze.
 
 Light is linear; an image's byte is the square root of it (gamma 2).
 """
@@ -19,12 +20,24 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 SEED = 20_110_926  # one set of images for all streets; streets differ by tints and layout
 MAX_TAPS = 8  # along the longer side of a footprint
 STAINED = np.zeros(len(Texture), dtype=np.float32)  # how much large stains show on a texture
-STAINED[[Texture.PLASTER, Texture.BRICK, Texture.PLASTER_WINDOWS, Texture.BRICK_WINDOWS, Texture.PAVEMENT]] = 0.14
+STAINED[
+    [
+        Texture.PLASTER,
+        Texture.BRICK,
+        Texture.PLASTER_WINDOWS,
+        Texture.BRICK_WINDOWS,
+        Texture.PAVEMENT,
+    ]
+] = 0.14
 STAINED[[Texture.ASPHALT, Texture.ROAD, Texture.ZEBRA, Texture.GRASS, Texture.ROOF]] = 0.28
-GLOSS = np.zeros(len(Texture), dtype=np.float32)  # how much of the sky the untinted parts of a texture mirror
+GLOSS = np.zeros(
+    len(Texture), dtype=np.float32
+)  # how much of the sky the untinted parts of a texture mirror
 GLOSS[[Texture.PLASTER_WINDOWS, Texture.BRICK_WINDOWS, Texture.CAR_WINDOW]] = 0.35, 0.35, 0.5
 GLOSS[[Texture.CAR_PAINT, Texture.CAR_SIDE, Texture.CAR_END]] = 0.4, 0.3, 0.1
-AMBIENT, ZENITH, HORIZON = np.array([(0.36, 0.42, 0.52), (0.16, 0.33, 0.66), (0.62, 0.74, 0.86)], dtype=np.float32)
+AMBIENT, ZENITH, HORIZON = np.array(
+    [(0.36, 0.42, 0.52), (0.16, 0.33, 0.66), (0.62, 0.74, 0.86)], dtype=np.float32
+)
 TINTED_GLOSS = 0.3  # of that, on the tinted parts
 
 
@@ -39,7 +52,9 @@ class Weather:
 
 @dataclass(frozen=True)
 class Optics:
-    """What lies between street and sensor; with neither haze nor gloss surfaces look the same from everywhere."""
+    """What lies between street and sensor; with neither haze nor gloss surfaces look the same from
+    everywhere.
+    """
 
     haze_per_m: float = 0.0012
     gloss: float = 1.0  # scales what glass and paint mirror
@@ -47,8 +62,12 @@ class Optics:
     finest_detail_m: float = 0.0  # textures are smoothed to this size
 
 
-def shade(hits: Hits, eye: FloatArray, lit: BoolArray, weather: Weather, optics: Optics) -> FloatArray:
-    """Light [N, 3] that comes from N hits to the eye [3]; the sun reaches those that are lit [N]."""
+def shade(
+    hits: Hits, eye: FloatArray, lit: BoolArray, weather: Weather, optics: Optics
+) -> FloatArray:
+    """Light [N, 3] that comes from N hits to the eye [3]; the sun reaches those that
+    are lit [N].
+    """
     sight = hits.points - eye.astype(np.float32)
     distance = np.linalg.norm(sight, axis=-1, keepdims=True)
     finest = (optics.finest_detail_m / TILE_M).astype(np.float32)[hits.texture]
@@ -63,7 +82,9 @@ def shade(hits: Hits, eye: FloatArray, lit: BoolArray, weather: Weather, optics:
     above = hits.ambient * (0.75 - 0.25 * hits.normal[:, 1])
     light = colour**2 * (direct[:, None] * weather.sun + above[:, None] * AMBIENT)
     glossy = np.nonzero(GLOSS[hits.texture] * optics.gloss)[0]
-    share = optics.gloss * GLOSS[hits.texture[glossy], None] * (1 - (1 - TINTED_GLOSS) * tinted[glossy])
+    share = (
+        optics.gloss * GLOSS[hits.texture[glossy], None] * (1 - (1 - TINTED_GLOSS) * tinted[glossy])
+    )
     normal, ray = hits.normal[glossy], (sight / distance)[glossy]
     facing = -np.einsum("nj,nj->n", normal, ray)[:, None]
     share *= 0.25 + 0.75 * (1 - np.clip(facing, 0, 1)) ** 5  # more at grazing angles (Schlick 1994)
@@ -73,7 +94,9 @@ def shade(hits: Hits, eye: FloatArray, lit: BoolArray, weather: Weather, optics:
 
 
 def sky_light(weather: Weather, directions: FloatArray) -> FloatArray:
-    """Light [N, 3] from unit directions [N, 3]: paler at the horizon, clouds on a ceiling, a glow around the sun."""
+    """Light [N, 3] from unit directions [N, 3]: paler at the horizon, clouds on a ceiling, a glow
+    around the sun.
+    """
     up = np.maximum(-directions[:, 1:2], 0.0)
     fade = np.exp(-4.0 * up)
     reach = 0.35 / (up + 0.12)
@@ -91,32 +114,45 @@ def _stains(hits: Hits, where: IntArray) -> FloatArray:
     tile_m = np.float32(TILE_M[Texture.STAINS])
     x, y, z = hits.points[where].T
     flat = np.abs(hits.normal[where, 1]) > 0.5
-    place = np.stack([np.where(flat, x, x + np.float32(0.7) * z), np.where(flat, z, y)], axis=-1) / tile_m
-    steps = (np.minimum(hits.sizes_m[where], 8.0) / tile_m)[:, :, None] * np.eye(2, dtype=np.float32)
+    place = (
+        np.stack([np.where(flat, x, x + np.float32(0.7) * z), np.where(flat, z, y)], axis=-1)
+        / tile_m
+    )
+    steps = (np.minimum(hits.sizes_m[where], 8.0) / tile_m)[:, :, None] * np.eye(
+        2, dtype=np.float32
+    )
     return 2 * sample(np.full(len(where), int(Texture.STAINS)), place, steps)[:, :1] - 1
 
 
 @functools.lru_cache(maxsize=1)
 def mip_maps() -> ByteArray:
-    """RGBA of all textures [textures, 2 SIZE, SIZE, 4] in display brightness; level k at 2 SIZE - (2 SIZE >> k)."""
+    """RGBA of all textures [textures, 2 SIZE, SIZE, 4] in display brightness; level k at 2 SIZE -
+    (2 SIZE >> k).
+    """
     stack = np.zeros((len(Texture), 2 * SIZE, SIZE, 4), dtype=np.uint8)
     for texture in Texture:
         image = getattr(images, texture.name.lower())(np.random.default_rng([SEED, texture]))
         for size in (SIZE >> level for level in range(SIZE.bit_length())):
             first = 2 * SIZE - 2 * size
-            stack[texture, first : first + size, :size] = cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
+            stack[texture, first : first + size, :size] = cv2.resize(
+                image, (size, size), interpolation=cv2.INTER_AREA
+            )
     return stack
 
 
-def sample(texture: IntArray, uv: FloatArray, uv_steps: FloatArray, finest: FloatArray | float = 0.0) -> FloatArray:
+def sample(
+    texture: IntArray, uv: FloatArray, uv_steps: FloatArray, finest: FloatArray | float = 0.0
+) -> FloatArray:
     """RGBA [N, 4] float32 in 0..1, averaged over each pixel's footprint.
 
-    `uv` [N, 2] is in tiles, the images repeat; `uv_steps` [N, 2, 2] are its changes to the next pixel right and down.
-    Nothing smaller than `finest` [N], in tiles, is resolved.
+    `uv` [N, 2] is in tiles, the images repeat; `uv_steps` [N, 2, 2] are its changes to the next
+    pixel right and down. Nothing smaller than `finest` [N], in tiles, is resolved.
     """
     out = np.zeros((len(texture), 4), dtype=np.float32)
     smallest = np.broadcast_to(finest, len(texture))
-    uv, uv_steps, smallest = (np.ascontiguousarray(values, dtype=np.float32) for values in (uv, uv_steps, smallest))
+    uv, uv_steps, smallest = (
+        np.ascontiguousarray(values, dtype=np.float32) for values in (uv, uv_steps, smallest)
+    )
     _sample(mip_maps(), np.ascontiguousarray(texture, dtype=np.int64), uv, uv_steps, smallest, out)
     return out
 
@@ -147,6 +183,8 @@ def _sample(stack, texture, uv, uv_steps, finest, out):  # type: ignore[no-untyp
                 for corner in range(4):
                     v = first + ((row + (corner >> 1)) & (width - 1))  # sizes are powers of two
                     u = (column + (corner & 1)) & (width - 1)
-                    weight = share * (fx if corner & 1 else 1.0 - fx) * (fy if corner >> 1 else 1.0 - fy)
+                    weight = (
+                        share * (fx if corner & 1 else 1.0 - fx) * (fy if corner >> 1 else 1.0 - fy)
+                    )
                     for channel in range(4):
                         out[i, channel] += weight * image[v, u, channel]

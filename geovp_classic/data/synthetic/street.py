@@ -1,4 +1,6 @@
-"""The street itself: roads, what stands beside them, what drives on them, and the weather, drawn from a seed."""
+"""The street itself: roads, what stands beside them, what drives on them, and the weather, drawn
+from a seed.
+"""
 
 import functools
 import itertools
@@ -10,7 +12,15 @@ import numpy as np
 from geovp_classic.data.synthetic import objects
 from geovp_classic.data.synthetic.drive import Journey, Manoeuvre, plan
 from geovp_classic.data.synthetic.mesh import Surfaces, TriangleMesh, joined
-from geovp_classic.data.synthetic.roads import HALF_WIDTH_M, KERB_HEIGHT_M, Path, Roads, Terrain, ground, rolling
+from geovp_classic.data.synthetic.roads import (
+    HALF_WIDTH_M,
+    KERB_HEIGHT_M,
+    Path,
+    Roads,
+    Terrain,
+    ground,
+    rolling,
+)
 from geovp_classic.data.synthetic.shading import Weather
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -66,7 +76,10 @@ class _Furniture:
 
     def __post_init__(self) -> None:
         """Furnish both sides of every road, then what lies behind."""
-        trees = [objects.tree(self.rng, height_m, detail) for height_m, detail in ((7, 2), (8.5, 1), (10, 2), (11, 1))]
+        trees = [
+            objects.tree(self.rng, height_m, detail)
+            for height_m, detail in ((7, 2), (8.5, 1), (10, 2), (11, 1))
+        ]
         for path, side in itertools.product(self.roads.paths, (-1.0, 1.0)):
             self.houses(path, side)
             self.parked_cars(path, side)
@@ -75,11 +88,17 @@ class _Furniture:
                 if self.free(place, 0.0, 0.3):
                     self.put(objects.lamp(), place, yaw_rad + side * np.pi / 2)
             for along_m in np.cumsum(self.rng.uniform(8.0, 20.0, 60)):
-                place, yaw_rad = path.at(along_m, side * (HALF_WIDTH_M + self.rng.choice([1.6, 2.9, 2.9, 3.4])))
+                place, yaw_rad = path.at(
+                    along_m, side * (HALF_WIDTH_M + self.rng.choice([1.6, 2.9, 2.9, 3.4]))
+                )
                 if self.free(place, 0.5, 1.3):
                     tree = trees[self.rng.integers(len(trees))]
-                    self.put(tree, place, yaw_rad + self.rng.uniform(0, 6.3), self.rng.uniform(0.7, 1.05))
-        for place in self.rng.uniform(self.seen.min(axis=0) - 70, self.seen.max(axis=0) + 70, (260, 2)):
+                    self.put(
+                        tree, place, yaw_rad + self.rng.uniform(0, 6.3), self.rng.uniform(0.7, 1.05)
+                    )
+        for place in self.rng.uniform(
+            self.seen.min(axis=0) - 70, self.seen.max(axis=0) + 70, (260, 2)
+        ):
             if self.free(place, 2.5, 14.0):
                 self.put(trees[-1], place, self.rng.uniform(0, 6.3), self.rng.uniform(0.7, 1.2))
                 self.taken.append((*place, 2.5))
@@ -104,26 +123,46 @@ class _Furniture:
             place, yaw_rad = path.at(along_m, side * (HALF_WIDTH_M - 1.05))
             middle, _ = path.at(along_m + np.array([-9.0, 9.0]))
             at_kerb = (self.roads.distance_m(middle) > -HALF_WIDTH_M - 0.05).all()
-            if at_kerb and self.free(place, 0.0, -2.0) and abs(self.route.right_m(place[None])[0]) > 1.6:
+            if (
+                at_kerb
+                and self.free(place, 0.0, -2.0)
+                and abs(self.route.right_m(place[None])[0]) > 1.6
+            ):
                 self.put(objects.car(self.rng), place, yaw_rad + (1 - side) * np.pi / 2)
 
     def free(self, place: FloatArray, radius_m: float, from_kerb_m: float) -> bool:
-        """Whether an object of that radius at the place [2] is near the drive, off the kerb and clear of others."""
+        """Whether an object of that radius at the place [2] is near the drive, off the kerb and
+        clear of others.
+        """
         others = np.array(self.taken).reshape(-1, 3)
         clear = (np.hypot(*(others[:, :2] - place).T) > radius_m + others[:, 2]).all()
         near = np.linalg.norm(self.seen - place, axis=-1).min() < NEAR_M
         return bool(clear and near and self.roads.distance_m(place[None])[0] >= from_kerb_m)
 
-    def put(self, mesh: TriangleMesh, place: FloatArray, yaw_rad: FloatArray | float, scale: float = 1.0) -> None:
+    def put(
+        self, mesh: TriangleMesh, place: FloatArray, yaw_rad: FloatArray | float, scale: float = 1.0
+    ) -> None:
         """Stand an object upright at the place [2], on the road or a kerb above it."""
         above_m = KERB_HEIGHT_M if self.roads.distance_m(place[None])[0] > 0 else 0.0
         upright = se3.exp(np.array([0, 0, 0, 0, float(yaw_rad), 0]))[:3, :3]
-        self.meshes.append(mesh.moved(se3.compose(upright, self.terrain.points(place, above_m)), scale))
+        self.meshes.append(
+            mesh.moved(se3.compose(upright, self.terrain.points(place, above_m)), scale)
+        )
 
 
 def _weather(rng: np.random.Generator) -> Weather:
     """A fine day with the sun 30 to 55 degrees high."""
-    height_rad, azimuth_rad, warm = np.deg2rad(rng.uniform(30, 55)), rng.uniform(0, 2 * np.pi), rng.uniform(0, 1)
-    to_sun = [np.cos(height_rad) * np.sin(azimuth_rad), -np.sin(height_rad), np.cos(height_rad) * np.cos(azimuth_rad)]
+    height_rad, azimuth_rad, warm = (
+        np.deg2rad(rng.uniform(30, 55)),
+        rng.uniform(0, 2 * np.pi),
+        rng.uniform(0, 1),
+    )
+    to_sun = [
+        np.cos(height_rad) * np.sin(azimuth_rad),
+        -np.sin(height_rad),
+        np.cos(height_rad) * np.cos(azimuth_rad),
+    ]
     sun = [1.45, 1.34 - 0.07 * warm, 1.17 - 0.18 * warm]
-    return Weather(*(np.array(part, dtype=np.float32) for part in (to_sun, sun, rng.uniform(0, 1, 2))))
+    return Weather(
+        *(np.array(part, dtype=np.float32) for part in (to_sun, sun, rng.uniform(0, 1, 2)))
+    )

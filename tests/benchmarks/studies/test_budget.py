@@ -1,4 +1,6 @@
-"""The error budget and the sensitivity curves: toy images by hand, and whole runs on the synthetic street."""
+"""The error budget and the sensitivity curves: toy images by hand, and whole runs on the synthetic
+street.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,17 +23,37 @@ from geovp_classic.depth.given import Given
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.metrics.image import Psnr
-from geovp_classic.pose_sources import Chained, RecordedPast, StandStill
-from geovp_classic.predictors import GeometricPredictor
-from geovp_classic.render.homography import GroundFarPlane
-from geovp_classic.renderers import DepthFusion
-from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Intrinsics, Trajectory, Views
+from geovp_classic.odometry.recorded import Recorded as RecordedPast
+from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.pose_sources.stand_still import StandStill
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.renderers.depth_fusion import DepthFusion
+from geovp_classic.renderers.ground_far_plane import GroundFarPlane
+from geovp_classic.types import (
+    BoolArray,
+    Clip,
+    Context,
+    FloatArray,
+    Intrinsics,
+    PrivilegedInput,
+    Trajectory,
+    Views,
+)
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_matrix
 
-PAST = {"name": "chained", "odometry": {"name": "ground-truth"}, "forecaster": {"name": "constant-velocity"}}
+PAST = {
+    "name": "chained",
+    "odometry": {"name": "ground-truth"},
+    "forecaster": {"name": "constant-velocity"},
+}
 TABLES: dict[str, dict[str, Any]] = {
-    "protocol": {"dataset": {"name": "synthetic", "num_clips": 2}, "num_past": 6, "num_future": 6, "stride": 10},
+    "protocol": {
+        "dataset": {"name": "synthetic", "num_clips": 2},
+        "num_past": 6,
+        "num_future": 6,
+        "stride": 10,
+    },
     "pose_sources": {"past": PAST},
     "renderers": {"fusion": "depth-fusion"},
     "predictors": {"copy-last": "copy-last"},
@@ -49,19 +71,31 @@ def subject_of(metric: Psnr) -> Subject:
     """A row of two parts that nothing is asked of, on one clip."""
     read = matrix.parse("m", TABLES)
     dataset = Synthetic(num_clips=1, num_frames=12, size_px=(96, 96))
-    return Subject("row", GeometricPredictor(StandStill(), Half()), read, dataset, 1, dataset[0], {"psnr": metric})
+    return Subject(
+        "row",
+        GeometricPredictor(StandStill(), Half()),
+        read,
+        dataset,
+        1,
+        dataset[0],
+        {"psnr": metric},
+    )
 
 
 @dataclass(frozen=True)
 class Half:
-    """Grey 100, of which the right half is invented as 0; nothing at all is known from 10 units ahead on."""
+    """Grey 100, of which the right half is invented as 0; nothing at all is known from 10 units
+    ahead on.
+    """
 
-    needs = Grant.NONE
+    needs = PrivilegedInput.NONE
 
     def reconstruct(self, context: Context, past: Trajectory) -> "Half":
         return self
 
-    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(
+        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+    ) -> Views:
         shape = (len(times_s), intrinsics.height_px, intrinsics.width_px)
         covered = np.zeros(shape, dtype=bool)
         covered[world_from_cam[:, 2, 3] < 10, :, : shape[2] // 2] = True
@@ -76,7 +110,7 @@ def toy_images(moving: BoolArray | None = None, step: float = 1.0) -> ClipImages
     times_s, camera = 0.1 * np.arange(8), Intrinsics(90.0, 90.0, 31.5, 31.5, 64, 64)
     frames = np.full((8, 64, 64, 3), 150, np.uint8)
     clip = Clip("toy", frames, times_s, camera, Trajectory(poses, times_s, True), moving=moving)
-    context, target = clip.split(5, Grant.PAST_POSES | Grant.FUTURE_POSES)
+    context, target = clip.split(5, PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES)
     motions = ClipMotions(Chained(RecordedPast(), ConstantVelocity()), context)
     return ClipImages(motions, Half(), None, context, target, (0, 2))
 
@@ -125,13 +159,18 @@ def test_true_depth_is_recorded_or_there_is_none() -> None:
     assert isinstance(swapped, DepthFusion)
     assert swapped.depth == Given()
     assert with_true_depth(GroundFarPlane(), clip) is None
-    assert with_true_depth(DepthFusion(frames="wide"), clip) is None  # depth is recorded for the crop alone
+    assert (
+        with_true_depth(DepthFusion(frames="full"), clip) is None
+    )  # depth is recorded for the crop alone
     unknown = Clip(clip.name, clip.frames, clip.times_s, clip.intrinsics, clip.trajectory)
     assert with_true_depth(DepthFusion(), unknown) is None
 
 
 def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
-    values = {"a": np.array([[1.0], [2.0], [30.0], [4.0]]), "b": np.array([[2.0], [4.0], [np.nan], [7.0]])}
+    values = {
+        "a": np.array([[1.0], [2.0], [30.0], [4.0]]),
+        "b": np.array([[2.0], [4.0], [np.nan], [7.0]]),
+    }
     scores = Scores(values, {"b": "no scale"}, subject_of(Psnr()), ["03"] * 4)
     assert scores.change(["b"], "a", "psnr").mean == pytest.approx(2.0)  # 1, 2, 3
     assert scores.change(["a", "b"], "a", "psnr").mean == pytest.approx(1.0)
@@ -153,14 +192,20 @@ def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> N
     ends = next(line for line in lines if line.startswith("PSNR (dB) ↑: all forecast"))
     forecast, truth = (float(words.split()[-1]) for words in ends.split(","))
     one_by_one = [float(row[18:].split()[1]) for row in rows[:12]]
-    assert sum(one_by_one) == pytest.approx(truth - forecast, abs=0.07)  # each is rounded to hundredths
+    assert sum(one_by_one) == pytest.approx(
+        truth - forecast, abs=0.07
+    )  # each is rounded to hundredths
     assert truth > forecast + 1
     names = {f"budget-{metric}.{kind}" for metric in ("psnr", "ssim") for kind in ("png", "svg")}
     assert {path.name for path in out.iterdir()} == names
     assert (out / "budget-psnr.png").read_bytes().startswith(b"\x89PNG")
     drawn = (out / "budget-ssim.svg").read_text()
-    assert all(stage in drawn for stage in ("past poses", "dynamic objects", "one by one", "SSIM ↑"))
-    assert not [line for line in [*lines, drawn] if "nan" in line or "95 %" in line]  # two clips have no intervals
+    assert all(
+        stage in drawn for stage in ("past poses", "dynamic objects", "one by one", "SSIM ↑")
+    )
+    assert not [
+        line for line in [*lines, drawn] if "nan" in line or "95 %" in line
+    ]  # two clips have no intervals
 
 
 def test_what_cannot_be_measured_is_named() -> None:
@@ -185,19 +230,29 @@ def test_what_cannot_be_measured_is_named() -> None:
         ("copy-last", "'copy-last' is no pose source with a renderer"),
     ],
 )
-def test_a_wrong_row_gets_one_sentence(row: str, says: str, matrix_file: Path, refused: Says) -> None:
+def test_a_wrong_row_gets_one_sentence(
+    row: str, says: str, matrix_file: Path, refused: Says
+) -> None:
     assert says in refused("study", "budget", matrix_file, "--row", row)
 
 
 def test_of_several_rows_one_must_be_chosen() -> None:
     several = {**TABLES, "renderers": {"fusion": "depth-fusion", "planes": "ground-far-plane"}}
-    with pytest.raises(BadData, match="expected one of them: known are copy-last, past \\+ fusion, past \\+ planes"):
+    with pytest.raises(
+        BadData, match="expected one of them: known are copy-last, past \\+ fusion, past \\+ planes"
+    ):
         find_row(matrix.parse("m", several), None)
 
 
 def test_a_predictor_made_of_both_parts_is_a_row() -> None:
-    whole = {"name": "geometric", "pose_source": {"name": "stand-still"}, "renderer": {"name": "depth-fusion"}}
-    label, predictor = find_row(matrix.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole")
+    whole = {
+        "name": "geometric",
+        "pose_source": {"name": "stand-still"},
+        "renderer": {"name": "depth-fusion"},
+    }
+    label, predictor = find_row(
+        matrix.parse("m", {**TABLES, "predictors": {"whole": whole}}), "whole"
+    )
     assert label == "whole"
     assert isinstance(predictor.renderer, DepthFusion)
 
@@ -211,20 +266,28 @@ def test_a_predictor_made_of_both_parts_is_a_row() -> None:
         (Offset("y", -0.2), 3, (0, -0.2, 0)),
     ],
 )
-def test_an_offset_is_a_turn_or_a_shift_of_the_camera(offset: Offset, axis: int, expected: tuple[float, ...]) -> None:
+def test_an_offset_is_a_turn_or_a_shift_of_the_camera(
+    offset: Offset, axis: int, expected: tuple[float, ...]
+) -> None:
     np.testing.assert_allclose(offsets.cam_from_offset(offset)[:3, axis], expected, atol=1e-12)
 
 
 def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
     out = matrix_file.parent / "figures"
     lines = printed("study", "sensitivity", matrix_file, "--limit", "1", "--out", out).splitlines()
-    loss = {line[:28].strip(): float(line[28:].split()[0]) for line in lines if line.startswith(("pitch", "y 0"))}
+    loss = {
+        line[:28].strip(): float(line[28:].split()[0])
+        for line in lines
+        if line.startswith(("pitch", "y 0"))
+    }
     assert loss["pitch 2 deg"] < loss["pitch 0.5 deg"] < 0
     assert loss["y 0.5 m (30% of height)"] < loss["y 0.1 m (6% of height)"] < 0.05  # of 1.65 m
     assert (out / "sensitivity-psnr.png").read_bytes().startswith(b"\x89PNG")
     drawn = (out / "sensitivity-ssim.svg").read_text()
     assert "offset (degrees)" in drawn
-    assert not [line for line in [*lines, drawn] if "nan" in line or "95 %" in line]  # one clip has no intervals
+    assert not [
+        line for line in [*lines, drawn] if "nan" in line or "95 %" in line
+    ]  # one clip has no intervals
 
 
 def test_nothing_measured_is_an_error_with_its_reason() -> None:

@@ -18,9 +18,20 @@ from geovp_benchmarks.studies.budget.poses import (
 )
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.geometry import planar, se3
-from geovp_classic.pose_sources import Chained, GroundTruth, Planar
-from geovp_classic.refined import Refined
-from geovp_classic.types import BoolArray, Clip, Context, FloatArray, Grant, Intrinsics, Motion, Trajectory
+from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.pose_sources.ground_truth import GroundTruth
+from geovp_classic.pose_sources.planar import Planar
+from geovp_classic.pose_sources.refined import Refined
+from geovp_classic.types import (
+    BoolArray,
+    Clip,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Motion,
+    PrivilegedInput,
+    Trajectory,
+)
 
 YAW, PITCH, ROLL = np.deg2rad([10.0, 2.0, 3.0])
 
@@ -55,7 +66,9 @@ def test_all_six_components_give_the_truth_and_none_the_forecast() -> None:
         ("roll", 0, (np.cos(ROLL), np.sin(ROLL), 0)),  # the image's right, downwards
     ],
 )
-def test_an_angle_turns_the_camera_where_it_is(component: str, axis: int, points_to: tuple[float, ...]) -> None:
+def test_an_angle_turns_the_camera_where_it_is(
+    component: str, axis: int, points_to: tuple[float, ...]
+) -> None:
     swapped = mixed(FORECAST, REAL, frozenset({component}))
     np.testing.assert_allclose(swapped[:, :3, axis], np.tile(points_to, (4, 1)), atol=1e-12)
     np.testing.assert_array_equal(swapped[:, :3, 3], FORECAST[:, :3, 3])
@@ -73,15 +86,23 @@ def test_speed_path_and_height_are_apart() -> None:
     fast = mixed(FORECAST, REAL, frozenset({"speed"}))[:, :3, 3]
     np.testing.assert_allclose(fast, [[0, 0, 2], [0, 0, 4], [0, 0, 6], [0, 0, 8]], atol=1e-12)
     aside = mixed(FORECAST, REAL, frozenset({"path"}))[:, :3, 3]  # 1 m a step along (0.6, 0.8)
-    np.testing.assert_allclose(aside, [[0.6, 0, 0.8], [1.2, 0, 1.6], [1.8, 0, 2.4], [2.4, 0, 3.2]], atol=1e-12)
+    np.testing.assert_allclose(
+        aside, [[0.6, 0, 0.8], [1.2, 0, 1.6], [1.8, 0, 2.4], [2.4, 0, 3.2]], atol=1e-12
+    )
     higher = mixed(FORECAST, REAL, frozenset({"height"}))[:, :3, 3]
-    np.testing.assert_allclose(higher, [[0, -0.2, 1], [0, -0.2, 2], [0, -0.2, 3], [0, -0.2, 4]], atol=1e-12)
+    np.testing.assert_allclose(
+        higher, [[0, -0.2, 1], [0, -0.2, 2], [0, -0.2, 3], [0, -0.2, 4]], atol=1e-12
+    )
 
 
 def test_along_a_bent_path_and_for_a_standing_camera() -> None:
     corner = np.array([[0.0, 3.0], [4.0, 3.0]])  # 3 m ahead, then 4 m to the right
-    np.testing.assert_allclose(along(corner, np.array([1.5, 5.0, 9.0])), [[0, 1.5], [2, 3], [6, 3]], atol=1e-12)
-    np.testing.assert_allclose(along(np.zeros((2, 2)), np.array([0.0, 2.0])), [[0, 0], [0, 2]])  # starts ahead
+    np.testing.assert_allclose(
+        along(corner, np.array([1.5, 5.0, 9.0])), [[0, 1.5], [2, 3], [6, 3]], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        along(np.zeros((2, 2)), np.array([0.0, 2.0])), [[0, 0], [0, 2]]
+    )  # starts ahead
 
 
 @dataclass(frozen=True)
@@ -89,21 +110,23 @@ class HalfScale:
     """The recorded positions at half their size."""
 
     is_metric: bool = True
-    needs = Grant.PAST_POSES
+    needs = PrivilegedInput.PAST_POSES
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         assert context.past is not None
         assert context.future is None  # which it has not declared
         poses = context.past.world_from_cam.copy()
         poses[:, :3, 3] /= 2
-        return Trajectory(poses, context.past.times_s, self.is_metric), np.ones(len(poses), dtype=bool)
+        return Trajectory(poses, context.past.times_s, self.is_metric), np.ones(
+            len(poses), dtype=bool
+        )
 
 
 @dataclass(frozen=True)
 class Opaque:
     """A pose source whose odometry cannot be swapped."""
 
-    needs = Grant.PAST_POSES
+    needs = PrivilegedInput.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         return SOURCE.estimate(context, num_samples)
@@ -156,4 +179,6 @@ def test_a_past_without_unit_gets_metres_with_its_scale() -> None:
 
 
 def test_a_source_without_odometry_has_none_to_swap() -> None:
-    assert with_past(Refined(GroundTruth()), ClipMotions(SOURCE, context(SOURCE)).truth.past) is None
+    assert (
+        with_past(Refined(GroundTruth()), ClipMotions(SOURCE, context(SOURCE)).truth.past) is None
+    )

@@ -9,7 +9,7 @@ from geovp_benchmarks.studies import depth
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import Clip, Context, FloatArray, Grant, Intrinsics, Trajectory
+from geovp_classic.types import Clip, Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 from tests.benchmarks.conftest import Says
 
 CAMERA = Intrinsics(100.0, 100.0, 49.5, 39.5, 100, 80)
@@ -22,8 +22,8 @@ class Wall:
     depth_m: float
 
     @property
-    def needs(self) -> Grant:
-        return Grant.NONE
+    def needs(self) -> PrivilegedInput:
+        return PrivilegedInput.NONE
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
         size = context.frames.shape[:3]
@@ -40,8 +40,14 @@ def _clip(step: tuple[float, float, float] = (0, 0, 1.0), **changes: object) -> 
     moving = np.zeros(depths.shape, dtype=bool)
     moving[:, 60:, 50:] = True
     times_s = 0.1 * np.arange(4)
-    fields = {"depths": depths, "moving": moving, "trajectory": Trajectory(se3.exp(twists), times_s, True)}
-    return Clip("street", np.zeros((4, 80, 100, 3), np.uint8), times_s, CAMERA, **{**fields, **changes})  # type: ignore[arg-type]
+    fields = {
+        "depths": depths,
+        "moving": moving,
+        "trajectory": Trajectory(se3.exp(twists), times_s, True),
+    }
+    return Clip(
+        "street", np.zeros((4, 80, 100, 3), np.uint8), times_s, CAMERA, **{**fields, **changes}
+    )  # type: ignore[arg-type]
 
 
 def test_errors_of_a_wall() -> None:
@@ -77,7 +83,9 @@ def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
 
 
 @pytest.mark.parametrize("step", [(0, 0, 0), (1.0, 0, 0)])
-def test_no_epipole_in_the_image_when_standing_or_going_aside(step: tuple[float, float, float]) -> None:
+def test_no_epipole_in_the_image_when_standing_or_going_aside(
+    step: tuple[float, float, float],
+) -> None:
     rows = depth.evaluate(Wall(10.0), _clip(step=step), num_past=3)
     assert "near-epipole" not in {row.pixels for row in rows}
 
@@ -88,7 +96,9 @@ def test_a_clip_without_exact_depth() -> None:
 
 
 def test_the_table_has_medians_over_clips() -> None:
-    rows = [depth.DepthRow("static", 10, error, 0.5, 1.0) for error in (0.1, 0.2, 4.0)]  # the last clip stands
+    rows = [
+        depth.DepthRow("static", 10, error, 0.5, 1.0) for error in (0.1, 0.2, 4.0)
+    ]  # the last clip stands
     rows.append(depth.DepthRow("moving", 5, 0.4, 0.25, 0.0))
     _, static, moving = depth.table({"wall": rows})
     assert static.split() == ["wall", "static", "3", "0.200", "0.500", "1.00"]

@@ -14,15 +14,17 @@ from geovp_benchmarks.studies.disturbance import NUM_PAST, disturbed, gain_db
 from geovp_benchmarks.studies.disturbance.kinds import DISTURBANCES
 from geovp_classic import registry
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Grant
+from geovp_classic.types import Clip, PrivilegedInput
 from tests.benchmarks.conftest import write_kitti
 
-EVERYTHING = Grant.PAST_POSES | Grant.FUTURE_POSES
+EVERYTHING = PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
 
 
 @pytest.fixture(scope="module")
 def clip() -> Clip:
-    data = registry.build("datasets", {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]})
+    data = registry.build(
+        "datasets", {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}
+    )
     found: Clip = data[0]
     return found
 
@@ -31,8 +33,14 @@ def clip() -> Clip:
 @pytest.mark.parametrize("level", range(4))
 def test_every_disturbance_gives_a_clip(clip: Clip, name: str, level: int) -> None:
     context, target = disturbed(clip, DISTURBANCES[name], level, EVERYTHING)
-    assert (context.num_past, len(target.frames), target.frames.shape[1:]) == (NUM_PAST, 20, (64, 64, 3))
-    changed = (context.frames != clip.frames[:NUM_PAST]).any() or context.intrinsics != clip.intrinsics
+    assert (context.num_past, len(target.frames), target.frames.shape[1:]) == (
+        NUM_PAST,
+        20,
+        (64, 64, 3),
+    )
+    changed = (
+        context.frames != clip.frames[:NUM_PAST]
+    ).any() or context.intrinsics != clip.intrinsics
     changed |= (context.times_s != clip.times_s).any()
     assert bool(changed) is (name != "none")
 
@@ -40,7 +48,12 @@ def test_every_disturbance_gives_a_clip(clip: Clip, name: str, level: int) -> No
 def test_what_passes_leaves_the_future_alone_and_what_lasts_does_not(clip: Clip) -> None:
     black, _ = disturbed(clip, DISTURBANCES["black frames"], 0, EVERYTHING)
     assert np.flatnonzero((black.frames == 0).all(axis=(1, 2, 3))).tolist() == [5]
-    for name, lasts in (("black frames", False), ("swapped frames", False), ("dim", True), ("hood", True)):
+    for name, lasts in (
+        ("black frames", False),
+        ("swapped frames", False),
+        ("dim", True),
+        ("hood", True),
+    ):
         _, target = disturbed(clip, DISTURBANCES[name], 1, EVERYTHING)
         assert (target.frames == clip.frames[NUM_PAST:]).all() != lasts
 
@@ -55,7 +68,10 @@ def test_a_standing_camera_stands_in_its_poses_too(clip: Clip) -> None:
 
 
 def test_a_black_frame_costs_fusion_little(clip: Clip) -> None:
-    parts = registry.build("pose_sources", {"name": "ground-truth"}), registry.build("renderers", "depth-fusion")
+    parts = (
+        registry.build("pose_sources", {"name": "ground-truth"}),
+        registry.build("renderers", "depth-fusion"),
+    )
     assert gain_db(clip, "black frames", 0, *parts) > gain_db(clip, "none", 0, *parts) - 0.5
 
 
@@ -71,12 +87,18 @@ def test_the_page_counts_what_is_below_copying_and_where_uncropped_frames_are_be
     text = disturbance._page("2 clips", cells, {"hood": gains})
     assert "**bold** (1 of 12)" in text
     assert "behind the crop in 2 of 4." in text
-    assert "| hood 1                |       9.0 |       8.4 |   **-0.6** |     2.0 |     1.6 |        - |" in text
+    assert (
+        "| hood 1                |       9.0 |       8.4 |   **-0.6** |     2.0 |     1.6 |     "
+        "   - |" in text
+    )
 
 
 def test_curves_have_a_panel_a_disturbance_and_a_line_a_cell() -> None:
     cells = [("true", "crop"), ("vo", "crop")]
-    gains = {"none": np.array([[9.0, 6.0]]), "hood": np.array([[8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0]])}
+    gains = {
+        "none": np.array([[9.0, 6.0]]),
+        "hood": np.array([[8.0, 5.0], [7.0, 4.0], [6.0, np.nan], [5.0, 2.0]]),
+    }
     figure = disturbance_figure(gains, cells, 0.5)
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert [axes.get_title() for axes in shown] == ["none", "hood"]
@@ -86,7 +108,9 @@ def test_curves_have_a_panel_a_disturbance_and_a_line_a_cell() -> None:
     np.testing.assert_array_equal(np.asarray(hood[1].get_ydata()), [5.0, 4.0, np.nan, 2.0])
 
 
-def test_the_command_draws_curves_and_writes_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_draws_curves_and_writes_its_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     page, picture = tmp_path / "page.md", tmp_path / "curves.png"
     page.write_text("# Old\n\n## Notes\n\nkept\n")
     spec = {"name": "synthetic", "num_clips": 1, "num_frames": 30, "size_px": [64, 64]}

@@ -1,4 +1,6 @@
-"""The table of dynamic objects: its counts, means and shares are those of the rows; mistakes get one sentence."""
+"""The table of dynamic objects: its counts, means and shares are those of the rows; mistakes get
+one sentence.
+"""
 
 import numpy as np
 import pytest
@@ -12,7 +14,11 @@ from tests.benchmarks.conftest import Says
 
 
 def row(
-    clip: str, num_objects: int, pixels: tuple[int, int, int], psnr: tuple[float, float], cpu_s: float
+    clip: str,
+    num_objects: int,
+    pixels: tuple[int, int, int],
+    psnr: tuple[float, float],
+    cpu_s: float,
 ) -> ClipScores:
     scores = {"psnr": np.array(psnr), "psnr@moving": np.array([np.nan, np.nan])}
     return ClipScores(clip, num_objects, *pixels, scores, np.array([1.0, 1.0 + cpu_s]))
@@ -27,10 +33,30 @@ ROWS = [
 
 def test_means_are_over_clips_with_objects_and_over_all() -> None:
     lines = list(dynamic_objects.table(ROWS))
-    assert lines[1].split() == ["a", "2", "0.50", "20.000", "->", "21.000", "nan", "->", "nan"]  # 60 / (100 + 80 - 60)
+    assert lines[1].split() == [
+        "a",
+        "2",
+        "0.50",
+        "20.000",
+        "->",
+        "21.000",
+        "nan",
+        "->",
+        "nan",
+    ]  # 60 / (100 + 80 - 60)
     assert lines[2].split()[:8] == ["mean", "of", "1", "clips", "2", "0.50", "20.000", "->"]
     # 60 / (150 + 80 - 60) = 0.35; (20 + 10 + 12) / 3 = 14
-    assert lines[3].split()[:9] == ["mean", "of", "3", "clips", "2", "0.35", "14.000", "->", "14.333"]
+    assert lines[3].split()[:9] == [
+        "mean",
+        "of",
+        "3",
+        "clips",
+        "2",
+        "0.35",
+        "14.000",
+        "->",
+        "14.333",
+    ]
     # 60 of 80 found pixels are right, 60 of 150 true ones are found.
     assert lines[4] == "moving pixels of the last frame: precision 0.75, recall 0.40, IoU 0.35"
     assert lines[5] == "dynamic objects cost 20 ms of processor time a clip (median)"
@@ -50,7 +76,11 @@ def test_a_car_of_the_synthetic_street_is_measured() -> None:
     clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[5]
     assert clip.moving is not None
     found = dynamic_objects.measure(clip, {"psnr": Psnr()})
-    assert (found.clip, found.num_objects, found.moving_px) == ("seed0-accelerate/000", 1, clip.moving[9].sum())
+    assert (found.clip, found.num_objects, found.moving_px) == (
+        "seed0-accelerate/000",
+        1,
+        clip.moving[9].sum(),
+    )
     assert found.overlap_px <= min(found.moving_px, found.detected_px)
     assert found.overlap_px > 0.65 * found.detected_px
     assert set(found.scores) == {"psnr", "psnr@moving"}
@@ -83,4 +113,6 @@ def test_bad_arguments_get_one_sentence(words: str, says: str, refused: Says) ->
 def test_a_clip_without_poses_is_refused() -> None:
     clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[5]
     with pytest.raises(BadData, match="has no poses"):
-        dynamic_objects.measure(type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics), {})
+        dynamic_objects.measure(
+            type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics), {}
+        )

@@ -30,7 +30,9 @@ from tests.benchmarks.conftest import Says
 
 def circle(num_steps: int, speed_m_s: float = 10.0, turn_rad_s: float = 0.1) -> Trajectory:
     times_s = np.arange(num_steps) * 0.1
-    return Trajectory(se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, turn_rad_s, 0])), times_s, True)
+    return Trajectory(
+        se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, turn_rad_s, 0])), times_s, True
+    )
 
 
 @pytest.fixture
@@ -38,13 +40,19 @@ def folder(tmp_path: Path) -> Path:
     for name in ("03", "05"):
         trajectory = circle(60)
         pose_files.write_kitti(tmp_path / f"{name}.txt", trajectory)
-        (tmp_path / f"{name}_times.txt").write_text("\n".join(f"{time:.6f}" for time in trajectory.times_s))
+        (tmp_path / f"{name}_times.txt").write_text(
+            "\n".join(f"{time:.6f}" for time in trajectory.times_s)
+        )
     return tmp_path
 
 
 def test_windows_are_cut_every_stride_frames_to_the_end() -> None:
     cuts = list(cut(circle(41), 10, 20, 5))
-    assert [round(past.times_s[0], 6) for past, _ in cuts] == [0.0, 0.5, 1.0]  # 11 starts, every fifth
+    assert [round(past.times_s[0], 6) for past, _ in cuts] == [
+        0.0,
+        0.5,
+        1.0,
+    ]  # 11 starts, every fifth
     assert tuple(len(part) for part in cuts[0]) == (10, 20)
     assert list(cut(circle(29), 10, 20, 5)) == []
 
@@ -52,7 +60,9 @@ def test_windows_are_cut_every_stride_frames_to_the_end() -> None:
 def test_holding_is_off_by_the_distance_driven_and_the_angle_turned() -> None:
     window = next(cut(circle(30, 10.0, 0.1), 10, 20, 5))
     scores = measure(Hold(), [window])
-    assert scores.position_m[0, 9] == pytest.approx(2 * 100 * np.sin(0.05))  # the chord of 0.1 rad at 100 m radius
+    assert scores.position_m[0, 9] == pytest.approx(
+        2 * 100 * np.sin(0.05)
+    )  # the chord of 0.1 rad at 100 m radius
     assert scores.yaw_deg[0, -1] == pytest.approx(np.degrees(0.2))
     assert np.isnan(scores.rank).all()
     assert scores.energy_m[0] == pytest.approx(scores.position_m[0].mean())
@@ -72,11 +82,19 @@ def test_the_energy_score_of_two_samples() -> None:
 
 
 def test_ranks_are_the_ellipsoids_probability() -> None:
-    body = BodyForecast(np.zeros((1, 3)), np.ones((1, 3)), np.full(3, 1e6))  # so many degrees of freedom are a Gaussian
-    forecast = PlanarForecast(np.ones(1), np.zeros((1, 1, 3)), np.eye(3)[None, None], np.eye(4), np.eye(4), body)
-    # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %; of six: 5.348 and 10.645.
+    body = BodyForecast(
+        np.zeros((1, 3)), np.ones((1, 3)), np.full(3, 1e6)
+    )  # so many degrees of freedom are a Gaussian
+    forecast = PlanarForecast(
+        np.ones(1), np.zeros((1, 1, 3)), np.eye(3)[None, None], np.eye(4), np.eye(4), body
+    )
+    # Chi-squared of three degrees of freedom: 2.366 holds 50 %, 6.251 holds 90 %; of six: 5.348 and
+    # 10.645.
     for square, whole, share in ((2.366, 5.348, 0.5), (6.251, 10.645, 0.9)):
-        truth, over = np.array([[np.sqrt(square), 0.0, 0.0]]), np.array([[0.0, np.sqrt(whole - square), 0.0]])
+        truth, over = (
+            np.array([[np.sqrt(square), 0.0, 0.0]]),
+            np.array([[0.0, np.sqrt(whole - square), 0.0]]),
+        )
         ranks = highest_density_ranks(forecast, truth, over, num_samples=20000)[0]
         assert ranks == pytest.approx([share, share], abs=0.015)
     alone = highest_density_ranks(replace(forecast, body=None), truth, over)
@@ -87,7 +105,9 @@ def test_the_energy_of_one_component_is_in_its_unit() -> None:
     scores = measure(TurnRateKalman(), cut(circle(40)))
     row = tables.columns(scores)
     assert scores.body_rank.shape == (len(scores.rank), 20, 4)
-    assert 0 < row["height energy m"] < 0.2  # nothing moves over the plane: half the spread that is foretold, or so
+    assert (
+        0 < row["height energy m"] < 0.2
+    )  # nothing moves over the plane: half the spread that is foretold, or so
     assert 0.01 < row["pitch energy deg"] < 0.3
     assert row["pitch in 90%"] == 1.0
 
@@ -116,22 +136,48 @@ def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, prin
     assert lines[1] == "turning: 0 windows, by more than 15 degrees"  # 2 s of 0.1 rad/s are 11.5
     names = [line.split("|")[1].strip() for line in lines if line.startswith("|")]
     head, rule = "forecaster", "---"
-    assert names == [head, rule, "hold", "CTRV, extended", head, rule, "CTRV, extended"]  # hold has no distribution
+    assert names == [
+        head,
+        rule,
+        "hold",
+        "CTRV, extended",
+        head,
+        rule,
+        "CTRV, extended",
+    ]  # hold has no distribution
     assert "in 90%" not in lines[3]
     assert "all six in 90% @20" in lines[8]
 
 
-def test_a_reliability_diagram_has_a_line_for_each_distribution(folder: Path, printed: Says, refused: Says) -> None:
-    rows = ["forecast", "evaluate", folder, "--only", "hold", "CTRV, extended", "--sequences", "03", "--plot"]
+def test_a_reliability_diagram_has_a_line_for_each_distribution(
+    folder: Path, printed: Says, refused: Says
+) -> None:
+    rows = [
+        "forecast",
+        "evaluate",
+        folder,
+        "--only",
+        "hold",
+        "CTRV, extended",
+        "--sequences",
+        "03",
+        "--plot",
+    ]
     printed(*rows, folder / "reliable.svg")
     assert (folder / "reliable.svg").read_text().startswith("<?xml")
     with pytest.raises(SystemExit, match="2"):
         printed(*rows, folder / "reliable.txt")
     cuts = list(cut(circle(40)))
-    figure = reliability_figure({"hold": measure(Hold(), cuts), "filter": measure(TurnRateKalman(), cuts)})
-    assert [len(axes.lines) for axes in figure.axes] == [2] * 5  # the diagonal and the one that has a distribution
+    figure = reliability_figure(
+        {"hold": measure(Hold(), cuts), "filter": measure(TurnRateKalman(), cuts)}
+    )
+    assert [len(axes.lines) for axes in figure.axes] == [
+        2
+    ] * 5  # the diagonal and the one that has a distribution
     (_, line) = figure.axes[2].lines
-    assert line.get_ydata() == pytest.approx(1.0)  # a body that never moves is inside every interval
+    assert line.get_ydata() == pytest.approx(
+        1.0
+    )  # a body that never moves is inside every interval
 
 
 def test_a_mistyped_row_is_refused(folder: Path, refused: Says) -> None:
@@ -162,7 +208,9 @@ def test_progress_counts_every_window() -> None:
     ("num_past", "num_future", "says"),
     [(40, 40, "as long as one window"), (0, 20, "windows of 0 past and 20 future steps")],
 )
-def test_windows_that_cannot_be_are_refused(folder: Path, num_past: int, num_future: int, says: str) -> None:
+def test_windows_that_cannot_be_are_refused(
+    folder: Path, num_past: int, num_future: int, says: str
+) -> None:
     with pytest.raises(BadData, match=says):
         evaluation.read_windows(folder, ["03"], num_past, num_future)
 
@@ -177,7 +225,9 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     if root is None or not (Path(root) / "kitti_full_poses").is_dir():
         pytest.skip("GEOVP_TEST_DATA is not set: needs kitti_full_poses")
     rows = evaluation.forecasters()
-    chosen = {name: rows[name] for name in ("hold", "constant twist", "CTRA, damped", "motion prior")}
+    chosen = {
+        name: rows[name] for name in ("hold", "constant twist", "CTRA, damped", "motion prior")
+    }
     cuts = evaluation.read_windows(Path(root) / "kitti_full_poses", ["04"], stride=60)
     scores = evaluation.evaluate(cuts, chosen)
     errors = {name: float(row.position_m.mean()) for name, row in scores.items()}
@@ -186,7 +236,9 @@ def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
 
 
 def test_the_best_of_a_few_falls_with_their_number(folder: Path, printed: Says) -> None:
-    lines = printed("forecast", "best-of", folder, "--sequences", "03", "05", "--counts", "1", "3").splitlines()
+    lines = printed(
+        "forecast", "best-of", folder, "--sequences", "03", "05", "--counts", "1", "3"
+    ).splitlines()
     assert lines[0] == "4 windows of 03, 05"
     cells = {line.split("|")[1].strip(): line.split("|")[2:-1] for line in lines[3:]}
     assert list(cells) == [
@@ -197,7 +249,10 @@ def test_the_best_of_a_few_falls_with_their_number(folder: Path, printed: Says) 
         one, three = np.array(cells[name], float).reshape(3, 2).T
         assert (three <= one).all()  # the first is the centre
         drawn = np.array(cells[name.removesuffix(", representative")], float).reshape(3, 2)[:, 1]
-        more = [float(cell.split()[0]) for cell in cells[f"more than {name.removesuffix(', representative')}"][1::2]]
+        more = [
+            float(cell.split()[0])
+            for cell in cells[f"more than {name.removesuffix(', representative')}"][1::2]
+        ]
         np.testing.assert_allclose(three - drawn, more, atol=0.0011)
 
 

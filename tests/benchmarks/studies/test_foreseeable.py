@@ -1,4 +1,6 @@
-"""What can be foreseen: deviations and noise by hand, learners and cues on scenes whose answer is known."""
+"""What can be foreseen: deviations and noise by hand, learners and cues on scenes whose answer is
+known.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geovp_benchmarks.contracts import street
 from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.studies.foreseeable import images, learners, windows
 from geovp_benchmarks.studies.foreseeable.windows import HORIZONS, Windows
-from geovp_classic.contracts import street
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
@@ -46,19 +48,34 @@ def scene(inverse_depth: FloatArray, ground: GroundPlane = LEVEL) -> images.Scen
 def test_deviations_are_along_and_across_the_turn_and_over_its_plane() -> None:
     past = drive(np.tile([0.0, 0, 10, 0, 0, 0], (30, 1)))
     last = past.world_from_cam[-1]
-    right = np.array([[0.0, 0.0, np.pi / 2]])  # the baseline looks to the right, at the last camera's place
-    pose = last @ se3.exp(np.array([0.5, 0.1, 2.0, 0, 0, 0])) @ se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))
+    right = np.array(
+        [[0.0, 0.0, np.pi / 2]]
+    )  # the baseline looks to the right, at the last camera's place
+    pose = (
+        last
+        @ se3.exp(np.array([0.5, 0.1, 2.0, 0, 0, 0]))
+        @ se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))
+    )
     found = windows.deviations(pose[None], past, right)[0]
     # 0.5 m to its right is along the baseline, 2 m ahead is to the baseline's left; 0.1 m lower
     np.testing.assert_allclose(found, [0.5, -2.0, 0.1, 0, 0, 0], atol=1e-9)
 
 
 def test_a_steady_turn_leaves_nothing_and_a_braking_car_falls_behind() -> None:
-    assert np.abs(windows.read({"a": drive(np.tile([0.0, 0, 8, 0, 0.2, 0], (80, 1)))}, 10).truth).max() < 1e-6
-    speed = np.append(np.full(30, 10.0), 10 - 0.2 * np.arange(1, 30))  # brakes by 2 m/s^2 from the last pose on
-    braking = drive(np.stack([0 * speed, 0 * speed, speed, 0 * speed, 0 * speed, 0 * speed], axis=1))
+    assert (
+        np.abs(windows.read({"a": drive(np.tile([0.0, 0, 8, 0, 0.2, 0], (80, 1)))}, 10).truth).max()
+        < 1e-6
+    )
+    speed = np.append(
+        np.full(30, 10.0), 10 - 0.2 * np.arange(1, 30)
+    )  # brakes by 2 m/s^2 from the last pose on
+    braking = drive(
+        np.stack([0 * speed, 0 * speed, speed, 0 * speed, 0 * speed, 0 * speed], axis=1)
+    )
     found = windows.read({"a": braking}, 100)
-    assert found.truth[0, :, 0] == pytest.approx([-0.01 * k * (k + 1) for k in HORIZONS])  # 0.02 (1 + ... + k)
+    assert found.truth[0, :, 0] == pytest.approx(
+        [-0.01 * k * (k + 1) for k in HORIZONS]
+    )  # 0.02 (1 + ... + k)
 
 
 def test_noise_of_poses_is_found_beside_smooth_motion() -> None:
@@ -88,7 +105,9 @@ def known() -> Windows:
     return Windows(np.repeat(["a", "b", "c", "d"], 100), twists, truth, truth, truth, truth)
 
 
-@pytest.mark.parametrize("learner", [learners.Ridge(), learners.SmallNetwork(num_members=1, epochs=40)])
+@pytest.mark.parametrize(
+    "learner", [learners.Ridge(), learners.SmallNetwork(num_members=1, epochs=40)]
+)
 def test_learners_explain_what_the_past_tells_and_nothing_else(
     learner: learners.Ridge | learners.SmallNetwork, known: Windows
 ) -> None:
@@ -96,7 +115,10 @@ def test_learners_explain_what_the_past_tells_and_nothing_else(
     asked = np.isin(known.sequences, ["a", "b"])
     assert np.isnan(answers[~asked]).all()
     yaw, roll = (
-        learners.explained(known.truth[asked, 2, one], answers[asked, 2, one], known.sequences[asked]) for one in (5, 4)
+        learners.explained(
+            known.truth[asked, 2, one], answers[asked, 2, one], known.sequences[asked]
+        )
+        for one in (5, 4)
     )
     assert yaw.low > 0.6
     assert roll.mean < 0.05
@@ -106,7 +128,9 @@ def test_the_asked_sequence_is_not_fitted_to(known: Windows) -> None:
     other = known.truth.copy()
     other[known.sequences == "a"] = 7.0
     changed = Windows(known.sequences, known.twists, other, other, other, other)
-    before, after = (learners.held_out(learners.Ridge(), one, ["a"], no_progress) for one in (known, changed))
+    before, after = (
+        learners.held_out(learners.Ridge(), one, ["a"], no_progress) for one in (known, changed)
+    )
     np.testing.assert_array_equal(before, after)
 
 
@@ -114,14 +138,19 @@ def test_an_explained_share_by_hand() -> None:
     truth, sequences = np.array([1.0, -1.0, 2.0, -2.0] * 10), np.repeat("a", 40)
     share = learners.explained(truth, 0.5 * truth, sequences)
     assert share.mean == pytest.approx(0.75)
-    assert (share.low, share.high) == (pytest.approx(0.75), pytest.approx(0.75))  # the same share of all
+    assert (share.low, share.high) == (
+        pytest.approx(0.75),
+        pytest.approx(0.75),
+    )  # the same share of all
     assert learners.explained(truth, -truth, sequences).mean == pytest.approx(-3.0)
 
 
 def test_the_scan_sees_a_wall_on_the_right_and_mirrors() -> None:
     near = np.zeros((256, 256))
     near[:, 128:] = 0.1
-    np.testing.assert_allclose(images.scan(scene(near)), 10.0 * 0.1)  # right less left, times 10 m/s
+    np.testing.assert_allclose(
+        images.scan(scene(near)), 10.0 * 0.1
+    )  # right less left, times 10 m/s
     np.testing.assert_allclose(images.scan(scene(near[:, ::-1])), -1.0)
 
 
@@ -135,11 +164,15 @@ def test_arcs_keep_clear_of_a_wall_on_the_right() -> None:
 
 def test_tilt_and_profile_of_the_road() -> None:
     rise, roll = np.radians([2.0, 1.0])
-    up = GroundPlane(np.array([0.0, np.cos(rise), np.sin(rise)]), 1.65)  # its normal leans ahead where the road rises
+    up = GroundPlane(
+        np.array([0.0, np.cos(rise), np.sin(rise)]), 1.65
+    )  # its normal leans ahead where the road rises
     assert images.plane_pitch(scene(np.zeros((256, 256)), up))[0] == pytest.approx(rise)
     rolled = GroundPlane(np.array([np.sin(roll), np.cos(roll), 0.0]), 1.65)
     assert images.plane_roll(scene(np.zeros((256, 256)), rolled))[0] == pytest.approx(roll)
-    raised = np.maximum(LEVEL.inverse_depth(CAMERA), 0) * 1.65 / 1.45  # a road 0.2 m higher than the plane
+    raised = (
+        np.maximum(LEVEL.inverse_depth(CAMERA), 0) * 1.65 / 1.45
+    )  # a road 0.2 m higher than the plane
     heights = images.profile(scene(raised))
     np.testing.assert_allclose(heights[:5], 0.2, atol=1e-5)
 
@@ -150,7 +183,8 @@ def test_a_cue_is_asked_about_blocks_that_it_was_not_fitted_to() -> None:
     residuals = np.zeros((count, len(HORIZONS), 6))
     residuals[..., 4], residuals[..., 5] = -roll, rng.standard_normal((count, 1))
     cues = {
-        name: roll + 5.0 if cue.is_centred else rng.standard_normal((count, 1)) for name, cue in images.CUES.items()
+        name: roll + 5.0 if cue.is_centred else rng.standard_normal((count, 1))
+        for name, cue in images.CUES.items()
     }
     starts, sequences = 3 * np.tile(np.arange(count // 2), 2), np.repeat(["a", "b"], count // 2)
     read = images.CueWindows(cues, residuals, sequences, starts)
@@ -165,17 +199,35 @@ def test_the_command_writes_its_page_and_keeps_the_notes(tmp_path: Path, printed
     for name in ("01", "02"):
         recorded = winding(150, int(name))
         pose_files.write_kitti(tmp_path / f"{name}.txt", recorded)
-        (tmp_path / f"{name}_times.txt").write_text("\n".join(f"{time:.6f}" for time in recorded.times_s))
+        (tmp_path / f"{name}_times.txt").write_text(
+            "\n".join(f"{time:.6f}" for time in recorded.times_s)
+        )
     page = tmp_path / "page.md"
     page.write_text("old\n\n## Notes\n\nStays.\n")
-    words = ["study", "foreseeable", tmp_path, "--sequences", "01", "--fit", "01", "02", "--stride", "10"]
+    words = [
+        "study",
+        "foreseeable",
+        tmp_path,
+        "--sequences",
+        "01",
+        "--fit",
+        "01",
+        "02",
+        "--stride",
+        "10",
+    ]
     told = printed(*words, "--page", page)
     text = page.read_text()
     assert told.strip() in text
-    assert text.startswith("# What can be foreseen\n\n```sh\ngeovp study foreseeable path/to/poses\n```\n")
+    assert text.startswith(
+        "# What can be foreseen\n\n```sh\ngeovp study foreseeable path/to/poses\n```\n"
+    )
     assert text.endswith("## Notes\n\nStays.\n")
     rows = [line.split("|")[1].strip() for line in text.splitlines() if line.startswith("| yaw:")]
-    assert rows == [f"yaw: {one}" for one in ("constant velocity", *learners.LEARNERS, "motion prior, as shipped")]
+    assert rows == [
+        f"yaw: {one}"
+        for one in ("constant velocity", *learners.LEARNERS, "motion prior, as shipped")
+    ]
     assert "depth" not in text
 
 

@@ -10,7 +10,7 @@ import geovp_classic as geovp
 from geovp_benchmarks.studies.odometry import clips
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, Clip, Context, Grant, Intrinsics, Trajectory
+from geovp_classic.types import BoolArray, Clip, Context, Intrinsics, PrivilegedInput, Trajectory
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import intrinsics_of
 
@@ -20,18 +20,26 @@ def drive(num_frames: int) -> Clip:
     times_s = np.arange(num_frames) / 10
     poses = se3.exp(np.arange(num_frames)[:, None] * np.array([0.0, 0, 1, 0, 0, 0]))
     frames = np.zeros((num_frames, 8, 8, 3), dtype=np.uint8)
-    return Clip("drive", frames, times_s, Intrinsics(8, 8, 3.5, 3.5, 8, 8), Trajectory(poses, times_s, is_metric=True))
+    return Clip(
+        "drive",
+        frames,
+        times_s,
+        Intrinsics(8, 8, 3.5, 3.5, 8, 8),
+        Trajectory(poses, times_s, is_metric=True),
+    )
 
 
 @dataclass(frozen=True)
 class Skewed:
-    """An odometry whose every step is 3 degrees wrong, 10 % too long, and goes 4 degrees to the right."""
+    """An odometry whose every step is 3 degrees wrong, 10 % too long, and goes 4 degrees to the
+    right.
+    """
 
     is_metric: bool = True
 
     @property
-    def needs(self) -> Grant:
-        return Grant.NONE
+    def needs(self) -> PrivilegedInput:
+        return PrivilegedInput.NONE
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
         assert context.past is None
@@ -42,7 +50,9 @@ class Skewed:
         for _ in range(context.num_past - 1):
             poses.append(poses[-1] @ step)
         tracked = np.arange(context.num_past) != 1
-        return Trajectory(np.stack(poses), context.times_s[: context.num_past], self.is_metric), tracked
+        return Trajectory(
+            np.stack(poses), context.times_s[: context.num_past], self.is_metric
+        ), tracked
 
 
 def test_wrong_steps_are_measured() -> None:
@@ -70,7 +80,18 @@ def test_poses_are_needed() -> None:
 
 
 def test_the_command_prints_one_row_a_stretch(street: Path, printed: Says) -> None:
-    words = ["poses", street, "07[0:12)", "07[2:12)", "--clips", "8", "--stride", "2", "--size", "160"]
+    words = [
+        "poses",
+        street,
+        "07[0:12)",
+        "07[2:12)",
+        "--clips",
+        "8",
+        "--stride",
+        "2",
+        "--size",
+        "160",
+    ]
     head, *rows = printed(*words).splitlines()
     assert "rotation (deg/frame)" in head
     assert [row.split()[:2] for row in rows] == [["07[0:12)", "2"], ["07[2:12)", "1"]]
@@ -83,9 +104,16 @@ def test_one_frame_has_no_motion(street: Path, refused: Says) -> None:
 
 @pytest.mark.parametrize(("name", "length"), [("tum", "0.0"), ("euroc", "0.0"), ("colmap", "-")])
 def test_other_layouts_are_found_by_what_lies_in_them(
-    tmp_path: Path, name: str, length: str, request: pytest.FixtureRequest, printed: Says, refused: Says
+    tmp_path: Path,
+    name: str,
+    length: str,
+    request: pytest.FixtureRequest,
+    printed: Says,
+    refused: Says,
 ) -> None:
-    """Recorded poses have no error against themselves; a COLMAP model has no metres to measure a length in."""
+    """Recorded poses have no error against themselves; a COLMAP model has no metres to measure a
+    length in.
+    """
     clip = geovp.open_clip({"name": "synthetic", "num_frames": 8, "size_px": [32, 32]})
     request.getfixturevalue(f"write_{name}")(tmp_path, "a", clip)
     own = ["--data", f"intrinsics={intrinsics_of(clip.intrinsics)}"] if name == "tum" else []

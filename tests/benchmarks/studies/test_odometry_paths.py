@@ -1,4 +1,6 @@
-"""`geovp poses`: files that can be read back, drift that is never invented, one sentence for mistakes."""
+"""`geovp poses`: files that can be read back, drift that is never invented, one sentence for
+mistakes.
+"""
 
 from pathlib import Path
 
@@ -9,11 +11,20 @@ from geovp_classic.data import pose_files
 from tests.benchmarks.conftest import Says
 
 
-def test_files_figure_and_drift_of_a_short_stretch(street: Path, tmp_path: Path, printed: Says) -> None:
+def test_files_figure_and_drift_of_a_short_stretch(
+    street: Path, tmp_path: Path, printed: Says
+) -> None:
     out = printed("poses", street, "07[2:12)", "--out", tmp_path).splitlines()
-    by_alignment = {words[0]: words[1:] for line in out if (words := line.split()) and words[0] != "alignment"}
+    by_alignment = {
+        words[0]: words[1:] for line in out if (words := line.split()) and words[0] != "alignment"
+    }
     assert {"origin", "scale", "se3", "sim3"} <= set(by_alignment)
-    assert by_alignment["sim3"][:4] == ["too", "short", "too", "short"]  # ten metres have no segment of 100 m
+    assert by_alignment["sim3"][:4] == [
+        "too",
+        "short",
+        "too",
+        "short",
+    ]  # ten metres have no segment of 100 m
     assert float(by_alignment["sim3"][4]) < 0.5  # ATE in metres over about ten metres
     name = "07-000002-000012"
     _, poses = pose_files.read_kitti(tmp_path / f"{name}.kitti.txt")

@@ -36,7 +36,9 @@ def test_a_line_has_the_means_and_the_paired_differences(results: Results) -> No
         "",
     ]
     assert other[2].split() == [f"{means[f'other-{seed}']:.3f}" for seed in range(3)]
-    offs = [means[f"other-{seed}"] - means[f"base-{seed}"] for seed in range(2)]  # of the seeds that both have
+    offs = [
+        means[f"other-{seed}"] - means[f"base-{seed}"] for seed in range(2)
+    ]  # of the seeds that both have
     assert other[3].startswith(f"{sum(offs) / 2:+.3f} [")
     assert other[4] == " ".join(f"{off:+.3f}" for off in offs)
 

@@ -1,4 +1,6 @@
-"""Components small enough that one knows what comes out; those with a `log` append a line to it when they work."""
+"""Components small enough that one knows what comes out; those with a `log` append a line to it
+when they work.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,16 @@ from typing import ClassVar
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible, MissingExtra
-from geovp_classic.types import Clip, Context, Grant, Intrinsics, Motion, Prediction, Trajectory, Views
+from geovp_classic.types import (
+    Clip,
+    Context,
+    Intrinsics,
+    Motion,
+    Prediction,
+    PrivilegedInput,
+    Trajectory,
+    Views,
+)
 
 INTERVAL_S = 0.1
 
@@ -23,7 +34,9 @@ def note(log: str, line: str) -> None:
 
 @dataclass(frozen=True)
 class Road:
-    """Grey frames; the one of step t of clip c has the brightness 10 c + t. The camera goes 1 m a step."""
+    """Grey frames; the one of step t of clip c has the brightness 10 c + t. The camera goes 1 m a
+    step.
+    """
 
     clips: int = 5
     root: str = ""
@@ -49,7 +62,9 @@ class Road:
             raise BadData(f"road/{index:03d}.png is truncated: fetch it again")
         width_px, height_px = self.size_px
         steps = np.arange(self.num_frames)
-        frames = np.broadcast_to((10 * index + steps)[:, None, None, None], (len(steps), height_px, width_px, 3))
+        frames = np.broadcast_to(
+            (10 * index + steps)[:, None, None, None], (len(steps), height_px, width_px, 3)
+        )
         poses = np.tile(np.eye(4), (len(steps), 1, 1))
         poses[:, 2, 3] = index + steps
         depths = np.full(frames.shape[:3], 50.0, np.float32) if self.with_depths else None
@@ -57,7 +72,9 @@ class Road:
             name=self.clip_names[index],
             frames=frames.astype(np.uint8),
             times_s=INTERVAL_S * steps,
-            intrinsics=Intrinsics(8.0, 8.0, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px),
+            intrinsics=Intrinsics(
+                8.0, 8.0, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
+            ),
             trajectory=Trajectory(poses, INTERVAL_S * steps, is_metric=True),
             depths=depths,
         )
@@ -69,16 +86,18 @@ class Steady:
 
     step_m: float = 1.0
     log: str = ""
-    needs: ClassVar[Grant] = Grant.PAST_POSES
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         note(self.log, "estimate")
         assert context.past is not None
-        assert (context.future, context.past_depths, context.wide) == (None, None, None)
+        assert (context.future, context.past_depths, context.full) == (None, None, None)
         ahead = np.tile(np.eye(4), (num_samples, context.num_future, 1, 1))
         metres = self.step_m * np.arange(1, context.num_future + 1)
         ahead[..., 2, 3] = np.arange(1, num_samples + 1)[:, None] * metres
-        return Motion(context.past, context.past.world_from_cam[-1] @ ahead, np.ones(context.num_past, bool))
+        return Motion(
+            context.past, context.past.world_from_cam[-1] @ ahead, np.ones(context.num_past, bool)
+        )
 
 
 @dataclass(frozen=True)
@@ -86,7 +105,7 @@ class Slide:
     """The last frame from everywhere, its left half invented."""
 
     log: str = ""
-    needs: ClassVar[Grant] = Grant.NONE
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def reconstruct(self, context: Context, past: Trajectory) -> SlideScene:
         note(self.log, "reconstruct")
@@ -98,7 +117,9 @@ class Slide:
 class SlideScene:
     frame: np.ndarray
 
-    def view(self, world_from_cam: np.ndarray, times_s: np.ndarray, intrinsics: Intrinsics) -> Views:
+    def view(
+        self, world_from_cam: np.ndarray, times_s: np.ndarray, intrinsics: Intrinsics
+    ) -> Views:
         shape = (len(world_from_cam), *self.frame.shape[:2])
         covered = np.ones(shape, bool)
         covered[:, :, : shape[2] // 2] = False
@@ -111,7 +132,7 @@ class Still:
 
     sleep_s: float = 0.0
     log: str = ""
-    needs: ClassVar[Grant] = Grant.NONE
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         note(self.log, "predict")
@@ -135,7 +156,7 @@ class Noise:
     """Random frames, the same for the same seed."""
 
     seed: int = 0
-    needs: ClassVar[Grant] = Grant.NONE
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         shape = (num_samples, context.num_future, *context.frames.shape[1:])
@@ -147,7 +168,9 @@ class Dice(Still):
     """Frames of a grey level that nobody knows before."""
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        noise = np.random.default_rng().integers(0, 256, (1, context.num_future, *context.frames.shape[1:]))
+        noise = np.random.default_rng().integers(
+            0, 256, (1, context.num_future, *context.frames.shape[1:])
+        )
         return Prediction(noise.astype(np.uint8))
 
 
@@ -208,10 +231,14 @@ class Difference:
     higher_is_better: ClassVar[bool] = False
     protocol: ClassVar[str] = "mean over pixels and channels"
 
-    def __call__(self, predicted: np.ndarray, target: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    def __call__(
+        self, predicted: np.ndarray, target: np.ndarray, mask: np.ndarray | None
+    ) -> np.ndarray:
         differences = np.abs(predicted.astype(float) - target).mean(axis=-1) * self.scale
         counted = np.ones(differences.shape, bool) if mask is None else mask
-        return np.array([d[m].mean() if m.any() else np.nan for d, m in zip(differences, counted, strict=True)])
+        return np.array(
+            [d[m].mean() if m.any() else np.nan for d, m in zip(differences, counted, strict=True)]
+        )
 
 
 @dataclass(frozen=True)
@@ -220,7 +247,9 @@ class Together(Difference):
 
     log: str = ""
 
-    def over(self, predicted: np.ndarray, target: np.ndarray, masks: list[np.ndarray | None]) -> list[np.ndarray]:
+    def over(
+        self, predicted: np.ndarray, target: np.ndarray, masks: list[np.ndarray | None]
+    ) -> list[np.ndarray]:
         note(self.log, f"over-{len(masks)}")
         return [self(predicted, target, mask) for mask in masks]
 
@@ -233,7 +262,9 @@ class Weightless:
     unit: ClassVar[str] = ""
     higher_is_better: ClassVar[bool] = False
 
-    def __call__(self, predicted: np.ndarray, target: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
+    def __call__(
+        self, predicted: np.ndarray, target: np.ndarray, mask: np.ndarray | None
+    ) -> np.ndarray:
         if not self.weights or not Path(self.weights).exists():
             raise MissingExtra("weights of toy-weightless are not here: fetch them")
         return np.zeros(len(target))

@@ -1,4 +1,6 @@
-"""A small results folder whose numbers and images can be worked out by hand, for the figures and the report."""
+"""A small results folder whose numbers and images can be worked out by hand, for the figures and
+the report.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,26 @@ CLIPS = ("a/b[0:9) <x> & $y", "b", "c")
 KEPT = CLIPS[0]
 CAMERA = Intrinsics(16.0, 16.0, 7.5, 7.5, SIDE, SIDE)
 FACTS: dict[str, Any] = {
-    "final-gap": {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None},
-    "psnr": {"role": "frame", "unit": "dB", "higher_is_better": True, "definition": "RGB jointly", "unavailable": None},
+    "final-gap": {
+        "role": "trajectory",
+        "unit": "m",
+        "higher_is_better": False,
+        "unavailable": None,
+    },
+    "psnr": {
+        "role": "frame",
+        "unit": "dB",
+        "higher_is_better": True,
+        "definition": "RGB jointly",
+        "unavailable": None,
+    },
     "lpips": {"role": "frame", "unavailable": "frame metric 'lpips' needs torch: install it"},
-    "translation-error": {"role": "trajectory", "unit": "m", "higher_is_better": False, "unavailable": None},
+    "translation-error": {
+        "role": "trajectory",
+        "unit": "m",
+        "higher_is_better": False,
+        "unavailable": None,
+    },
 }
 # name: (pose source, renderer, status, samples, metres a step, is metric)
 CELLS: dict[str, tuple[str | None, str | None, str, int, float, bool]] = {
@@ -39,24 +57,44 @@ def straight(metres_a_step: float, count: int, *, is_metric: bool = True) -> Tra
 
 def record(name: str) -> dict[str, Any]:
     source, renderer, status, samples, _, _ = CELLS[name]
-    geometric = {"label": f"{source} + far", "kind": "geometric", "pose_source": source, "renderer": renderer}
-    parts = {"pose_source": {"name": "chained", "note": "<i>odd</i>"}, "renderer": {"name": "far-plane", "fill": 3.5}}
+    geometric = {
+        "label": f"{source} + far",
+        "kind": "geometric",
+        "pose_source": source,
+        "renderer": renderer,
+    }
+    parts = {
+        "pose_source": {"name": "chained", "note": "<i>odd</i>"},
+        "renderer": {"name": "far-plane", "fill": 3.5},
+    }
     facts: dict[str, Any] = geometric if source else {"label": name, "kind": "predictor"}
     facts |= {"components": parts if source else {"predictor": {"name": name}}, "fingerprint": "f"}
-    facts |= {"status": status, "num_samples": samples, "grants": ["PAST_POSES"] if source == "gt" else []}
+    facts |= {
+        "status": status,
+        "num_samples": samples,
+        "grants": ["PAST_POSES"] if source == "gt" else [],
+    }
     ran = status in ("done", "partial")
-    facts |= {"num_clips": {"done": 3, "partial": 2}.get(status, 0), "peak_memory_mb": 321.0 if ran else 0.0}
+    facts |= {
+        "num_clips": {"done": 3, "partial": 2}.get(status, 0),
+        "peak_memory_mb": 321.0 if ran else 0.0,
+    }
     facts["peak_is_own"] = status != "partial"
     facts["seconds"] = {"motion": 1.25, "metrics": 2.5} if ran else {}
     if status == "skipped":
         facts["reason"] = "the poses are not in metres: give the odometry a scale"
     if status == "failed":
-        facts |= {"reason": "ValueError: <b>bold</b>", "traceback": "Traceback\n  <script>alert(1)</script>"}
+        facts |= {
+            "reason": "ValueError: <b>bold</b>",
+            "traceback": "Traceback\n  <script>alert(1)</script>",
+        }
     return facts
 
 
 def rows(name: str) -> Rows:
-    """PSNR is 20 + clip + sample - step for every cell: its mean over three clips is 21 - step with one sample."""
+    """PSNR is 20 + clip + sample - step for every cell: its mean over three clips is 21 - step with
+    one sample.
+    """
     clips = CLIPS[:2] if CELLS[name][2] == "partial" else CLIPS
     found = []
     for number, clip in enumerate(clips):
@@ -66,7 +104,9 @@ def rows(name: str) -> Rows:
                 if CELLS[name][0] is not None:
                     found.append((clip, sample, step, "translation-error", 0.1 * step))
                     found.append((clip, sample, step, "final-gap", 1.0 if step == FUTURE else None))
-                    found.append((clip, sample, step, "psnr@covered", None if step > 4 else 30.0 - step))
+                    found.append(
+                        (clip, sample, step, "psnr@covered", None if step > 4 else 30.0 - step)
+                    )
     return scores(found)
 
 
@@ -74,7 +114,9 @@ def keep(results: Results, name: str) -> None:
     source, _, _, samples, metres, is_metric = CELLS[name]
     tone = 10 * list(CELLS).index(name)
     frames = np.full((samples, FUTURE, SIDE, SIDE, 3), tone, np.uint8)
-    frames += np.arange(1, FUTURE + 1, dtype=np.uint8)[:, None, None, None]  # the image says the step
+    frames += np.arange(1, FUTURE + 1, dtype=np.uint8)[
+        :, None, None, None
+    ]  # the image says the step
     if source is None:
         results.write_prediction(name, KEPT, Prediction(frames))
         return
@@ -89,8 +131,17 @@ def keep(results: Results, name: str) -> None:
 def fill(root: Path) -> Path:
     results = Results(root)
     sizes = {"num_past": PAST, "num_future": FUTURE, "size_px": [SIDE, SIDE], "stride": 9}
-    data = {"dataset": {"name": "toy", "split": "val"}, "dataset_name": "toy <val>", "split_hash": "abc123" * 8}
-    some = {"versions": {"numpy": "9.9.9"}, "cells": list(CELLS), "clips": list(CLIPS), "fingerprint": "p"}
+    data = {
+        "dataset": {"name": "toy", "split": "val"},
+        "dataset_name": "toy <val>",
+        "split_hash": "abc123" * 8,
+    }
+    some = {
+        "versions": {"numpy": "9.9.9"},
+        "cells": list(CELLS),
+        "clips": list(CLIPS),
+        "fingerprint": "p",
+    }
     results.write_protocol({"name": "toy & matrix", **data, **sizes, **some, "metrics": FACTS})
     frames = np.full((PAST + FUTURE, SIDE, SIDE, 3), 200, np.uint8)
     frames += np.arange(PAST + FUTURE, dtype=np.uint8)[:, None, None, None]

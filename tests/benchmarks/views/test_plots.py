@@ -1,4 +1,6 @@
-"""Figures say what the rows say, look the same every time, and can be told apart in colour, in grey and by name."""
+"""Figures say what the rows say, look the same every time, and can be told apart in colour, in grey
+and by name.
+"""
 
 import io
 import itertools
@@ -43,7 +45,10 @@ def written(folder: Path) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def narrow(folder: Path) -> dict[str, Page]:
-    return {page.kind: page for page in plots.figures(Results(folder), layout=plots.Layout(("pdf",), 3.3, False))}
+    return {
+        page.kind: page
+        for page in plots.figures(Results(folder), layout=plots.Layout(("pdf",), 3.3, False))
+    }
 
 
 def texts(figure: Figure) -> str:
@@ -52,43 +57,82 @@ def texts(figure: Figure) -> str:
 
 class TestWriteAll:
     def test_one_page_per_metric_and_per_kept_clip(self, written: list[Path]) -> None:
-        names = ["horizon-psnr", "horizon-translation-error", "samples-psnr", "samples-translation-error"]
+        names = [
+            "horizon-psnr",
+            "horizon-translation-error",
+            "samples-psnr",
+            "samples-translation-error",
+        ]
         names += ["strip-01-a-b-0-9-x-y", "paths-01-a-b-0-9-x-y"]
         both = {f"{name}.{kind}" for name in names for kind in ("png", "svg")}
-        assert not any("final-gap" in path.name for path in written)  # known at the last step alone: no curve
-        assert {path.name for path in written} == both | {"invented-01-a-b-0-9-x-y.png", "horizon-psnr-covered.svg"}
+        assert not any(
+            "final-gap" in path.name for path in written
+        )  # known at the last step alone: no curve
+        assert {path.name for path in written} == both | {
+            "invented-01-a-b-0-9-x-y.png",
+            "horizon-psnr-covered.svg",
+        }
         assert all(path.stat().st_size > 0 for path in written)
 
     def test_words_are_words_in_the_svg(self, folder: Path, written: list[Path]) -> None:
         svg = (folder / "plots" / "horizon-psnr.svg").read_text()
-        for word in ("gt + far", "_vo + far (only 2 of 3 clips)", "kalman + far, best of 3", "copy-last", "0.5 s"):
+        for word in (
+            "gt + far",
+            "_vo + far (only 2 of 3 clips)",
+            "kalman + far, best of 3",
+            "copy-last",
+            "0.5 s",
+        ):
             assert word in svg
         assert "PSNR (dB)    ↑ higher is better" in svg
         assert "mean of 3 clips, bars: 95 % intervals (block bootstrap)" in svg
-        assert "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
+        assert (
+            "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
+        )
         assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
 
     @pytest.mark.parametrize("kind", ["png", "svg"])
-    def test_the_same_rows_give_the_same_bytes(self, folder: Path, written: list[Path], kind: str) -> None:
-        page = next(page for page in plots.figures(Results(folder)) if page.subject == "translation-error")
+    def test_the_same_rows_give_the_same_bytes(
+        self, folder: Path, written: list[Path], kind: str
+    ) -> None:
+        page = next(
+            page for page in plots.figures(Results(folder)) if page.subject == "translation-error"
+        )
         assert plots.rendered(page, kind) == (folder / "plots" / f"{page.name}.{kind}").read_bytes()
 
     def test_outdated_figures_go_and_foreign_files_stay(self, folder: Path, tmp_path: Path) -> None:
-        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names})
+        shutil.copytree(
+            folder,
+            tmp_path / "r",
+            ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names},
+        )
         (tmp_path / "r" / "plots").mkdir()
-        old, foreign = tmp_path / "r" / "plots" / "horizon-ssim-2.png", tmp_path / "r" / "plots" / "mine.png"
+        old, foreign = (
+            tmp_path / "r" / "plots" / "horizon-ssim-2.png",
+            tmp_path / "r" / "plots" / "mine.png",
+        )
         old.touch()
         foreign.touch()
         told: list[tuple[int, int]] = []
-        list(plots.write_all(Results(tmp_path / "r"), lambda done, total: told.append((done, total))))
+        list(
+            plots.write_all(Results(tmp_path / "r"), lambda done, total: told.append((done, total)))
+        )
         assert not old.exists()
         assert foreign.exists()
-        assert told == [(done, 5) for done in range(1, 6)]  # three metrics over horizon, two over samples
+        assert told == [
+            (done, 5) for done in range(1, 6)
+        ]  # three metrics over horizon, two over samples
 
     def test_figures_for_print_outlive_a_report(self, folder: Path, tmp_path: Path) -> None:
-        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names})
+        shutil.copytree(
+            folder,
+            tmp_path / "r",
+            ignore=lambda at, names: {"predictions", "clips", "plots"} & {*names},
+        )
         results = Results(tmp_path / "r")
-        printed = [p for _, files in plots.write_all(results, layout=plots.Layout(("pdf",))) for p in files]
+        printed = [
+            p for _, files in plots.write_all(results, layout=plots.Layout(("pdf",))) for p in files
+        ]
         list(plots.write_all(results))
         assert len(printed) > 1
         assert all(path.exists() for path in printed)
@@ -101,7 +145,9 @@ class TestWriteAll:
 
 class TestCurves:
     def test_means_and_bars_are_the_statistics(self, pages: dict[str, Page]) -> None:
-        """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, and the interval that tables would show of them."""
+        """PSNR of three clips at horizon 1 is 19, 20, 21: mean 20, and the interval that tables
+        would show of them.
+        """
         axes = pages["horizon-psnr"].figure.axes[0]
         line, bars = axes.lines[0], axes.collections[0]
         np.testing.assert_allclose(line.get_ydata(), 21.0 - np.arange(1, 7))
@@ -118,21 +164,30 @@ class TestCurves:
         clips = ["a/0", "b/0", "c/0", "d/0"]
         values = np.random.default_rng(0).normal(20, 1, (4, 6))
         looks = style.line_styles([(str(number), "") for number in range(count)])
-        drawn = [curves.Curve.of(str(n), values + n, clips, (0, 100), line) for n, line in enumerate(looks)]
+        drawn = [
+            curves.Curve.of(str(n), values + n, clips, (0, 100), line)
+            for n, line in enumerate(looks)
+        ]
         labels = curves.AxisLabels("PSNR", "dB", higher_is_better=True, step_s=0.1)
         axes = curves.draw(drawn, labels, style.Heading("a", "b"))[0].axes[0]
         assert sum(isinstance(each, PolyCollection) for each in axes.collections) == bands
         assert len(axes.collections) == count
 
     def test_samples_give_a_mean_and_a_best_line(self, pages: dict[str, Page]) -> None:
-        """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best 2 dB."""
+        """Samples 0, 1, 2 score 0, 1, 2 dB more: their mean is 1 dB above a single guess, the best
+        2 dB.
+        """
         lines = pages["horizon-psnr"].figure.axes[0].lines
         single, mean, best = (np.asarray(lines[i].get_ydata()) for i in (0, 2, 3))
         np.testing.assert_allclose(mean - single, 1.0)
         np.testing.assert_allclose(best - single, 2.0)
 
-    def test_the_best_of_k_has_a_line_for_every_cell_with_samples(self, pages: dict[str, Page]) -> None:
-        """The first sample has 21 - step, 17.5 dB on average; the others 1 and 2 dB more: of pairs (1 + 2 + 2) / 3."""
+    def test_the_best_of_k_has_a_line_for_every_cell_with_samples(
+        self, pages: dict[str, Page]
+    ) -> None:
+        """The first sample has 21 - step, 17.5 dB on average; the others 1 and 2 dB more: of pairs
+        (1 + 2 + 2) / 3.
+        """
         axes = pages["samples-psnr"].figure.axes[0]
         line = axes.lines[0]
         np.testing.assert_array_equal(line.get_xdata(), [1, 2, 3])
@@ -144,8 +199,14 @@ class TestCurves:
     def test_no_coverage_is_the_best(self, tmp_path: Path) -> None:
         """Of shares .2 and .6 a line of their mean alone, and no figure of the best of k."""
         results = Results(tmp_path)
-        write_protocol(results, ["chance"], "x", metrics={"coverage": {**FACTS["psnr"], "unit": ""}})
-        found = [("x", sample, step, "coverage", share) for sample, share in enumerate((0.2, 0.6)) for step in (1, 2)]
+        write_protocol(
+            results, ["chance"], "x", metrics={"coverage": {**FACTS["psnr"], "unit": ""}}
+        )
+        found = [
+            ("x", sample, step, "coverage", share)
+            for sample, share in enumerate((0.2, 0.6))
+            for step in (1, 2)
+        ]
         write_row(results, "chance", found, num_samples=2)
         (page,) = plots.figures(results)
         (line,) = page.figure.axes[0].lines
@@ -160,7 +221,9 @@ class TestCurves:
 
     def test_steps_without_a_value_end_the_line(self, pages: dict[str, Page]) -> None:
         figure = pages["horizon-psnr-covered"].figure
-        np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), [29, 28, 27, 26, np.nan, np.nan])
+        np.testing.assert_allclose(
+            figure.axes[0].lines[0].get_ydata(), [29, 28, 27, 26, np.nan, np.nan]
+        )
         assert "copy-last" not in texts(figure)
 
     def test_many_rows_share_out_over_pages_with_the_same_axes(self) -> None:
@@ -171,48 +234,72 @@ class TestCurves:
             for i, line in enumerate(styles)
         ]
         with matplotlib.style.context(style.SHEET):
-            figures = curves.draw(rows, curves.AxisLabels("PSNR", "dB", True, None), style.Heading("PSNR", ""))
+            figures = curves.draw(
+                rows, curves.AxisLabels("PSNR", "dB", True, None), style.Heading("PSNR", "")
+            )
         assert len(figures) == 3
         assert len({figure.axes[0].get_ylim() for figure in figures}) == 1
-        shown = [[i for i in range(25) if f"method {i}" in texts(figure).split("\n")] for figure in figures]
+        shown = [
+            [i for i in range(25) if f"method {i}" in texts(figure).split("\n")]
+            for figure in figures
+        ]
         assert list(itertools.chain(*shown)) == list(range(25))
         assert max(map(len, shown)) <= 12
         assert "(2 of 3)" in texts(figures[1])
         assert "grey: other pages" in texts(figures[1])
 
     def test_a_forecast_beside_true_poses_stays_on_the_axis(self) -> None:
-        """Errors of 20 m at the end beside 2 m and none: the axis ends 5 % of its range above the largest."""
+        """Errors of 20 m at the end beside 2 m and none: the axis ends 5 % of its range above the
+        largest.
+        """
         steps = np.arange(1.0, 3)
         styles = style.line_styles([("forecast", ""), ("planar", ""), ("truth", "")])
         rows = [
             curves.Curve(label, steps * end / 2, steps * end / 2, steps * end / 2, 2, line)
-            for (label, end), line in zip([("forecast", 20), ("planar", 2), ("truth", 0)], styles, strict=True)
+            for (label, end), line in zip(
+                [("forecast", 20), ("planar", 2), ("truth", 0)], styles, strict=True
+            )
         ]
-        (error,) = curves.draw(rows, curves.AxisLabels("x", "m", higher_is_better=False, step_s=0.1), HEADING)
+        (error,) = curves.draw(
+            rows, curves.AxisLabels("x", "m", higher_is_better=False, step_s=0.1), HEADING
+        )
         assert error.axes[0].get_ylim() == pytest.approx((0.0, 21.0))
 
 
 def test_labels_of_wide_frames_keep_to_their_rows() -> None:
     frame = np.zeros((64, 208, 3), np.uint8)
     truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
-    rows = [strips.Row("vo+prior-refined + ground-far-plane", "PSNR 20 dB", frame[None]) for _ in range(2)]
+    rows = [
+        strips.Row("vo+prior-refined + ground-far-plane", "PSNR 20 dB", frame[None])
+        for _ in range(2)
+    ]
     figure = strips.draw(truth, rows, HEADING)[0]
     figure.canvas.draw()
     (axes,) = figure.axes
     sheet = axes.images[0].get_window_extent()
-    for number, label in enumerate([text for text in axes.texts if text.get_text().startswith("vo+prior")], 1):
-        extent, pitch = label.get_window_extent(), (64 + 208 // 40) * sheet.height / (3 * 64 + 2 * (208 // 40))
+    for number, label in enumerate(
+        [text for text in axes.texts if text.get_text().startswith("vo+prior")], 1
+    ):
+        extent, pitch = (
+            label.get_window_extent(),
+            (64 + 208 // 40) * sheet.height / (3 * 64 + 2 * (208 // 40)),
+        )
         assert sheet.y1 - (number + 1) * pitch < extent.y0
         assert extent.y1 < sheet.y1 - number * pitch + 1
 
 
 @pytest.mark.parametrize(("width", "count", "has_room"), [(None, 5, True), (3.3, 3, False)])
-def test_no_words_of_a_strip_lie_upon_others(width: float | None, count: int, has_room: bool) -> None:
+def test_no_words_of_a_strip_lie_upon_others(
+    width: float | None, count: int, has_room: bool
+) -> None:
     """A label of two lines and seven notes: 75 points, in images of 82; on a narrow page of 49."""
     frame = np.zeros((64, 64, 3), np.uint8)
     frames = np.stack([frame] * count)
     truth = strips.Truth(frame, frames, range(1, count + 1), np.arange(1.0, count + 1))
-    rows = [strips.Row("vo+prior-refined + ground-far-plane", "\n".join(["PSNR 20 dB"] * 7), frames) for _ in range(3)]
+    rows = [
+        strips.Row("vo+prior-refined + ground-far-plane", "\n".join(["PSNR 20 dB"] * 7), frames)
+        for _ in range(3)
+    ]
     assert strips.has_room(truth, rows, width) == has_room
     rows = [replace(row, note=row.note if has_room else "") for row in rows]
     with matplotlib.style.context(style.SHEET):
@@ -225,7 +312,9 @@ def test_no_words_of_a_strip_lie_upon_others(width: float | None, count: int, ha
 
 class TestStrips:
     def test_the_sheet_holds_the_frames_of_the_horizons(self, pages: dict[str, Page]) -> None:
-        """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row + horizon."""
+        """Six future frames: horizons 1 and 5. Truth is 200 + step from 0, the predictions 10 * row
+        + horizon.
+        """
         (drawn,) = pages[f"strip-{CLIP}"].figure.axes[0].images
         sheet = np.asarray(drawn.get_array())
         gap = 1
@@ -240,10 +329,19 @@ class TestStrips:
         frame = np.zeros((300, 300, 3), np.uint8)
         frame[:150, :, 0], frame[150:, :, 1] = 255, 255
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
-        page = Page("x", "strip", "c", "", strips.draw(truth, [strips.Row("m", "", frame[None])], HEADING)[0], ("png",))
+        page = Page(
+            "x",
+            "strip",
+            "c",
+            "",
+            strips.draw(truth, [strips.Row("m", "", frame[None])], HEADING)[0],
+            ("png",),
+        )
         image = np.asarray(Image.open(io.BytesIO(plots.rendered(page, "png"))).convert("RGB"))
         red, green = ((image == colour).all(axis=2) for colour in ([255, 0, 0], [0, 255, 0]))
-        assert red.sum() == green.sum() == 3 * 150 * 300  # truth twice, the method once, pixel for pixel
+        assert (
+            red.sum() == green.sum() == 3 * 150 * 300
+        )  # truth twice, the method once, pixel for pixel
         assert np.argwhere(red)[0, 0] < np.argwhere(green)[0, 0]
 
     def test_very_large_frames_are_shrunk_to_print(self) -> None:
@@ -251,7 +349,9 @@ class TestStrips:
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
         figure = strips.draw(truth, [strips.Row("m", "", frame[None])], HEADING)[0]
         assert figure.dpi == 300
-        np.testing.assert_allclose(figure.get_size_inches()[0], 0.6 * (2 * 1200 + 30) / 400)  # as high as two lines
+        np.testing.assert_allclose(
+            figure.get_size_inches()[0], 0.6 * (2 * 1200 + 30) / 400
+        )  # as high as two lines
         upright = np.zeros((1200, 1200, 3), np.uint8)
         truth = strips.Truth(upright, upright[None], [1], np.array([0.1]))
         figure = strips.draw(truth, [strips.Row("m", "", upright[None])], HEADING)[0]
@@ -260,7 +360,13 @@ class TestStrips:
     def test_rows_are_named_and_scored(self, pages: dict[str, Page]) -> None:
         """Sample 0 of the first clip: the mean of 19 .. 14 dB is 16.5 dB."""
         words = texts(pages[f"strip-{CLIP}"].figure)
-        for word in ("ground truth", "last observed\nframe", "frame +5\n(0.5 s)", "gt + far", "PSNR 16.5 dB"):
+        for word in (
+            "ground truth",
+            "last observed\nframe",
+            "frame +5\n(0.5 s)",
+            "gt + far",
+            "PSNR 16.5 dB",
+        ):
             assert word in words
         assert "sample 1 of 3" in words
 
@@ -269,7 +375,9 @@ class TestStrips:
         (cell,) = (cell for cell in material.cells if cell.name == "kalman--far")
         assert kept_clips.notes(material, cell, KEPT, 3) == ["sample 1 of 3", "PSNR 16.5 dB"]
         undirected = {"metrics": {"psnr": {**FACTS["psnr"], "higher_is_better": None}}}
-        assert kept_clips.notes(replace(material, protocol=undirected), cell, KEPT, 3) == ["sample 1 of 3"]
+        assert kept_clips.notes(replace(material, protocol=undirected), cell, KEPT, 3) == [
+            "sample 1 of 3"
+        ]
 
     def test_numbers_are_explained_where_there_is_room_for_them(
         self, folder: Path, monkeypatch: pytest.MonkeyPatch
@@ -288,21 +396,34 @@ class TestStrips:
         covered = np.array([[[True, False], [True, True]]])
         tinted = strips.mark_inpainted(strips.Row("x", "", frames, covered)).frames
         np.testing.assert_array_equal(tinted[covered], 100)
-        np.testing.assert_array_equal(tinted[~covered], [(0.35 * 100 + 0.65 * strips.INPAINTED).astype(int)])
+        np.testing.assert_array_equal(
+            tinted[~covered], [(0.35 * 100 + 0.65 * strips.INPAINTED).astype(int)]
+        )
 
     def test_more_than_ten_methods_take_two_pages(self) -> None:
         frame = np.zeros((2, 2, 3), np.uint8)
         truth = strips.Truth(frame, frame[None], [1], np.array([0.1]))
-        assert len(strips.draw(truth, [strips.Row(f"m{i}", "", frame[None]) for i in range(11)], HEADING)) == 2
+        assert (
+            len(
+                strips.draw(
+                    truth, [strips.Row(f"m{i}", "", frame[None]) for i in range(11)], HEADING
+                )
+            )
+            == 2
+        )
 
 
 class TestTrajectories:
     def test_forward_is_z_and_left_is_minus_x_of_the_last_camera(self) -> None:
-        """The last camera looks along the world's x axis; 2 m ahead of it and 1 m to its right, where z is -1."""
+        """The last camera looks along the world's x axis; 2 m ahead of it and 1 m to its right,
+        where z is -1.
+        """
         yaw = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
         world_from_last = se3.compose(yaw, np.array([5.0, 0, 0]))
         there = se3.compose(yaw, np.array([7.0, 0, -1]))
-        np.testing.assert_allclose(trajectories.from_above(there, world_from_last), [2.0, -1.0], atol=1e-12)
+        np.testing.assert_allclose(
+            trajectories.from_above(there, world_from_last), [2.0, -1.0], atol=1e-12
+        )
 
     def test_paths_are_drawn_true_to_scale(self, pages: dict[str, Page]) -> None:
         """1 m a step for six steps; 1.2 m a step; scale-free ones get the true past's length."""
@@ -320,7 +441,11 @@ class TestTrajectories:
             "kalman",
             "last observed camera",
         ]
-        ends = {round(float(np.asarray(line.get_xdata())[-1]), 6) for line in axes.lines if len(line.get_xdata()) == 7}
+        ends = {
+            round(float(np.asarray(line.get_xdata())[-1]), 6)
+            for line in axes.lines
+            if len(line.get_xdata()) == 7
+        }
         assert ends == {6.0, 7.2}
 
     def test_a_clip_without_poses_has_no_paths(self, folder: Path, tmp_path: Path) -> None:
@@ -328,7 +453,9 @@ class TestTrajectories:
         results = Results(tmp_path / "r")
         clip = results.clip(results.clips()[0][0])
         results.write_clip(type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics))
-        drawn = [page.kind for page in plots.figures(results) if page.kind not in ("horizon", "samples")]
+        drawn = [
+            page.kind for page in plots.figures(results) if page.kind not in ("horizon", "samples")
+        ]
         assert drawn == ["strip", "invented"]
 
 
@@ -336,7 +463,9 @@ class TestLayout:
     """`geovp plot --format pdf --width 3.3in --no-title`."""
 
     @pytest.mark.parametrize("kind", ["horizon", "strip", "paths"])
-    def test_a_pdf_has_the_width_and_no_type_3_font(self, narrow: dict[str, Page], kind: str) -> None:
+    def test_a_pdf_has_the_width_and_no_type_3_font(
+        self, narrow: dict[str, Page], kind: str
+    ) -> None:
         """72 points an inch; text is laid out a little differently on paper and on screen."""
         content = plots.rendered(narrow[kind], "pdf")
         (width_pt,) = re.findall(rb"MediaBox \[ ?0 0 ([\d.]+)", content)
@@ -345,7 +474,9 @@ class TestLayout:
         assert b"/FontFile2" in content
         assert narrow[kind].formats == ("pdf",)
 
-    def test_titles_go_and_letters_keep_their_size(self, narrow: dict[str, Page], pages: dict[str, Page]) -> None:
+    def test_titles_go_and_letters_keep_their_size(
+        self, narrow: dict[str, Page], pages: dict[str, Page]
+    ) -> None:
         assert "over horizon" in texts(pages["horizon-translation-error"].figure)
         words = texts(narrow["horizon"].figure)
         assert "over horizon" not in words
@@ -359,22 +490,28 @@ class TestLayout:
         assert plots.Layout(width_in=3.3).most_tiles == 4
         assert plots.Layout().most_tiles is None
 
-    @pytest.mark.parametrize(("text", "inches"), [("3.3in", 3.3), ("84mm", 3.307), ("240pt", 3.321), ("3.5", 3.5)])
+    @pytest.mark.parametrize(
+        ("text", "inches"), [("3.3in", 3.3), ("84mm", 3.307), ("240pt", 3.321), ("3.5", 3.5)]
+    )
     def test_lengths(self, text: str, inches: float) -> None:
         assert width_in(text) == pytest.approx(inches, abs=1e-3)
 
-    @pytest.mark.parametrize("text", ["wide", "3.3 feet", "1in", ".", "-4in"])
+    @pytest.mark.parametrize("text", ["full", "3.3 feet", "1in", ".", "-4in"])
     def test_what_is_no_length_or_too_small(self, text: str) -> None:
         with pytest.raises(BadData, match="--width"):
             width_in(text)
 
     def test_only_the_format_asked_for_is_written(self, folder: Path, tmp_path: Path) -> None:
-        shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"clips", "plots"} & {*names})
+        shutil.copytree(
+            folder, tmp_path / "r", ignore=lambda at, names: {"clips", "plots"} & {*names}
+        )
         kept = tmp_path / "r" / "plots" / "horizon-psnr.png"
         kept.parent.mkdir()
         kept.touch()
         files = [
-            path for _, each in plots.write_all(Results(tmp_path / "r"), layout=plots.Layout(("svg",))) for path in each
+            path
+            for _, each in plots.write_all(Results(tmp_path / "r"), layout=plots.Layout(("svg",)))
+            for path in each
         ]
         assert {path.suffix for path in files} == {".svg"}
         assert kept.exists()
@@ -383,7 +520,9 @@ class TestLayout:
 class TestStyle:
     def test_no_two_lines_look_alike(self) -> None:
         plain = style.line_styles([(f"m{i}", "") for i in range(60)])
-        crossed = style.line_styles([(f"s{i}", f"r{j}") for i, j in itertools.product(range(9), range(20))])
+        crossed = style.line_styles(
+            [(f"s{i}", f"r{j}") for i, j in itertools.product(range(9), range(20))]
+        )
         assert len(set(plain)) == 60
         assert len(set(crossed)) == 180
 

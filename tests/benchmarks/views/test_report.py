@@ -1,4 +1,6 @@
-"""The report is one page that needs nothing else, says what the rows say, and shows every name as it is."""
+"""The report is one page that needs nothing else, says what the rows say, and shows every name as
+it is.
+"""
 
 import base64
 import html
@@ -52,7 +54,9 @@ def read(page: str) -> Reader:
 
 def seen(page: str) -> str:
     """The text that a reader sees."""
-    return html.unescape(re.sub(r"<[^>]*>", "", page.partition("</style>")[2].partition("<script>")[0]))
+    return html.unescape(
+        re.sub(r"<[^>]*>", "", page.partition("</style>")[2].partition("<script>")[0])
+    )
 
 
 def test_it_is_well_formed_and_all_is_in_it(page: str) -> None:
@@ -85,7 +89,9 @@ def test_links_lead_to_chapters(page: str) -> None:
 
 
 def test_every_number_of_the_main_table_is_there(page: str) -> None:
-    """PSNR 20 + clip - step: over three clips and six steps 17.5 dB, and of the best of three samples 19.5 dB."""
+    """PSNR 20 + clip - step: over three clips and six steps 17.5 dB, and of the best of three
+    samples 19.5 dB.
+    """
     low, high = (float(end) for end in re.findall(r"17.50 \[([\d.]+), ([\d.]+)\]", seen(page))[0])
     half = 4.303 / 3**0.5  # Student's t with two degrees of freedom; clips are 1 dB apart
     assert (low, high) == pytest.approx((17.5 - half, 17.5 + half), abs=0.4)
@@ -104,7 +110,13 @@ def test_all_notes_of_the_main_table_are_there(page: str, folder: Path) -> None:
 
 def test_names_and_reasons_are_shown_and_never_run(page: str) -> None:
     text = seen(page)
-    for shown in ("toy & matrix", "toy <val>", "ValueError: <b>bold</b>", "<script>alert(1)</script>", "<i>odd</i>"):
+    for shown in (
+        "toy & matrix",
+        "toy <val>",
+        "ValueError: <b>bold</b>",
+        "<script>alert(1)</script>",
+        "<i>odd</i>",
+    ):
         assert shown in text
     assert page.count("<script>") == 1  # ours
     for raw in ("<script>alert", "<i>odd", "<b>bold", "<x>", "<val>"):
@@ -114,7 +126,11 @@ def test_names_and_reasons_are_shown_and_never_run(page: str) -> None:
 
 def test_rows_can_be_sorted_and_found_by_name(page: str) -> None:
     elements = read(page).elements
-    rows = [attributes["data-row"] for tag, attributes in elements if tag == "tr" and "data-row" in attributes]
+    rows = [
+        attributes["data-row"]
+        for tag, attributes in elements
+        if tag == "tr" and "data-row" in attributes
+    ]
     assert rows[:3] == ["gt + far", "_vo + far", "kalman + far, mean of 3"]
     assert ("table", {"class": "sortable"}) in elements
     assert any(tag == "input" and attributes.get("id") == "filter" for tag, attributes in elements)
@@ -133,8 +149,14 @@ def test_chapters_fold(page: str) -> None:
 
 
 def test_differences_from_a_row_are_marked_where_significant(folder: Path, tmp_path: Path) -> None:
-    """The best of three samples is 2 dB above a single one on every clip; of a mean of 1 dB above, too."""
-    shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots", "clips", "predictions"} & {*names})
+    """The best of three samples is 2 dB above a single one on every clip; of a mean of 1 dB above,
+    too.
+    """
+    shutil.copytree(
+        folder,
+        tmp_path / "r",
+        ignore=lambda at, names: {"plots", "clips", "predictions"} & {*names},
+    )
     report.write(Results(tmp_path / "r"), against="copy-last")
     text = seen((tmp_path / "r" / "report.html").read_text(encoding="utf-8"))
     assert "toy & matrix: differences from copy-last" in text
@@ -145,18 +167,33 @@ def test_differences_from_a_row_are_marked_where_significant(folder: Path, tmp_p
 class TestFilms:
     def test_a_film_holds_the_last_observed_and_all_future_frames(self, page: str) -> None:
         """The first row is 0 + step grey, after the last observed frame, which is 202."""
-        films = re.findall(r'<figure class="film" data-name="([^"]*)" data-frames="(\d+)"( data-row="[^"]*")?>', page)
+        films = re.findall(
+            r'<figure class="film" data-name="([^"]*)" data-frames="(\d+)"( data-row="[^"]*")?>',
+            page,
+        )
         assert [(name, count) for name, count, _ in films] == [
-            (name, "7") for name in ("ground truth", "gt + far", "_vo + far", "kalman + far", "copy-last")
+            (name, "7")
+            for name in ("ground truth", "gt + far", "_vo + far", "kalman + far", "copy-last")
         ]
-        assert [bool(row) for *_, row in films] == [False, True, True, True, True]  # the truth is never filtered out
+        assert [bool(row) for *_, row in films] == [
+            False,
+            True,
+            True,
+            True,
+            True,
+        ]  # the truth is never filtered out
         content = re.findall(r'data:image/webp;base64,([^"]+)', page)[1]
         image = np.asarray(Image.open(io.BytesIO(base64.b64decode(content))).convert("RGB"), int)
         assert image.shape == (16, 7 * 16, 3)
         np.testing.assert_allclose(image[8, 8::16, 0], [202, 1, 2, 3, 4, 5, 6], atol=3)
 
     def test_it_is_said_once_what_the_numbers_below_are(self, page: str) -> None:
-        assert seen(page).count("The numbers under a film are means over all predicted frames of the clip.") == 1
+        assert (
+            seen(page).count(
+                "The numbers under a film are means over all predicted frames of the clip."
+            )
+            == 1
+        )
 
     def test_invented_pixels_are_marked_and_others_let_through(self) -> None:
         covered = np.ones((2, 16, 16), bool)
@@ -176,7 +213,8 @@ class TestFilms:
         results.write_protocol({**results.protocol(), "kept": kept})
         browser = films.browser(Material.read(results), {})
         assert (
-            '<optgroup label="worst &lt;PSNR&gt; of gt + far"><option>a/b[0:9) &lt;x&gt; &amp; $y</option>' in browser
+            '<optgroup label="worst &lt;PSNR&gt; of gt + far"><option>a/b[0:9) &lt;x&gt; &amp; '
+            "$y</option>" in browser
         )
 
 
@@ -190,11 +228,18 @@ def test_what_became_of_each_method(page: str) -> None:
 
 
 def test_memory_is_shown_where_it_is_the_methods_own(folder: Path, page: str) -> None:
-    assert "highest resident memory while it predicted the row's clips, metrics not counted" in seen(page)
-    memory = {cell.label: list(sections._method(cell, [], 3))[-1] for cell in Results(folder).cells()}
+    assert (
+        "highest resident memory while it predicted the row's clips, metrics not counted"
+        in seen(page)
+    )
+    memory = {
+        cell.label: list(sections._method(cell, [], 3))[-1] for cell in Results(folder).cells()
+    }
     assert memory["gt + far"] == "321"
     assert memory["_vo + far"] == memory["skipped + far"] == "-"
-    assert "memory:" not in sections.methods([replace(cell, record={}) for cell in Results(folder).cells()], 3)
+    assert "memory:" not in sections.methods(
+        [replace(cell, record={}) for cell in Results(folder).cells()], 3
+    )
 
 
 def test_settings_are_lines_for_a_matrix_file(page: str) -> None:
@@ -205,14 +250,22 @@ def test_settings_are_lines_for_a_matrix_file(page: str) -> None:
 
 def test_the_protocol_is_told(page: str) -> None:
     text = seen(page)
-    for word in ("abc123", 'split = "val"', "16 x 16 pixels", "numpy 9.9.9", "3 observed, 6 predicted"):
+    for word in (
+        "abc123",
+        'split = "val"',
+        "16 x 16 pixels",
+        "numpy 9.9.9",
+        "3 observed, 6 predicted",
+    ):
         assert word in text
 
 
 def test_the_protocol_is_told_as_it_is_stored(folder: Path) -> None:
     """Whole frames stretched to a size are not cropped, and a synthetic data set has no split."""
     stored = Results(folder).protocol()
-    told = sections.protocol({**stored, "dataset": {"name": "toy", "fit": "stretch"}, "split_hash": ""})
+    told = sections.protocol(
+        {**stored, "dataset": {"name": "toy", "fit": "stretch"}, "split_hash": ""}
+    )
     assert "stretch" in told
     assert "crop" not in told
     assert "split hash" not in told
@@ -224,12 +277,18 @@ def test_progress_is_told(folder: Path) -> None:
     assert told == [(done, 6) for done in range(1, 7)]
 
 
-def test_every_figure_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    shutil.copytree(folder, tmp_path / "r", ignore=lambda at, names: {"plots", "report.html"} & {*names})
+def test_every_figure_is_made_once(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(
+        folder, tmp_path / "r", ignore=lambda at, names: {"plots", "report.html"} & {*names}
+    )
     made: list[tuple[str, str]] = []
     rendered = plots.rendered
     monkeypatch.setattr(
-        plots, "rendered", lambda figure, kind: made.append((figure.name, kind)) or rendered(figure, kind)
+        plots,
+        "rendered",
+        lambda figure, kind: made.append((figure.name, kind)) or rendered(figure, kind),
     )
     report.write(Results(tmp_path / "r"))
     assert len(made) == len(set(made))

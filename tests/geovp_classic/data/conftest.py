@@ -9,7 +9,8 @@ import pytest
 
 WIDTH_PX, HEIGHT_PX = 64, 24
 NUM_FRAMES = 12
-# K = [50 0 31.5; 0 50 11.5; 0 0 1]; camera k sits at x_k metres right of camera 0: p4 = K (-x_k, 0, 0).
+# K = [50 0 31.5; 0 50 11.5; 0 0 1]; camera k sits at x_k metres right of camera 0: p4 = K (-x_k, 0,
+# 0).
 OFFSET_M = {0: 0.0, 1: 0.5, 2: -0.06, 3: 0.44}
 
 
@@ -20,7 +21,9 @@ def frame_value(camera: int, index: int) -> int:
 
 @pytest.fixture
 def kitti_root(tmp_path: Path) -> Path:
-    """Sequence 00 with image_2 and image_3, sequence 01 with image_0; 12 frames each at 10 Hz, 1 m a frame along z."""
+    """Sequence 00 with image_2 and image_3, sequence 01 with image_0; 12 frames each at 10 Hz, 1 m
+    a frame along z.
+    """
     root = tmp_path / "kitti"
     for name, cameras in {"00": (2, 3), "01": (0,)}.items():
         folder = root / "sequences" / name

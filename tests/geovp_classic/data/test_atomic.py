@@ -1,4 +1,6 @@
-"""A file or folder is there when it is complete; an error leaves what was there before, and no scratch."""
+"""A file or folder is there when it is complete; an error leaves what was there before, and no
+scratch.
+"""
 
 from pathlib import Path
 

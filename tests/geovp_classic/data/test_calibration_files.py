@@ -25,7 +25,13 @@ KALIBR = """cam0:
   distortion_coeffs: [0, 0, 0, 0]
   resolution: [640, 480]
 """
-FILES = [("calib.txt", KITTI), ("cameras.txt", COLMAP), ("info.yaml", ROS), ("topic.yml", TOPIC), ("cam.yaml", KALIBR)]
+FILES = [
+    ("calib.txt", KITTI),
+    ("cameras.txt", COLMAP),
+    ("info.yaml", ROS),
+    ("topic.yml", TOPIC),
+    ("cam.yaml", KALIBR),
+]
 
 
 @pytest.mark.parametrize(("name", "text"), FILES)
@@ -70,7 +76,11 @@ def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> N
         ("cameras.txt", "1 PINHOLE 640 480 500 510", "is not a camera"),
         ("cameras.txt", "1 NOTHING 640 480 500 510", "is not a camera"),
         ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240", "its images are 640x0"),
-        ("cameras.txt", "1 PINHOLE 640 4000000000000 500 510 320 240", "its images are 640x4000000000000"),
+        (
+            "cameras.txt",
+            "1 PINHOLE 640 4000000000000 500 510 320 240",
+            "its images are 640x4000000000000",
+        ),
         ("cameras.txt", "", "0 lines of cameras"),
         ("calib.txt", "P2: 1 2 3", "3 numbers"),
     ],
@@ -94,6 +104,8 @@ def test_a_photos_equivalent_focal_length_refers_to_the_diagonal(tmp_path: Path)
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0xA405] = 26  # FocalLengthIn35mmFilm
     Image.new("RGB", (400, 300)).save(tmp_path / "a.jpg", exif=exif)
-    assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(26 * 500 / 43.27)  # a diagonal of 500 px
+    assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(
+        26 * 500 / 43.27
+    )  # a diagonal of 500 px
     Image.new("RGB", (400, 300)).save(tmp_path / "b.jpg")
     assert exif_focal_px(tmp_path / "b.jpg") is None

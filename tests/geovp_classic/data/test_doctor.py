@@ -16,7 +16,8 @@ Edit = Callable[[Path, int, str], None]
 def told(root: Path, **settings: bool) -> list[str]:
     """Findings as "severity file:line message"."""
     return [
-        f"{finding.severity} {finding.path.relative_to(root)}:{finding.line or ''} {finding.message}"
+        f"{finding.severity} {finding.path.relative_to(root)}:{finding.line or ''} "
+        f"{finding.message}"
         for finding in doctor.examine(root, **settings).findings
     ]
 
@@ -65,14 +66,17 @@ def test_everything_wrong_is_found_at_once(kitti_root: Path, edit: Edit) -> None
     image = folder / "image_3" / "000002.png"
     image.write_bytes(image.read_bytes()[:50])
     assert told(kitti_root) == [
-        "error sequences/00/image_2: frame 000006 is missing: frames must be numbered from 000000 without a gap",
+        "error sequences/00/image_2: frame 000006 is missing: frames must be numbered from "
+        "000000 without a gap",
         "error sequences/00/image_2/000008.png: is 20x10 pixels, but those before are 64x24",
         "error sequences/00/image_3/000002.png: is cut short: its end is missing: restore the file",
         "error sequences/00/calib.txt:3 P2: has 3 numbers, expected 12",
-        "error sequences/00: cameras have different numbers of frames: image_2 has 11, image_3 has 12",
+        "error sequences/00: cameras have different numbers of frames: image_2 has 11, image_3 "
+        "has 12",
         "error sequences/00/times.txt:5 time 0.3 is not after 0.3 of line 4",
         "error poses/00.txt:2 'nan' is not finite: every number must be known",
-        "error poses/00.txt:4 4 numbers, expected 12 (KITTI) or 13 (with a frame index), the same on every line",
+        "error poses/00.txt:4 4 numbers, expected 12 (KITTI) or 13 (with a frame index), the "
+        "same on every line",
         "error poses/00.txt:9 not a rotation matrix: R R' is off the identity by 13",
     ]
     row = doctor.examine(kitti_root).rows[0]
@@ -99,7 +103,10 @@ def test_missing_files_are_found(kitti_root: Path) -> None:
     found = told(kitti_root)
     assert "error sequences/01/calib.txt: does not exist" in found
     assert "error sequences/01/times.txt: does not exist" in found
-    assert "error sequences/02: holds no images: expected a folder image_0, image_1, image_2 or image_3" in found
+    assert (
+        "error sequences/02: holds no images: expected a folder image_0, image_1, image_2 or "
+        "image_3" in found
+    )
     assert "note poses/07.txt: there is no sequence '07' with images for these poses" in found
     assert any(line.startswith("note poses/01.txt: does not exist") for line in found)
     assert doctor.examine(kitti_root).rows[1]["poses"] == "none"
@@ -111,13 +118,17 @@ def test_what_is_unlikely_is_a_warning(kitti_root: Path, edit: Edit) -> None:
     edit(kitti_root / "sequences" / "01" / "times.txt", 12, "1.4")
     edit(kitti_root / "sequences" / "01" / "calib.txt", 1, "P0: 50 0 60 0 0 50 11 0 0 0 1 0")
     assert told(kitti_root) == [
-        "warning sequences/01/calib.txt:1 P0 puts the principal point at 94% of the width, 46% of the height of "
+        "warning sequences/01/calib.txt:1 P0 puts the principal point at 94% of the width, 46% "
+        "of the height of "
         "64x24 images: were they resized or cropped without it?",
-        "warning sequences/01/times.txt:12 0.400 s after the time before, 0.100 s is usual: frames are missing",
+        "warning sequences/01/times.txt:12 0.400 s after the time before, 0.100 s is usual: "
+        "frames are missing",
         "warning poses/01.txt:2 turned by 90 degrees from the pose before: more than a car turns",
     ]
     edit(kitti_root / "sequences" / "01" / "times.txt", 12, "1.1")
-    assert "warning poses/01.txt:12 100 m/s from the pose before: more than a car drives" in told(kitti_root)
+    assert "warning poses/01.txt:12 100 m/s from the pose before: more than a car drives" in told(
+        kitti_root
+    )
     assert doctor.examine(kitti_root).is_sound
 
 
@@ -129,7 +140,8 @@ def test_damage_inside_an_image_is_found_only_by_decoding_it(kitti_root: Path) -
     image.write_bytes(bytes(content))
     assert told(kitti_root) == []
     assert told(kitti_root, deep=True) == [
-        "error sequences/01/image_0/000003.png: cannot be decoded as an image, the checksum at byte 102 is wrong: "
+        "error sequences/01/image_0/000003.png: cannot be decoded as an image, the checksum at "
+        "byte 102 is wrong: "
         "restore the file"
     ]
 

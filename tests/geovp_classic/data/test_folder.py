@@ -48,21 +48,23 @@ def straight(times_s: np.ndarray) -> Trajectory:
 
 
 def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None:
-    data = folder(images, camera_height_m=1.2, with_wide=True)
+    data = folder(images, camera_height_m=1.2, with_full=True)
     assert data.clip_names == ("drive/000000", "drive/000004", "drive/000008")
     assert data.ranges == (FrameRange("drive", 0, 12),)
     clip = data[2]
     assert clip.frames[:, 3, 3, 0].tolist() == [90, 100, 110, 120]
     np.testing.assert_allclose(clip.times_s, [0.8, 0.9, 1.0, 1.1])  # 10 Hz unless told
     assert clip.intrinsics == Intrinsics(40, 40, 11.5, 11.5, 24, 24)
-    assert clip.wide.intrinsics == Intrinsics(*CAMERA, 64, 24)
+    assert clip.full.intrinsics == Intrinsics(*CAMERA, 64, 24)
     assert clip.trajectory is None
     assert clip.camera_height_m == 1.2
 
 
 def test_paths_may_be_text(images: Path, tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_text("\n".join(str(0.2 * step) for step in range(12)))
-    data = Folder(str(images), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24))
+    data = Folder(
+        str(images), CAMERA, times=str(tmp_path / "times.txt"), num_frames=4, size_px=(24, 24)
+    )
     np.testing.assert_allclose(data[0].times_s, [0.0, 0.2, 0.4, 0.6])
 
 
@@ -78,7 +80,11 @@ def test_a_video_has_its_own_rate(video: Path) -> None:
 
 def test_frames_limit_the_clips(images: Path) -> None:
     assert folder(images, frames=(3, 8)).clip_names == ("drive/000003",)
-    for frames, message in {(3, 13): "has 12 frames", (5, 5): "first < last", (3, 6): "one clip needs 4"}.items():
+    for frames, message in {
+        (3, 13): "has 12 frames",
+        (5, 5): "first < last",
+        (3, 6): "one clip needs 4",
+    }.items():
         with pytest.raises(BadData, match=message):
             folder(images, frames=frames)
 
@@ -90,7 +96,9 @@ def test_a_tum_trajectory_brings_its_times(images: Path, tmp_path: Path) -> None
     assert clip.times_s.tolist() == [102, 102.5, 103, 103.5]
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
     assert not clip.trajectory.is_metric
-    assert folder(images, trajectory=tmp_path / "tum.txt", frame_rate_hz=2.0)[0].times_s.tolist() == [0, 0.5, 1, 1.5]
+    assert folder(images, trajectory=tmp_path / "tum.txt", frame_rate_hz=2.0)[
+        0
+    ].times_s.tolist() == [0, 0.5, 1, 1.5]
 
 
 def test_a_kitti_trajectory_takes_the_frames_times(images: Path, tmp_path: Path) -> None:
@@ -99,7 +107,9 @@ def test_a_kitti_trajectory_takes_the_frames_times(images: Path, tmp_path: Path)
     (tmp_path / "times.txt").write_text("\n".join(map(str, times_s)))
     clip = folder(images, trajectory=tmp_path / "kitti.txt", times=tmp_path / "times.txt")[2]
     assert clip.trajectory.times_s.tolist() == clip.times_s.tolist() == [2, 2.25, 2.5, 2.75]
-    np.testing.assert_allclose(folder(images, trajectory=tmp_path / "kitti.txt")[0].times_s, [0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(
+        folder(images, trajectory=tmp_path / "kitti.txt")[0].times_s, [0, 0.1, 0.2, 0.3]
+    )
 
 
 @pytest.mark.parametrize("write", [pose_files.write_tum, pose_files.write_kitti])
@@ -139,7 +149,9 @@ def test_a_path_that_holds_no_frames_is_refused(tmp_path: Path) -> None:
 
 
 def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None:
-    """Two drives, "b 2" of 8 images at 5 Hz with poses, and the fixture's of 12 at 10 Hz; a folder of texts is none."""
+    """Two drives, "b 2" of 8 images at 5 Hz with poses, and the fixture's of 12 at 10 Hz; a folder
+    of texts is none.
+    """
     (tmp_path / "b 2").mkdir()
     (tmp_path / "texts").mkdir()
     for number in range(8):
@@ -149,7 +161,13 @@ def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None
         (path / "times.txt").write_text("".join(f"{time_s}\n" for time_s in times_s))
         pose_files.write_kitti(path / "poses.txt", straight(times_s))
     data = folder(tmp_path, times="times.txt", trajectory="poses.txt")
-    assert data.clip_names == ("b 2/000000", "b 2/000004", "drive/000000", "drive/000004", "drive/000008")
+    assert data.clip_names == (
+        "b 2/000000",
+        "b 2/000004",
+        "drive/000000",
+        "drive/000004",
+        "drive/000008",
+    )
     np.testing.assert_allclose(data[1].times_s, [0.8, 1.0, 1.2, 1.4])
     assert data[1].frames[:, 0, 0, 0].tolist() == [4, 5, 6, 7]
     assert data[4].trajectory is not None
@@ -159,7 +177,10 @@ def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None
     assert folder(images).split_hash == ""  # as before there were roots: stored results stay valid
     assert "sequences" not in registry.describe(folder(images))
     for settings, message in (
-        ({"frames": (0, 4)}, r'frames is of one sequence: give sequences = \["NAME\[0:4\)"\] in its place'),
+        (
+            {"frames": (0, 4)},
+            r'frames is of one sequence: give sequences = \["NAME\[0:4\)"\] in its place',
+        ),
         ({"sequences": ("c",)}, "sequence 'c' is not in .*, which holds b 2, drive"),
         ({"trajectory": "none.txt"}, r"b 2/none\.txt: does not exist"),
     ):

@@ -59,7 +59,9 @@ def test_sizes_are_read_from_headers(tmp_path: Path, name: str) -> None:
     assert image_size(tmp_path / name) == image_size(tmp_path / name, deep=True) == (53, 37)
 
 
-@pytest.mark.parametrize("name", [name for name in ENCODINGS if name.endswith((".png", ".jpg", ".webp"))])
+@pytest.mark.parametrize(
+    "name", [name for name in ENCODINGS if name.endswith((".png", ".jpg", ".webp"))]
+)
 @pytest.mark.parametrize("share", [0.0, 0.005, 0.3, 0.7, 0.98])
 def test_an_image_that_was_cut_short_is_named(tmp_path: Path, name: str, share: float) -> None:
     path = tmp_path / name
@@ -92,7 +94,12 @@ def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
 def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> None:
     for name in ("b10.png", "b9.jpg", "a2.png", "a2b.png", "notes.txt", ".hidden.png"):
         (tmp_path / name).touch()
-    assert [path.name for path in image_files(tmp_path)] == ["a2.png", "a2b.png", "b9.jpg", "b10.png"]
+    assert [path.name for path in image_files(tmp_path)] == [
+        "a2.png",
+        "a2b.png",
+        "b9.jpg",
+        "b10.png",
+    ]
     with pytest.raises(BadData, match="cannot be listed"):
         image_files(tmp_path / "none")
 
@@ -109,7 +116,9 @@ def test_something_may_follow_the_end_of_an_image(tmp_path: Path, trailer: bytes
 
 def test_the_end_of_a_thumbnail_is_not_the_end_of_the_image(tmp_path: Path) -> None:
     data = cv2.imencode(".jpg", scene())[1].tobytes()
-    thumbnail = b"\xff\xe9" + (2 + 100).to_bytes(2, "big") + bytes(98) + b"\xff\xd9"  # in an APP9 segment
+    thumbnail = (
+        b"\xff\xe9" + (2 + 100).to_bytes(2, "big") + bytes(98) + b"\xff\xd9"
+    )  # in an APP9 segment
     for name, content in (("whole.jpg", data), ("cut.jpg", data[: 3 * len(data) // 4])):
         (tmp_path / name).write_bytes(content[:2] + thumbnail + content[2:])
     assert image_size(tmp_path / "whole.jpg") == (53, 37)
@@ -166,13 +175,20 @@ def test_video_frames_come_by_number_in_any_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
-def test_images_of_16_bits_are_refused_or_read_by_the_bits_they_use(tmp_path: Path, shape: tuple[int, ...]) -> None:
+def test_images_of_16_bits_are_refused_or_read_by_the_bits_they_use(
+    tmp_path: Path, shape: tuple[int, ...]
+) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full(shape, 3000, np.uint16))
-    with pytest.raises(BadData, match=r"a\.png holds uint16 values, expected 8 bits a channel: convert the images, or"):
+    with pytest.raises(
+        BadData,
+        match=r"a\.png holds uint16 values, expected 8 bits a channel: convert the images, or",
+    ):
         read_image(tmp_path / "a.png")
     assert np.unique(read_image(tmp_path / "a.png", bits=12)).tolist() == [3000 // 16]
     assert np.unique(read_image(tmp_path / "a.png", bits=16)).tolist() == [3000 // 256]
-    with pytest.raises(BadData, match="has the value 3000, more than 10 bits hold: give a larger image_bits"):
+    with pytest.raises(
+        BadData, match="has the value 3000, more than 10 bits hold: give a larger image_bits"
+    ):
         read_image(tmp_path / "a.png", bits=10)
     with pytest.raises(BadData, match="image_bits is 17, expected 8 to 16"):
         read_image(tmp_path / "a.png", bits=17)

@@ -25,7 +25,9 @@ def kitti(root: Path, **settings: object) -> Kitti:
 def test_all_sequences_are_cut_when_none_is_named(kitti_root: Path) -> None:
     data = kitti(kitti_root)
     assert data.name == "kitti"
-    assert data.clip_names == tuple(f"{name}/{first:06d}" for name in ("00", "01") for first in (0, 4, 8))
+    assert data.clip_names == tuple(
+        f"{name}/{first:06d}" for name in ("00", "01") for first in (0, 4, 8)
+    )
     assert len(data) == 6
     assert [clip.name for clip in data] == list(data.clip_names)
 
@@ -35,39 +37,50 @@ def test_frames_come_from_the_preferred_camera_of_each_sequence(kitti_root: Path
     # conftest: grey value 10 * index + 5 * camera; 00 has image_2 and image_3, 01 image_0 alone
     assert data[1].frames[:, 5, 5, 0].tolist() == [50, 60, 70, 80]
     assert data[4].frames[:, 5, 5, 0].tolist() == [40, 50, 60, 70]
-    assert kitti(kitti_root, sequences=("00",), camera=3)[0].frames[:, 5, 5, 0].tolist() == [15, 25, 35, 45]
+    assert kitti(kitti_root, sequences=("00",), camera=3)[0].frames[:, 5, 5, 0].tolist() == [
+        15,
+        25,
+        35,
+        45,
+    ]
 
 
 def test_poses_are_those_of_the_camera_shown(kitti_root: Path) -> None:
     # camera 2 is 6 cm to the left of camera 0, camera 3 is 44 cm to the right; 1 m a frame forwards
     for camera, x_m in ((2, -0.06), (3, 0.44)):
         trajectory = kitti(kitti_root, sequences=("00",), camera=camera)[1].trajectory
-        np.testing.assert_allclose(trajectory.world_from_cam[:, :3, 3], [[x_m, 0, z_m] for z_m in (4, 5, 6, 7)])
+        np.testing.assert_allclose(
+            trajectory.world_from_cam[:, :3, 3], [[x_m, 0, z_m] for z_m in (4, 5, 6, 7)]
+        )
         assert trajectory.is_metric
         np.testing.assert_allclose(trajectory.times_s, [0.4, 0.5, 0.6, 0.7])
 
 
 def test_the_offset_turns_with_the_car(kitti_root: Path, edit: Edit) -> None:
-    # camera 0 turned by 90 degrees to the right: its x axis is the world's -z, so 44 cm to its right is z = -0.44
+    # camera 0 turned by 90 degrees to the right: its x axis is the world's -z, so 44 cm to its
+    # right is z = -0.44
     edit(kitti_root / "poses" / "00.txt", 2, "0 0 1 0 0 1 0 0 -1 0 0 0")
     trajectory = kitti(kitti_root, sequences=("00",), camera=3)[0].trajectory
     np.testing.assert_allclose(trajectory.world_from_cam[1, :3, 3], [0, 0, -0.44], atol=1e-12)
 
 
 def test_intrinsics_are_those_of_the_centre_crop(kitti_root: Path) -> None:
-    # 64x24 crops columns 20 to 43; f = 50, cx = 31.5 - 20, then 24 -> 48 doubles: (11.5 + 0.5) * 2 - 0.5 = 23.5
+    # 64x24 crops columns 20 to 43; f = 50, cx = 31.5 - 20, then 24 -> 48 doubles: (11.5 + 0.5) * 2
+    # - 0.5 = 23.5
     assert kitti(kitti_root)[0].intrinsics == Intrinsics(50, 50, 11.5, 11.5, 24, 24)
-    assert kitti(kitti_root, size_px=(48, 48))[0].intrinsics == Intrinsics(100, 100, 23.5, 23.5, 48, 48)
+    assert kitti(kitti_root, size_px=(48, 48))[0].intrinsics == Intrinsics(
+        100, 100, 23.5, 23.5, 48, 48
+    )
 
 
 def test_wide_and_right_frames_come_only_when_asked_for(kitti_root: Path) -> None:
-    assert kitti(kitti_root)[0].wide is None
+    assert kitti(kitti_root)[0].full is None
     assert kitti(kitti_root)[0].right is None
-    data = kitti(kitti_root, with_wide=True, with_right=True)
+    data = kitti(kitti_root, with_full=True, with_right=True)
     clip = data[0]
-    assert clip.wide.frames.shape == (4, 24, 64, 3)
+    assert clip.full.frames.shape == (4, 24, 64, 3)
     assert clip.right.frames[:, 0, 0, 0].tolist() == [15, 25, 35, 45]
-    assert clip.right.intrinsics == clip.wide.intrinsics == Intrinsics(50, 50, 31.5, 11.5, 64, 24)
+    assert clip.right.intrinsics == clip.full.intrinsics == Intrinsics(50, 50, 31.5, 11.5, 64, 24)
     # camera 3 is 50 cm to the right of camera 2: a point's x is 0.5 less there
     np.testing.assert_allclose(clip.right.view_from_cam[:3, 3], [-0.5, 0, 0])
     assert data[3].right is None  # sequence 01 has no image_1
@@ -81,7 +94,10 @@ def test_ranges_limit_the_clips(kitti_root: Path) -> None:
 
 
 def test_the_hash_spells_out_what_a_whole_sequence_was(kitti_root: Path) -> None:
-    assert kitti(kitti_root, sequences=("01",)).split_hash == kitti(kitti_root, sequences=("01[0:12)",)).split_hash
+    assert (
+        kitti(kitti_root, sequences=("01",)).split_hash
+        == kitti(kitti_root, sequences=("01[0:12)",)).split_hash
+    )
 
 
 def test_a_split_may_be_a_file(kitti_root: Path, tmp_path: Path) -> None:
@@ -96,7 +112,9 @@ def test_without_a_pose_file_there_is_no_trajectory(kitti_root: Path) -> None:
 
 def test_poses_with_frame_indices_may_stand_in_for_plain_ones(kitti_root: Path) -> None:
     path = kitti_root / "poses" / "01.txt"
-    path.write_text("".join(f"{i} {line}\n" for i, line in enumerate(path.read_text().splitlines())))
+    path.write_text(
+        "".join(f"{i} {line}\n" for i, line in enumerate(path.read_text().splitlines()))
+    )
     trajectory = kitti(kitti_root, sequences=("01",))[1].trajectory
     assert trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5, 6, 7]
     lines = path.read_text().splitlines()
@@ -137,11 +155,16 @@ def test_wrong_settings_are_refused_on_construction(
 
 
 def test_a_root_may_be_text(kitti_root: Path) -> None:
-    assert Kitti(str(kitti_root), num_frames=4).clip_names == Kitti(kitti_root, num_frames=4).clip_names
+    assert (
+        Kitti(str(kitti_root), num_frames=4).clip_names
+        == Kitti(kitti_root, num_frames=4).clip_names
+    )
 
 
 def test_a_root_that_is_none_says_what_a_root_is(kitti_root: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadData, match="does not exist: give the folder that holds KITTI's 'sequences'"):
+    with pytest.raises(
+        BadData, match="does not exist: give the folder that holds KITTI's 'sequences'"
+    ):
         Kitti(tmp_path / "none")
     (tmp_path / "outer").mkdir()
     with pytest.raises(BadData, match="holds no folder 'sequences'"):
@@ -156,12 +179,37 @@ BAD_LINES = [
     ("poses/00.txt", 3, "1 0 0 nan 0 1 0 0 0 0 1 0", r"00\.txt line 3: 'nan' is not finite"),
     ("poses/00.txt", 3, "1 1 0 0 0 1 0 0 0 0 1 0", r"00\.txt line 3: not a rotation matrix"),
     ("poses/00.txt", 3, "# lost", r"00\.txt: 11 poses for 12 frames"),
-    ("sequences/00/times.txt", 3, "0.1", r"times\.txt line 3: time 0\.1 is not after 0\.1 of line 2"),
+    (
+        "sequences/00/times.txt",
+        3,
+        "0.1",
+        r"times\.txt line 3: time 0\.1 is not after 0\.1 of line 2",
+    ),
     ("sequences/00/times.txt", 3, "", r"times\.txt: 11 times for 12 frames"),
-    ("sequences/00/calib.txt", 3, "P2: 1 2 3", r"calib\.txt line 3: P2: has 3 numbers, expected 12"),
-    ("sequences/00/calib.txt", 3, "P2: 50 0 31 x 0 50 11 0 0 0 1 0", r"calib\.txt line 3: 'x' is not a number"),
-    ("sequences/00/calib.txt", 3, "P2: -50 0 31 0 0 50 11 0 0 0 1 0", r"line 3: P2: has a focal length"),
-    ("sequences/00/calib.txt", 3, "P2: 50 9 31 0 0 50 11 0 0 0 1 0", r"line 3: P2: is not K \[I | t\]"),
+    (
+        "sequences/00/calib.txt",
+        3,
+        "P2: 1 2 3",
+        r"calib\.txt line 3: P2: has 3 numbers, expected 12",
+    ),
+    (
+        "sequences/00/calib.txt",
+        3,
+        "P2: 50 0 31 x 0 50 11 0 0 0 1 0",
+        r"calib\.txt line 3: 'x' is not a number",
+    ),
+    (
+        "sequences/00/calib.txt",
+        3,
+        "P2: -50 0 31 0 0 50 11 0 0 0 1 0",
+        r"line 3: P2: has a focal length",
+    ),
+    (
+        "sequences/00/calib.txt",
+        3,
+        "P2: 50 9 31 0 0 50 11 0 0 0 1 0",
+        r"line 3: P2: is not K \[I | t\]",
+    ),
     ("sequences/00/calib.txt", 3, "", r"calib\.txt: has no line 'P2:' for the images of image_2"),
 ]
 
@@ -187,7 +235,9 @@ def test_missing_and_damaged_images_are_named(kitti_root: Path) -> None:
     image.write_bytes(image.read_bytes()[:-20])
     data = kitti(kitti_root)
     assert data[0].name == "00/000000"
-    with pytest.raises(BadData, match=r"000005\.png is cut short: its end is missing: restore the file"):
+    with pytest.raises(
+        BadData, match=r"000005\.png is cut short: its end is missing: restore the file"
+    ):
         data[1]
     cv2.imwrite(str(image), np.zeros((24, 60), np.uint8))
     with pytest.raises(BadData, match=r"000005\.png is 60x24 pixels, expected 64x24"):

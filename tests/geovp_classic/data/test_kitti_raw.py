@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from geovp_benchmarks.contracts import street
 from geovp_classic import registry
-from geovp_classic.contracts import street
 from geovp_classic.data import doctor, kitti_raw_layout
 from geovp_classic.data.kitti_raw import KittiRaw
 from geovp_classic.errors import BadData
@@ -32,17 +32,24 @@ def raw(root: Path, **settings: object) -> KittiRaw:
 
 
 def test_a_circle_in_latitude_and_longitude_is_a_circle_of_poses() -> None:
-    # 50 m round, counter-clockwise from its southernmost point, where a car drives east; worked out on the sphere
+    # 50 m round, counter-clockwise from its southernmost point, where a car drives east; worked out
+    # on the sphere
     angle = np.radians(np.arange(0, 360, 15.0))
     east_m, north_m = 50 * np.sin(angle), 50 * (1 - np.cos(angle))
     latitude, radius_m = 49.0, 6378137.0
     degrees_north = np.degrees(north_m / radius_m)
     degrees_east = np.degrees(east_m / (radius_m * np.cos(np.radians(latitude))))
     still = np.zeros_like(angle)
-    readings = np.stack([latitude + degrees_north, 8.4 + degrees_east, 100 + angle, still, still, angle], axis=-1)
+    readings = np.stack(
+        [latitude + degrees_north, 8.4 + degrees_east, 100 + angle, still, still, angle], axis=-1
+    )
     poses = kitti_raw_layout.mercator_poses(readings)
-    np.testing.assert_allclose(poses[:, :3, 3], np.stack([east_m, north_m, angle], axis=-1), atol=2e-3)
-    np.testing.assert_allclose(poses[0, :3, :3], np.eye(3), atol=1e-12)  # yaw 0: forward is east, left is north
+    np.testing.assert_allclose(
+        poses[:, :3, 3], np.stack([east_m, north_m, angle], axis=-1), atol=2e-3
+    )
+    np.testing.assert_allclose(
+        poses[0, :3, :3], np.eye(3), atol=1e-12
+    )  # yaw 0: forward is east, left is north
     forward = poses[6, :3, 0]  # a quarter round: north
     np.testing.assert_allclose(forward, [0, 1, 0], atol=1e-12)
     # towards the centre of the circle, 50 m to the left of every pose
@@ -55,7 +62,11 @@ def test_a_circle_in_latitude_and_longitude_is_a_circle_of_poses() -> None:
         ((0.1, 0, 0), (0, 1, 0), (0, np.cos(0.1), np.sin(0.1))),  # roll: left goes up
         ((0, 0.1, 0), (1, 0, 0), (np.cos(0.1), 0, -np.sin(0.1))),  # pitch: the front goes down
         ((0, 0, 0.1), (1, 0, 0), (np.cos(0.1), np.sin(0.1), 0)),  # yaw: the front goes left
-        ((np.pi / 2, 0, np.pi / 2), (0, 1, 0), (0, 0, 1)),  # yaw is outermost: roll about its own forward axis
+        (
+            (np.pi / 2, 0, np.pi / 2),
+            (0, 1, 0),
+            (0, 0, 1),
+        ),  # yaw is outermost: roll about its own forward axis
     ],
 )
 def test_roll_pitch_and_yaw_turn_as_documented(
@@ -75,20 +86,27 @@ def test_the_relative_poses_written_are_those_read(root: Path) -> None:
 
 
 def test_points_are_projected_to_where_calibration_files_say(root: Path) -> None:
-    """A point of the world through P_rect R_rect Tr_velo_to_cam Tr_imu_to_velo, the matrices read here by hand."""
+    """A point of the world through P_rect R_rect Tr_velo_to_cam Tr_imu_to_velo, the matrices read
+    here by hand.
+    """
     date = root / "2011_09_26"
     files = ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "calib_velo_to_cam.txt")
     cam, velo, velo_to_cam = (
         {
             name: np.array(list(map(float, rest.split())))
-            for name, _, rest in (line.partition(":") for line in (date / file).read_text().splitlines()[1:])
+            for name, _, rest in (
+                line.partition(":") for line in (date / file).read_text().splitlines()[1:]
+            )
         }
         for file in files
     )
     point_imu = np.array([12.0, 1.5, -0.5])  # ahead, a little to the left
     point_velo = velo["R"].reshape(3, 3) @ point_imu + velo["T"]
     point_cam = velo_to_cam["R"].reshape(3, 3) @ point_velo + velo_to_cam["T"]
-    homogeneous = cam["P_rect_02"].reshape(3, 4) @ [*(cam["R_rect_00"].reshape(3, 3) @ point_cam), 1.0]
+    homogeneous = cam["P_rect_02"].reshape(3, 4) @ [
+        *(cam["R_rect_00"].reshape(3, 3) @ point_cam),
+        1.0,
+    ]
     data = raw(root)
     recording = data.recordings[NAME]
     reading = np.loadtxt(root / f"2011_09_26/{NAME}_sync/oxts/data/0000000000.txt")[None, :6]
@@ -110,8 +128,16 @@ def test_times_have_nanoseconds_and_start_at_zero(root: Path, edit: Edit) -> Non
 
 
 def test_it_is_registered_and_takes_stretches_of_drives(root: Path) -> None:
-    fields = {"root": str(root), "num_frames": 3, "size_px": [48, 16], "fit": "stretch", "stride": 1}
-    data = registry.build("datasets", {"name": "kitti-raw", "sequences": [f"{NAME}[1:5)"], **fields})
+    fields = {
+        "root": str(root),
+        "num_frames": 3,
+        "size_px": [48, 16],
+        "fit": "stretch",
+        "stride": 1,
+    }
+    data = registry.build(
+        "datasets", {"name": "kitti-raw", "sequences": [f"{NAME}[1:5)"], **fields}
+    )
     assert data.clip_names == (f"{NAME}/000001", f"{NAME}/000002")
     assert data[0].frames.shape == (3, 16, 48, 3)
     assert data.name == "kitti-raw"
@@ -147,11 +173,17 @@ DAMAGE = {
         (3, "R_rect_00: 2 0 0 0 1 0 0 0 1", "R_rect_00: a rotation matrix is off by 3"),
     ],
     "2011_09_26/calib_imu_to_velo.txt": [(3, "T: 1 2", "line 3: T has 2 numbers, expected 3")],
-    "2011_09_26/calib_velo_to_cam.txt": [(2, "R: 1 0 0 0 one 0 0 0 1", "line 2: 'one' is not a number")],
+    "2011_09_26/calib_velo_to_cam.txt": [
+        (2, "R: 1 0 0 0 one 0 0 0 1", "line 2: 'one' is not a number")
+    ],
     f"2011_09_26/{NAME}_sync/image_02/timestamps.txt": [
         (3, "26.9.2011", "line 3: '26.9.2011' is not a time such as 2011-09-26 13:02:25.964389445"),
         (3, "2011-09-31 13:02:25", "line 3: '2011-09-31 13:02:25' is not a time"),
-        (3, "2011-09-26 13:02:25.0", "line 3: time 2011-09-26 13:02:25.0 is not after that of line 2"),
+        (
+            3,
+            "2011-09-26 13:02:25.0",
+            "line 3: time 2011-09-26 13:02:25.0 is not after that of line 2",
+        ),
     ],
     f"2011_09_26/{NAME}_sync/oxts/data/0000000003.txt": [
         (1, "49 8 100", "line 1: 3 numbers, expected 30, latitude first"),
@@ -162,7 +194,8 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize(
-    ("file", "line", "text", "message"), [(file, *one) for file, each in DAMAGE.items() for one in each]
+    ("file", "line", "text", "message"),
+    [(file, *one) for file, each in DAMAGE.items() for one in each],
 )
 def test_damage_is_told_by_file_and_line_by_loader_and_doctor(
     root: Path, edit: Edit, file: str, line: int, text: str, message: str
@@ -200,7 +233,12 @@ def test_the_doctor_reads_a_sound_drive(root: Path) -> None:
     examination = doctor.examine(root, deep=True)
     assert examination.findings == ()
     path = street.clip().trajectory.world_from_cam[:, :3, 3]
-    expected = {"sequence": NAME, "frames": f"image_2: {len(path)}", "calibrated": "P2", "poses": str(len(path))}
+    expected = {
+        "sequence": NAME,
+        "frames": f"image_2: {len(path)}",
+        "calibrated": "P2",
+        "poses": str(len(path)),
+    }
     row = examination.rows[0]
     assert {key: row[key] for key in expected} == expected
     assert row["length_m"] == f"{np.linalg.norm(np.diff(path, axis=0), axis=1).sum():.0f}"

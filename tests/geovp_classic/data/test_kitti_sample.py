@@ -25,7 +25,9 @@ def test_the_sample_is_sound_and_serves_its_splits(root: Path) -> None:
     examination = doctor.examine(root)
     assert examination.findings == ()
     assert examination.usable_splits == ("test", "test-colour", "train", "val")
-    rows = {row["sequence"]: (row["frames"], row["size_px"], row["poses"]) for row in examination.rows}
+    rows = {
+        row["sequence"]: (row["frames"], row["size_px"], row["poses"]) for row in examination.rows
+    }
     assert rows == {
         "00": ("image_2: 1018", "416x128", "1018"),
         "03": ("image_0: 360", "1242x375", "360"),
@@ -47,8 +49,8 @@ def test_clips_of_the_test_split(root: Path) -> None:
 
 
 def test_colour_frames_of_sequence_00_keep_their_pixels(root: Path) -> None:
-    clip = Kitti(root, split="test-colour", size_px=(128, 128), with_wide=True)[0]
-    np.testing.assert_array_equal(clip.frames, clip.wide.frames[:, :, 144:272])
+    clip = Kitti(root, split="test-colour", size_px=(128, 128), with_full=True)[0]
+    np.testing.assert_array_equal(clip.frames, clip.full.frames[:, :, 144:272])
     assert clip.intrinsics.fx_px == pytest.approx(240.9702627)
     assert clip.intrinsics.fy_px == pytest.approx(244.7169362)
     assert clip.intrinsics.cx_px == pytest.approx(203.2068532 - 144)
@@ -61,11 +63,17 @@ def matches(left: np.ndarray, right: np.ndarray) -> tuple[FloatArray, FloatArray
     window = {"winSize": (21, 21), "maxLevel": 5}
     there, found, _ = cv2.calcOpticalFlowPyrLK(grey[0], grey[1], corners, None, **window)
     back, again, _ = cv2.calcOpticalFlowPyrLK(grey[1], grey[0], there, None, **window)
-    good = (found[:, 0] == 1) & (again[:, 0] == 1) & (np.linalg.norm(back - corners, axis=-1)[:, 0] < 0.3)
+    good = (
+        (found[:, 0] == 1)
+        & (again[:, 0] == 1)
+        & (np.linalg.norm(back - corners, axis=-1)[:, 0] < 0.3)
+    )
     return corners[good, 0].astype(np.float64), there[good, 0].astype(np.float64)
 
 
-def epipolar_distance_px(here: FloatArray, there: FloatArray, there_from_here: FloatArray, matrix: FloatArray) -> float:
+def epipolar_distance_px(
+    here: FloatArray, there: FloatArray, there_from_here: FloatArray, matrix: FloatArray
+) -> float:
     """The median distance of pixels from the lines on which the relative pose puts them."""
     essential = se3.cross_matrix(there_from_here[:3, 3]) @ there_from_here[:3, :3]
     fundamental = np.linalg.inv(matrix).T @ essential @ np.linalg.inv(matrix)
@@ -79,18 +87,25 @@ def test_poses_intrinsics_and_pixels_of_the_crop_agree_in_a_turn(root: Path, fra
     clip = Kitti(root, sequences=(frames,), num_frames=2)[0]
     here, there = matches(clip.frames[0], clip.frames[1])
     assert len(here) > 100
-    cam1_from_cam0 = se3.inverse(clip.trajectory.world_from_cam[1]) @ clip.trajectory.world_from_cam[0]
+    cam1_from_cam0 = (
+        se3.inverse(clip.trajectory.world_from_cam[1]) @ clip.trajectory.world_from_cam[0]
+    )
     off_px = epipolar_distance_px(here, there, cam1_from_cam0, clip.intrinsics.matrix)
     assert off_px < 0.4
-    wrong_way_round_px = epipolar_distance_px(here, there, se3.inverse(cam1_from_cam0), clip.intrinsics.matrix)
+    wrong_way_round_px = epipolar_distance_px(
+        here, there, se3.inverse(cam1_from_cam0), clip.intrinsics.matrix
+    )
     assert wrong_way_round_px > 10 * off_px
 
 
 def test_right_frames_see_points_further_left(root: Path) -> None:
-    clip = Kitti(root, sequences=("06[0:2)",), num_frames=2, with_wide=True, with_right=True)[0]
+    clip = Kitti(root, sequences=("06[0:2)",), num_frames=2, with_full=True, with_right=True)[0]
     np.testing.assert_allclose(clip.right.view_from_cam[:3, 3], [-0.5371507, 0, 0], atol=1e-6)
-    here, there = matches(clip.wide.frames[0], clip.right.frames[0])
+    here, there = matches(clip.full.frames[0], clip.right.frames[0])
     disparity_px = here[:, 0] - there[:, 0]
     assert disparity_px.min() > 0
     assert disparity_px.max() < 707.0912 * 0.5371507 / 4  # nothing nearer than 4 m
-    assert epipolar_distance_px(here, there, clip.right.view_from_cam, clip.right.intrinsics.matrix) < 0.6
+    assert (
+        epipolar_distance_px(here, there, clip.right.view_from_cam, clip.right.intrinsics.matrix)
+        < 0.6
+    )

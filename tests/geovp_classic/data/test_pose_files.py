@@ -15,9 +15,13 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
 
 IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0"
-twists = arrays(np.float64, (5, 6), elements=st.floats(-1e4, 1e4)).map(lambda t: t * [1, 1, 1, 1e-4, 1e-4, 1e-4])
+twists = arrays(np.float64, (5, 6), elements=st.floats(-1e4, 1e4)).map(
+    lambda t: t * [1, 1, 1, 1e-4, 1e-4, 1e-4]
+)
 steps_s = arrays(np.float64, (5,), elements=st.floats(1e-3, 1e5))
-same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50, deadline=None)
+same_folder = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50, deadline=None
+)
 
 
 def trajectory_of(twist: np.ndarray, step_s: np.ndarray) -> Trajectory:
@@ -26,7 +30,9 @@ def trajectory_of(twist: np.ndarray, step_s: np.ndarray) -> Trajectory:
 
 @same_folder
 @given(twists, steps_s)
-def test_tum_files_give_back_what_was_written(tmp_path: Path, twist: np.ndarray, step_s: np.ndarray) -> None:
+def test_tum_files_give_back_what_was_written(
+    tmp_path: Path, twist: np.ndarray, step_s: np.ndarray
+) -> None:
     trajectory = trajectory_of(twist, step_s)
     pose_files.write_tum(tmp_path / "tum.txt", trajectory)
     again = pose_files.read_tum(tmp_path / "tum.txt")
@@ -36,7 +42,9 @@ def test_tum_files_give_back_what_was_written(tmp_path: Path, twist: np.ndarray,
 
 @same_folder
 @given(twists, steps_s)
-def test_kitti_files_give_back_what_was_written(tmp_path: Path, twist: np.ndarray, step_s: np.ndarray) -> None:
+def test_kitti_files_give_back_what_was_written(
+    tmp_path: Path, twist: np.ndarray, step_s: np.ndarray
+) -> None:
     trajectory = trajectory_of(twist, step_s)
     pose_files.write_kitti(tmp_path / "kitti.txt", trajectory)
     again = pose_files.read_trajectory(tmp_path / "kitti.txt", trajectory.times_s)
@@ -64,9 +72,13 @@ def test_thirteen_numbers_start_with_the_frames_index(tmp_path: Path) -> None:
 
 
 def test_seven_printed_digits_are_made_rigid(tmp_path: Path) -> None:
-    (tmp_path / "poses.txt").write_text("9.999978e-01 5.272628e-04 -2.066935e-03 -4.690294e-02 -5.296506e-04 ")
+    (tmp_path / "poses.txt").write_text(
+        "9.999978e-01 5.272628e-04 -2.066935e-03 -4.690294e-02 -5.296506e-04 "
+    )
     with (tmp_path / "poses.txt").open("a") as file:
-        file.write("9.999992e-01 -1.154865e-03 -2.839928e-02 2.066324e-03 1.155958e-03 9.999971e-01 8.586941e-01\n")
+        file.write(
+            "9.999992e-01 -1.154865e-03 -2.839928e-02 2.066324e-03 1.155958e-03 9.999971e-01 8.586941e-01\n"
+        )
     _, world_from_cam = pose_files.read_kitti(tmp_path / "poses.txt")
     rotation = world_from_cam[0, :3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
@@ -97,7 +109,10 @@ BAD_TUM = {
 @pytest.mark.parametrize(
     ("bad", "message", "good", "read", "scan"),
     [
-        *((*one, (IDENTITY, IDENTITY), pose_files.read_kitti, pose_files.scan_kitti) for one in BAD_KITTI.items()),
+        *(
+            (*one, (IDENTITY, IDENTITY), pose_files.read_kitti, pose_files.scan_kitti)
+            for one in BAD_KITTI.items()
+        ),
         *(
             (*one, ("0 0 0 0 0 0 0 1", "2 0 0 0 0 0 0 1"), pose_files.read_tum, pose_files.scan_tum)
             for one in BAD_TUM.items()
@@ -116,7 +131,9 @@ def test_a_bad_line_is_named(
     assert (table.lines, [finding.line for finding in findings]) == ((1, 3), [2])
 
 
-@pytest.mark.parametrize(("first", "message"), [("-1", "whole number"), ("1.5", "whole number"), ("9", "not after")])
+@pytest.mark.parametrize(
+    ("first", "message"), [("-1", "whole number"), ("1.5", "whole number"), ("9", "not after")]
+)
 def test_frame_indices_count_upwards(tmp_path: Path, first: str, message: str) -> None:
     path = tmp_path / "poses.txt"
     path.write_text(f"{first} {IDENTITY}\n2 {IDENTITY}\n")
@@ -169,7 +186,10 @@ def test_the_format_is_told_by_the_numbers_on_a_line(tmp_path: Path) -> None:
     [
         ("0\n0.1\n0.1\n", "line 3: time 0.1 is not after 0.1 of line 2"),
         ("0\n1 2\n", "line 2: 2 numbers, expected one"),
-        ("0\n100000000\n200000000\n", r"half of the times are 1e\+08 or more apart, expected times in seconds"),
+        (
+            "0\n100000000\n200000000\n",
+            r"half of the times are 1e\+08 or more apart, expected times in seconds",
+        ),
     ],
 )
 def test_times_must_increase(tmp_path: Path, text: str, message: str) -> None:

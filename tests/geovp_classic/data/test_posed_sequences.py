@@ -15,7 +15,7 @@ from geovp_classic.data.euroc import Euroc
 from geovp_classic.data.tum import Tum
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
-from geovp_classic.types import Clip, Grant, Intrinsics
+from geovp_classic.types import Clip, Intrinsics, PrivilegedInput
 
 Write = Callable[..., Path]
 CUT = {"num_frames": 4, "stride": 4, "size_px": (64, 64)}
@@ -35,12 +35,16 @@ def assert_same(clip: Clip, street: Clip, first: int) -> None:
     """The clip is frames first to first + 3 of the street."""
     steps = slice(first, first + 4)
     np.testing.assert_array_equal(clip.frames, street.frames[steps])
-    np.testing.assert_allclose(clip.trajectory.world_from_cam, street.trajectory.world_from_cam[steps], atol=1e-7)
+    np.testing.assert_allclose(
+        clip.trajectory.world_from_cam, street.trajectory.world_from_cam[steps], atol=1e-7
+    )
     np.testing.assert_allclose(np.diff(clip.times_s), 0.1, atol=1e-6)
     np.testing.assert_allclose(numbers_of(clip), numbers_of(street), atol=1e-9)
 
 
-def test_tum_matches_images_poses_and_depths(tmp_path: Path, write_tum: Write, street: Clip) -> None:
+def test_tum_matches_images_poses_and_depths(
+    tmp_path: Path, write_tum: Write, street: Clip
+) -> None:
     write_tum(tmp_path, "street", street)
     data = Tum(tmp_path, intrinsics=numbers_of(street), **CUT)
     assert data.clip_names == ("street/000000", "street/000004", "street/000008")
@@ -49,14 +53,18 @@ def test_tum_matches_images_poses_and_depths(tmp_path: Path, write_tum: Write, s
     assert clip.times_s[0] == pytest.approx(100.4)
     assert clip.trajectory.is_metric
     near = street.depths[4:8] < 13
-    np.testing.assert_allclose(clip.depths[near], street.depths[4:8][near], atol=1.01e-4)  # half of 1/5000 m
+    np.testing.assert_allclose(
+        clip.depths[near], street.depths[4:8][near], atol=1.01e-4
+    )  # half of 1/5000 m
     assert not clip.depths[~near].any()
-    context, _ = clip.split(2, Grant.PAST_POSES)
+    context, _ = clip.split(2, PrivilegedInput.PAST_POSES)
     assert context.past_depths is None
-    assert clip.split(2, Grant.PAST_DEPTHS)[0].past_depths is not None
+    assert clip.split(2, PrivilegedInput.PAST_DEPTHS)[0].past_depths is not None
 
 
-def test_tum_poses_further_off_than_allowed_are_none(tmp_path: Path, write_tum: Write, street: Clip) -> None:
+def test_tum_poses_further_off_than_allowed_are_none(
+    tmp_path: Path, write_tum: Write, street: Clip
+) -> None:
     """Poses are 4 ms after the images and depths 6 ms before."""
     folder = write_tum(tmp_path, "street", street)
     settings = {"intrinsics": numbers_of(street), **CUT}
@@ -70,17 +78,21 @@ def test_tum_poses_further_off_than_allowed_are_none(tmp_path: Path, write_tum: 
 
 def test_tum_knows_the_three_cameras_by_name(tmp_path: Path, write_tum: Write) -> None:
     grey = np.full((5, 480, 640, 3), 90, np.uint8)
-    wide = api.open_clip({"name": "synthetic", "num_frames": 5, "size_px": [64, 64]}).intrinsics.resized(640, 480)
+    wide = api.open_clip(
+        {"name": "synthetic", "num_frames": 5, "size_px": [64, 64]}
+    ).intrinsics.resized(640, 480)
     clip = Clip("grey", grey, np.arange(5) / 30, wide)
     for name in ("rgbd_dataset_freiburg3_office", "rgbd_dataset_freiburg1_desk", "hall"):
         write_tum(tmp_path, name, clip)
-    third = Tum(tmp_path, ("rgbd_dataset_freiburg3_office",), with_wide=True, **CUT)[0].wide
-    first = Tum(tmp_path, ("rgbd_dataset_freiburg1_desk",), with_wide=True, **CUT)[0].wide
+    third = Tum(tmp_path, ("rgbd_dataset_freiburg3_office",), with_full=True, **CUT)[0].full
+    first = Tum(tmp_path, ("rgbd_dataset_freiburg1_desk",), with_full=True, **CUT)[0].full
     assert (third.intrinsics.fx_px, third.intrinsics.cx_px) == (535.4, 320.1)  # no distortion
     zoom = first.intrinsics.fx_px / 517.3
     assert first.intrinsics.fy_px / 516.5 == pytest.approx(zoom)
     assert 1.0 <= zoom < 1.1
-    with pytest.raises(BadData, match=r"hall is not of freiburg1, 2 or 3 by its name: give intrinsics"):
+    with pytest.raises(
+        BadData, match=r"hall is not of freiburg1, 2 or 3 by its name: give intrinsics"
+    ):
         Tum(tmp_path, ("hall",), **CUT)
     with pytest.raises(BadData, match="distortion is given without intrinsics"):
         Tum(tmp_path, distortion=(0.1, 0, 0, 0, 0), **CUT)
@@ -88,7 +100,11 @@ def test_tum_knows_the_three_cameras_by_name(tmp_path: Path, write_tum: Write) -
 
 def test_euroc_poses_are_of_the_camera(tmp_path: Path, write_euroc: Write, street: Clip) -> None:
     grey = Clip(
-        street.name, street.frames[..., :1].repeat(3, axis=3), street.times_s, street.intrinsics, street.trajectory
+        street.name,
+        street.frames[..., :1].repeat(3, axis=3),
+        street.times_s,
+        street.intrinsics,
+        street.trajectory,
     )
     write_euroc(tmp_path, "MH_01", grey)
     data = Euroc(tmp_path, **CUT)
@@ -100,7 +116,9 @@ def test_euroc_poses_are_of_the_camera(tmp_path: Path, write_euroc: Write, stree
 
 @pytest.mark.parametrize("model", ["radial-tangential", "equidistant"])
 def test_euroc_is_undistorted(tmp_path: Path, write_euroc: Write, street: Clip, model: str) -> None:
-    """A spot on the ray (0.4, 0.3), 0.5 off the axis, is distorted by hand and shown where a pinhole camera sees it."""
+    """A spot on the ray (0.4, 0.3), 0.5 off the axis, is distorted by hand and shown where a
+    pinhole camera sees it.
+    """
     camera = Intrinsics(400, 400, 319.5, 319.5, 640, 640)
     columns, rows = np.meshgrid(np.arange(640.0), np.arange(640.0))
     lens, ray, f, angle = (-0.3, 0.05, 0.0, 0.0), np.array([0.4, 0.3]), camera.fx_px, np.arctan(0.5)
@@ -137,24 +155,32 @@ def test_colmap_is_broken_where_images_are_not_registered(
     assert metric.is_metric
 
 
-def test_colmap_is_broken_where_a_sub_folder_begins(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
+def test_colmap_is_broken_where_a_sub_folder_begins(
+    tmp_path: Path, write_colmap: Write, street: Clip
+) -> None:
     folder = write_colmap(tmp_path, "street", street, text=True)
     (folder / "images" / "later").mkdir()
     model = folder / "sparse" / "0" / "images.txt"
     for number in range(7, 12):
-        (folder / "images" / f"im{number}.png").rename(folder / "images" / "later" / f"im{number}.png")
+        (folder / "images" / f"im{number}.png").rename(
+            folder / "images" / "later" / f"im{number}.png"
+        )
         model.write_text(model.read_text().replace(f" im{number}.png", f" later/im{number}.png"))
     data = Colmap(folder, **CUT)
     assert data.ranges == (FrameRange("street", 0, 7), FrameRange("street", 7, 12))
     assert_same(data[1], street, 7)
 
 
-def test_colmap_refuses_what_it_cannot_use(tmp_path: Path, write_colmap: Write, street: Clip) -> None:
+def test_colmap_refuses_what_it_cannot_use(
+    tmp_path: Path, write_colmap: Write, street: Clip
+) -> None:
     folder = write_colmap(tmp_path, "street", street)
     with pytest.raises(BadData, match=r"rate_hz is 0.0, expected a positive number"):
         Colmap(folder, rate_hz=0.0, **CUT)
     (folder / "images" / "im3.png").unlink()
-    with pytest.raises(BadData, match=r"images: lacks 1 of 12 images of the model, the first being im3\.png: put"):
+    with pytest.raises(
+        BadData, match=r"images: lacks 1 of 12 images of the model, the first being im3\.png: put"
+    ):
         Colmap(folder, **CUT)
     (folder / "sparse" / "0" / "images.bin").write_bytes(b"\x07")
     with pytest.raises(BadData, match="is not a COLMAP model"):
@@ -177,10 +203,17 @@ def test_they_are_built_by_name_found_by_layout_described_and_sent(
     examined = doctor.examine(tmp_path, deep=True)
     assert examined.is_sound, examined.findings
     row = examined.rows[0]
-    assert (row["sequence"], row["frames"], row["size_px"], row["poses"]) == ("a", "12", "64x64", "12")
+    assert (row["sequence"], row["frames"], row["size_px"], row["poses"]) == (
+        "a",
+        "12",
+        "64x64",
+        "12",
+    )
     assert row["duration_s"] == "1.1"
     assert (row["length_m"] == "-") is (name == "colmap")
-    with pytest.raises(BadData, match=r"sequence 'b' is not in .*, which holds a: name one of these"):
+    with pytest.raises(
+        BadData, match=r"sequence 'b' is not in .*, which holds a: name one of these"
+    ):
         registry.build("datasets", {**table, "sequences": ["b"]})
     (tmp_path / "empty").mkdir()
     with pytest.raises(BadData, match="holds no sequence: give a folder with"):
@@ -188,7 +221,11 @@ def test_they_are_built_by_name_found_by_layout_described_and_sent(
 
 
 def test_the_doctor_names_everything_that_is_wrong(
-    tmp_path: Path, write_tum: Write, write_euroc: Write, street: Clip, edit: Callable[[Path, int, str], None]
+    tmp_path: Path,
+    write_tum: Write,
+    write_euroc: Write,
+    street: Clip,
+    edit: Callable[[Path, int, str], None],
 ) -> None:
     folder = write_tum(tmp_path / "tum", "hall", street)
     edit(folder / "rgb.txt", 4, "100.1 rgb/2.png")
@@ -196,15 +233,21 @@ def test_the_doctor_names_everything_that_is_wrong(
     edit(folder / "groundtruth.txt", 3, "100.204 0 0 0 0 0 0 2")
     edit(folder / "groundtruth.txt", 10, "100.904 999 0 0 0 0 0 1")
     cv2.imwrite(str(folder / "rgb" / "9.png"), np.zeros((20, 30, 3), np.uint8))
-    told = [str(finding).removeprefix(f"{folder}/") for finding in doctor.examine(tmp_path / "tum").findings]
+    told = [
+        str(finding).removeprefix(f"{folder}/")
+        for finding in doctor.examine(tmp_path / "tum").findings
+    ]
     assert told[:4] == [
         "rgb.txt line 4: time 100.1 is not after 100.1 before it",
-        "rgb.txt line 6: there is no file 'rgb/44.png', expected 'time file': restore it or remove the line",
+        "rgb.txt line 6: there is no file 'rgb/44.png', expected 'time file': restore it or "
+        "remove the line",
         "groundtruth.txt line 3: the quaternion has length 2, expected 1",
         "rgb/9.png: is 30x20 pixels, but those before are 64x64",
     ]
     assert any("m/s from the pose before: more than a car drives" in line for line in told)
-    assert any("after the time before, 0.100 s is usual: frames are missing" in line for line in told)
+    assert any(
+        "after the time before, 0.100 s is usual: frames are missing" in line for line in told
+    )
     sensor = write_euroc(tmp_path / "euroc", "MH", street) / "mav0" / "cam0" / "sensor.yaml"
     whole = sensor.read_text()
     for old, new, expected in (
@@ -214,7 +257,9 @@ def test_the_doctor_names_everything_that_is_wrong(
         ("camera_model: pinhole", "camera_model: omni", "camera_model is 'omni', expected pinhole"),
     ):
         sensor.write_text(whole.replace(old, new))
-        assert any(expected in str(finding) for finding in doctor.examine(tmp_path / "euroc").findings), expected
+        assert any(
+            expected in str(finding) for finding in doctor.examine(tmp_path / "euroc").findings
+        ), expected
 
 
 def test_damaged_lists_of_euroc_are_named(
@@ -225,7 +270,9 @@ def test_damaged_lists_of_euroc_are_named(
         Euroc(tmp_path, camera=1, **CUT)
     truth, images = mav0 / "state_groundtruth_estimate0" / "data.csv", mav0 / "cam0" / "data.csv"
     edit(truth, 3, "1403636579765555584,1,2,3")
-    with pytest.raises(BadData, match=r"data\.csv line 3: 4 numbers, expected 8 or 17 \(time in ns, x, y, z, qw"):
+    with pytest.raises(
+        BadData, match=r"data\.csv line 3: 4 numbers, expected 8 or 17 \(time in ns, x, y, z, qw"
+    ):
         Euroc(tmp_path, **CUT)
     edit(truth, 3, f"1403636579765555584,0,0,0,1,0,0,inf{',0' * 9}")
     with pytest.raises(BadData, match=r"data\.csv line 3: 'inf' is not finite"):
@@ -248,7 +295,9 @@ def test_plain_folders_of_images_are_examined(tmp_path: Path, street: Clip) -> N
     assert [row["frames"] for row in examined.rows] == ["3", "3"]
     severe = [str(finding) for finding in examined.findings if finding.severity == "error"]
     assert len(severe) == 1
-    assert "0.png: holds uint16 values, expected 8 bits a channel: convert the images, or" in severe[0]
+    assert (
+        "0.png: holds uint16 values, expected 8 bits a channel: convert the images, or" in severe[0]
+    )
 
 
 def test_nearest_times_within_a_difference() -> None:

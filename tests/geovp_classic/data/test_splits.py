@@ -47,10 +47,15 @@ def test_no_frame_is_in_two_parts_of_a_family(family: str) -> None:
 def test_the_hash_follows_the_ranges_and_nothing_else(tmp_path: Path) -> None:
     ranges = splits.load("test")
     (tmp_path / "other.toml").write_text('# comment\nranges = [ "03[180:360)",  "06[0:51)" ]')
-    assert splits.content_hash(ranges) == splits.content_hash(splits.load(str(tmp_path / "other.toml")))
+    assert splits.content_hash(ranges) == splits.content_hash(
+        splits.load(str(tmp_path / "other.toml"))
+    )
     assert splits.content_hash(ranges) != splits.content_hash(ranges[:1])
     # sha256 of "03[180:360)\n06[0:51)", from `printf '03[180:360)\n06[0:51)' | sha256sum`
-    assert splits.content_hash(ranges) == "d0e9f82c1cf7af3ed2deda01d675bc811ee49374bf080b996bd049bb575b698a"
+    assert (
+        splits.content_hash(ranges)
+        == "d0e9f82c1cf7af3ed2deda01d675bc811ee49374bf080b996bd049bb575b698a"
+    )
 
 
 def test_a_mistyped_name_is_answered_with_the_nearest() -> None:

@@ -14,7 +14,7 @@ from geovp_classic.data.synthetic import dataset as synthetic
 from geovp_classic.data.synthetic.drive import Manoeuvre
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.types import Clip, Grant
+from geovp_classic.types import Clip, PrivilegedInput
 
 TINY = {"num_clips": 1, "num_frames": 4, "size_px": (48, 48)}
 
@@ -27,7 +27,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def stereo(cache: Path) -> Clip:
     """A tiny clip with everything."""
-    return Synthetic(**TINY, with_wide=True, with_right=True, cache=cache)[0]
+    return Synthetic(**TINY, with_full=True, with_right=True, cache=cache)[0]
 
 
 def test_clips_hold_everything_in_the_right_shape(stereo: Clip) -> None:
@@ -39,27 +39,37 @@ def test_clips_hold_everything_in_the_right_shape(stereo: Clip) -> None:
     assert stereo.moving is not None
     assert stereo.trajectory.is_metric
     assert stereo.camera_height_m == 1.65
-    assert stereo.wide.frames.shape == stereo.right.frames.shape == (4, 48, 158, 3)
-    everything = Grant.PAST_POSES | Grant.PAST_DEPTHS | Grant.WIDE_FRAMES | Grant.RIGHT_FRAMES | Grant.CAMERA_HEIGHT
+    assert stereo.full.frames.shape == stereo.right.frames.shape == (4, 48, 158, 3)
+    everything = (
+        PrivilegedInput.PAST_POSES
+        | PrivilegedInput.PAST_DEPTHS
+        | PrivilegedInput.FULL_FRAMES
+        | PrivilegedInput.RIGHT_FRAMES
+        | PrivilegedInput.CAMERA_HEIGHT
+    )
     context, target = stereo.split(2, everything)
     assert context.right is not None
     assert target.moving is not None
 
 
-def test_frames_are_the_middle_of_the_wide_frames_with_or_without_them(stereo: Clip, cache: Path) -> None:
-    np.testing.assert_array_equal(stereo.wide.frames[:, :, 55:103], stereo.frames)
-    assert stereo.wide.intrinsics.cropped(55, 0, 48, 48) == stereo.intrinsics
+def test_frames_are_the_middle_of_the_wide_frames_with_or_without_them(
+    stereo: Clip, cache: Path
+) -> None:
+    np.testing.assert_array_equal(stereo.full.frames[:, :, 55:103], stereo.frames)
+    assert stereo.full.intrinsics.cropped(55, 0, 48, 48) == stereo.intrinsics
     alone = Synthetic(**TINY, cache=cache)[0]
     np.testing.assert_array_equal(alone.frames, stereo.frames)
     np.testing.assert_array_equal(alone.depths, stereo.depths)
-    assert alone.wide is None
+    assert alone.full is None
     assert alone.right is None
 
 
 def test_the_right_camera_sees_near_things_further_left(stereo: Clip) -> None:
     """Its images are shifted by focal length times 0.54 m over depth."""
     np.testing.assert_allclose(stereo.right.view_from_cam[:3, 3], [-0.54, 0.0, 0.0])
-    points = pinhole.unproject(pinhole.pixel_grid(stereo.intrinsics), stereo.depths[0], stereo.intrinsics)
+    points = pinhole.unproject(
+        pinhole.pixel_grid(stereo.intrinsics), stereo.depths[0], stereo.intrinsics
+    )
     known = np.isfinite(stereo.depths[0]) & (stereo.depths[0] < 25)
     in_right = se3.transform(stereo.right.view_from_cam, points[known])
     pixels, _ = pinhole.project(in_right, stereo.right.intrinsics)
@@ -75,10 +85,16 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process(tmp_path: Path, c
     code = (
         "from geovp_classic.data.synthetic import Synthetic; import hashlib, sys\n"
         f"clip = Synthetic(num_clips=1, num_frames=4, size_px=(48, 48), cache={str(tmp_path)!r})[0]\n"
-        "sys.stdout.write(hashlib.sha256(clip.frames.tobytes() + clip.depths.tobytes()).hexdigest())"
+        "sys.stdout.write(hashlib.sha256(clip.frames.tobytes() + "
+        "clip.depths.tobytes()).hexdigest())"
     )
-    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert there == __import__("hashlib").sha256(here.frames.tobytes() + here.depths.tobytes()).hexdigest()
+    there = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert (
+        there
+        == __import__("hashlib").sha256(here.frames.tobytes() + here.depths.tobytes()).hexdigest()
+    )
 
 
 def test_another_seed_gives_another_street(cache: Path) -> None:
@@ -98,7 +114,9 @@ def test_clips_go_round_the_manoeuvres_then_on_along_their_drives_then_to_new_st
     assert len(data) == 40
 
 
-def test_the_names_are_known_before_anything_is_rendered(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_names_are_known_before_anything_is_rendered(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     clips = Synthetic(**{**TINY, "num_clips": 2}, cache=cache)
     names = tuple(clips[index].name for index in range(2))
     monkeypatch.setattr(synthetic, "render_drive", lambda *_: pytest.fail("rendered"))
@@ -115,14 +133,18 @@ def test_windows_of_one_drive_share_its_poses(cache: Path) -> None:
 
 
 def test_clean_images_lack_noise_only(cache: Path) -> None:
-    noisy, clean = (Synthetic(**TINY, noise=noise, exposure_drift=0.0, cache=cache)[0] for noise in (2.0, 0.0))
+    noisy, clean = (
+        Synthetic(**TINY, noise=noise, exposure_drift=0.0, cache=cache)[0] for noise in (2.0, 0.0)
+    )
     difference = noisy.frames.astype(float) - clean.frames
     assert difference.std() == pytest.approx(2.0, rel=0.1)
     np.testing.assert_array_equal(noisy.depths, clean.depths)
 
 
 def test_a_pitched_mount_moves_the_horizon(cache: Path) -> None:
-    level, down = (Synthetic(**TINY, pitch_deg=pitch_deg, cache=cache)[0] for pitch_deg in (0.0, -5.0))
+    level, down = (
+        Synthetic(**TINY, pitch_deg=pitch_deg, cache=cache)[0] for pitch_deg in (0.0, -5.0)
+    )
     skies = [np.isinf(clip.depths[0]).sum() for clip in (level, down) if clip.depths is not None]
     expected_rows = np.tan(np.deg2rad(5.0)) * level.intrinsics.fy_px  # 8 of 48
     assert (skies[0] - skies[1]) / 48 == pytest.approx(expected_rows, rel=0.5)
@@ -135,7 +157,9 @@ def test_copying_the_last_frame_is_no_good_prediction(cache: Path) -> None:
     assert 10 * np.log10(255**2 / error.mean()) < 20.0
 
 
-def test_a_second_reading_comes_from_the_cache(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_reading_comes_from_the_cache(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     data = Synthetic(**TINY, cache=cache)
     first = data[0]
 
@@ -172,7 +196,9 @@ def test_a_damaged_cache_file_is_rendered_again(tmp_path: Path, damage: str) -> 
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_the_cache_lies_where_the_environment_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_lies_where_the_environment_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tiny = Synthetic(num_clips=1, num_frames=2, size_px=(8, 8))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     monkeypatch.delenv("GEOVP_CACHE", raising=False)

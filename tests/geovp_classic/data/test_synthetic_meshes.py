@@ -20,7 +20,9 @@ from geovp_classic.data.synthetic.roads import (
 from geovp_classic.geometry import se3
 
 FLAT = Terrain(np.zeros(1), np.zeros((1, 2)), np.zeros(1))
-CROSSING = Roads([straight((0.0, -80.0), 0.0, 160.0), straight((-80.0, 0.0), np.pi / 2, 160.0)], (80.0, 80.0))
+CROSSING = Roads(
+    [straight((0.0, -80.0), 0.0, 160.0), straight((-80.0, 0.0), np.pi / 2, 160.0)], (80.0, 80.0)
+)
 
 
 def normals(corners: np.ndarray) -> np.ndarray:
@@ -32,7 +34,11 @@ def normals(corners: np.ndarray) -> np.ndarray:
 def area(corners: np.ndarray) -> float:
     """The area of triangles [N, 3, 2 or 3]."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    cross = np.cross(a, b) if corners.shape[-1] == 3 else (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
+    cross = (
+        np.cross(a, b)
+        if corners.shape[-1] == 3
+        else (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None]
+    )
     return float(0.5 * np.linalg.norm(cross, axis=-1).sum())
 
 
@@ -40,7 +46,10 @@ def test_a_box_has_four_walls_and_a_lid_that_face_outward() -> None:
     corners = box((0, -2, 0), (3, 0, 1), Texture.PLAIN).corners  # 3 m wide, 2 m high, 1 m deep
     assert area(corners) == pytest.approx(2 * (3 * 2 + 1 * 2) + 3 * 1)
     corners = corners[
-        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1) > 0
+        np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1
+        )
+        > 0
     ]
     side = (normals(corners) * (corners.mean(axis=1) - [1.5, -1.0, 0.5])).sum(axis=-1)
     assert (np.sign(side) == np.sign(side[0])).all()
@@ -74,10 +83,14 @@ def test_textures_keep_their_size_on_upright_and_flat_triangles() -> None:
 
 
 def test_hits_equal_their_slow_twin() -> None:
-    """Place, uv and what changes to the next pixel, against rays through the next pixels cut with the same plane."""
+    """Place, uv and what changes to the next pixel, against rays through the next pixels cut with
+    the same plane.
+    """
     rng = np.random.default_rng(4)
     corners = np.array([0.0, 0.0, 9.0]) + rng.normal(size=(40, 3, 3))
-    mesh = triangles(corners, Texture.PLAIN, uv=rng.normal(size=(40, 3, 2)), ambient=rng.uniform(size=(40, 3)))
+    mesh = triangles(
+        corners, Texture.PLAIN, uv=rng.normal(size=(40, 3, 2)), ambient=rng.uniform(size=(40, 3))
+    )
     eye = np.array([0.3, -0.2, 0.1])
     towards = corners.mean(axis=1) - eye
     rays, depths = (towards / towards[:, 2:]).astype(np.float32), towards[:, 2].astype(np.float32)
@@ -88,13 +101,21 @@ def test_hits_equal_their_slow_twin() -> None:
     np.testing.assert_allclose(hits.ambient, mesh.ambient.mean(axis=1), atol=1e-4)
     assert ((hits.normal * rays).sum(axis=-1) < 0).all()
     facing = normals(corners)
-    flat = np.abs((facing * rays).sum(axis=-1)) > 0.2  # a finite step is no derivative at grazing angles
+    flat = (
+        np.abs((facing * rays).sum(axis=-1)) > 0.2
+    )  # a finite step is no derivative at grazing angles
     for k, step in enumerate(pixel_steps):
-        depth = (facing * (corners[:, 0] - eye)).sum(axis=-1) / (facing * (rays + step)).sum(axis=-1)
+        depth = (facing * (corners[:, 0] - eye)).sum(axis=-1) / (facing * (rays + step)).sum(
+            axis=-1
+        )
         moved = eye + depth[:, None] * (rays + step) - corners.mean(axis=1)
-        np.testing.assert_allclose(hits.sizes_m[flat, k], np.linalg.norm(moved[flat], axis=-1), rtol=1e-2)
+        np.testing.assert_allclose(
+            hits.sizes_m[flat, k], np.linalg.norm(moved[flat], axis=-1), rtol=1e-2
+        )
         for i in np.nonzero(flat)[0]:
-            edges = np.stack([corners[i, 1] - corners[i, 0], corners[i, 2] - corners[i, 0]], axis=1)  # [3, 2]
+            edges = np.stack(
+                [corners[i, 1] - corners[i, 0], corners[i, 2] - corners[i, 0]], axis=1
+            )  # [3, 2]
             share = np.linalg.lstsq(edges, moved[i], rcond=None)[0]
             expected = share @ (mesh.uv[i, 1:] - mesh.uv[i, :1])
             np.testing.assert_allclose(hits.uv_steps[i, k], expected, rtol=2e-2, atol=2e-4)
@@ -108,10 +129,13 @@ def test_a_triangle_without_area_has_constant_values() -> None:
 
 def test_rays_find_the_nearest_triangle_and_the_sun() -> None:
     near, far = (
-        triangles(np.array([[(-9, -9, z), (9, -9, z), (0, 9, z)]], dtype=float), Texture.PLAIN) for z in (5, 7)
+        triangles(np.array([[(-9, -9, z), (9, -9, z), (0, 9, z)]], dtype=float), Texture.PLAIN)
+        for z in (5, 7)
     )
     surfaces = Surfaces(joined([far, near]))
-    depths, which = surfaces.cast(np.zeros(3), np.array([[0.0, 0.0, 1.0], [0.0, 9.0, 1.0]], dtype=np.float32))
+    depths, which = surfaces.cast(
+        np.zeros(3), np.array([[0.0, 0.0, 1.0], [0.0, 9.0, 1.0]], dtype=np.float32)
+    )
     np.testing.assert_allclose(depths, [5.0, np.inf])
     assert which[0] == 1
     between = np.array([[0.0, 0.0, 6.0], [0.0, 0.0, 8.0]], dtype=np.float32)
@@ -125,7 +149,9 @@ def test_the_kerb_of_a_straight_road_is_half_a_width_away() -> None:
 
 
 def test_corners_of_a_junction_are_rounded() -> None:
-    """The kerb's arc touches the middle between its centre and the corner where the straight kerbs would meet."""
+    """The kerb's arc touches the middle between its centre and the corner where the straight kerbs
+    would meet.
+    """
     on_arc = HALF_WIDTH_M + CORNER_RADIUS_M * (1 - 0.5**0.5)
     places = np.array([[on_arc, on_arc], [HALF_WIDTH_M, HALF_WIDTH_M], [HALF_WIDTH_M, 30.0]])
     expected = [0.0, -CORNER_RADIUS_M * (2**0.5 - 1), 0.0]
@@ -142,9 +168,13 @@ def test_kerbs_lie_where_the_distance_is_zero_and_point_away_from_the_road(roads
 
 
 def test_pavements_lie_a_kerb_above_the_road() -> None:
-    mesh = ground(Roads([straight((0.0, -40.0), 0.0, 120.0)]), FLAT, np.zeros(2), np.random.default_rng(0))
+    mesh = ground(
+        Roads([straight((0.0, -40.0), 0.0, 120.0)]), FLAT, np.zeros(2), np.random.default_rng(0)
+    )
     for texture, height_m in ((Texture.ROAD, 0.0), (Texture.PAVEMENT, KERB_HEIGHT_M)):
-        np.testing.assert_allclose(mesh.corners[mesh.texture == texture][..., 1], -height_m, atol=1e-6)
+        np.testing.assert_allclose(
+            mesh.corners[mesh.texture == texture][..., 1], -height_m, atol=1e-6
+        )
     road = mesh.corners[mesh.texture == Texture.ROAD]
     assert np.abs(road[..., 0]).max() == pytest.approx(HALF_WIDTH_M, abs=0.03)
     assert area(road) == pytest.approx(2 * HALF_WIDTH_M * 120.0, rel=0.01)
@@ -183,12 +213,18 @@ def test_cars_have_the_size_of_cars_and_wheels_on_the_ground() -> None:
 def test_houses_stand_behind_their_front_and_have_a_roof() -> None:
     for seed in range(6):
         house, (width_m, depth_m) = objects.house(np.random.default_rng(seed), garden_m=4.0)
-        walls = house.corners[np.isin(house.texture, (Texture.PLASTER_WINDOWS, Texture.BRICK_WINDOWS))].reshape(-1, 3)
+        walls = house.corners[
+            np.isin(house.texture, (Texture.PLASTER_WINDOWS, Texture.BRICK_WINDOWS))
+        ].reshape(-1, 3)
         np.testing.assert_allclose(walls[:, 0].max(), width_m / 2, atol=1e-3)
-        np.testing.assert_allclose([walls[:, 2].min(), walls[:, 2].max()], [0.0, depth_m], atol=1e-3)
+        np.testing.assert_allclose(
+            [walls[:, 2].min(), walls[:, 2].max()], [0.0, depth_m], atol=1e-3
+        )
         top_m = -house.corners[..., 1].min()
         assert top_m > -walls[:, 1].min() + 1.0
-        assert house.corners[house.texture == Texture.LEAVES][..., 2].max(initial=-4.0) < -2.0  # the hedge
+        assert (
+            house.corners[house.texture == Texture.LEAVES][..., 2].max(initial=-4.0) < -2.0
+        )  # the hedge
 
 
 def test_trees_are_as_tall_as_asked_and_lit_from_above() -> None:

@@ -49,7 +49,13 @@ def test_places_beside_a_path_are_found_there(along_m: float, right_m: float) ->
 def slope_of(terrain: Terrain, places: np.ndarray) -> np.ndarray:
     """The gradient [N, 2] of the height by central differences."""
     steps = 1e-4 * np.eye(2)
-    return np.stack([terrain.height_m(places + step) - terrain.height_m(places - step) for step in steps], -1) / 2e-4
+    return (
+        np.stack(
+            [terrain.height_m(places + step) - terrain.height_m(places - step) for step in steps],
+            -1,
+        )
+        / 2e-4
+    )
 
 
 @given(seed=st.integers(0, 1000))
@@ -64,19 +70,25 @@ def test_a_vehicle_stands_on_the_ground_along_its_heading() -> None:
     places, yaw_rad = np.array([[3.0, 40.0], [-20.0, 9.0]]), np.array([0.4, -2.0])
     world_from_vehicle = terrain.world_from_vehicle(places, yaw_rad)
     rotation = world_from_vehicle[:, :3, :3]
-    np.testing.assert_allclose(rotation @ rotation.swapaxes(-1, -2), np.tile(np.eye(3), (2, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        rotation @ rotation.swapaxes(-1, -2), np.tile(np.eye(3), (2, 1, 1)), atol=1e-12
+    )
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0)
     np.testing.assert_allclose(world_from_vehicle[:, 1, 3], -terrain.height_m(places))
     ahead = rotation[:, :, 2]
     np.testing.assert_allclose(np.arctan2(ahead[:, 0], ahead[:, 2]), yaw_rad, atol=1e-3)
     rise = -ahead[:, 1] / np.hypot(ahead[:, 0], ahead[:, 2])  # per metre ahead
-    expected = (slope_of(terrain, places) * np.stack([np.sin(yaw_rad), np.cos(yaw_rad)], axis=-1)).sum(axis=-1)
+    expected = (
+        slope_of(terrain, places) * np.stack([np.sin(yaw_rad), np.cos(yaw_rad)], axis=-1)
+    ).sum(axis=-1)
     np.testing.assert_allclose(rise, expected, atol=1e-4)
 
 
 def test_constant_speed_travels_speed_times_time() -> None:
     speed = Speed([0.0], [12.0])
-    np.testing.assert_allclose(speed.travelled_m(np.array([-1.0, 0.0, 2.5])), [-12.0, 0.0, 30.0], atol=1e-9)
+    np.testing.assert_allclose(
+        speed.travelled_m(np.array([-1.0, 0.0, 2.5])), [-12.0, 0.0, 30.0], atol=1e-9
+    )
 
 
 def test_braking_travels_half_speed_times_time_and_then_stands() -> None:
@@ -102,8 +114,12 @@ def _ego(manoeuvre: Manoeuvre, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return plan(manoeuvre, np.random.default_rng(seed))[1].place_at(TIMES_S)
 
 
-@pytest.mark.parametrize(("manoeuvre", "turn_deg"), [(Manoeuvre.LEFT_TURN, -90.0), (Manoeuvre.RIGHT_TURN, 90.0)])
-def test_turns_are_quarter_turns_that_fall_into_the_first_three_seconds(manoeuvre: Manoeuvre, turn_deg: float) -> None:
+@pytest.mark.parametrize(
+    ("manoeuvre", "turn_deg"), [(Manoeuvre.LEFT_TURN, -90.0), (Manoeuvre.RIGHT_TURN, 90.0)]
+)
+def test_turns_are_quarter_turns_that_fall_into_the_first_three_seconds(
+    manoeuvre: Manoeuvre, turn_deg: float
+) -> None:
     for seed in range(5):
         _, yaw_rad = _ego(manoeuvre, seed)
         turned_deg = np.rad2deg(yaw_rad - yaw_rad[0])

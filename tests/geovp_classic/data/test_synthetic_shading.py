@@ -6,7 +6,15 @@ import numpy as np
 
 from geovp_classic.data.synthetic.images import Texture
 from geovp_classic.data.synthetic.mesh import Hits
-from geovp_classic.data.synthetic.shading import AMBIENT, GLOSS, HORIZON, Optics, Weather, shade, sky_light
+from geovp_classic.data.synthetic.shading import (
+    AMBIENT,
+    GLOSS,
+    HORIZON,
+    Optics,
+    Weather,
+    shade,
+    sky_light,
+)
 from geovp_classic.types import FloatArray
 
 DAY = Weather(
@@ -19,7 +27,9 @@ EYE = np.array([0.0, -1.0, 0.0])
 
 
 def hit(normal: tuple[float, float, float], **parts: object) -> Hits:
-    """One hit 10 m ahead of the origin, white, seen as a whole tile so that its texture is its mean."""
+    """One hit 10 m ahead of the origin, white, seen as a whole tile so that its texture is its
+    mean.
+    """
     values: dict[str, object] = {
         "points": np.array([[0.0, 0.0, 10.0]], dtype=np.float32),
         "normal": np.array([normal], dtype=np.float32),
@@ -42,7 +52,9 @@ TO_EYE = (0.0, 0.0, -1.0)
 
 
 def test_a_floor_gets_the_sun_by_its_height_and_all_of_the_sky() -> None:
-    """0.6 of the sun (Lambert) and 0.75 + 0.25 of the ambient light; PLAIN reflects about 0.93 squared."""
+    """0.6 of the sun (Lambert) and 0.75 + 0.25 of the ambient light; PLAIN reflects about 0.93
+    squared.
+    """
     np.testing.assert_allclose(light(hit(UP)), 0.93**2 * (0.6 + AMBIENT), rtol=0.02)
     np.testing.assert_allclose(light(hit(UP), lit=False), 0.93**2 * AMBIENT, rtol=0.02)
 
@@ -58,7 +70,9 @@ def test_ambient_light_is_scaled_by_the_share_that_arrives() -> None:
 
 def test_leaves_shine_from_behind() -> None:
     texture = np.array([Texture.LEAVES], dtype=np.int32)
-    ahead, behind = (light(hit((0.0, -0.6 * sign, 0.8 * sign), texture=texture)) for sign in (1.0, -1.0))
+    ahead, behind = (
+        light(hit((0.0, -0.6 * sign, 0.8 * sign), texture=texture)) for sign in (1.0, -1.0)
+    )
     dark = light(hit((0.0, 0.6, -0.8), texture=texture), lit=False)
     assert (ahead > behind).all()  # more of the sky
     assert (behind > 1.5 * dark).all()
@@ -72,7 +86,10 @@ def test_a_tint_colours_and_squares() -> None:
 
 def test_untinted_parts_of_a_texture_keep_their_colour() -> None:
     """Windows are grey under a red tint as well; a wall is red from its first to its last texel."""
-    texel = {"uv_steps": np.zeros((1, 2, 2), dtype=np.float32), "tint": np.array([[1.0, 0.1, 0.1]], dtype=np.float32)}
+    texel = {
+        "uv_steps": np.zeros((1, 2, 2), dtype=np.float32),
+        "tint": np.array([[1.0, 0.1, 0.1]], dtype=np.float32),
+    }
     facade = {"texture": np.array([Texture.BRICK_WINDOWS], dtype=np.int32)}
     frame, wall = (np.array([[76 / 512, v]], dtype=np.float32) for v in (0.15, 0.45))
     red, green, _ = light(hit(TO_EYE, uv=frame, **texel, **facade))
@@ -92,7 +109,9 @@ def test_gloss_mirrors_the_sky_and_more_of_it_at_grazing_angles() -> None:
     steep = light(hit((0.0, -0.5, -(0.75**0.5)), **black), optics=shiny)  # 54 degrees from the ray
     flat = light(hit(UP, **black), optics=shiny)  # 84 degrees from the ray
     assert 0.01 < steep.mean() < 0.5 * flat.mean()
-    np.testing.assert_allclose(light(hit(UP, **black), optics=Optics(0.0, 0.5, 0.0)), 0.5 * flat, rtol=1e-5)
+    np.testing.assert_allclose(
+        light(hit(UP, **black), optics=Optics(0.0, 0.5, 0.0)), 0.5 * flat, rtol=1e-5
+    )
 
 
 def test_haze_hides_half_after_its_half_distance() -> None:
@@ -113,7 +132,9 @@ def test_stains_spare_what_does_not_repeat() -> None:
 
 def test_the_sky_is_blue_above_pale_below_and_bright_at_the_sun() -> None:
     up, level, sun = np.array([[0.0, -1.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]]), DAY.to_sun[None]
-    overhead, horizon, glow = (sky_light(DAY, ray.astype(np.float32))[0] for ray in (up, level, sun))
+    overhead, horizon, glow = (
+        sky_light(DAY, ray.astype(np.float32))[0] for ray in (up, level, sun)
+    )
     np.testing.assert_allclose(horizon, HORIZON, atol=1e-4)
     assert overhead[2] > overhead[0]
     beside = sky_light(DAY, np.float32([[0.0, -0.6, -0.8]]))[0]

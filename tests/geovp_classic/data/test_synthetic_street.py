@@ -35,7 +35,11 @@ def roads_of(manoeuvre: Manoeuvre) -> Roads:
 
 def corners_of(world: Street, *textures: Texture) -> FloatArray:
     """Corners [N, 3] of all triangles of these textures, heights above the ground below them."""
-    corners = world.static.corners[np.isin(world.static.texture, textures)].reshape(-1, 3).astype(np.float64)
+    corners = (
+        world.static.corners[np.isin(world.static.texture, textures)]
+        .reshape(-1, 3)
+        .astype(np.float64)
+    )
     corners[:, 1] = -corners[:, 1] - world.terrain.height_m(corners[:, [0, 2]])
     return corners
 
@@ -43,7 +47,9 @@ def corners_of(world: Street, *textures: Texture) -> FloatArray:
 def test_the_same_seed_builds_the_same_street(crossing: Street) -> None:
     again = build_street(SEED, Manoeuvre.LEFT_TURN)
     for part in dataclasses.fields(TriangleMesh):
-        np.testing.assert_array_equal(getattr(again.static, part.name), getattr(crossing.static, part.name))
+        np.testing.assert_array_equal(
+            getattr(again.static, part.name), getattr(crossing.static, part.name)
+        )
     assert len(again.traffic) == len(crossing.traffic)
     np.testing.assert_array_equal(again.weather.to_sun, crossing.weather.to_sun)
 
@@ -72,19 +78,25 @@ def test_nothing_but_cars_stands_on_the_carriageway(street: Street, crossing: St
 
 def test_houses_keep_their_distance_from_the_pavement(street: Street) -> None:
     walls = corners_of(street, *WALLS)
-    assert roads_of(Manoeuvre.GENTLE_CURVE).distance_m(walls[:, [0, 2]]).min() > 2.2  # behind the pavement
+    assert (
+        roads_of(Manoeuvre.GENTLE_CURVE).distance_m(walls[:, [0, 2]]).min() > 2.2
+    )  # behind the pavement
 
 
 def test_parked_cars_leave_the_lanes_free(street: Street) -> None:
     roads = roads_of(Manoeuvre.GENTLE_CURVE)
-    dark = (street.static.texture == Texture.PLAIN) & (np.abs(street.static.tint - DARK).max(axis=-1) < 1e-6)
+    dark = (street.static.texture == Texture.PLAIN) & (
+        np.abs(street.static.tint - DARK).max(axis=-1) < 1e-6
+    )
     wheels = street.static.corners[dark].reshape(-1, 3).astype(np.float64)
     wheels[:, 1] = -wheels[:, 1] - street.terrain.height_m(wheels[:, [0, 2]])
     inside_m = roads.distance_m(wheels[:, [0, 2]])
     assert len(wheels) > 500
     assert inside_m.max() < 0.0  # not on the pavement
     assert inside_m.min() > -2.2  # at least 2.4 m to the middle of the road
-    assert wheels[:, 1].min() == pytest.approx(0.0, abs=0.08)  # on the ground, within the slope over a car's length
+    assert wheels[:, 1].min() == pytest.approx(
+        0.0, abs=0.08
+    )  # on the ground, within the slope over a car's length
 
 
 def test_a_street_has_houses_trees_cars_and_lamps(street: Street) -> None:
@@ -109,7 +121,9 @@ def test_the_ground_has_no_hole_along_the_drive(street: Street) -> None:
     for place in places:
         a, b, c = (road[:, k] - place for k in range(3))
         turns = [p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((a, b), (b, c), (c, a))]
-        inside = np.all([turn >= -1e-6 for turn in turns], axis=0) | np.all([turn <= 1e-6 for turn in turns], axis=0)
+        inside = np.all([turn >= -1e-6 for turn in turns], axis=0) | np.all(
+            [turn <= 1e-6 for turn in turns], axis=0
+        )
         assert inside.any()
 
 

@@ -26,7 +26,9 @@ def _bilinear(image: np.ndarray, u: float, v: float) -> np.ndarray:
 
 
 def slow_sample(texture: int, uv: np.ndarray, step_x: np.ndarray, step_y: np.ndarray) -> np.ndarray:
-    """One pixel, as one would explain it: taps along the longer side, two mip levels that fit the shorter one."""
+    """One pixel, as one would explain it: taps along the longer side, two mip levels that fit the
+    shorter one.
+    """
     longer, shorter = sorted([step_x, step_y], key=lambda step: -np.hypot(*step))
     major, minor = (float(np.hypot(*step)) * SIZE for step in (longer, shorter))
     minor = max(minor, major / MAX_TAPS, 1.0)
@@ -64,7 +66,9 @@ def test_a_texel_in_its_middle_is_itself() -> None:
     image = _level(Texture.BRICK, 0)
     height, width = image.shape[:2]
     uv, still = np.array([[(7 + 0.5) / width, (11 + 0.5) / height]]), np.zeros((1, 2, 2))
-    np.testing.assert_allclose(sample(np.array([Texture.BRICK]), uv, still)[0], image[11, 7], atol=1e-4)
+    np.testing.assert_allclose(
+        sample(np.array([Texture.BRICK]), uv, still)[0], image[11, 7], atol=1e-4
+    )
 
 
 def test_a_pixel_as_large_as_the_tile_sees_its_mean() -> None:
@@ -87,13 +91,20 @@ def test_every_texture_has_an_image_with_contrast_in_it() -> None:
 
 
 def test_glass_lamps_and_bumpers_are_not_tinted_and_paint_is() -> None:
-    for texture in (Texture.PLASTER_WINDOWS, Texture.BRICK_WINDOWS, Texture.CAR_SIDE, Texture.CAR_END):
+    for texture in (
+        Texture.PLASTER_WINDOWS,
+        Texture.BRICK_WINDOWS,
+        Texture.CAR_SIDE,
+        Texture.CAR_END,
+    ):
         tinted = _level(texture, 0)[..., 3]
         assert tinted.min() == 0.0
         assert tinted.max() == 1.0
 
 
-@pytest.mark.parametrize("texture", [Texture.ASPHALT, Texture.GRASS, Texture.LEAVES, Texture.BRICK, Texture.ROOF])
+@pytest.mark.parametrize(
+    "texture", [Texture.ASPHALT, Texture.GRASS, Texture.LEAVES, Texture.BRICK, Texture.ROOF]
+)
 def test_repeating_textures_have_no_seam(texture: Texture) -> None:
     """The step over the border is no larger than steps inside (the largest are at joints)."""
     image = _level(texture, 0)[..., :3]

@@ -1,4 +1,6 @@
-"""Undistorted images show a point where a pinhole camera sees it; distortion formulas are written out here anew."""
+"""Undistorted images show a point where a pinhole camera sees it; distortion formulas are written
+out here anew.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +17,9 @@ F, CX, CY, SIZE_PX = 200.0, 158.0, 121.0, (320, 240)
 RAY = (0.45, -0.3)  # 90 px to the right of the centre and 60 px up
 
 
-def radtan(x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> tuple[float, float]:
+def radtan(
+    x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0
+) -> tuple[float, float]:
     """Brown 1966, as OpenCV's documentation writes it."""
     r2 = x * x + y * y
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
@@ -25,7 +29,9 @@ def radtan(x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: f
     )
 
 
-def equidistant(x: float, y: float, k1: float, k2: float, k3: float, k4: float) -> tuple[float, float]:
+def equidistant(
+    x: float, y: float, k1: float, k2: float, k3: float, k4: float
+) -> tuple[float, float]:
     """Kannala and Brandt 2006: the distance from the centre is a polynomial of the angle."""
     r = np.hypot(x, y)
     angle = np.arctan(r)
@@ -50,7 +56,11 @@ def centre_of(image: np.ndarray) -> tuple[float, float]:
 Distort = Callable[..., tuple[float, float]]
 CASES = [
     ("OPENCV", (-0.28, 0.07, 0.002, -0.003), radtan),
-    ("FULL_OPENCV", (0.26, -0.95, -0.0054, 0.0026, 1.16, 0.0, 0.0, 0.0), lambda x, y, *k: radtan(x, y, *k[:5])),
+    (
+        "FULL_OPENCV",
+        (0.26, -0.95, -0.0054, 0.0026, 1.16, 0.0, 0.0, 0.0),
+        lambda x, y, *k: radtan(x, y, *k[:5]),
+    ),
     ("OPENCV_FISHEYE", (-0.01, 0.02, -0.01, 0.003), equidistant),
 ]
 
@@ -64,7 +74,9 @@ def test_a_point_comes_to_where_a_pinhole_camera_sees_it(
     x, y = distort(*RAY, *numbers)
     image = undistortion.undistorted(spot(F * x + CX, F * y + CY), camera, view)
     expected = view.fx_px * RAY[0] + view.cx_px, view.fy_px * RAY[1] + view.cy_px
-    assert np.hypot(F * x + CX - expected[0], F * y + CY - expected[1]) > 2  # it was somewhere else before
+    assert (
+        np.hypot(F * x + CX - expected[0], F * y + CY - expected[1]) > 2
+    )  # it was somewhere else before
     np.testing.assert_allclose(centre_of(image), expected, atol=0.4)  # the spot is bent, too
     assert (view.cx_px, view.cy_px) == (CX, CY)
 
@@ -78,7 +90,9 @@ def test_colmap_counts_pixels_from_the_corner() -> None:
 
 
 def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
-    """A corner at radius r of the view comes from r (1 + 0.1 r^2) of the image, which ends 160 px off the centre."""
+    """A corner at radius r of the view comes from r (1 + 0.1 r^2) of the image, which ends 160 px
+    off the centre.
+    """
     camera = DistortedCamera.of("OPENCV", (F, F, 159.5, 119.5), (0.1, 0.0, 0.0, 0.0), SIZE_PX)
     view = undistortion.common_pinhole([camera], Path("here"))
 
@@ -93,7 +107,9 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
 
 
 def test_images_of_several_cameras_are_shown_as_one_sees_them() -> None:
-    """The second camera's lens is 5 % longer: the first's view is zoomed by as much, and shows a ray at one pixel."""
+    """The second camera's lens is 5 % longer: the first's view is zoomed by as much, and shows a
+    ray at one pixel.
+    """
     cameras = [DistortedCamera.of("PINHOLE", (f, f, CX, CY), (), SIZE_PX) for f in (F, 1.05 * F)]
     view = undistortion.common_pinhole(cameras, Path("here"))
     assert 1.04 < view.fx_px / F < 1.06
@@ -106,7 +122,10 @@ def test_images_of_several_cameras_are_shown_as_one_sees_them() -> None:
 def test_cameras_that_see_no_common_image_are_refused() -> None:
     near = DistortedCamera.of("PINHOLE", (F, F, CX, CY), (), SIZE_PX)
     far = DistortedCamera.of("PINHOLE", (5 * F, 5 * F, CX, CY), (), SIZE_PX)
-    with pytest.raises(BadData, match=r"model: no pinhole camera, up to a zoom of 2, .* all its 2 cameras see: check"):
+    with pytest.raises(
+        BadData,
+        match=r"model: no pinhole camera, up to a zoom of 2, .* all its 2 cameras see: check",
+    ):
         undistortion.common_pinhole([near, far], Path("model"))
     broken = DistortedCamera.of("OPENCV", (F, F, CX, CY), (np.nan, 0.0, 0.0, 0.0), SIZE_PX)
     with pytest.raises(BadData, match="check focal lengths"):
@@ -120,13 +139,17 @@ def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
     u, v = round(F * x + CX), round(F * y + CY)
     values[v - 2 : v + 3, u - 2 : u + 3] = 25000
     cv2.imwrite(str(tmp_path / "depth.png"), values)
-    depths = UndistortedDepths((tmp_path / "depth.png", None), (camera, camera), camera.pinhole, 5000.0)
+    depths = UndistortedDepths(
+        (tmp_path / "depth.png", None), (camera, camera), camera.pinhole, 5000.0
+    )
     assert set(np.unique(depths(0))) == {2.0, 5.0}  # no mean of the two
     assert depths(0)[round(F * RAY[1] + CY), round(F * RAY[0] + CX)] == 5.0
     assert depths(1).shape == (240, 320)
     assert not depths(1).any()
     cv2.imwrite(str(tmp_path / "depth.png"), values.astype(np.uint8))
-    with pytest.raises(BadData, match=r"depth\.png holds uint8 in 2 dimensions, expected .* 16 bits"):
+    with pytest.raises(
+        BadData, match=r"depth\.png holds uint8 in 2 dimensions, expected .* 16 bits"
+    ):
         depths(0)
 
 
@@ -135,5 +158,7 @@ def test_an_image_of_another_size_is_refused(tmp_path: Path) -> None:
     frames = UndistortedFrames(
         (tmp_path / "a.png",), (camera,), camera.pinhole, lambda _: np.zeros((24, 32, 3), np.uint8)
     )
-    with pytest.raises(BadData, match=r"a\.png is 32x24 pixels, expected 320x240 as its calibration says"):
+    with pytest.raises(
+        BadData, match=r"a\.png is 32x24 pixels, expected 320x240 as its calibration says"
+    ):
         frames.read(0)

@@ -27,7 +27,9 @@ class Images:
         return self.frames[index]
 
 
-def recording_of(frames: np.ndarray, camera: Intrinsics, right: SideCamera | None = None) -> Recording:
+def recording_of(
+    frames: np.ndarray, camera: Intrinsics, right: SideCamera | None = None
+) -> Recording:
     count = len(frames)
     world_from_cam = np.eye(4)[None].repeat(count, axis=0)
     world_from_cam[:, 2, 3] = np.arange(count)
@@ -44,14 +46,17 @@ def test_a_range_says_first_inclusive_and_last_exclusive() -> None:
         FrameRange.parse("03[180:360)").within(300)
 
 
-@given(st.from_regex(r"[a-z0-9_]{1,8}", fullmatch=True), st.integers(0, 10**6), st.integers(1, 10**6))
+@given(
+    st.from_regex(r"[a-z0-9_]{1,8}", fullmatch=True), st.integers(0, 10**6), st.integers(1, 10**6)
+)
 def test_a_range_is_read_as_it_is_written(name: str, first: int, count: int) -> None:
     frames = FrameRange(name, first, first + count)
     assert FrameRange.parse(str(frames)) == frames
 
 
 @pytest.mark.parametrize(
-    "text", ["03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03[9:5)", "03 [0:4)"]
+    "text",
+    ["03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03[9:5)", "03 [0:4)"],
 )
 def test_other_ways_to_write_a_range_are_refused(text: str) -> None:
     with pytest.raises(BadData, match=r"first|expected"):
@@ -67,7 +72,9 @@ def test_clips_start_every_stride_and_end_inside() -> None:
 
 
 @given(st.integers(0, 50), st.integers(2, 60), st.integers(2, 20), st.integers(1, 9))
-def test_no_clip_leaves_its_range_and_none_is_forgotten(first: int, count: int, num_frames: int, stride: int) -> None:
+def test_no_clip_leaves_its_range_and_none_is_forgotten(
+    first: int, count: int, num_frames: int, stride: int
+) -> None:
     if count < num_frames:
         return
     begun = windows.starts(FrameRange("a", first, first + count), num_frames, stride)
@@ -93,17 +100,28 @@ def test_settings_that_make_no_clip_are_refused(
 
 @pytest.mark.parametrize(
     ("native_px", "side_px", "tolerance_px"),
-    [((1242, 375), 256, 0.01), ((1226, 370), 256, 0.01), ((416, 128), 128, 1e-6), ((416, 128), 256, 0.02)],
+    [
+        ((1242, 375), 256, 0.01),
+        ((1226, 370), 256, 0.01),
+        ((416, 128), 128, 1e-6),
+        ((416, 128), 256, 0.02),
+    ],
 )
-def test_a_corner_lands_where_the_intrinsics_say(native_px: tuple[int, int], side_px: int, tolerance_px: float) -> None:
+def test_a_corner_lands_where_the_intrinsics_say(
+    native_px: tuple[int, int], side_px: int, tolerance_px: float
+) -> None:
     width_px, height_px = native_px
     corner_u, corner_v = width_px // 2 - 20, height_px // 2 + 13  # the first white column and row
     frame = np.zeros((height_px, width_px, 3), np.uint8)
     frame[corner_v:, corner_u:] = 255
     camera = Intrinsics(720.0, 715.0, width_px / 2 + 7.3, height_px / 2 - 2.2, width_px, height_px)
-    clip = windows.cut(recording_of(frame[None].repeat(2, axis=0), camera), 0, 2, (side_px, side_px))
+    clip = windows.cut(
+        recording_of(frame[None].repeat(2, axis=0), camera), 0, 2, (side_px, side_px)
+    )
     on_corner = np.array([corner_u - 0.5, corner_v - 0.5])  # between black and white
-    expected, _ = pinhole.project(pinhole.unproject(on_corner, np.array(9.0), camera), clip.intrinsics)
+    expected, _ = pinhole.project(
+        pinhole.unproject(on_corner, np.array(9.0), camera), clip.intrinsics
+    )
     white = clip.frames[0, :, :, 0] / 255.0  # the share of a pixel's area that is white
     found = [side_px - 0.5 - white[-1].sum(), side_px - 0.5 - white[:, -1].sum()]
     np.testing.assert_allclose(found, expected, atol=tolerance_px)
@@ -114,8 +132,10 @@ def test_a_clip_takes_its_own_frames_times_poses_and_views() -> None:
     frames = np.arange(6, dtype=np.uint8)[:, None, None, None] * np.ones((1, 4, 8, 3), np.uint8)
     right_from_cam = np.eye(4)
     right_from_cam[0, 3] = -0.5
-    recording = recording_of(frames, camera, SideCamera(Images(frames + 100), camera, right_from_cam))
-    clip = windows.cut(recording, 2, 3, (4, 4), with_wide=True)
+    recording = recording_of(
+        frames, camera, SideCamera(Images(frames + 100), camera, right_from_cam)
+    )
+    clip = windows.cut(recording, 2, 3, (4, 4), with_full=True)
     assert clip.name == "a/000002"
     assert clip.frames.shape == (3, 4, 4, 3)
     assert clip.frames[:, 0, 0, 0].tolist() == [2, 3, 4]
@@ -123,12 +143,12 @@ def test_a_clip_takes_its_own_frames_times_poses_and_views() -> None:
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [2, 3, 4]
     assert clip.camera_height_m == 1.65
     assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
-    assert clip.wide.frames.shape == (3, 4, 8, 3)
-    assert clip.wide.intrinsics == camera
-    np.testing.assert_array_equal(clip.wide.view_from_cam, np.eye(4))
+    assert clip.full.frames.shape == (3, 4, 8, 3)
+    assert clip.full.intrinsics == camera
+    np.testing.assert_array_equal(clip.full.view_from_cam, np.eye(4))
     assert clip.right.frames[:, 0, 0, 0].tolist() == [102, 103, 104]
     np.testing.assert_array_equal(clip.right.view_from_cam, right_from_cam)
-    assert windows.cut(recording, 2, 3, (4, 4)).wide is None
+    assert windows.cut(recording, 2, 3, (4, 4)).full is None
 
 
 def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
@@ -143,12 +163,19 @@ def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
 def test_no_piece_crosses_a_break() -> None:
     whole = FrameRange("a", 2, 20)
     assert windows.pieces(whole, (), 5) == [whole]
-    assert windows.pieces(whole, (1, 8, 10, 20), 5) == [FrameRange("a", 2, 8), FrameRange("a", 10, 20)]
-    assert windows.pieces(whole, (8, 15), 9) == [FrameRange("a", 8, 15)]  # none is long enough: the longest
+    assert windows.pieces(whole, (1, 8, 10, 20), 5) == [
+        FrameRange("a", 2, 8),
+        FrameRange("a", 10, 20),
+    ]
+    assert windows.pieces(whole, (8, 15), 9) == [
+        FrameRange("a", 8, 15)
+    ]  # none is long enough: the longest
 
 
 def test_depths_are_cropped_and_resized_with_the_frames() -> None:
-    """Frames of 8x4 pixels whose depth is the column: the middle 4 columns, 2 to 5, at half the size."""
+    """Frames of 8x4 pixels whose depth is the column: the middle 4 columns, 2 to 5, at half the
+    size.
+    """
 
     class Frames:
         def __len__(self) -> int:
@@ -158,7 +185,9 @@ def test_depths_are_cropped_and_resized_with_the_frames() -> None:
             return np.zeros((4, 8, 3), np.uint8)
 
     camera, column = Intrinsics(5, 5, 3.5, 1.5, 8, 4), np.tile(np.arange(8.0), (4, 1))
-    recording = windows.Recording("a", Frames(), np.arange(3.0), camera, depths=lambda index: column + 10 * index)
+    recording = windows.Recording(
+        "a", Frames(), np.arange(3.0), camera, depths=lambda index: column + 10 * index
+    )
     cropped = windows.cut(recording, 1, 2, (4, 4)).depths
     assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
     whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths

@@ -7,7 +7,16 @@ from geovp_classic.depth import aggregation
 from geovp_classic.types import FloatArray
 
 SMALL, LARGE, CONTRAST = 5, 60.0, 10.0
-DIRECTIONS = [(-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1)]  # (du, dv) to the pixel before
+DIRECTIONS = [
+    (-1, 0),
+    (-1, -1),
+    (0, -1),
+    (1, -1),
+    (1, 0),
+    (1, 1),
+    (0, 1),
+    (-1, 1),
+]  # (du, dv) to the pixel before
 
 
 def _path_costs(costs: FloatArray, image: FloatArray, du: int, dv: int) -> FloatArray:
@@ -54,7 +63,8 @@ def test_one_bad_pixel_is_outvoted() -> None:
 
 
 def test_the_winner_lies_between_hypotheses() -> None:
-    # costs 30, 10, 20: the parabola's lowest point is (30 - 20) / (2 (20 + 10)) = 1/6 above hypothesis 1
+    # costs 30, 10, 20: the parabola's lowest point is (30 - 20) / (2 (20 + 10)) = 1/6 above
+    # hypothesis 1
     sums = np.array([[[30, 10, 20]]], np.uint16)
     best, lead, least = aggregation.winners(sums)
     assert best[0, 0] == pytest.approx(1 + 1 / 6)
@@ -69,7 +79,9 @@ def test_the_outermost_hypotheses_win_as_they_are() -> None:
 
 
 def test_the_lead_is_counted_from_the_best_rival() -> None:
-    sums = np.array([[[80, 0, 8, 9, 48, 64]]], np.uint16)  # 1 wins, 2 and 3 are its neighbours, 4 is the rival
+    sums = np.array(
+        [[[80, 0, 8, 9, 48, 64]]], np.uint16
+    )  # 1 wins, 2 and 3 are its neighbours, 4 is the rival
     _, lead, _ = aggregation.winners(sums)
     assert lead[0, 0] == pytest.approx(48 / 8 / aggregation.PRECISION)  # of eight directions
 
@@ -78,4 +90,6 @@ def test_excess_of_a_given_depth() -> None:
     sums = np.tile(np.array([80, 0, 16, 40], np.uint16), (1, 3, 1))
     where = np.array([[True, False, True]])
     judged = aggregation.excess(sums, np.zeros((1, 3), np.uint16), np.array([0.5, 2.5]), where)
-    np.testing.assert_allclose(judged * aggregation.PRECISION, [0, 16 / 8])  # of the two next hypotheses the better one
+    np.testing.assert_allclose(
+        judged * aggregation.PRECISION, [0, 16 / 8]
+    )  # of the two next hypotheses the better one

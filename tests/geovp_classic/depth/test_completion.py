@@ -19,7 +19,10 @@ def _filled_slowly(values: FloatArray, known: BoolArray) -> FloatArray:
     for _ in range(2):  # rows, then columns, turned back by the second turn
         before = filled.copy()
         for row, column in np.argwhere(np.isnan(before)):
-            beside = [line[np.isfinite(line)] for line in (before[row, :column][::-1], before[row, column:])]
+            beside = [
+                line[np.isfinite(line)]
+                for line in (before[row, :column][::-1], before[row, column:])
+            ]
             nearest = [line[0] for line in beside if len(line)]
             filled[row, column] = min(nearest) if nearest else np.nan
         filled = filled.T
@@ -32,7 +35,9 @@ def test_gaps_are_filled_as_the_slow_twin_says(share: float) -> None:
     values = rng.uniform(size=(13, 17)).astype(np.float32)
     known = rng.uniform(size=values.shape) < share
     before = values.copy()
-    np.testing.assert_array_equal(completion.fill_from_background(values, known), _filled_slowly(values, known))
+    np.testing.assert_array_equal(
+        completion.fill_from_background(values, known), _filled_slowly(values, known)
+    )
     np.testing.assert_array_equal(values, before)
 
 

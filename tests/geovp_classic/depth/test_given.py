@@ -17,20 +17,27 @@ PAST = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.array([0.0, 0.1]), is_metric
 def context() -> Context:
     camera = Intrinsics(10.0, 10.0, 1.0, 0.0, 3, 1)
     depths = np.array([[[4.0, 0.0, np.inf]], [[0.5, 10.0, 0.0]]], dtype=np.float32)
-    return Context(np.zeros((2, 1, 3, 3), np.uint8), np.array([0.0, 0.1, 0.2]), camera, past_depths=depths)
+    return Context(
+        np.zeros((2, 1, 3, 3), np.uint8), np.array([0.0, 0.1, 0.2]), camera, past_depths=depths
+    )
 
 
 def test_it_inverts_and_trusts_all_but_the_unknown(context: Context) -> None:
     inverse_depths, confidence = Given().inverse_depths(context.only(Given().needs), PAST)
     np.testing.assert_allclose(inverse_depths, [[[0.25, 0.0, 0.0]], [[2.0, 0.1, 0.0]]])
-    np.testing.assert_array_equal(confidence, [[[1, 0, 1]], [[1, 1, 0]]])  # 0 = infinitely far is known of the sky
+    np.testing.assert_array_equal(
+        confidence, [[[1, 0, 1]], [[1, 1, 0]]]
+    )  # 0 = infinitely far is known of the sky
     assert isinstance(Given(), DepthSource)
 
 
 def test_it_says_what_it_lacks(context: Context) -> None:
     with pytest.raises(Incompatible, match="the clip has none"):
         Given().inverse_depths(replace(context, past_depths=None), PAST)
-    with pytest.raises(Incompatible, match="recorded depth is in metres, the poses are not: give the odometry a scale"):
+    with pytest.raises(
+        Incompatible,
+        match="recorded depth is in metres, the poses are not: give the odometry a scale",
+    ):
         Given().inverse_depths(context, replace(PAST, is_metric=False))
 
 

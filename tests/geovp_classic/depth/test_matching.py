@@ -16,8 +16,12 @@ def _bilinear(image: FloatArray, u: float, v: float) -> float:
     return float(upper * (row + 1 - v) + lower * (v - row))
 
 
-def _cost(reference: FloatArray, source: FloatArray, homography: FloatArray, row: int, column: int) -> float | None:
-    """One minus ZNCC of the windows of 5 x 5 pixels, at most 1; None where the source does not see the pixel."""
+def _cost(
+    reference: FloatArray, source: FloatArray, homography: FloatArray, row: int, column: int
+) -> float | None:
+    """One minus ZNCC of the windows of 5 x 5 pixels, at most 1; None where the source does not see
+    the pixel.
+    """
     height, width = reference.shape
     own, other = [], []
     for y in np.clip(np.arange(row - 2, row + 3), 0, height - 1):
@@ -28,7 +32,9 @@ def _cost(reference: FloatArray, source: FloatArray, homography: FloatArray, row
     u, v, z = homography @ [column, row, 1]
     inside = -0.5 <= u / z <= source.shape[1] - 0.5 and -0.5 <= v / z <= source.shape[0] - 0.5
     covariance = np.mean((own - np.mean(own)) * (other - np.mean(other)))
-    spread = np.sqrt((np.var(own) + matching.NOISE_VARIANCE) * (np.var(other) + matching.NOISE_VARIANCE))
+    spread = np.sqrt(
+        (np.var(own) + matching.NOISE_VARIANCE) * (np.var(other) + matching.NOISE_VARIANCE)
+    )
     return min(max(1 - covariance / spread, 0), 1) if inside else None
 
 
@@ -45,16 +51,26 @@ def test_costs_equal_the_slow_twin(images: FloatArray) -> None:
     costs = matching.sweep_costs(images[0], images[1:], infinity, epipoles, planes)
     assert costs.shape == (20, 24, 3)
     for row, column, n in np.ndindex(*costs.shape):
-        homographies = [a + planes[n] * np.outer(e, [0, 0, 1]) for a, e in zip(infinity, epipoles, strict=True)]
-        twins = [_cost(images[0], s, h, row, column) for s, h in zip(images[1:], homographies, strict=True)]
+        homographies = [
+            a + planes[n] * np.outer(e, [0, 0, 1]) for a, e in zip(infinity, epipoles, strict=True)
+        ]
+        twins = [
+            _cost(images[0], s, h, row, column)
+            for s, h in zip(images[1:], homographies, strict=True)
+        ]
         seen = [twin for twin in twins if twin is not None]
         prior = [0, 2, 5][n]  # thirds of FAR_PRIOR
         expected = prior + (matching.WORST * np.mean(seen) if seen else matching.UNSEEN)
         assert abs(costs[row, column, n] - expected) <= 1.5, (row, column, n)
 
 
-def test_a_near_source_is_compared_at_every_fourth_hypothesis_and_interpolated_between(images: FloatArray) -> None:
-    infinity, epipoles = np.tile(np.eye(3), (2, 1, 1)), np.array([[-12.0, 2.0, 0.0], [2.0, 1.0, 0.0]])
+def test_a_near_source_is_compared_at_every_fourth_hypothesis_and_interpolated_between(
+    images: FloatArray,
+) -> None:
+    infinity, epipoles = (
+        np.tile(np.eye(3), (2, 1, 1)),
+        np.array([[-12.0, 2.0, 0.0], [2.0, 1.0, 0.0]]),
+    )
     assert matching.near_sources(epipoles).tolist() == [False, True]
     planes = np.linspace(0.0, 1.0, 7)
     costs = matching.sweep_costs(images[0], images[1:], infinity, epipoles, planes)
@@ -71,13 +87,17 @@ def test_a_near_source_is_compared_at_every_fourth_hypothesis_and_interpolated_b
             share = (n - start) / (end - start)
             near = (1 - share) * twin(1, start, row, column) + share * twin(1, end, row, column)
             score, seen = twin(0, n, row, column) + near
-            expected = matching.far_prior(7)[n] + (matching.WORST * score / seen if seen else matching.UNSEEN)
+            expected = matching.far_prior(7)[n] + (
+                matching.WORST * score / seen if seen else matching.UNSEEN
+            )
             assert abs(costs[row, column, n] - expected) <= 1.5, (row, column, n)
 
 
 def test_bands_leave_no_seam(images: FloatArray) -> None:
     tall = np.tile(images[0], (5, 1))  # 100 rows: several bands
-    costs = matching.sweep_costs(tall, tall[None], np.eye(3)[None], np.array([[3.0, 0, 0]]), np.array([0.0, 1.0]))
+    costs = matching.sweep_costs(
+        tall, tall[None], np.eye(3)[None], np.array([[3.0, 0, 0]]), np.array([0.0, 1.0])
+    )
     np.testing.assert_array_equal(costs[25:35], costs[65:75])  # the image repeats every 20 rows
     assert (costs[..., 0] <= 6).all()  # equal windows: 1 - variance / (variance + noise)
 

@@ -13,7 +13,7 @@ from geovp_classic.depth.multiview import LevelRoad, Multiview
 from geovp_classic.depth.sweep import GroundPrior
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, Context, FloatArray, Grant
+from geovp_classic.types import BoolArray, Context, FloatArray, PrivilegedInput
 
 Observe = Callable[..., tuple]
 
@@ -37,13 +37,19 @@ def test_depth_of_a_street_seen_while_driving(observe: Observe) -> None:
     assert confidence.max() <= 1
 
 
-def test_a_car_that_comes_towards_the_camera_does_not_hang_over_the_road(drive_behind: Observe) -> None:
-    # At twice the street's speed past the camera it shifts like something at half its distance, in the air.
+def test_a_car_that_comes_towards_the_camera_does_not_hang_over_the_road(
+    drive_behind: Observe,
+) -> None:
+    # At twice the street's speed past the camera it shifts like something at half its distance, in
+    # the air.
     traffic = drive_behind(velocity=(0.0, 0.0, -4.0), distance=12.0)
     frames = np.repeat(traffic.images.astype(np.uint8)[..., None], 3, axis=-1)
     context = Context(frames, np.append(traffic.past.times_s, 0.1), traffic.camera)
     nearness = [
-        12.0 * np.median(Multiview(ground=prior).inverse_depths(context, traffic.past)[0][-1][traffic.mask])
+        12.0
+        * np.median(
+            Multiview(ground=prior).inverse_depths(context, traffic.past)[0][-1][traffic.mask]
+        )
         for prior in (None, GroundPrior())
     ]
     assert nearness[0] > 1.8
@@ -89,7 +95,9 @@ def test_settings_are_checked_and_described() -> None:
     built = registry.build("depth_sources", {"name": "multiview", "frames": [-1, -3]})
     assert built == Multiview(frames=(-1, -3))
     assert registry.describe(built)["frames"] == [-1, -3]
-    unaided = registry.build("depth_sources", {"name": "multiview", "ground": "none", "level_road": {}})
+    unaided = registry.build(
+        "depth_sources", {"name": "multiview", "ground": "none", "level_road": {}}
+    )
     assert unaided == Multiview(ground=None, level_road=LevelRoad())
     assert registry.build("depth_sources", registry.describe(unaided)) == unaided
     with pytest.raises(BadData, match="at least one frame"):
@@ -121,14 +129,16 @@ def test_noisy_poses_of_a_camera_that_stands_still(observe: Observe) -> None:
     context, past, _ = observe(_drive(step=0.0))
     shaken = past.world_from_cam.copy()
     shaken[:, :3, 3] += np.random.default_rng(0).normal(0, 1e-3, (len(past), 3))
-    _, confidence = Multiview().inverse_depths(context, dataclasses.replace(past, world_from_cam=shaken))
+    _, confidence = Multiview().inverse_depths(
+        context, dataclasses.replace(past, world_from_cam=shaken)
+    )
     assert not confidence.any()
 
 
 def test_a_recorded_camera_height_stands_in_for_parallax(observe: Observe) -> None:
     context, past, truth = observe(_drive(step=0.0))
     source = Multiview(level_road=LevelRoad())
-    assert source.needs == Grant.CAMERA_HEIGHT
+    assert source.needs == PrivilegedInput.CAMERA_HEIGHT
     known = dataclasses.replace(context, camera_height_m=1.6)
     inverse_depths, confidence = source.inverse_depths(known, past)
     np.testing.assert_allclose(inverse_depths[-1][-20:, :60], truth[-1][-20:, :60], rtol=1e-4)
@@ -149,12 +159,15 @@ def test_exposure_changes_little(observe: Observe) -> None:
 def test_a_road_without_fine_texture_lies_on_the_ground_plane() -> None:
     """What the ground prior is for: windows that tell little about the road in front of the camera."""
     smooth = Synthetic(seed=1, num_clips=1, num_frames=11, size_px=(128, 128), finest_detail_m=2.0)
-    context, _ = smooth[0].split(10, Grant.PAST_POSES | Grant.PAST_DEPTHS)
+    context, _ = smooth[0].split(10, PrivilegedInput.PAST_POSES | PrivilegedInput.PAST_DEPTHS)
     assert context.past is not None
     assert context.past_depths is not None
     road = 1 / context.past_depths[-1, 80:]
     with_prior, without = (
-        np.abs(each.inverse_depths(context.only(Grant.NONE), context.past)[0][-1, 80:] / road - 1).mean()
+        np.abs(
+            each.inverse_depths(context.only(PrivilegedInput.NONE), context.past)[0][-1, 80:] / road
+            - 1
+        ).mean()
         for each in (Multiview(), Multiview(ground=None))
     )
     assert with_prior < 0.75 * without
@@ -165,7 +178,11 @@ def test_a_flat_sky_is_farther_than_the_houses_beside_it(observe: Observe) -> No
     sky = np.zeros(truth[-1].shape, dtype=bool)
     sky[:40, 30:-30] = True
     frames = np.where(sky[..., None], np.uint8(230), context.frames)
-    inverse_depths, _ = Multiview().inverse_depths(dataclasses.replace(context, frames=frames), past)
+    inverse_depths, _ = Multiview().inverse_depths(
+        dataclasses.replace(context, frames=frames), past
+    )
     inner = np.zeros_like(sky)
     inner[8:30, 40:-40] = True
-    assert inverse_depths[-1][inner].max() < 1 / 50  # without a prior for what is far some of it hangs at 9 m
+    assert (
+        inverse_depths[-1][inner].max() < 1 / 50
+    )  # without a prior for what is far some of it hangs at 9 m

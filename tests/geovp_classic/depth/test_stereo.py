@@ -11,7 +11,7 @@ from geovp_classic.depth import stereo
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import Context, ExtraView, FloatArray, Grant, Trajectory
+from geovp_classic.types import Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
 
 BASELINE_M = 0.5
 Pair = tuple[Context, Trajectory, FloatArray]
@@ -31,7 +31,9 @@ def pair(observe: Callable[..., Pair], image: Callable[..., FloatArray]) -> Pair
 def test_depth_in_metres(pair: Pair) -> None:
     context, past, truth = pair
     inverse_depths, confidence = Stereo(nearest_m=2.0).inverse_depths(context, past)
-    disparity_error_px = np.abs(inverse_depths[-1] - truth[-1]) * BASELINE_M * context.intrinsics.fx_px
+    disparity_error_px = (
+        np.abs(inverse_depths[-1] - truth[-1]) * BASELINE_M * context.intrinsics.fx_px
+    )
     assert np.median(disparity_error_px) < 0.35
     assert (disparity_error_px < 1).mean() > 0.9
     assert set(np.unique(confidence[-1])) == {0.0, 1.0}
@@ -49,16 +51,18 @@ def test_rows_match_and_columns_differ_by_the_disparity(pair: Pair) -> None:
     assert BASELINE_M * 120 * truth[1, 10, 30] == pytest.approx(2.586, abs=1e-3)
     row = right[10, 16:, 0].astype(float)
     shifts = np.arange(0, 6, 0.1)
-    shifted = np.array([np.interp(np.arange(10, 60) - shift, np.arange(128), row) for shift in shifts])
+    shifted = np.array(
+        [np.interp(np.arange(10, 60) - shift, np.arange(128), row) for shift in shifts]
+    )
     error = np.abs(shifted - context.frames[1, 10, 10:60, 0]).mean(axis=1)
     assert shifts[np.argmin(error)] == pytest.approx(2.586, abs=0.25)
 
 
 def test_what_it_needs(pair: Pair) -> None:
     context, past, _ = pair
-    assert registry.build("depth_sources", "stereo").needs == Grant.RIGHT_FRAMES
+    assert registry.build("depth_sources", "stereo").needs == PrivilegedInput.RIGHT_FRAMES
     with pytest.raises(Incompatible, match="right images"):
-        Stereo().inverse_depths(context.only(Grant.NONE), past)
+        Stereo().inverse_depths(context.only(PrivilegedInput.NONE), past)
     with pytest.raises(Incompatible, match="scale"):
         Stereo().inverse_depths(context, dataclasses.replace(past, is_metric=False))
     with pytest.raises(BadData, match="of 2 observed"):
@@ -67,7 +71,9 @@ def test_what_it_needs(pair: Pair) -> None:
         Stereo(nearest_m=0.0)
 
 
-@pytest.mark.parametrize("twist", [(0.5, 0, 0, 0, 0, 0), (-0.5, 0.1, 0, 0, 0, 0), (-0.5, 0, 0, 0, 0.1, 0)])
+@pytest.mark.parametrize(
+    "twist", [(0.5, 0, 0, 0, 0, 0), (-0.5, 0.1, 0, 0, 0, 0), (-0.5, 0, 0, 0, 0.1, 0)]
+)
 def test_only_rectified_pairs(pair: Pair, twist: tuple[float, ...]) -> None:
     context, past, _ = pair
     assert context.right is not None

@@ -17,7 +17,8 @@ def _path(num: int, step: float, yaw_rad: float = 0.0) -> FloatArray:
 
 
 def test_baselines_halve() -> None:
-    # 10 steps of 1: 9, 4.5 (4 is nearer on a log scale: 4.5/4 < 5/4.5 is false, so 5), 2.25 and 1.125
+    # 10 steps of 1: 9, 4.5 (4 is nearer on a log scale: 4.5/4 < 5/4.5 is false, so 5), 2.25 and
+    # 1.125
     assert sorted(viewpoints.choose_sources(_path(10, 1.0), 9, CAMERA)) == [0, 4, 7, 8]
 
 

@@ -15,4 +15,6 @@ def traffic(drive_behind: Callable[..., Any]) -> Any:
 
 @pytest.fixture(scope="module")
 def observed(traffic: Any) -> Observations:
-    return Observations(traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road)
+    return Observations(
+        traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road
+    )

@@ -1,4 +1,6 @@
-"""What moves by itself is found where it is, at its place on the road and with its own velocity; what stands is not."""
+"""What moves by itself is found where it is, at its place on the road and with its own velocity;
+what stands is not.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,7 +24,9 @@ def found(drive_behind: Callable[..., Any]) -> Callable[..., tuple[list[DynamicO
     return _found
 
 
-def find(traffic: Any, objects: DynamicObjects | None = None, **changed: Any) -> list[DynamicObject]:
+def find(
+    traffic: Any, objects: DynamicObjects | None = None, **changed: Any
+) -> list[DynamicObject]:
     street = {"images": traffic.images, "past": traffic.past, "road": traffic.road, **changed}
     camera = traffic.camera
     return (objects or DynamicObjects()).find(
@@ -38,7 +42,8 @@ def test_a_car_ahead_is_found_with_its_velocity(found: Callable[..., Any]) -> No
     (found_object,), traffic = found()
     assert overlap(found_object.mask, traffic.mask) > 0.7
     assert found_object.depth == pytest.approx(8.0, rel=0.1)
-    # Depth comes from one row of pixels, and the velocity against the camera's 4 m/s scales with it.
+    # Depth comes from one row of pixels, and the velocity against the camera's 4 m/s scales with
+    # it.
     relative = (found_object.velocity - [0, 0, 4.0]) * 8.0 / found_object.depth
     np.testing.assert_allclose(relative, [1.2, 0.0, 1.0], atol=0.05)
 
@@ -51,7 +56,8 @@ def test_a_car_that_crosses_is_found_with_its_velocity(found: Callable[..., Any]
 
 
 def test_two_pieces_of_evidence_are_one_car(found: Callable[..., Any]) -> None:
-    # Driving away at twice the camera's speed leaves two separate patches of contradiction on this car.
+    # Driving away at twice the camera's speed leaves two separate patches of contradiction on this
+    # car.
     objects, traffic = found(velocity=(0.0, 0.0, 8.0))
     assert len(objects) == 1
     assert overlap(objects[0].mask, traffic.mask) > 0.7
@@ -72,14 +78,18 @@ def test_any_unit_of_length_will_do(found: Callable[..., Any]) -> None:
 
 def test_a_change_of_exposure_moves_nothing(drive_behind: Callable[..., Any]) -> None:
     traffic = drive_behind()
-    darker = np.linspace(0.8, 1.0, len(traffic.images), dtype=np.float32)[:, None, None] * traffic.images
+    darker = (
+        np.linspace(0.8, 1.0, len(traffic.images), dtype=np.float32)[:, None, None] * traffic.images
+    )
     (found_object,) = find(traffic, images=darker)
     assert overlap(found_object.mask, traffic.mask) > 0.7
     still = drive_behind(velocity=(0.0, 0.0, 0.0))
     assert find(still, images=darker[:, :1, :1] / traffic.images[:, :1, :1] * still.images) == []
 
 
-def test_nothing_is_found_without_a_road_or_an_earlier_frame(drive_behind: Callable[..., Any]) -> None:
+def test_nothing_is_found_without_a_road_or_an_earlier_frame(
+    drive_behind: Callable[..., Any],
+) -> None:
     traffic = drive_behind()
     assert find(traffic, road=None) == []
     assert find(traffic, images=traffic.images[-1:], past=traffic.past[-1:]) == []

@@ -1,4 +1,6 @@
-"""Moving things: drawn where they have got to, hidden by what is nearer, and kept out of what stands."""
+"""Moving things: drawn where they have got to, hidden by what is nearer, and kept out of what
+stands.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -13,13 +15,17 @@ CAMERA = Intrinsics(60.0, 60.0, 32.0, 24.0, 65, 49)
 DEPTH = 6.0
 
 
-def board(velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), source: FloatArray | None = None) -> Sprite:
+def board(
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), source: FloatArray | None = None
+) -> Sprite:
     """A red board over columns 30 to 34 and rows 22 to 26 of a grey image: 0.5 x 0.5 at z = 6."""
     frame = np.full((49, 65, 3), 90, np.uint8)
     mask = np.zeros((49, 65), dtype=bool)
     mask[22:27, 30:35] = True
     frame[mask] = [200, 10, 10]
-    return Sprite(frame, mask, CAMERA, np.eye(4) if source is None else source, DEPTH, np.array(velocity))
+    return Sprite(
+        frame, mask, CAMERA, np.eye(4) if source is None else source, DEPTH, np.array(velocity)
+    )
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,9 @@ class Wall:
     depth: float
     covered: bool = True
 
-    def view(self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics) -> Views:
+    def view(
+        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+    ) -> Views:
         size = (len(world_from_cam), intrinsics.height_px, intrinsics.width_px)
         frames = np.tile(np.array([0, 0, 250], np.uint8), (*size, 1))
         depths = np.full(size, self.depth if self.covered else 0, np.float32)
@@ -62,9 +70,12 @@ def test_it_moves_with_its_own_velocity() -> None:
 
 
 def test_it_grows_as_it_comes_nearer() -> None:
-    # The camera 2 m on and the board 1 m nearer within the second: from z = 6 to 3. Its outer pixels are 4 apart, and
+    # The camera 2 m on and the board 1 m nearer within the second: from z = 6 to 3. Its outer
+    # pixels are 4 apart, and
     # then 8: 9 x 9 pixels are more than half covered.
-    views = DynamicScene(Wall(10.0), (board((0.0, 0.0, -1.0)),), 0.0).view(ahead((0, 0, 2)), np.array([1.0]), CAMERA)
+    views = DynamicScene(Wall(10.0), (board((0.0, 0.0, -1.0)),), 0.0).view(
+        ahead((0, 0, 2)), np.array([1.0]), CAMERA
+    )
     assert red(views.frames[0]).sum() == 81
     np.testing.assert_allclose(views.depths[0][red(views.frames[0])], 3.0, rtol=1e-6)
 
@@ -79,7 +90,9 @@ def test_a_board_that_keeps_the_cameras_speed_stays_in_its_place() -> None:
 
 def test_what_stands_nearer_hides_it_and_what_was_invented_does_not() -> None:
     now, times_s = np.eye(4)[None], np.array([0.1])
-    assert not red(DynamicScene(Wall(5.0), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]).any()
+    assert not red(
+        DynamicScene(Wall(5.0), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]
+    ).any()
     # The road at its foot may be a little nearer than its flat image.
     assert red(DynamicScene(Wall(5.95), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]).any()
     invented = DynamicScene(Wall(5.0, covered=False), (board(),), 0.0).view(now, times_s, CAMERA)
@@ -114,7 +127,9 @@ def test_the_window_changes_nothing() -> None:
     whole = np.zeros((61, 101))
     whole[layer.window] = layer.opacity
     assert 0 < (layer.opacity > 0).sum() < layer.opacity.size < whole.size
-    points = DEPTH * np.stack([(np.array([30, 34]) - 32) / 60, (np.array([22, 26]) - 24) / 60, np.ones(2)], -1)
+    points = DEPTH * np.stack(
+        [(np.array([30, 34]) - 32) / 60, (np.array([22, 26]) - 24) / 60, np.ones(2)], -1
+    )
     cam = se3.transform(se3.inverse(turned), points)  # two opposite corners of the board
     u, v = 80 * cam[:, 0] / cam[:, 2] + 50, 70 * cam[:, 1] / cam[:, 2] + 30
     for column, row in zip(np.rint(u).astype(int), np.rint(v).astype(int), strict=True):
@@ -144,7 +159,9 @@ def test_the_street_is_cut_where_things_were_then() -> None:
 
 def test_without_things_nothing_is_cut() -> None:
     depths, confidence = np.full((2, 49, 65), 0.1), np.ones((2, 49, 65))
-    same, trust, where = mask_out((), depths, confidence, ahead((0, 0, 0), (0, 0, 1)), np.array([-0.1, 0]))
+    same, trust, where = mask_out(
+        (), depths, confidence, ahead((0, 0, 0), (0, 0, 1)), np.array([-0.1, 0])
+    )
     np.testing.assert_array_equal(same, depths)
     np.testing.assert_array_equal(trust, confidence)
     assert not where.any()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from geovp_benchmarks.fitting import body_motion as fitting
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import body_motion
 from geovp_classic.forecasting.body_motion import BodyMotion, Coefficients
-from geovp_classic.forecasting.fitting import body_motion as fitting
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.sampling import BodyForecast
@@ -20,7 +20,9 @@ STEP_S = 0.1037
 SPRING_HZ, PITCH_RAD = 1.3, 0.01  # of a body that bounces for ever
 
 
-def bouncing(num_poses: int, phase_rad: float, speed_m_s: float = 10.0, roll_rad: float = 0.0) -> Trajectory:
+def bouncing(
+    num_poses: int, phase_rad: float, speed_m_s: float = 10.0, roll_rad: float = 0.0
+) -> Trajectory:
     """Straight ahead while the body pitches, and rolls a quarter of a period later."""
     times_s = STEP_S * np.arange(num_poses)
     angle = 2 * np.pi * SPRING_HZ * times_s + phase_rad
@@ -33,7 +35,10 @@ def bouncing(num_poses: int, phase_rad: float, speed_m_s: float = 10.0, roll_rad
 
 @pytest.fixture(scope="module")
 def fitted() -> Coefficients:
-    drives = {f"{n}": bouncing(150, phase, 8.0 + n % 4, 0.005) for n, phase in enumerate(np.linspace(0, 6, 12))}
+    drives = {
+        f"{n}": bouncing(150, phase, 8.0 + n % 4, 0.005)
+        for n, phase in enumerate(np.linspace(0, 6, 12))
+    }
     return fitting.fit(drives, {})
 
 
@@ -45,7 +50,9 @@ def file(fitted: Coefficients, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 def pitch_error_rad(forecast: FloatArray, truth: Trajectory, past: Trajectory) -> FloatArray:
-    found, actual = (body_motion.over_plane(poses, past)[:, 1] for poses in (forecast, truth.world_from_cam))
+    found, actual = (
+        body_motion.over_plane(poses, past)[:, 1] for poses in (forecast, truth.world_from_cam)
+    )
     return np.abs(found - actual)
 
 
@@ -53,7 +60,8 @@ def test_a_bounce_that_repeats_is_foretold(file: Path) -> None:
     drive = bouncing(30, phase_rad=0.4, speed_m_s=9.0, roll_rad=0.005)
     past, future = drive[:10], drive[10:]
     with_it, without = (
-        MotionPrior(body_motion=body).forecast(past, future.times_s)[0] for body in (BodyMotion(file), None)
+        MotionPrior(body_motion=body).forecast(past, future.times_s)[0]
+        for body in (BodyMotion(file), None)
     )
     held, foretold = (pitch_error_rad(poses, future, past).mean() for poses in (without, with_it))
     assert held > 0.4 * PITCH_RAD  # the mean distance of a sine from where it happened to be last
@@ -64,7 +72,8 @@ def test_positions_on_the_plane_and_the_heading_stay(file: Path) -> None:
     past = bouncing(10, 0.4)
     times_s = past.times_s[-1] + STEP_S * np.arange(1, 21)
     with_it, without = (
-        TurnRateKalman(body_motion=body).forecast(past, times_s)[0] for body in (BodyMotion(file), None)
+        TurnRateKalman(body_motion=body).forecast(past, times_s)[0]
+        for body in (BodyMotion(file), None)
     )
     off = se3.log(se3.inverse(without) @ with_it)
     np.testing.assert_allclose(off[:, [0, 2, 4]], 0, atol=1e-3)
@@ -73,7 +82,9 @@ def test_positions_on_the_plane_and_the_heading_stay(file: Path) -> None:
 
 def test_a_mirrored_past_has_the_mirrored_future(fitted: Coefficients) -> None:
     twists = np.random.default_rng(0).normal([0, 0, 9.0, 0, 0, 0], 0.1, (1, 9, 6))
-    fair = fitting.fit({"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)}, {})
+    fair = fitting.fit(
+        {"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)}, {}
+    )
     ours, mirrored = fair(twists), fair(twists * fitting.MIRRORED_TWIST)
     np.testing.assert_allclose(mirrored, ours * fitting.MIRRORED_BODY, atol=2e-3)
 
@@ -81,12 +92,16 @@ def test_a_mirrored_past_has_the_mirrored_future(fitted: Coefficients) -> None:
 def test_one_pose_and_a_past_without_metres(file: Path) -> None:
     past = bouncing(10, 0.4)
     times_s = past.times_s[-1] + STEP_S * np.arange(1, 4)
-    assert np.array_equal(BodyMotion(file).added_to(np.eye(4)[None], past[:1], times_s[:1]), np.eye(4)[None])
+    assert np.array_equal(
+        BodyMotion(file).added_to(np.eye(4)[None], past[:1], times_s[:1]), np.eye(4)[None]
+    )
     flat = np.tile(np.eye(4), (1, 3, 1, 1))
     feet = past.world_from_cam.copy()
     feet[:, :3, 3] /= 0.3048
     known, unknown = (
-        BodyMotion(file).added_to(flat, Trajectory(poses, past.times_s, is_metric=False), times_s)[0]
+        BodyMotion(file).added_to(flat, Trajectory(poses, past.times_s, is_metric=False), times_s)[
+            0
+        ]
         for poses in (past.world_from_cam, feet)
     )
     np.testing.assert_allclose(unknown[:, :3, 3], known[:, :3, 3] / 0.3048, rtol=1e-6, atol=1e-9)
@@ -95,7 +110,9 @@ def test_one_pose_and_a_past_without_metres(file: Path) -> None:
 
 def test_an_even_drive_straight_ahead_stays_even() -> None:
     times_s = STEP_S * np.arange(30)
-    straight = Trajectory(se3.compose(np.eye(3), np.outer(times_s, [0, 0, 10.0])), times_s, is_metric=True)
+    straight = Trajectory(
+        se3.compose(np.eye(3), np.outer(times_s, [0, 0, 10.0])), times_s, is_metric=True
+    )
     ahead = MotionPrior().forecast(straight[:10], times_s[10:])[0]
     np.testing.assert_allclose(body_motion.over_plane(ahead, straight[:10]), 0, atol=1e-9)
 
@@ -135,13 +152,20 @@ def test_intervals_hold_what_they_say_and_grow_with_the_shaking(tmp_path: Path) 
             scales.append((amounts[n % 5], forecast.scales[5, 1]))
     shares = [(np.array(ranks) <= share).mean(axis=(0, 1)) for share in (0.5, 0.9)]
     np.testing.assert_allclose(shares, [[0.5] * 3, [0.9] * 3], atol=0.08)
-    calm, wild = (np.mean([scale for amount, scale in scales if amount == one]) for one in (amounts[0], amounts[2]))
+    calm, wild = (
+        np.mean([scale for amount, scale in scales if amount == one])
+        for one in (amounts[0], amounts[2])
+    )
     assert wild > 1.5 * calm
 
 
 def test_the_interval_of_students_t() -> None:
-    forecast = BodyForecast(np.array([[0.1, 0.0, 0.0]]), np.array([[0.5, 1.0, 2.0]]), np.array([4.0, 4.0, 4.0]))
-    ranks = forecast.ranks(np.array([[0.1 + 0.5 * 2.776, 0.741, 0.0]]))  # a table's 97.5 % and 75 % for 4 degrees
+    forecast = BodyForecast(
+        np.array([[0.1, 0.0, 0.0]]), np.array([[0.5, 1.0, 2.0]]), np.array([4.0, 4.0, 4.0])
+    )
+    ranks = forecast.ranks(
+        np.array([[0.1 + 0.5 * 2.776, 0.741, 0.0]])
+    )  # a table's 97.5 % and 75 % for 4 degrees
     np.testing.assert_allclose(ranks, [[0.95, 0.5, 0.0]], atol=1e-3)
     drawn = forecast.sample(40000, seed=0)[:, 0]
     np.testing.assert_allclose(np.median(drawn, axis=0), [0.1, 0.0, 0.0], atol=0.03)

@@ -1,4 +1,6 @@
-"""Kalman forecasters: circles go on as circles, standing stands, uncertainty grows, nothing breaks at the seams."""
+"""Kalman forecasters: circles go on as circles, standing stands, uncertainty grows, nothing breaks
+at the seams.
+"""
 
 import numpy as np
 import pytest
@@ -6,7 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geovp_classic.errors import UnknownComponent
-from geovp_classic.forecasting.kalman import AccelerationKalman, TurnRateKalman, TurnRateUnscented, fitted
+from geovp_classic.forecasting.kalman import (
+    AccelerationKalman,
+    TurnRateKalman,
+    TurnRateUnscented,
+    fitted,
+)
 from geovp_classic.geometry import planar, se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
@@ -16,8 +23,12 @@ STEP_S = 0.1
 LEVER_ARM_M = fitted("turn-rate").lever_arm
 
 
-def circle(speed_m_s: float, turn_rad_s: float, num_steps: int, first_yaw_rad: float = 0.0) -> FloatArray:
-    """Camera poses [T, 4, 4] of a car whose rear axle drives a circle on the level; the camera sits ahead of it."""
+def circle(
+    speed_m_s: float, turn_rad_s: float, num_steps: int, first_yaw_rad: float = 0.0
+) -> FloatArray:
+    """Camera poses [T, 4, 4] of a car whose rear axle drives a circle on the level; the camera sits
+    ahead of it.
+    """
     twist = np.array([0, 0, speed_m_s, 0, turn_rad_s, 0]) * STEP_S
     start = se3.exp(np.array([2.0, 0, 5, 0, first_yaw_rad, 0]))
     axle_from_cam = se3.compose(np.eye(3), np.array([0, 0, LEVER_ARM_M]))
@@ -33,14 +44,17 @@ def test_a_straight_drive_goes_on_straight(forecaster: Forecaster) -> None:
     whole = circle(8.0, 0.0, 30)
     ahead = forecaster.forecast(past_of(whole[:10]), np.arange(10, 30) * STEP_S)
     assert ahead.shape == (1, 20, 4, 4)
-    # 16 m ahead; the unscented mean is shorter, because it averages over headings that are not sure.
+    # 16 m ahead; the unscented mean is shorter, because it averages over headings that are not
+    # sure.
     shorter = 0.05 if isinstance(forecaster, TurnRateUnscented) else 0.003
     np.testing.assert_allclose(ahead[0, :, :3, 3], whole[10:, :3, 3], atol=16 * shorter)
     assert ahead[0, -1, 2, 3] <= whole[-1, 2, 3] + 1e-3
 
 
 @pytest.mark.parametrize("forecaster", ALL[:2])
-@pytest.mark.parametrize("first_yaw_rad", [0.0, np.pi - 0.05])  # the second one turns over the seam at pi
+@pytest.mark.parametrize(
+    "first_yaw_rad", [0.0, np.pi - 0.05]
+)  # the second one turns over the seam at pi
 def test_a_circle_goes_on_as_a_circle(forecaster: Forecaster, first_yaw_rad: float) -> None:
     whole = circle(5.0, 0.5, 20, first_yaw_rad)
     ahead = forecaster.forecast(past_of(whole[:10]), np.arange(10, 20) * STEP_S)
@@ -82,7 +96,12 @@ def test_samples_spread_as_the_covariance_says_and_repeat(forecaster: TurnRateKa
     st.booleans(),
 )
 def test_futures_are_always_finite_and_rigid(
-    forecaster: Forecaster, num_past: int, speed: float, turn: float, gaps_s: list[float], is_metric: bool
+    forecaster: Forecaster,
+    num_past: int,
+    speed: float,
+    turn: float,
+    gaps_s: list[float],
+    is_metric: bool,
 ) -> None:
     past = past_of(circle(speed, turn, num_past), is_metric)
     times_s = past.times_s[-1] + np.cumsum(gaps_s)

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from geovp_benchmarks.fitting import prior
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, motion_prior
-from geovp_classic.forecasting.fitting import prior
 from geovp_classic.forecasting.motion_network import Network
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import planar, se3
@@ -20,7 +20,9 @@ from geovp_classic.types import FloatArray, Trajectory
 STEP_S = 0.1037
 
 
-def drive(speed_m_s: float, turn_rad_s: float, num_steps: int, is_metric: bool = True) -> Trajectory:
+def drive(
+    speed_m_s: float, turn_rad_s: float, num_steps: int, is_metric: bool = True
+) -> Trajectory:
     times_s = np.arange(num_steps) * STEP_S
     twist = np.array([0, 0, speed_m_s, 0, turn_rad_s, 0])
     return Trajectory(se3.exp(times_s[:, None] * twist), times_s, is_metric)
@@ -44,7 +46,9 @@ def test_a_straight_road_goes_on_straight() -> None:
 
 def test_left_is_right_in_the_mirror() -> None:
     left, right = (drive(7.0, turn, 10) for turn in (-0.4, 0.4))
-    ahead = [states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0] for past in (left, right)]
+    ahead = [
+        states_of(MotionPrior().forecast(past, ahead_of(past)), past)[0] for past in (left, right)
+    ]
     np.testing.assert_allclose(ahead[0], ahead[1] * motion_network.MIRRORED_STATE, atol=1e-6)
     assert 0.1 < ahead[1][-1, 2] < 0.4 * 20 * STEP_S * 1.5  # goes on turning, not for ever
 
@@ -81,7 +85,9 @@ def test_a_single_pose_is_held_and_has_no_distribution() -> None:
 
 def test_scale_free_futures_are_in_the_unit_of_the_past() -> None:
     metric, free = drive(9.0, 0.2, 10), drive(1.0, 0.2, 10, is_metric=False)
-    ahead, free_ahead = (MotionPrior().forecast(p, ahead_of(p))[0, :, :3, 3] for p in (metric, free))
+    ahead, free_ahead = (
+        MotionPrior().forecast(p, ahead_of(p))[0, :, :3, 3] for p in (metric, free)
+    )
     last, free_last = metric.world_from_cam[-1, :3, 3], free.world_from_cam[-1, :3, 3]
     np.testing.assert_allclose(9 * (free_ahead - free_last), ahead - last, rtol=0.02, atol=0.02)
 
@@ -98,7 +104,9 @@ def test_times_between_the_grid_and_beyond_it_are_smooth() -> None:
 def test_draws_spread_as_the_distribution_says_and_repeat() -> None:
     past = drive(8.0, 0.2, 10)
     futures = MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000)
-    np.testing.assert_array_equal(futures, MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000))
+    np.testing.assert_array_equal(
+        futures, MotionPrior(seed=3).forecast(past, ahead_of(past), num_samples=3000)
+    )
     forecast = MotionPrior().distribution(past, ahead_of(past))
     states = forecast.states_of(futures)[:, -1]
     mean = (forecast.weights[:, None] * forecast.means[:, -1]).sum(0)
@@ -126,7 +134,12 @@ def test_less_is_known_farther_ahead() -> None:
     st.integers(1, 3),
 )
 def test_futures_are_always_finite_and_rigid(
-    gaps_s: list[float], speed: float, turn: float, ahead_s: list[float], is_metric: bool, num_samples: int
+    gaps_s: list[float],
+    speed: float,
+    turn: float,
+    ahead_s: list[float],
+    is_metric: bool,
+    num_samples: int,
 ) -> None:
     times_s = np.cumsum(gaps_s)
     poses = se3.exp(times_s[:, None] * np.array([0, 0.1, speed, 0.01, turn, 0.02]))
@@ -158,7 +171,10 @@ def test_coefficients_survive_a_file_and_say_their_licence(tmp_path: Path) -> No
 
 
 def test_a_network_is_matrices_with_silu_between() -> None:
-    network = Network((np.ones((1, 1, 2)), np.array([[[1.0], [2.0]]])), (np.zeros((1, 1, 2)), np.full((1, 1, 1), 0.5)))
+    network = Network(
+        (np.ones((1, 1, 2)), np.array([[[1.0], [2.0]]])),
+        (np.zeros((1, 1, 2)), np.full((1, 1, 1), 0.5)),
+    )
     # silu(2) = 2 / (1 + e^-2) = 1.76159; 1.76159 + 2 * 1.76159 + 0.5
     assert network(np.array([[2.0]]))[0, 0, 0] == pytest.approx(3 * 1.7615942 + 0.5)
 
@@ -175,15 +191,21 @@ def test_the_damped_turn_brakes_to_rest_and_keeps_less_and_less_of_the_turn() ->
 def test_a_mirrored_past_changes_as_much() -> None:
     twists = np.random.default_rng(0).standard_normal((5, 9, 6))
     centre = np.zeros((5, 21, 3))
-    changes = motion_network.spread_features(twists, centre)[:, -18:]  # 17 of the past, one of the centre's turn
-    mirrored = motion_network.spread_features(twists * motion_network.MIRRORED_TWIST, centre)[:, -18:]
+    changes = motion_network.spread_features(twists, centre)[
+        :, -18:
+    ]  # 17 of the past, one of the centre's turn
+    mirrored = motion_network.spread_features(twists * motion_network.MIRRORED_TWIST, centre)[
+        :, -18:
+    ]
     np.testing.assert_allclose(changes, mirrored)
 
 
 def test_the_spread_does_not_extrapolate_to_unknown_speeds() -> None:
     def width(speed_m_s: float) -> float:
         twists = np.tile([0.0, 0.0, speed_m_s, 0.0, 0.0, 0.0], (1, 9, 1))
-        _, covariances = motion_prior.path_mixture(motion_prior.load(None), twists, np.array([2.0])).moments()
+        _, covariances = motion_prior.path_mixture(
+            motion_prior.load(None), twists, np.array([2.0])
+        ).moments()
         return float(np.sqrt(covariances[:, 0, 1, 1]).max())
 
     assert width(60.0) < 2 * width(25.0)

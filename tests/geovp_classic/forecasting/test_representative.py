@@ -11,7 +11,12 @@ from geovp_classic.errors import BadData
 from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
-from geovp_classic.forecasting.representative import DEPTH_M, FARTHEST_RAD, Representative, image_motions
+from geovp_classic.forecasting.representative import (
+    DEPTH_M,
+    FARTHEST_RAD,
+    Representative,
+    image_motions,
+)
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray, Trajectory
@@ -22,7 +27,9 @@ TIMES_S = STEP_S * np.arange(10, 30)
 
 def circle(turn_rad_s: float = 0.1) -> Trajectory:
     times_s = STEP_S * np.arange(10)
-    return Trajectory(se3.exp(times_s[:, None] * np.array([0, 0, 8.0, 0, turn_rad_s, 0])), times_s, True)
+    return Trajectory(
+        se3.exp(times_s[:, None] * np.array([0, 0, 8.0, 0, turn_rad_s, 0])), times_s, True
+    )
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,9 @@ class Sides:
 
 def test_every_side_is_shown_the_likelier_one_first_and_weighted() -> None:
     futures, weights = Representative(Sides(), num_draws=40).weighted(circle(), TIMES_S, 3)
-    np.testing.assert_allclose(futures[:, -1, 0, 3] - circle().world_from_cam[-1, 0, 3], [0, 0.6, -0.5], atol=1e-9)
+    np.testing.assert_allclose(
+        futures[:, -1, 0, 3] - circle().world_from_cam[-1, 0, 3], [0, 0.6, -0.5], atol=1e-9
+    )
     np.testing.assert_allclose(weights, [0, 0.75, 0.25])
 
 
@@ -62,7 +71,9 @@ def test_ten_come_as_near_as_fifteen_draws(turn_rad_s: float) -> None:
         return float(np.mean([distance(truth, futures).min() for truth in truths]))
 
     ten = nearest(Representative().forecast(past, TIMES_S, 10))
-    assert ten < np.mean([nearest(MotionPrior(seed=seed).forecast(past, TIMES_S, 15)) for seed in (1, 2, 3, 4)])
+    assert ten < np.mean(
+        [nearest(MotionPrior(seed=seed).forecast(past, TIMES_S, 15)) for seed in (1, 2, 3, 4)]
+    )
 
 
 def distance(truth: FloatArray, futures: FloatArray) -> FloatArray:
@@ -96,7 +107,10 @@ def test_the_unit_of_the_past_changes_nothing() -> None:
     in_metres[:, :3, 3] *= unit
     ours, theirs = (
         Representative(TurnsOfTheCentre(unit_m)).forecast(past, TIMES_S, 6)
-        for past, unit_m in ((scaled, unit), (Trajectory(in_metres, metric.times_s, is_metric=True), 1.0))
+        for past, unit_m in (
+            (scaled, unit),
+            (Trajectory(in_metres, metric.times_s, is_metric=True), 1.0),
+        )
     )
     theirs[..., :3, 3] /= unit
     np.testing.assert_allclose(ours, theirs, atol=1e-9)

@@ -1,4 +1,6 @@
-"""The plane parts of the forecasters: the motion model, what a past says, and the mixture over the plane."""
+"""The plane parts of the forecasters: the motion model, what a past says, and the mixture over the
+plane.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def test_a_quarter_circle_in_one_step() -> None:
     # 10 m/s, pi/2 rad/s: radius 20/pi; a quarter circle ends one radius ahead and one to the right.
     state = np.array([0, 0, 0, 10.0, np.pi / 2])
     later = MODEL.transition(state, 1.0)
-    np.testing.assert_allclose(later, [20 / np.pi, 20 / np.pi, np.pi / 2, 10, np.pi / 2], atol=1e-12)
+    np.testing.assert_allclose(
+        later, [20 / np.pi, 20 / np.pi, np.pi / 2, 10, np.pi / 2], atol=1e-12
+    )
 
 
 def test_without_a_turn_the_path_is_straight_and_smooth_in_the_turn_rate() -> None:
@@ -43,7 +47,8 @@ def test_without_a_turn_the_path_is_straight_and_smooth_in_the_turn_rate() -> No
 
 
 def test_a_camera_ahead_of_the_axle_swings_outwards() -> None:
-    # Turning on the spot by 90 degrees takes a camera 2 m ahead of the axle from (0, 2) to (2, 0) about the axle.
+    # Turning on the spot by 90 degrees takes a camera 2 m ahead of the axle from (0, 2) to (2, 0)
+    # about the axle.
     swung = VehicleModel(0, 0, 2.0, 0, 0, 0, 0).transition(np.array([0, 2.0, 0, 0, np.pi / 2]), 1.0)
     np.testing.assert_allclose(swung[:2], [2, 0], atol=1e-12)
 
@@ -62,12 +67,18 @@ def test_damping_takes_the_turn_rate_down_by_e() -> None:
 
 
 @given(st.floats(-3, 3), st.floats(0.5, 30), st.floats(0.01, 0.5), st.floats(0.01, 0.5))
-def test_two_short_steps_add_the_noise_of_one_long_one(yaw: float, speed: float, first: float, second: float) -> None:
+def test_two_short_steps_add_the_noise_of_one_long_one(
+    yaw: float, speed: float, first: float, second: float
+) -> None:
     state = np.array([0, 0, yaw, speed, 0, 0])
     middle = MODEL.transition(state, first)
     onward = MODEL.jacobian(middle, second)
-    in_two = onward @ MODEL.process_noise(state, first) @ onward.T + MODEL.process_noise(middle, second)
-    np.testing.assert_allclose(in_two, MODEL.process_noise(state, first + second), rtol=1e-4, atol=1e-6 * speed**2)
+    in_two = onward @ MODEL.process_noise(state, first) @ onward.T + MODEL.process_noise(
+        middle, second
+    )
+    np.testing.assert_allclose(
+        in_two, MODEL.process_noise(state, first + second), rtol=1e-4, atol=1e-6 * speed**2
+    )
 
 
 def test_many_states_at_once_are_each_one_alone() -> None:
@@ -79,7 +90,9 @@ def test_many_states_at_once_are_each_one_alone() -> None:
 
 
 @pytest.mark.parametrize("forecaster", [TurnRateKalman(), TurnRateUnscented()])
-def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(forecaster: TurnRateKalman) -> None:
+def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(
+    forecaster: TurnRateKalman,
+) -> None:
     times_s = np.cumsum([0.1, 0.05, 0.2, 0.1, 0.1, 0.15, 0.1, 0.1])
     start = np.array([0, 0, 3.0, 8.0, 0.5])  # its yaw passes pi
     measured = np.stack([fitted("turn-rate").transition(start, t)[:3] for t in times_s])
@@ -91,7 +104,8 @@ def test_a_filter_learns_speed_and_turn_rate_and_stays_positive_definite(forecas
 
 
 def test_the_plane_is_the_one_the_camera_travels_on() -> None:
-    # A camera that looks 5 degrees above its way: what it sees as travel goes down in its own frame.
+    # A camera that looks 5 degrees above its way: what it sees as travel goes down in its own
+    # frame.
     pitch = np.radians(5.0)
     past = drive([0, 10 * np.sin(pitch), 10 * np.cos(pitch), 0, 0, 0], np.arange(10) * 0.1)
     plane = past_motion.vehicle_from_cam(past)
@@ -108,7 +122,9 @@ def test_a_standing_camera_says_nothing_about_its_plane() -> None:
 def test_twists_are_on_an_even_grid_and_are_continued_backwards() -> None:
     twist = [0.1, 0.0, 8.0, 0.0, 0.3, 0.0]
     irregular = drive(twist, np.array([0, 0.07, 0.2, 0.31, 0.33, 0.5]))
-    np.testing.assert_allclose(past_motion.twists_per_s(irregular, 0.1, 9), np.tile(twist, (9, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        past_motion.twists_per_s(irregular, 0.1, 9), np.tile(twist, (9, 1)), atol=1e-9
+    )
 
 
 def test_a_past_without_metres_is_scaled_to_the_assumed_speed() -> None:
@@ -128,7 +144,9 @@ def test_a_future_that_is_not_later_is_refused(times_s: list[float]) -> None:
 
 def mixture(weights: list[float], means: list[list[float]]) -> PlanarForecast:
     covariances = np.tile(np.diag([4.0, 1.0, 0.01]), (len(weights), 1, 1, 1))
-    return PlanarForecast(np.array(weights), np.array(means)[:, None], covariances, np.eye(4), np.eye(4))
+    return PlanarForecast(
+        np.array(weights), np.array(means)[:, None], covariances, np.eye(4), np.eye(4)
+    )
 
 
 def test_the_density_is_the_gaussians_and_wraps_yaw() -> None:
@@ -136,7 +154,9 @@ def test_the_density_is_the_gaussians_and_wraps_yaw() -> None:
     at_mean = -0.5 * np.log((2 * np.pi) ** 3 * 4 * 1 * 0.01)
     states = np.array([[[0, 10, np.pi - 0.01]], [[2, 10, np.pi - 0.01]], [[0, 10, -np.pi + 0.09]]])
     # the second is one deviation (2 m) off, the third one of 0.1 rad across the seam
-    np.testing.assert_allclose(forecast.log_density(states)[:, 0], at_mean - np.array([0, 0.5, 0.5]))
+    np.testing.assert_allclose(
+        forecast.log_density(states)[:, 0], at_mean - np.array([0, 0.5, 0.5])
+    )
 
 
 def test_samples_are_of_both_modes_by_weight() -> None:
@@ -147,7 +167,9 @@ def test_samples_are_of_both_modes_by_weight() -> None:
 
 def filterpys_unscented(model: VehicleModel) -> UnscentedKalmanFilter:
     points = MerweScaledSigmaPoints(model.num_states, alpha=0.5, beta=2.0, kappa=0.0)
-    unscented = UnscentedKalmanFilter(model.num_states, 3, 0.1, lambda state: state[:3], model.transition, points)
+    unscented = UnscentedKalmanFilter(
+        model.num_states, 3, 0.1, lambda state: state[:3], model.transition, points
+    )
     unscented.x, unscented.P = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
     unscented.Q, unscented.R = model.process_noise(unscented.x, 0.1), model.measurement_noise
     return unscented

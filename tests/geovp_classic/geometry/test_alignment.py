@@ -54,7 +54,9 @@ def test_a_mirrored_cloud_still_gives_a_rotation(seed: int) -> None:
 def test_points_on_a_line_are_laid_onto_their_line() -> None:
     line = np.linspace(0, 10, 7)[:, None] * [0.0, 0, 1]
     _, b_from_a = umeyama(line, line[:, [2, 1, 0]] + [3.0, 0, 0], with_scale=False)
-    np.testing.assert_allclose(se3.transform(b_from_a, line), line[:, [2, 1, 0]] + [3.0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        se3.transform(b_from_a, line), line[:, [2, 1, 0]] + [3.0, 0, 0], atol=1e-12
+    )
     assert np.linalg.det(b_from_a[:3, :3]) == pytest.approx(1.0)
 
 

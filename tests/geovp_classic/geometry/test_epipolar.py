@@ -19,7 +19,9 @@ def inverse_depth() -> FloatArray:
 def slowly_seen(inverse_depth: FloatArray) -> FloatArray:
     """Pixels [H, W, 2] in the other camera, by points in space; infinity as very far."""
     points = pinhole.rays(CAMERA) / np.maximum(inverse_depth, 1e-7)[..., None]
-    return pinhole.project(se3.transform(MOTION, points.reshape(-1, 3)), CAMERA)[0].reshape(40, 48, 2)
+    return pinhole.project(se3.transform(MOTION, points.reshape(-1, 3)), CAMERA)[0].reshape(
+        40, 48, 2
+    )
 
 
 def test_places_are_those_of_points_in_space(inverse_depth: FloatArray) -> None:
@@ -29,14 +31,19 @@ def test_places_are_those_of_points_in_space(inverse_depth: FloatArray) -> None:
 
 def test_some_of_the_pixels_are_where_they_are_among_all(inverse_depth: FloatArray) -> None:
     between = Epipolar.of(CAMERA, MOTION)
-    some, every = between.project(inverse_depth[::4, ::4], stride_px=4), between.project(inverse_depth)
+    some, every = (
+        between.project(inverse_depth[::4, ::4], stride_px=4),
+        between.project(inverse_depth),
+    )
     for part, whole in zip(some, every, strict=True):
         np.testing.assert_array_equal(part, whole[::4, ::4])
 
 
 def test_what_is_behind_is_far_outside() -> None:
     backward = se3.exp(np.array([0, 0, -10.0, 0, 0, 0]))
-    pixels, ratio = Epipolar.of(CAMERA, backward).project(np.full((40, 48), 0.2, np.float32))  # at z = 5 - 10
+    pixels, ratio = Epipolar.of(CAMERA, backward).project(
+        np.full((40, 48), 0.2, np.float32)
+    )  # at z = 5 - 10
     assert ((pixels < -100) | (pixels > 100)).any(axis=-1).all()
     np.testing.assert_allclose(ratio, -1)  # 5 m behind, over 5 m before
 
@@ -44,7 +51,9 @@ def test_what_is_behind_is_far_outside() -> None:
 def test_places_on_their_lines_give_the_inverse_depth_back(inverse_depth: FloatArray) -> None:
     between = Epipolar.of(CAMERA, MOTION)
     found = between.triangulate(slowly_seen(inverse_depth))
-    np.testing.assert_allclose(found, inverse_depth, atol=6e-3)  # near the epipole a place says little
+    np.testing.assert_allclose(
+        found, inverse_depth, atol=6e-3
+    )  # near the epipole a place says little
     assert np.median(np.abs(found - inverse_depth)) < 1e-5
 
 
@@ -69,4 +78,6 @@ def test_inside_is_up_to_the_border() -> None:
     corner = np.array([CAMERA.width_px - 1.0, CAMERA.height_px - 1.0])
     pixels = np.stack([np.zeros(2), corner, corner + np.array([0.1, 0]), [-0.1, 3], [-0.6, 3]])
     np.testing.assert_array_equal(inside(pixels, CAMERA), [True, True, False, False, False])
-    np.testing.assert_array_equal(inside(pixels, CAMERA, border_px=0.5), [True, True, True, True, False])
+    np.testing.assert_array_equal(
+        inside(pixels, CAMERA, border_px=0.5), [True, True, True, True, False]
+    )

@@ -24,7 +24,9 @@ def test_every_pixel_names_what_the_slow_twin_says(share: float) -> None:
     rng = np.random.default_rng(0)
     known = rng.random((40, 30)) < np.linspace(0, share, 40)[:, None]
     depth = np.where(known, rng.integers(1, 4, known.shape), 0).astype(np.float32)
-    expected = np.array([[30 * row + c for c in slow_row(known[row], depth[row])] for row in range(40)])
+    expected = np.array(
+        [[30 * row + c for c in slow_row(known[row], depth[row])] for row in range(40)]
+    )
     rows, far = known.any(axis=1), depth.ravel()[expected]
     for column in range(30):
         expected[:, column] = expected[slow_row(rows, far[:, column]), column]

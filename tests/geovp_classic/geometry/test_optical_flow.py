@@ -1,4 +1,6 @@
-"""A shifted texture: points are found where it went, and points that cannot be found are said to be lost."""
+"""A shifted texture: points are found where it went, and points that cannot be found are said to be
+lost.
+"""
 
 import cv2
 import numpy as np
@@ -6,9 +8,13 @@ import numpy as np
 from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.types import ByteArray, FloatArray
 
-TEXTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8), (0, 0), 3)
+TEXTURE = cv2.GaussianBlur(
+    np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8), (0, 0), 3
+)
 TEXTURE = cv2.normalize(TEXTURE, None, 0, 255, cv2.NORM_MINMAX)  # type: ignore[call-overload]
-PIXELS = np.stack(np.meshgrid(np.arange(90.0, 190, 20), np.arange(90.0, 150, 20)), axis=-1).reshape(-1, 2)
+PIXELS = np.stack(np.meshgrid(np.arange(90.0, 190, 20), np.arange(90.0, 150, 20)), axis=-1).reshape(
+    -1, 2
+)
 
 
 def shifted(right_px: int, down_px: int) -> ByteArray:
@@ -33,10 +39,14 @@ def test_without_a_pyramid_a_long_way_needs_a_prediction() -> None:
     _, lost, _ = track_points(near, PIXELS, PIXELS, 15, num_levels=(1, 1))
     assert lost.mean() < 0.6
     assert track_points(near, PIXELS, PIXELS, 15, num_levels=(3, 3))[1].mean() > 0.8
-    found, kept, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(1, 4))
+    found, kept, _ = track_points(
+        images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(1, 4)
+    )
     assert kept.all()
     assert errors_px(found, 30, 12).max() < 0.05
-    _, one_way, _ = track_points(images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(4, 1))
+    _, one_way, _ = track_points(
+        images, PIXELS, PIXELS + np.array([29.0, 13.0]), 15, num_levels=(4, 1)
+    )
     assert one_way.all()  # the way back starts at the point itself
 
 
@@ -49,7 +59,9 @@ def test_given_pixels_are_left_as_they_are() -> None:
 
 def test_what_is_covered_or_has_no_texture_is_lost() -> None:
     now = shifted(2, 0)
-    now[80:160, 80:140] = np.random.default_rng(1).integers(0, 256, (80, 60))  # something else stands before it
+    now[80:160, 80:140] = np.random.default_rng(1).integers(
+        0, 256, (80, 60)
+    )  # something else stands before it
     _, kept, difference = track_points((TEXTURE, now), PIXELS, PIXELS, 15)
     covered = PIXELS[:, 0] < 135
     assert not kept[covered].any()
@@ -60,7 +72,11 @@ def test_what_is_covered_or_has_no_texture_is_lost() -> None:
 
 
 def test_how_far_off_the_way_back_may_end_is_the_callers() -> None:
-    now = cv2.add(shifted(2, 0), np.random.default_rng(2).integers(0, 10, TEXTURE.shape, dtype=np.uint8))
-    loose, tight = (track_points((TEXTURE, now), PIXELS, PIXELS, 15, max_return_px=px)[1] for px in (0.5, 1e-4))
+    now = cv2.add(
+        shifted(2, 0), np.random.default_rng(2).integers(0, 10, TEXTURE.shape, dtype=np.uint8)
+    )
+    loose, tight = (
+        track_points((TEXTURE, now), PIXELS, PIXELS, 15, max_return_px=px)[1] for px in (0.5, 1e-4)
+    )
     assert loose.all()
     assert tight.sum() < 3

@@ -1,4 +1,6 @@
-"""The pixel convention: (0, 0) is the centre of the top-left pixel, and crops and resizes keep rays on their pixels."""
+"""The pixel convention: (0, 0) is the centre of the top-left pixel, and crops and resizes keep rays
+on their pixels.
+"""
 
 import cv2
 import numpy as np
@@ -18,7 +20,9 @@ sizes = st.integers(16, 1300)
 def cameras(draw: st.DrawFn) -> Intrinsics:
     width_px, height_px = draw(sizes), draw(sizes)
     centre = [st.floats(0, size, allow_subnormal=False) for size in (width_px, height_px)]
-    return Intrinsics(draw(focal), draw(focal), draw(centre[0]), draw(centre[1]), width_px, height_px)
+    return Intrinsics(
+        draw(focal), draw(focal), draw(centre[0]), draw(centre[1]), width_px, height_px
+    )
 
 
 aside = st.floats(-50, 50, allow_subnormal=False)  # subnormal numbers have no relative precision
@@ -34,20 +38,28 @@ def test_unproject_undoes_project(camera: Intrinsics, point: np.ndarray) -> None
 @given(cameras(), points)
 def test_project_is_the_matrix_product(camera: Intrinsics, point: np.ndarray) -> None:
     homogeneous = camera.matrix @ point
-    np.testing.assert_allclose(pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9)
+    np.testing.assert_allclose(
+        pinhole.project(point, camera)[0], homogeneous[:2] / homogeneous[2], rtol=1e-9
+    )
 
 
 @given(cameras(), points, st.integers(0, 10), st.integers(0, 10))
-def test_cropping_shifts_pixels(camera: Intrinsics, point: np.ndarray, left_px: int, top_px: int) -> None:
+def test_cropping_shifts_pixels(
+    camera: Intrinsics, point: np.ndarray, left_px: int, top_px: int
+) -> None:
     cropped = camera.cropped(left_px, top_px, camera.width_px, camera.height_px)
     shift = pinhole.project(point, camera)[0] - pinhole.project(point, cropped)[0]
     np.testing.assert_allclose(shift, [left_px, top_px], atol=1e-6)
 
 
 @given(cameras(), points, sizes, sizes)
-def test_resizing_keeps_edges_on_edges(camera: Intrinsics, point: np.ndarray, width_px: int, height_px: int) -> None:
+def test_resizing_keeps_edges_on_edges(
+    camera: Intrinsics, point: np.ndarray, width_px: int, height_px: int
+) -> None:
     scale = np.array([width_px / camera.width_px, height_px / camera.height_px])
-    before, after = (pinhole.project(point, c)[0] for c in (camera, camera.resized(width_px, height_px)))
+    before, after = (
+        pinhole.project(point, c)[0] for c in (camera, camera.resized(width_px, height_px))
+    )
     np.testing.assert_allclose(after, (before + 0.5) * scale - 0.5, rtol=1e-9, atol=1e-6)
 
 
@@ -70,7 +82,9 @@ def test_rays_reach_unit_depth_and_project_back() -> None:
     directions = pinhole.rays(camera)
     assert directions.shape == (48, 64, 3)
     np.testing.assert_array_equal(directions[..., 2], 1)
-    np.testing.assert_allclose(pinhole.project(directions, camera)[0], pinhole.pixel_grid(camera), atol=1e-12)
+    np.testing.assert_allclose(
+        pinhole.project(directions, camera)[0], pinhole.pixel_grid(camera), atol=1e-12
+    )
 
 
 def test_centre_crop_of_kitti() -> None:
@@ -93,7 +107,9 @@ def test_resized_images_agree_with_resized_intrinsics() -> None:
     small = pinhole.resize(image, (96, 64))[..., 0].astype(float)
     moments = cv2.moments(small)
     measured = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
-    expected, _ = pinhole.project(pinhole.unproject(blob_px, np.float64(1.0), camera), camera.resized(96, 64))
+    expected, _ = pinhole.project(
+        pinhole.unproject(blob_px, np.float64(1.0), camera), camera.resized(96, 64)
+    )
     np.testing.assert_allclose(measured, expected, atol=0.02)
 
 
@@ -117,9 +133,12 @@ def test_shrinking_takes_the_mean_of_the_area() -> None:
 
 
 @pytest.mark.parametrize(
-    ("size_px", "overshoots"), [((16, 8), True), ((8, 16), True), ((4, 16), False), ((16, 4), False)]
+    ("size_px", "overshoots"),
+    [((16, 8), True), ((8, 16), True), ((4, 16), False), ((16, 4), False)],
 )
-def test_only_growing_is_bicubic_and_overshoots_at_edges(size_px: tuple[int, int], overshoots: bool) -> None:
+def test_only_growing_is_bicubic_and_overshoots_at_edges(
+    size_px: tuple[int, int], overshoots: bool
+) -> None:
     image = np.full((8, 8, 3), 100, np.uint8)
     image[3:5, 3:5] = 200
     found = pinhole.resize(image, size_px)

@@ -19,10 +19,14 @@ def any_pose(seed: int) -> np.ndarray:
 
 
 @given(states, seeds, tilts, tilts)
-def test_reduce_undoes_lift(states: np.ndarray, seed: int, pitch_rad: float, roll_rad: float) -> None:
+def test_reduce_undoes_lift(
+    states: np.ndarray, seed: int, pitch_rad: float, roll_rad: float
+) -> None:
     vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
     lifted = planar.lift(states, any_pose(seed), vehicle_from_cam)
-    np.testing.assert_allclose(planar.reduce(lifted, any_pose(seed), vehicle_from_cam), states, atol=1e-9)
+    np.testing.assert_allclose(
+        planar.reduce(lifted, any_pose(seed), vehicle_from_cam), states, atol=1e-9
+    )
 
 
 @given(seeds, seeds, tilts)
@@ -31,7 +35,9 @@ def test_reducing_twice_changes_nothing_more(seed: int, other: int, pitch_rad: f
     reference = any_pose(seed)
     motion = reference @ se3.exp(np.random.default_rng(other).uniform(-0.4, 0.4, (5, 6)))
     once = planar.reduce(motion, reference, vehicle_from_cam)
-    again = planar.reduce(planar.lift(once, reference, vehicle_from_cam), reference, vehicle_from_cam)
+    again = planar.reduce(
+        planar.lift(once, reference, vehicle_from_cam), reference, vehicle_from_cam
+    )
     np.testing.assert_allclose(again, once, atol=1e-9)
 
 
@@ -39,8 +45,12 @@ def test_reducing_twice_changes_nothing_more(seed: int, other: int, pitch_rad: f
 def test_the_reference_itself_is_the_origin(seed: int, pitch_rad: float, roll_rad: float) -> None:
     vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
     reference = any_pose(seed)
-    np.testing.assert_allclose(planar.reduce(reference[None], reference, vehicle_from_cam), np.zeros((1, 3)), atol=1e-9)
-    np.testing.assert_allclose(planar.lift(np.zeros((1, 3)), reference, vehicle_from_cam)[0], reference, atol=1e-12)
+    np.testing.assert_allclose(
+        planar.reduce(reference[None], reference, vehicle_from_cam), np.zeros((1, 3)), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        planar.lift(np.zeros((1, 3)), reference, vehicle_from_cam)[0], reference, atol=1e-12
+    )
 
 
 def test_yaw_is_positive_to_the_right_and_height_is_dropped() -> None:
@@ -53,8 +63,11 @@ def test_yaw_is_positive_to_the_right_and_height_is_dropped() -> None:
 
 
 def test_a_camera_that_looks_up_drives_on_the_level_ground() -> None:
-    # Looking 0.1 rad above the road, ten metres ahead on the road is sin(0.1) * 10 m *below* the optical axis.
-    ahead = planar.lift(np.array([[0.0, 10, 0]]), np.eye(4), planar.level_vehicle_from_cam(pitch_rad=0.1))[0]
+    # Looking 0.1 rad above the road, ten metres ahead on the road is sin(0.1) * 10 m *below* the
+    # optical axis.
+    ahead = planar.lift(
+        np.array([[0.0, 10, 0]]), np.eye(4), planar.level_vehicle_from_cam(pitch_rad=0.1)
+    )[0]
     np.testing.assert_allclose(ahead[:3, 3], [0, 10 * np.sin(0.1), 10 * np.cos(0.1)], atol=1e-12)
     np.testing.assert_allclose(ahead[:3, :3], np.eye(3), atol=1e-12)
 
@@ -62,7 +75,9 @@ def test_a_camera_that_looks_up_drives_on_the_level_ground() -> None:
 def test_samples_of_paths_are_reduced_one_by_one() -> None:
     states = np.random.default_rng(0).uniform(-2, 2, (2, 4, 3))
     level = planar.level_vehicle_from_cam()
-    np.testing.assert_allclose(planar.reduce(planar.lift(states, any_pose(0), level), any_pose(0), level), states)
+    np.testing.assert_allclose(
+        planar.reduce(planar.lift(states, any_pose(0), level), any_pose(0), level), states
+    )
 
 
 @pytest.mark.parametrize("speed", [0.8, -0.3])

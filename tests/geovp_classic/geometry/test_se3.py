@@ -12,7 +12,9 @@ from geovp_classic.geometry import se3
 
 coordinates = st.floats(-50, 50, allow_nan=False)
 vectors = st.tuples(coordinates, coordinates, coordinates).map(np.array)
-directions = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)
+directions = (
+    st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)
+)
 
 
 @st.composite
@@ -32,7 +34,9 @@ def twists(draw: st.DrawFn, max_angle_rad: float = np.pi - 1e-6) -> np.ndarray:
 
 @given(twists())
 def test_log_undoes_exp(twist: np.ndarray) -> None:
-    np.testing.assert_allclose(se3.log(se3.exp(twist)), twist, atol=2e-7 * (1 + np.abs(twist).max()))
+    np.testing.assert_allclose(
+        se3.log(se3.exp(twist)), twist, atol=2e-7 * (1 + np.abs(twist).max())
+    )
 
 
 @given(twists(), twists(), twists())
@@ -53,15 +57,23 @@ def test_exp_is_the_matrix_exponential(twist: np.ndarray) -> None:
 
 
 @given(twists(), twists(), st.floats(0, 1), st.floats(0, 1))
-def test_interpolation_is_a_one_parameter_motion(a: np.ndarray, b: np.ndarray, s: float, t: float) -> None:
+def test_interpolation_is_a_one_parameter_motion(
+    a: np.ndarray, b: np.ndarray, s: float, t: float
+) -> None:
     world_from_a = se3.exp(a)
     world_from_b = world_from_a @ se3.exp(b)
-    np.testing.assert_allclose(se3.interpolate(world_from_a, world_from_b, 0.0), world_from_a, atol=1e-9)
-    np.testing.assert_allclose(se3.interpolate(world_from_a, world_from_b, 1.0), world_from_b, atol=1e-5)
+    np.testing.assert_allclose(
+        se3.interpolate(world_from_a, world_from_b, 0.0), world_from_a, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        se3.interpolate(world_from_a, world_from_b, 1.0), world_from_b, atol=1e-5
+    )
     halfway = se3.interpolate(world_from_a, world_from_b, s)
     np.testing.assert_allclose(halfway, world_from_a @ se3.exp(s * b), atol=1e-5)
     within = se3.interpolate(world_from_a, halfway, t)
-    np.testing.assert_allclose(within, se3.interpolate(world_from_a, world_from_b, s * t), atol=1e-5)
+    np.testing.assert_allclose(
+        within, se3.interpolate(world_from_a, world_from_b, s * t), atol=1e-5
+    )
 
 
 @given(twists(), vectors, vectors)
@@ -70,7 +82,9 @@ def test_transform_keeps_distances_and_matches_homogeneous_product(
 ) -> None:
     b_from_a = se3.exp(twist)
     moved = se3.transform(b_from_a, np.stack([p, q]))
-    np.testing.assert_allclose(np.linalg.norm(moved[0] - moved[1]), np.linalg.norm(p - q), atol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(moved[0] - moved[1]), np.linalg.norm(p - q), atol=1e-9
+    )
     np.testing.assert_allclose(moved[0], (b_from_a @ [*p, 1.0])[:3], atol=1e-10)
 
 
@@ -83,7 +97,8 @@ def test_leading_axes_are_kept() -> None:
 
 
 def test_quarter_turn_on_a_circle() -> None:
-    # Driving along x while turning about z by 90 degrees on an arc of length 10 * pi / 2 ends at (10, 10).
+    # Driving along x while turning about z by 90 degrees on an arc of length 10 * pi / 2 ends at
+    # (10, 10).
     end = se3.exp(np.array([10 * np.pi / 2, 0, 0, 0, 0, np.pi / 2]))
     np.testing.assert_allclose(end[:3, 3], [10, 10, 0], atol=1e-12)
     assert se3.rotation_angle_rad(end) == pytest.approx(np.pi / 2)
@@ -99,7 +114,9 @@ def test_orthonormalised_mends_rounding_and_refuses_the_rest() -> None:
 
 
 @given(twists(), twists())
-def test_a_turn_leads_from_one_rotation_to_the_other_and_leaves_the_position(a: np.ndarray, b: np.ndarray) -> None:
+def test_a_turn_leads_from_one_rotation_to_the_other_and_leaves_the_position(
+    a: np.ndarray, b: np.ndarray
+) -> None:
     c_from_a, c_from_b = se3.exp(a), se3.exp(b)
     led = se3.turned(c_from_a, se3.turn(c_from_a, c_from_b))
     np.testing.assert_allclose(led[:3, :3], c_from_b[:3, :3], atol=1e-9)
@@ -114,7 +131,9 @@ def test_vectors_that_nobody_may_write_to() -> None:
 
 
 @pytest.mark.parametrize("angle_rad", [1e-4, 9.9e-4, 1.01e-3, 0.01])
-def test_series_and_formula_agree_with_the_matrix_exponential_where_they_meet(angle_rad: float) -> None:
+def test_series_and_formula_agree_with_the_matrix_exponential_where_they_meet(
+    angle_rad: float,
+) -> None:
     twist = np.array([50.0, -20, 30, *(angle_rad * np.array([0.6, 0, 0.8]))])
     generator = np.zeros((4, 4))
     generator[:3, :3], generator[:3, 3] = se3.cross_matrix(twist[3:]), twist[:3]
@@ -125,7 +144,9 @@ def test_series_and_formula_agree_with_the_matrix_exponential_where_they_meet(an
 def test_how_far_from_a_rotation_is_too_far() -> None:
     rounded = np.eye(4)
     rounded[0, 0] = 1 + 1e-3  # its square is off by 2.001e-3
-    np.testing.assert_allclose(se3.orthonormalised(rounded, tolerance=2.01e-3), np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(
+        se3.orthonormalised(rounded, tolerance=2.01e-3), np.eye(4), atol=1e-12
+    )
     with pytest.raises(BadData, match=r"off by 0\.002, expected orthonormal rows within 0\.00199"):
         se3.orthonormalised(rounded, tolerance=1.99e-3)
     with pytest.raises(BadData, match=r"within 0\.0001"):

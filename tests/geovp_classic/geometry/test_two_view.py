@@ -16,7 +16,10 @@ NOISE = 0.25 / 700  # a quarter of a pixel at 700 px focal length
 
 def scene(seed: int, count: int = 300) -> FloatArray:
     rng = np.random.default_rng(seed)
-    return np.stack([rng.uniform(-12, 12, count), rng.uniform(-4, 1.6, count), rng.uniform(6, 60, count)], axis=1)
+    return np.stack(
+        [rng.uniform(-12, 12, count), rng.uniform(-4, 1.6, count), rng.uniform(6, 60, count)],
+        axis=1,
+    )
 
 
 def rays(points: FloatArray, cam_from_world: FloatArray) -> FloatArray:
@@ -24,18 +27,26 @@ def rays(points: FloatArray, cam_from_world: FloatArray) -> FloatArray:
     return cam[:, :2] / cam[:, 2:]
 
 
-def observations(b_from_a: FloatArray, noise: float = 0.0, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+def observations(
+    b_from_a: FloatArray, noise: float = 0.0, seed: int = 0
+) -> tuple[FloatArray, FloatArray]:
     points, rng = scene(seed), np.random.default_rng(seed + 1)
     a, b = rays(points, np.eye(4)), rays(points, b_from_a)
     return a + rng.normal(0, noise, a.shape), b + rng.normal(0, noise, b.shape)
 
 
 def angle_deg(a: FloatArray, b: FloatArray) -> float:
-    return float(np.degrees(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1))))
+    return float(
+        np.degrees(np.arccos(np.clip(a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)))
+    )
 
 
-@pytest.mark.parametrize("translation", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (-1, 0, 0), (0.1, -0.05, -1)], ids=str)
-def test_rotation_and_direction_come_back_with_the_right_sign(translation: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    "translation", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (-1, 0, 0), (0.1, -0.05, -1)], ids=str
+)
+def test_rotation_and_direction_come_back_with_the_right_sign(
+    translation: tuple[float, ...],
+) -> None:
     b_from_a = se3.exp(np.array([*translation, 0.01, 0.03, -0.005]))
     found = two_view.two_view(*observations(b_from_a, NOISE), NOISE)
     assert found.kind == "general"
@@ -80,7 +91,9 @@ def test_too_few_or_random_points_are_no_motion() -> None:
     assert (few.kind, few.parallax) == ("unknown", 0.0)
     np.testing.assert_array_equal(few.b_from_a, np.eye(4))
     rng = np.random.default_rng(0)
-    found = two_view.two_view(rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), NOISE)
+    found = two_view.two_view(
+        rng.uniform(-0.5, 0.5, (200, 2)), rng.uniform(-0.5, 0.5, (200, 2)), NOISE
+    )
     assert found.kind == "unknown"
     assert not found.inliers.any()
 
@@ -106,11 +119,16 @@ def unit_baseline(b_from_a: FloatArray) -> FloatArray:
 
 def test_sampson_distances_and_derivatives_are_those_of_differences() -> None:
     motion = unit_baseline(se3.exp(np.array([0.1, -0.05, -1.0, 0.01, 0.02, -0.005])))
-    a, b = observations(motion)  # without noise, where neglecting the derivative of the gradient is exact
+    a, b = observations(
+        motion
+    )  # without noise, where neglecting the derivative of the gradient is exact
     terms, tiny = two_view.sampson_terms(a, b, motion), 1e-6
     np.testing.assert_allclose(terms.tangent @ motion[:3, 3], 0, atol=1e-12)
     np.testing.assert_allclose(terms.tangent @ terms.tangent.T, np.eye(2), atol=1e-12)
-    steps = [se3.compose(se3.exp(tiny * axis)[:3, :3] @ motion[:3, :3], motion[:3, 3]) for axis in np.eye(6)[3:]]
+    steps = [
+        se3.compose(se3.exp(tiny * axis)[:3, :3] @ motion[:3, :3], motion[:3, 3])
+        for axis in np.eye(6)[3:]
+    ]
     steps += [se3.compose(motion[:3, :3], motion[:3, 3] + tiny * axis) for axis in terms.tangent]
     for step, derivative in zip(steps, terms.by_motion.T, strict=True):
         change = (two_view.sampson_terms(a, b, step).distance - terms.distance) / tiny
@@ -118,7 +136,10 @@ def test_sampson_distances_and_derivatives_are_those_of_differences() -> None:
     a, b = observations(motion, noise=NOISE)
     distance = two_view.sampson_terms(a, b, motion).distance
     essential = se3.cross_matrix(motion[:3, 3]) @ motion[:3, :3]
-    expected = [cv2.sampsonDistance(homogeneous(p), homogeneous(q), essential) for p, q in zip(a, b, strict=True)]
+    expected = [
+        cv2.sampsonDistance(homogeneous(p), homogeneous(q), essential)
+        for p, q in zip(a, b, strict=True)
+    ]
     np.testing.assert_allclose(distance**2, expected, rtol=1e-6, atol=1e-18)
 
 
@@ -127,13 +148,19 @@ def test_without_wrong_points_pycolmap_refines_to_the_same_motion() -> None:
     near = unit_baseline(se3.exp(np.array([0.02, -0.01, 0, 0.002, -0.001, 0.001])) @ truth)
     a, b = observations(truth, noise=0.01 * NOISE)
     rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(near[:3, :3]), near[:3, 3])
-    directions = [homogeneous(x) / np.linalg.norm(homogeneous(x), axis=1, keepdims=True) for x in (a, b)]
-    expected = pycolmap.refine_relative_pose(rigid, *directions, np.ones(len(a), dtype=bool))["cam2_from_cam1"]
+    directions = [
+        homogeneous(x) / np.linalg.norm(homogeneous(x), axis=1, keepdims=True) for x in (a, b)
+    ]
+    expected = pycolmap.refine_relative_pose(rigid, *directions, np.ones(len(a), dtype=bool))[
+        "cam2_from_cam1"
+    ]
     np.testing.assert_allclose(two_view.refine(a, b, near, NOISE)[:3], expected.matrix(), atol=1e-4)
 
 
 def test_rays_that_leave_the_front_are_nan() -> None:
-    turned = two_view.rotate_rays(se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))[:3, :3], np.array([[0.1, 0.2]]))
+    turned = two_view.rotate_rays(
+        se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))[:3, :3], np.array([[0.1, 0.2]])
+    )
     assert np.isnan(turned).all()
 
 
@@ -145,7 +172,9 @@ def test_two_fifths_of_wrong_points_have_no_say_in_a_rotation() -> None:
 
 
 @pytest.mark.parametrize(("moving", "agreed"), [(85, True), (95, False)])
-def test_seven_tenths_of_the_points_must_agree_that_nothing_moves(moving: int, agreed: bool) -> None:
+def test_seven_tenths_of_the_points_must_agree_that_nothing_moves(
+    moving: int, agreed: bool
+) -> None:
     a, b = observations(np.eye(4))
     b[:moving] += np.random.default_rng(3).uniform(0.02, 0.2, (moving, 2))  # of 300
     assert (two_view.two_view(a, b, NOISE).kind == "still") == agreed
@@ -157,7 +186,9 @@ def test_seven_tenths_of_the_points_must_agree_that_nothing_moves(moving: int, a
 
 def test_parallax_is_the_median_shift_and_inliers_are_within_three_deviations() -> None:
     a, _ = observations(np.eye(4))
-    b = a + np.repeat([[2.9 * NOISE, 0], [0, 0.5 * NOISE], [-3.1 * NOISE, 0]], [40, 200, 60], axis=0)
+    b = a + np.repeat(
+        [[2.9 * NOISE, 0], [0, 0.5 * NOISE], [-3.1 * NOISE, 0]], [40, 200, 60], axis=0
+    )
     found = two_view.two_view(a, b, NOISE)
     assert (found.kind, found.parallax) == ("still", pytest.approx(0.5 * NOISE))
     np.testing.assert_array_equal(found.inliers, np.arange(300) < 240)

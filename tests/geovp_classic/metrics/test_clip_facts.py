@@ -8,31 +8,43 @@ from scipy.spatial.transform import Rotation
 
 from geovp_classic.geometry import se3
 from geovp_classic.metrics.clip_facts import clip_facts
-from geovp_classic.types import Clip, FloatArray, Grant, Intrinsics, Trajectory
+from geovp_classic.types import Clip, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 
 CAMERA = Intrinsics(4.0, 4.0, 1.5, 1.5, 4, 4)
 PAST, RATE_HZ = 3, 10.0
 
 
 def clip(headings_deg: FloatArray, step_m: float = 0.8, *, is_metric: bool = True) -> Clip:
-    """A drive along its headings, positive to the right, seen from a world that is turned by an odd angle."""
+    """A drive along its headings, positive to the right, seen from a world that is turned by an odd
+    angle.
+    """
     headings_rad = np.deg2rad(headings_deg)
-    ahead = np.stack([np.sin(headings_rad), np.zeros_like(headings_rad), np.cos(headings_rad)], axis=-1)
+    ahead = np.stack(
+        [np.sin(headings_rad), np.zeros_like(headings_rad), np.cos(headings_rad)], axis=-1
+    )
     positions = np.cumsum(step_m * ahead, axis=0)
-    poses = se3.compose(Rotation.from_rotvec(headings_rad[:, None] * np.array([0, 1, 0])).as_matrix(), positions)
-    world_from_start = se3.compose(Rotation.from_euler("XYZ", [0.7, -2.0, 0.3]).as_matrix(), np.array([5.0, 1, 2]))
+    poses = se3.compose(
+        Rotation.from_rotvec(headings_rad[:, None] * np.array([0, 1, 0])).as_matrix(), positions
+    )
+    world_from_start = se3.compose(
+        Rotation.from_euler("XYZ", [0.7, -2.0, 0.3]).as_matrix(), np.array([5.0, 1, 2])
+    )
     times_s = 100 + np.arange(len(poses)) / RATE_HZ
     frames = np.zeros((len(poses), 4, 4, 3), np.uint8)
-    return Clip("drive", frames, times_s, CAMERA, Trajectory(world_from_start @ poses, times_s, is_metric))
+    return Clip(
+        "drive", frames, times_s, CAMERA, Trajectory(world_from_start @ poses, times_s, is_metric)
+    )
 
 
 def facts_of(drive: Clip) -> dict[str, float]:
-    return clip_facts(*drive.split(PAST, ~Grant.NONE))
+    return clip_facts(*drive.split(PAST, ~PrivilegedInput.NONE))
 
 
 def test_a_straight_road_is_straight_however_the_world_lies() -> None:
     facts = facts_of(clip(np.full(8, 33.0)))
-    assert facts == pytest.approx({"yaw_deg": 0.0, "speed_m_s": 8.0, "step_m": 0.8}, abs=1e-6)  # .8 m at 10 Hz
+    assert facts == pytest.approx(
+        {"yaw_deg": 0.0, "speed_m_s": 8.0, "step_m": 0.8}, abs=1e-6
+    )  # .8 m at 10 Hz
 
 
 @pytest.mark.parametrize(
@@ -44,14 +56,16 @@ def test_a_straight_road_is_straight_however_the_world_lies() -> None:
         ([0, 0, 0, 60, 120, 180, 240], 240.0),  # round a roundabout
     ],
 )
-def test_turning_is_the_largest_change_of_heading(headings_deg: list[float], yaw_deg: float) -> None:
+def test_turning_is_the_largest_change_of_heading(
+    headings_deg: list[float], yaw_deg: float
+) -> None:
     assert facts_of(clip(np.array(headings_deg, dtype=float)))["yaw_deg"] == pytest.approx(yaw_deg)
 
 
 def test_without_metres_there_is_no_speed_and_without_poses_nothing() -> None:
     assert set(facts_of(clip(np.zeros(8), is_metric=False))) == {"yaw_deg"}
     assert facts_of(replace(clip(np.zeros(8)), trajectory=None)) == {}
-    context, target = clip(np.zeros(8)).split(PAST, ~Grant.NONE)
+    context, target = clip(np.zeros(8)).split(PAST, ~PrivilegedInput.NONE)
     assert clip_facts(replace(context, past=None), target) == {}
 
 

@@ -36,7 +36,9 @@ def left_half(target: ByteArray) -> BoolArray:
     return mask
 
 
-@pytest.mark.parametrize(("name", "metric"), [("psnr", Psnr()), ("psnr", Psnr(ceiling_db=60.0)), ("ssim", Ssim())])
+@pytest.mark.parametrize(
+    ("name", "metric"), [("psnr", Psnr()), ("psnr", Psnr(ceiling_db=60.0)), ("ssim", Ssim())]
+)
 def test_it_comes_and_goes_through_the_registry(name: str, metric: FrameMetric) -> None:
     assert isinstance(metric, FrameMetric)
     assert registry.describe(metric)["name"] == name
@@ -71,7 +73,10 @@ def test_equal_frames_score_the_ceiling_and_so_does_anything_beyond_it() -> None
 
 def test_psnr_agrees_with_scikit_image() -> None:
     predicted, target = noise(1), noise(2)
-    expected = [peak_signal_noise_ratio(t, p, data_range=255) for p, t in zip(predicted, target, strict=True)]
+    expected = [
+        peak_signal_noise_ratio(t, p, data_range=255)
+        for p, t in zip(predicted, target, strict=True)
+    ]
     np.testing.assert_allclose(Psnr()(predicted, target, None), expected, rtol=1e-12)
 
 
@@ -84,8 +89,16 @@ def test_ssim_agrees_with_scikit_image(kind: str) -> None:
         "flat": np.full_like(target, 255),
         "faint": target ^ np.uint8(1),
     }[kind]
-    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "channel_axis": -1}
-    for scale in (1, 255):  # 8-bit numbers with range 255, or fractions with range 1: the same protocol
+    options = {
+        "gaussian_weights": True,
+        "sigma": 1.5,
+        "use_sample_covariance": False,
+        "channel_axis": -1,
+    }
+    for scale in (
+        1,
+        255,
+    ):  # 8-bit numbers with range 255, or fractions with range 1: the same protocol
         expected = [
             structural_similarity(t / scale, p / scale, data_range=255 / scale, **options)
             for p, t in zip(predicted, target, strict=True)
@@ -97,7 +110,9 @@ def test_ssim_agrees_with_scikit_image(kind: str) -> None:
 def test_a_full_mask_changes_nothing(metric: FrameMetric) -> None:
     predicted, target = noise(4), noise(5)
     everything = np.ones(target.shape[:3], dtype=bool)
-    np.testing.assert_allclose(metric(predicted, target, everything), metric(predicted, target, None))
+    np.testing.assert_allclose(
+        metric(predicted, target, everything), metric(predicted, target, None)
+    )
 
 
 @pytest.mark.parametrize("metric", METRICS)
@@ -126,11 +141,18 @@ def test_psnr_under_a_mask_is_that_of_the_masked_pixels() -> None:
 
 def test_ssim_under_a_mask_is_scikit_images_map_there() -> None:
     predicted, target = np.roll(smooth_street(1), 1, axis=1), smooth_street(1)
-    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False, "channel_axis": -1}
+    options = {
+        "gaussian_weights": True,
+        "sigma": 1.5,
+        "use_sample_covariance": False,
+        "channel_axis": -1,
+    }
     _, full = structural_similarity(target[0], predicted[0], data_range=255, full=True, **options)
     mask = np.zeros(target.shape[:3], dtype=bool)
     mask[0, 20:30, 3:12] = True  # columns 3 and 4 are windows that look beyond the frame: left out
-    np.testing.assert_allclose(Ssim()(predicted, target, mask), [full[20:30, 5:12].mean()], atol=1e-6)
+    np.testing.assert_allclose(
+        Ssim()(predicted, target, mask), [full[20:30, 5:12].mean()], atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("metric", METRICS)
@@ -150,10 +172,14 @@ def test_ssim_of_a_mask_on_the_rim_alone_is_nan() -> None:
 @pytest.mark.parametrize("metric", METRICS)
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), strength=st.integers(0, 120))
-def test_symmetric_bounded_and_best_for_equal_frames(metric: FrameMetric, seed: int, strength: int) -> None:
+def test_symmetric_bounded_and_best_for_equal_frames(
+    metric: FrameMetric, seed: int, strength: int
+) -> None:
     rng = np.random.default_rng(seed)
     target = noise(seed, (2, 12, 14, 3))
-    predicted = np.clip(target + rng.integers(-strength, strength + 1, target.shape), 0, 255).astype(np.uint8)
+    predicted = np.clip(
+        target + rng.integers(-strength, strength + 1, target.shape), 0, 255
+    ).astype(np.uint8)
     scores = metric(predicted, target, None)
     assert scores.shape == (2,)
     assert scores.dtype == np.float64
@@ -166,7 +192,10 @@ def test_symmetric_bounded_and_best_for_equal_frames(metric: FrameMetric, seed: 
 def test_more_noise_scores_worse(metric: FrameMetric) -> None:
     target = smooth_street(1)
     rng = np.random.default_rng(0)
-    noisy = [np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8) for s in (2, 8, 32)]
+    noisy = [
+        np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8)
+        for s in (2, 8, 32)
+    ]
     scores = [float(metric(frames, target, None)[0]) for frames in noisy]
     assert scores == sorted(scores, reverse=True)
 
@@ -196,10 +225,18 @@ def test_other_windows_and_borders_are_scikit_images(window: str, radius: int, b
     a = smooth_street(3)
     b = a ^ (noise(0, a.shape) // 8)
     metric = Ssim(window=window, border=border)  # type: ignore[arg-type]
-    settings = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False} if window == "gaussian" else {}
-    pad = ((0, 0), (radius, radius), (radius, radius), (0, 0)) if border == "zero" else ((0, 0),) * 4
+    settings = (
+        {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+        if window == "gaussian"
+        else {}
+    )
+    pad = (
+        ((0, 0), (radius, radius), (radius, radius), (0, 0)) if border == "zero" else ((0, 0),) * 4
+    )
     for one, other, value in zip(np.pad(a, pad), np.pad(b, pad), metric(a, b, None), strict=True):
-        assert value == pytest.approx(structural_similarity(one, other, channel_axis=-1, **settings), abs=1e-9)
+        assert value == pytest.approx(
+            structural_similarity(one, other, channel_axis=-1, **settings), abs=1e-9
+        )
     rim = np.zeros((3, 64, 80), bool)
     rim[:, 0] = True
     assert np.isnan(metric(a, b, rim)).all() == (border == "valid")
@@ -223,6 +260,10 @@ def test_settings_are_told_in_words() -> None:
 
 
 def test_bounds_and_definitions_are_told() -> None:
-    assert (Psnr().bounds, Psnr(ceiling_db=60.0).bounds, Ssim().bounds) == ((0.0, 100.0), (0.0, 60.0), (-1.0, 1.0))
+    assert (Psnr().bounds, Psnr(ceiling_db=60.0).bounds, Ssim().bounds) == (
+        (0.0, 100.0),
+        (0.0, 60.0),
+        (-1.0, 1.0),
+    )
     assert Psnr().protocol == "RGB jointly, 8 bit, per frame"
     assert Psnr(channels="each").protocol == "mean over R, G and B, 8 bit, per frame"

@@ -1,4 +1,6 @@
-"""MS-SSIM: a slow implementation straight from the paper, the numbers of a package in wide use, masks, refusals."""
+"""MS-SSIM: a slow implementation straight from the paper, the numbers of a package in wide use,
+masks, refusals.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ EXPONENTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
 
 
 def frames(height_px: int, width_px: int) -> tuple[ByteArray, ByteArray]:
-    """A prediction and a target [1, H, W, 3]: waves, shifted by 3 pixels and fainter in the prediction, and noise."""
+    """A prediction and a target [1, H, W, 3]: waves, shifted by 3 pixels and fainter in the
+    prediction, and noise.
+    """
     rng = np.random.default_rng(0)
     v, u = np.mgrid[:height_px, :width_px]
     waves = [np.sin(u / 7 + v / 11), np.cos(u / 13 - v / 5), np.sin(u * v / 900)]
@@ -26,7 +30,9 @@ def frames(height_px: int, width_px: int) -> tuple[ByteArray, ByteArray]:
 
 
 def slow(predicted: ByteArray, target: ByteArray) -> float:
-    """Equations 1 to 3 and 7 of the paper for every channel of one frame [H, W, 3], with a two-dimensional window."""
+    """Equations 1 to 3 and 7 of the paper for every channel of one frame [H, W, 3], with a
+    two-dimensional window.
+    """
     v, u = np.mgrid[-5:6, -5:6]
     window = np.exp(-(u**2 + v**2) / (2 * 1.5**2))
     window /= window.sum()
@@ -35,17 +41,26 @@ def slow(predicted: ByteArray, target: ByteArray) -> float:
         return correlate(image, window, mode="constant")[5:-5, 5:-5]
 
     scores = []
-    for x, y in zip(np.moveaxis(predicted / 255, -1, 0), np.moveaxis(target / 255, -1, 0), strict=True):
+    for x, y in zip(
+        np.moveaxis(predicted / 255, -1, 0), np.moveaxis(target / 255, -1, 0), strict=True
+    ):
         score = 1.0
         for exponent in EXPONENTS:
             covariance = mean(x * y) - mean(x) * mean(y)
             variances = mean(x**2) - mean(x) ** 2 + mean(y**2) - mean(y) ** 2
             term = (2 * covariance + 0.03**2) / (variances + 0.03**2)
             if exponent == EXPONENTS[-1]:
-                term = term * (2 * mean(x) * mean(y) + 0.01**2) / (mean(x) ** 2 + mean(y) ** 2 + 0.01**2)
+                term = (
+                    term
+                    * (2 * mean(x) * mean(y) + 0.01**2)
+                    / (mean(x) ** 2 + mean(y) ** 2 + 0.01**2)
+                )
             score *= max(term.mean(), 0.0) ** exponent
             if exponent != EXPONENTS[-1]:
-                x, y = (0.25 * (z[::2, ::2] + z[1::2, ::2] + z[::2, 1::2] + z[1::2, 1::2]) for z in (x, y))
+                x, y = (
+                    0.25 * (z[::2, ::2] + z[1::2, ::2] + z[::2, 1::2] + z[1::2, 1::2])
+                    for z in (x, y)
+                )
         scores.append(score)
     return float(np.mean(scores))
 
@@ -53,48 +68,70 @@ def slow(predicted: ByteArray, target: ByteArray) -> float:
 @pytest.mark.parametrize("size_px", [(256, 832), (176, 208)])
 def test_it_agrees_with_the_paper_computed_slowly(size_px: tuple[int, int]) -> None:
     predicted, target = frames(*size_px)
-    np.testing.assert_allclose(MsSsim()(predicted, target, None), [slow(predicted[0], target[0])], atol=1e-9)
+    np.testing.assert_allclose(
+        MsSsim()(predicted, target, None), [slow(predicted[0], target[0])], atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(
     ("size_px", "expected"),
     [
-        ((256, 832), 0.85366381),  # pytorch-msssim 1.0.0, ms_ssim(..., data_range=1.0), on the same frames; DMVFN's
+        (
+            (256, 832),
+            0.85366381,
+        ),  # pytorch-msssim 1.0.0, ms_ssim(..., data_range=1.0), on the same frames; DMVFN's
         ((176, 208), 0.84218218),
         ((192, 192), 0.83967023),
     ],
 )
-def test_it_agrees_with_the_package_that_dmvfn_is_scored_by(size_px: tuple[int, int], expected: float) -> None:
-    np.testing.assert_allclose(MsSsim()(*frames(*size_px), None), [expected], atol=2e-6)  # its window is float32
+def test_it_agrees_with_the_package_that_dmvfn_is_scored_by(
+    size_px: tuple[int, int], expected: float
+) -> None:
+    np.testing.assert_allclose(
+        MsSsim()(*frames(*size_px), None), [expected], atol=2e-6
+    )  # its window is float32
 
 
 def test_equal_frames_score_one_and_an_inverted_frame_zero() -> None:
     _, target = frames(176, 176)
     np.testing.assert_allclose(MsSsim()(target, target, None), [1.0])
-    assert MsSsim()(255 - target, target, None) == 0.0  # structure is negative, the power of it is not taken
+    assert (
+        MsSsim()(255 - target, target, None) == 0.0
+    )  # structure is negative, the power of it is not taken
 
 
 def test_a_last_odd_row_and_column_count_twice() -> None:
     predicted, target = (image[:, :161, :165] for image in frames(176, 176))
-    with_twice = [np.pad(image, ((0, 0), (0, 15), (0, 11), (0, 0)), mode="edge") for image in (predicted, target)]
-    # halved four times, 161x165 and its padding to 176x176 agree wherever windows see no more than one repetition
+    with_twice = [
+        np.pad(image, ((0, 0), (0, 15), (0, 11), (0, 0)), mode="edge")
+        for image in (predicted, target)
+    ]
+    # halved four times, 161x165 and its padding to 176x176 agree wherever windows see no more than
+    # one repetition
     inside = np.zeros((1, 176, 176), dtype=bool)
     inside[:, :60, :60] = True
     expected = MsSsim()(*with_twice, inside)
-    np.testing.assert_allclose(MsSsim()(predicted, target, inside[:, :161, :165]), expected, atol=1e-6)
+    np.testing.assert_allclose(
+        MsSsim()(predicted, target, inside[:, :161, :165]), expected, atol=1e-6
+    )
 
 
 def test_more_noise_scores_worse() -> None:
     _, target = frames(176, 176)
     rng = np.random.default_rng(0)
-    noisy = [np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8) for s in (4, 16, 64)]
+    noisy = [
+        np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8)
+        for s in (4, 16, 64)
+    ]
     scores = [float(MsSsim()(each, target, None)[0]) for each in noisy]
     assert scores == sorted(scores, reverse=True)
     assert MsSsim().higher_is_better
 
 
 def test_masks() -> None:
-    """A full mask changes nothing, an empty one leaves nothing, and a half knows only its half, but for the border."""
+    """A full mask changes nothing, an empty one leaves nothing, and a half knows only its half, but
+    for the border.
+    """
     predicted, target = frames(256, 832)
     predicted[:, :, 416:] = target[:, :, 416:]  # the right half is perfect
     left, nothing = np.zeros((2, *target.shape[:3]), dtype=bool)
@@ -102,7 +139,8 @@ def test_masks() -> None:
     metric = MsSsim()
     assert isinstance(metric, ManyMasks)
     whole, full, half, none, rest = (
-        float(scores[0]) for scores in metric.over(predicted, target, [None, ~nothing, left, nothing, ~left])
+        float(scores[0])
+        for scores in metric.over(predicted, target, [None, ~nothing, left, nothing, ~left])
     )
     assert full == pytest.approx(whole)
     assert np.isnan(none)
@@ -120,7 +158,9 @@ def test_it_is_registered_and_says_which_definition_it_follows() -> None:
 
 def test_frames_below_161_pixels_are_refused() -> None:
     blank = np.zeros((1, 160, 200, 3), np.uint8)
-    with pytest.raises(BadData, match=r"\(160, 200, 3\), expected at least 161x161 pixels for its five scales"):
+    with pytest.raises(
+        BadData, match=r"\(160, 200, 3\), expected at least 161x161 pixels for its five scales"
+    ):
         MsSsim()(blank, blank, None)
     enough = np.zeros((1, 161, 161, 3), np.uint8)
     np.testing.assert_allclose(MsSsim()(enough, enough, None), [1.0])

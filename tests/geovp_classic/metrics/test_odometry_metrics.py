@@ -1,4 +1,6 @@
-"""Drift, ATE and RPE: worked examples, invariances, and agreement with evo (run in its own process)."""
+"""Drift, ATE and RPE: worked examples, invariances, and agreement with evo (run in its own
+process).
+"""
 
 import json
 import subprocess
@@ -33,12 +35,15 @@ def straight(steps: int, step_m: float = 1.0, yaw_rad: float = 0.0) -> Trajector
 
 def wobbly(seed: int, steps: int = 60) -> Trajectory:
     rng = np.random.default_rng(seed)
-    return drive(rng.normal(size=(steps, 6)) * [0.1, 0.05, 0.2, 0.01, 0.05, 0.01] + [0, 0, 1, 0, 0, 0])
+    return drive(
+        rng.normal(size=(steps, 6)) * [0.1, 0.05, 0.2, 0.01, 0.05, 0.01] + [0, 0, 1, 0, 0, 0]
+    )
 
 
 def test_five_percent_too_fast_drifts_five_percent() -> None:
     drift = odometry.kitti_drift(straight(400, 1.05), straight(400))
-    # The first frame *farther* than the length is 101 m away on a 1 m grid: 101 * 0.05 m / 100 m, 201 * ... and so on.
+    # The first frame *farther* than the length is 101 m away on a 1 m grid: 101 * 0.05 m / 100 m,
+    # 201 * ... and so on.
     expected = np.mean([5 * (n + 1) / n for n in (100, 200, 300) for _ in range(0, 400 - n, 10)])
     assert drift.translation_percent == pytest.approx(expected, rel=1e-6)
     assert drift.rotation_deg_per_100m == pytest.approx(0, abs=1e-5)
@@ -46,7 +51,8 @@ def test_five_percent_too_fast_drifts_five_percent() -> None:
 
 
 def test_constant_yaw_drift_is_counted_per_metre() -> None:
-    # 0.01 degrees at every metre: 1.01 degrees after the 101 steps of a segment of 100 m, and 2.01, 3.01.
+    # 0.01 degrees at every metre: 1.01 degrees after the 101 steps of a segment of 100 m, and 2.01,
+    # 3.01.
     drift = odometry.kitti_drift(straight(400, yaw_rad=np.deg2rad(0.01)), straight(400))
     expected = np.mean([(n + 1) / n for n in (100, 200, 300) for _ in range(0, 400 - n, 10)])
     assert drift.rotation_deg_per_100m == pytest.approx(expected, rel=1e-3)
@@ -75,7 +81,9 @@ def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None
         assert back.is_metric
         assert odometry.absolute_error_m(back, truth).max() < 1e-6
         assert odometry.relative_error(back, truth)[0].max() < 1e-6
-    left = odometry.root_mean_square(odometry.absolute_error_m(odometry.aligned(similar, truth, "se3"), truth))
+    left = odometry.root_mean_square(
+        odometry.absolute_error_m(odometry.aligned(similar, truth, "se3"), truth)
+    )
     spread = np.std(truth.world_from_cam[:, :3, 3] - truth.world_from_cam[0, :3, 3], axis=0)
     assert left == pytest.approx(abs(scale - 1) * np.linalg.norm(spread), rel=1e-6, abs=1e-6)
 
@@ -84,12 +92,16 @@ def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None
 @given(seeds)
 def test_drift_and_relative_error_do_not_see_the_world_frame(seed: int) -> None:
     truth, estimate = wobbly(seed, 130), wobbly(seed + 1, 130)
-    elsewhere = Trajectory(se3.exp(np.array([9.0, -4, 2, 0.5, -1, 0.3])) @ estimate.world_from_cam, truth.times_s, True)
+    elsewhere = Trajectory(
+        se3.exp(np.array([9.0, -4, 2, 0.5, -1, 0.3])) @ estimate.world_from_cam, truth.times_s, True
+    )
     a, b = (odometry.kitti_drift(path, truth) for path in (estimate, elsewhere))
     assert a.num_segments == b.num_segments > 0
     assert a.translation_percent == pytest.approx(b.translation_percent, rel=1e-6)
     for one, other in zip(
-        odometry.relative_error(estimate, truth), odometry.relative_error(elsewhere, truth), strict=True
+        odometry.relative_error(estimate, truth),
+        odometry.relative_error(elsewhere, truth),
+        strict=True,
     ):
         np.testing.assert_allclose(one, other, atol=1e-6)
 
@@ -116,8 +128,18 @@ def evo(tool: str, folder: Path, *options: str) -> float:
         pytest.skip("evo is not installed: pip install 'geovp-classic[dev]'")
     result = folder / "result.zip"
     result.unlink(missing_ok=True)
-    command = [str(program), "tum", "truth.txt", "estimate.txt", "--save_results", str(result), *options]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env={"HOME": str(folder)})
+    command = [
+        str(program),
+        "tum",
+        "truth.txt",
+        "estimate.txt",
+        "--save_results",
+        str(result),
+        *options,
+    ]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, env={"HOME": str(folder)}
+    )
     assert done.returncode == 0, done.stderr
     with zipfile.ZipFile(result) as stored:
         return float(json.loads(stored.read("stats.json"))["rmse"])
@@ -136,17 +158,22 @@ def test_agreement_with_evo(tmp_path: Path) -> None:
         ("se3", ["--align"]),
         ("sim3", ["--align", "--correct_scale"]),
     ):
-        ours = odometry.root_mean_square(odometry.absolute_error_m(odometry.aligned(estimate, truth, how), truth))
+        ours = odometry.root_mean_square(
+            odometry.absolute_error_m(odometry.aligned(estimate, truth, how), truth)
+        )
         assert ours == pytest.approx(evo("evo_ape", tmp_path, *options), rel=1e-5), how
     translation, rotation_deg = odometry.relative_error(estimate, truth, num_steps=5)
     steps = ["--delta", "5", "--delta_unit", "f", "--all_pairs"]
-    assert odometry.root_mean_square(translation) == pytest.approx(evo("evo_rpe", tmp_path, *steps), rel=1e-5)
+    assert odometry.root_mean_square(translation) == pytest.approx(
+        evo("evo_rpe", tmp_path, *steps), rel=1e-5
+    )
     angle = evo("evo_rpe", tmp_path, *steps, "--pose_relation", "angle_deg")
     assert odometry.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
 
 
 def test_segments_are_those_of_the_development_kit() -> None:
-    # 901 poses a metre apart: of each length, from every tenth frame on, as many as end before the last metre does
+    # 901 poses a metre apart: of each length, from every tenth frame on, as many as end before the
+    # last metre does
     poses = np.tile(np.eye(4), (901, 1, 1))
     poses[:, 2, 3] = np.arange(901)
     path = Trajectory(poses, np.arange(901) / 10, is_metric=True)
@@ -159,8 +186,12 @@ def test_segments_are_those_of_the_development_kit() -> None:
 def test_a_step_too_long_in_any_direction_is_a_relative_error(axis: int) -> None:
     twists = np.tile([0.3, 0.2, 1.0, 0, 0, 0], (20, 1))
     wrong = twists + 0.05 * np.eye(6)[axis]
-    np.testing.assert_allclose(odometry.relative_error(drive(wrong), drive(twists))[0], 0.05, atol=1e-9)
-    np.testing.assert_allclose(odometry.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9)
+    np.testing.assert_allclose(
+        odometry.relative_error(drive(wrong), drive(twists))[0], 0.05, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        odometry.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("steps", [0, 6, 7])

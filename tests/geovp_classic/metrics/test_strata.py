@@ -1,4 +1,6 @@
-"""Pixel strata in a world small enough to work out: a wall at 10 m, a square at 5 m in front of it, and sky above."""
+"""Pixel strata in a world small enough to work out: a wall at 10 m, a square at 5 m in front of it,
+and sky above.
+"""
 
 from dataclasses import replace
 
@@ -28,8 +30,12 @@ def look(world_from_cam: FloatArray) -> FloatArray:
     return np.stack(depths).astype(np.float32)
 
 
-def cross(centre: FloatArray, directions: FloatArray, plane_z_m: float) -> tuple[FloatArray, FloatArray]:
-    """Points and depths where rays cross the plane z = plane_z_m; rays have z = 1 in the camera, so scale is depth."""
+def cross(
+    centre: FloatArray, directions: FloatArray, plane_z_m: float
+) -> tuple[FloatArray, FloatArray]:
+    """Points and depths where rays cross the plane z = plane_z_m; rays have z = 1 in the camera, so
+    scale is depth.
+    """
     depth = (plane_z_m - centre[2]) / directions[..., 2]
     return centre + depth[..., None] * directions, depth
 
@@ -39,13 +45,17 @@ def at(x_m: float = 0.0, z_m: float = 0.0, yaw_deg: float = 0.0) -> FloatArray:
     return se3.compose(np.eye(3), np.array([x_m, 0.0, z_m])) @ turn
 
 
-def clip(past: list[FloatArray], future: list[FloatArray], moving: BoolArray | None = None) -> tuple[Context, Target]:
+def clip(
+    past: list[FloatArray], future: list[FloatArray], moving: BoolArray | None = None
+) -> tuple[Context, Target]:
     poses = np.stack(past + future)
     times_s = 0.1 * np.arange(len(poses))
     frames = np.zeros((len(poses), 64, 64, 3), dtype=np.uint8)
     trajectory, cut = Trajectory(poses, times_s, is_metric=True), len(past)
     depths = look(poses)
-    context = Context(frames[:cut], times_s, CAMERA, trajectory[:cut], trajectory[cut:], depths[:cut], 1.65)
+    context = Context(
+        frames[:cut], times_s, CAMERA, trajectory[:cut], trajectory[cut:], depths[:cut], 1.65
+    )
     return context, Target(frames[cut:], trajectory[cut:], depths[cut:], moving)
 
 
@@ -68,11 +78,17 @@ def test_a_step_to_the_side_uncovers_what_the_square_hid() -> None:
     masks = strata(context, target)
     x_m, y_m = np.moveaxis(wall_points(target), -1, 0)
     on_wall = target.depths[0] == WALL_M
-    hidden_before = on_wall & (np.abs(x_m) < 2.0) & (np.abs(y_m) < 2.0)  # the square's shadow: twice its size
+    hidden_before = (
+        on_wall & (np.abs(x_m) < 2.0) & (np.abs(y_m) < 2.0)
+    )  # the square's shadow: twice its size
     assert hidden_before.sum() > 100
     pixel_m = WALL_M / CAMERA.fx_px
     core = hidden_before & (np.abs(x_m) < 2.0 - 1.5 * pixel_m) & (np.abs(y_m) < 2.0 - 1.5 * pixel_m)
-    clear = on_wall & (np.abs(x_m) < 4.0) & ((np.abs(x_m) > 2.0 + 1.5 * pixel_m) | (np.abs(y_m) > 2.0 + 1.5 * pixel_m))
+    clear = (
+        on_wall
+        & (np.abs(x_m) < 4.0)
+        & ((np.abs(x_m) > 2.0 + 1.5 * pixel_m) | (np.abs(y_m) > 2.0 + 1.5 * pixel_m))
+    )
     assert masks["disoccluded"][0][core].all()
     assert masks["seen"][0][clear].all()
     assert masks["seen"][0][target.depths[0] == SQUARE_M].all()
@@ -82,7 +98,9 @@ def test_what_comes_into_the_image_was_not_seen() -> None:
     context, target = clip([at()], [at(x_m=1.0)])
     seen = strata(context, target)["seen"][0]
     x_m = wall_points(target)[..., 0]
-    beyond = (x_m > 5.0) & (look(np.stack([at(x_m=1.0)]))[0] == WALL_M)  # the first camera saw up to 64 px / 2 = 5 m
+    beyond = (x_m > 5.0) & (
+        look(np.stack([at(x_m=1.0)]))[0] == WALL_M
+    )  # the first camera saw up to 64 px / 2 = 5 m
     assert beyond.sum() > 100
     assert not seen[beyond].any()
 
@@ -96,9 +114,13 @@ def test_a_turned_camera_knows_its_sky_by_direction_alone() -> None:
     context, target = clip([at()], [at(x_m=0.0, yaw_deg=10.0)])
     masks, sky = strata(context, target), np.isinf(target.depths[0])
     column = np.broadcast_to(np.arange(64), (64, 64))
-    was_in_view = column < CAMERA.cx_px + 64 * np.tan(np.deg2rad(26.5651 - 10.0)) - 1  # half the view is atan(0.5)
+    was_in_view = (
+        column < CAMERA.cx_px + 64 * np.tan(np.deg2rad(26.5651 - 10.0)) - 1
+    )  # half the view is atan(0.5)
     assert sky.sum() > 500
-    assert masks["seen"][0][sky & was_in_view & (np.arange(64)[:, None] > 2)].mean() > 0.98  # but for the wall's rim
+    assert (
+        masks["seen"][0][sky & was_in_view & (np.arange(64)[:, None] > 2)].mean() > 0.98
+    )  # but for the wall's rim
     assert not masks["seen"][0][:, 60:].any()
 
 
@@ -111,7 +133,9 @@ def test_a_step_forward_keeps_sky_seen_and_walls_seen() -> None:
 
 
 def test_steep_ground_is_recognised_between_pixels() -> None:
-    """Depth of a road grows by 5 % a pixel far away; interpolated inverse depth still agrees to the tolerance."""
+    """Depth of a road grows by 5 % a pixel far away; interpolated inverse depth still agrees to the
+    tolerance.
+    """
     height_m = 1.65
     v = np.arange(64)[:, None]
     depth = np.where(v > 31.5, height_m * CAMERA.fy_px / np.maximum(v - 31.5, 1e-9), np.inf)
@@ -153,9 +177,15 @@ def test_points_behind_an_observing_camera_are_not_seen_by_it() -> None:
 @pytest.mark.parametrize("missing", ["past", "past_depths", "future_depths", "future", "metres"])
 def test_clips_without_depth_or_metric_poses_have_no_strata(missing: str) -> None:
     context, target = clip([at()], [at()])
-    unmetric = Trajectory(target.trajectory.world_from_cam, target.trajectory.times_s, is_metric=False)
+    unmetric = Trajectory(
+        target.trajectory.world_from_cam, target.trajectory.times_s, is_metric=False
+    )
     context = replace(context, **({missing: None} if missing in ("past", "past_depths") else {}))
-    changes = {"future_depths": {"depths": None}, "future": {"trajectory": None}, "metres": {"trajectory": unmetric}}
+    changes = {
+        "future_depths": {"depths": None},
+        "future": {"trajectory": None},
+        "metres": {"trajectory": unmetric},
+    }
     assert strata(context, replace(target, **changes.get(missing, {}))) == {}
 
 

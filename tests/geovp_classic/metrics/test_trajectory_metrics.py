@@ -72,13 +72,17 @@ def test_what_a_predictor_says_of_its_metres_is_handed_on() -> None:
 
 
 def test_translation_error_grows_with_a_wrong_speed() -> None:
-    np.testing.assert_allclose(TranslationError()(straight(1.5), straight(1.0)), [0.5, 1.0, 1.5, 2.0])
+    np.testing.assert_allclose(
+        TranslationError()(straight(1.5), straight(1.0)), [0.5, 1.0, 1.5, 2.0]
+    )
 
 
 def test_displacements_stand_at_the_last_step_so_that_means_over_steps_print_them() -> None:
     average = AverageDisplacement()(straight(1.5), straight(1.0))
     final = FinalDisplacement()(straight(1.5), straight(1.0))
-    np.testing.assert_array_equal(average, [np.nan, np.nan, np.nan, 1.25])  # (0.5 + 1.0 + 1.5 + 2.0) / 4
+    np.testing.assert_array_equal(
+        average, [np.nan, np.nan, np.nan, 1.25]
+    )  # (0.5 + 1.0 + 1.5 + 2.0) / 4
     np.testing.assert_array_equal(final, [np.nan, np.nan, np.nan, 2.0])
     assert (np.nanmean(average), np.nanmean(final)) == (1.25, 2.0)
 
@@ -88,10 +92,15 @@ def test_errors_of_a_single_step_are_all_the_same_number() -> None:
         np.testing.assert_allclose(BY_NAME[name](straight(3.0, 1), straight(1.0, 1)), [2.0])
 
 
-@pytest.mark.parametrize("name", ["translation-error", "average-displacement", "final-displacement"])
+@pytest.mark.parametrize(
+    "name", ["translation-error", "average-displacement", "final-displacement"]
+)
 @pytest.mark.parametrize("metric_sides", [(False, True), (True, False), (False, False)])
 def test_lengths_without_metres_are_no_number(name: str, metric_sides: tuple[bool, bool]) -> None:
-    predicted, target = straight(1.0, is_metric=metric_sides[0]), straight(1.0, is_metric=metric_sides[1])
+    predicted, target = (
+        straight(1.0, is_metric=metric_sides[0]),
+        straight(1.0, is_metric=metric_sides[1]),
+    )
     assert np.isnan(BY_NAME[name](predicted, target)).all()
 
 
@@ -104,7 +113,9 @@ def test_angles_need_no_metres() -> None:
 def test_rotation_error_is_the_angle_right_near_zero_and_up_to_180_degrees() -> None:
     angles_deg = [1e-6, 5.0, 90.0, 179.999]
     for axis in range(3):
-        np.testing.assert_allclose(RotationError()(turned(axis, angles_deg), turned(axis, [0] * 4)), angles_deg)
+        np.testing.assert_allclose(
+            RotationError()(turned(axis, angles_deg), turned(axis, [0] * 4)), angles_deg
+        )
     across = RotationError()(turned(1, [179.0]), turned(1, [-179.0]))
     np.testing.assert_allclose(across, [2.0], atol=1e-9)  # the short way round
 
@@ -112,7 +123,9 @@ def test_rotation_error_is_the_angle_right_near_zero_and_up_to_180_degrees() -> 
 def test_yaw_error_sees_turns_to_the_side_alone() -> None:
     level = turned(1, [0.0, 0.0])
     np.testing.assert_allclose(YawError()(turned(1, [10.0, -170.0]), level), [10.0, 170.0])
-    np.testing.assert_allclose(YawError()(turned(0, [10.0, -20.0]), level), 0.0, atol=1e-12)  # pitch
+    np.testing.assert_allclose(
+        YawError()(turned(0, [10.0, -20.0]), level), 0.0, atol=1e-12
+    )  # pitch
     np.testing.assert_allclose(YawError()(turned(2, [10.0, -20.0]), level), 0.0, atol=1e-12)  # roll
 
 
@@ -139,7 +152,9 @@ def test_relative_to_last_observed_makes_predictions_of_other_worlds_comparable(
     real, other_from_world = se3.exp(poses), se3.exp(world)
     times_s = np.array([0.3, 0.4])
     truth = relative_to_last_observed(trajectory(real[:2]), real[2:], times_s)
-    elsewhere = relative_to_last_observed(trajectory(other_from_world @ real[:2]), other_from_world @ real[2:], times_s)
+    elsewhere = relative_to_last_observed(
+        trajectory(other_from_world @ real[:2]), other_from_world @ real[2:], times_s
+    )
     np.testing.assert_allclose(TranslationError()(elsewhere, truth), 0.0, atol=1e-9)
     np.testing.assert_allclose(RotationError()(elsewhere, truth), 0.0, atol=1e-5)
 
@@ -149,8 +164,12 @@ def test_relative_to_last_observed_has_that_camera_at_the_identity() -> None:
     future = relative_to_last_observed(past, past.world_from_cam[-1][None], np.array([1.0]))
     np.testing.assert_allclose(future.world_from_cam, np.eye(4)[None])
     assert not future.is_metric
-    ahead = relative_to_last_observed(past, se3.compose(np.eye(3), np.array([[0.0, 0.0, 7.0]])), np.array([1.0]))
-    np.testing.assert_allclose(ahead.world_from_cam[0, :3, 3], [0, 0, 1])  # the last observed camera was at z = 6
+    ahead = relative_to_last_observed(
+        past, se3.compose(np.eye(3), np.array([[0.0, 0.0, 7.0]])), np.array([1.0])
+    )
+    np.testing.assert_allclose(
+        ahead.world_from_cam[0, :3, 3], [0, 0, 1]
+    )  # the last observed camera was at z = 6
 
 
 @pytest.mark.parametrize("name", BY_NAME)

@@ -1,4 +1,6 @@
-"""A corridor to drive through: a textured road, two walls and a far end, ray-cast, so that every pose is known."""
+"""A corridor to drive through: a textured road, two walls and a far end, ray-cast, so that every
+pose is known.
+"""
 
 from collections.abc import Callable
 
@@ -11,12 +13,21 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 HEIGHT_M = 1.65
 # (normal, offset) of the planes n . x = offset: road, left wall, right wall, far end, sky
-PLANES = (((0, 1, 0), HEIGHT_M), ((-1, 0, 0), 5.0), ((1, 0, 0), 6.0), ((0, 0, 1), 60.0), ((0, -1, 0), 9.0))
+PLANES = (
+    ((0, 1, 0), HEIGHT_M),
+    ((-1, 0, 0), 5.0),
+    ((1, 0, 0), 6.0),
+    ((0, 0, 1), 60.0),
+    ((0, -1, 0), 9.0),
+)
 
 
 def _texture(seed: int) -> ByteArray:
     rng = np.random.default_rng(seed)
-    layers = [cv2.resize(rng.random((n, n), dtype=np.float32), (1024, 1024), interpolation=3) for n in (64, 256, 512)]
+    layers = [
+        cv2.resize(rng.random((n, n), dtype=np.float32), (1024, 1024), interpolation=3)
+        for n in (64, 256, 512)
+    ]
     return cv2.normalize(sum(layers), None, 10, 245, cv2.NORM_MINMAX).astype(np.uint8)
 
 
@@ -31,7 +42,11 @@ def _image(camera: Intrinsics, world_from_cam: FloatArray) -> ByteArray:
     value = np.zeros(len(rays), dtype=np.uint8)
     for (normal, offset), texture in zip(PLANES, TEXTURES, strict=True):
         towards = rays @ np.array(normal, dtype=float)
-        distance = np.where(towards > 1e-9, (offset - centre @ normal) / np.where(towards > 1e-9, towards, 1), np.inf)
+        distance = np.where(
+            towards > 1e-9,
+            (offset - centre @ normal) / np.where(towards > 1e-9, towards, 1),
+            np.inf,
+        )
         hit = distance < nearest
         points = centre + rays[hit] * distance[hit, None]
         across = points[:, [i for i in range(3) if normal[i] == 0]] * 25.0 % 1023
@@ -48,7 +63,9 @@ def camera() -> Intrinsics:
 
 @pytest.fixture(scope="session")
 def drive(camera: Intrinsics) -> Callable[[FloatArray], tuple[ByteArray, FloatArray]]:
-    """Images [T, H, W, 3] and poses [T, 4, 4] of a camera that repeats the given twists [T - 1, 6] one by one."""
+    """Images [T, H, W, 3] and poses [T, 4, 4] of a camera that repeats the given twists [T - 1, 6]
+    one by one.
+    """
 
     def film(twists: FloatArray) -> tuple[ByteArray, FloatArray]:
         poses = [np.eye(4)]
@@ -61,6 +78,8 @@ def drive(camera: Intrinsics) -> Callable[[FloatArray], tuple[ByteArray, FloatAr
 
 
 @pytest.fixture(scope="session")
-def straight(drive: Callable[[FloatArray], tuple[ByteArray, FloatArray]]) -> tuple[ByteArray, FloatArray]:
+def straight(
+    drive: Callable[[FloatArray], tuple[ByteArray, FloatArray]],
+) -> tuple[ByteArray, FloatArray]:
     """Ten images, 0.5 m apart and turning by 0.3 degrees each."""
     return drive(np.tile([0, 0, 0.5, 0, np.radians(0.3), 0], (9, 1)))

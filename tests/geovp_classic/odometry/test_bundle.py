@@ -21,7 +21,9 @@ NOISE = 0.25 / LENS.focal_px
 
 def scene(count: int = 120, seed: int = 0) -> FloatArray:
     rng = np.random.default_rng(seed)
-    return np.stack([rng.uniform(-8, 8, count), rng.uniform(-3, 1.6, count), rng.uniform(8, 40, count)], axis=1)
+    return np.stack(
+        [rng.uniform(-8, 8, count), rng.uniform(-3, 1.6, count), rng.uniform(8, 40, count)], axis=1
+    )
 
 
 def project(points: FloatArray, cam_from_world: FloatArray) -> FloatArray:
@@ -55,9 +57,13 @@ def test_resection_is_as_good_as_pycolmap() -> None:
     rays = LENS.rays(project(points, truth)) + np.random.default_rng(4).normal(0, NOISE, (120, 2))
     found, _ = resection.resect(points, rays, np.eye(4), NOISE)
     camera = pycolmap.Camera(model="PINHOLE", width=2, height=2, params=[1.0, 1.0, 0.0, 0.0])
-    options = pycolmap.AbsolutePoseRefinementOptions(loss_function_scale=NOISE, gradient_tolerance=1e-12)
+    options = pycolmap.AbsolutePoseRefinementOptions(
+        loss_function_scale=NOISE, gradient_tolerance=1e-12
+    )
     start = pycolmap.Rigid3d(pycolmap.Rotation3d(truth[:3, :3]), truth[:3, 3])
-    refined = pycolmap.refine_absolute_pose(start, rays, points, np.ones(120, dtype=bool), camera, options)
+    refined = pycolmap.refine_absolute_pose(
+        start, rays, points, np.ones(120, dtype=bool), camera, options
+    )
     np.testing.assert_allclose(found[:3], refined["cam_from_world"].matrix(), atol=2e-4)
 
 
@@ -84,7 +90,9 @@ def slow_equations(
         cam = se3.transform(se3.exp(twist) @ pose, points)
         return cam[:, :2] / cam[:, 2:]
 
-    slopes = np.stack([(places(tiny * axis) - places(-tiny * axis)) / (2 * tiny) for axis in np.eye(6)], axis=-1)
+    slopes = np.stack(
+        [(places(tiny * axis) - places(-tiny * axis)) / (2 * tiny) for axis in np.eye(6)], axis=-1
+    )
     front = se3.transform(pose, points)[:, 2] > 0
     residual = places(np.zeros(6)) - rays
     distance = np.where(front, np.linalg.norm(residual, axis=1), np.inf)
@@ -103,8 +111,12 @@ def test_equations_of_the_resection_are_those_of_differences(kernel: float) -> N
     normal, moment, used = resection._normal_equations(points, rays, pose, kernel, NOISE)
     expected_normal, expected_moment, expected = slow_equations(points, rays, pose, kernel)
     assert used == pytest.approx(expected, rel=1e-9)
-    np.testing.assert_allclose(normal, expected_normal, rtol=1e-4, atol=1e-6 * np.abs(expected_normal).max())
-    np.testing.assert_allclose(moment, expected_moment, rtol=1e-4, atol=1e-6 * np.abs(expected_moment).max())
+    np.testing.assert_allclose(
+        normal, expected_normal, rtol=1e-4, atol=1e-6 * np.abs(expected_normal).max()
+    )
+    np.testing.assert_allclose(
+        moment, expected_moment, rtol=1e-4, atol=1e-6 * np.abs(expected_moment).max()
+    )
 
 
 def test_bundle_adjustment_corrects_poses_and_points_and_keeps_what_is_fixed() -> None:
@@ -113,7 +125,9 @@ def test_bundle_adjustment_corrects_poses_and_points_and_keeps_what_is_fixed() -
     pixels[3, :40] = np.nan
     perturbed = poses.copy()
     perturbed[2:] = se3.exp(rng.normal(0, 0.01, (3, 6))) @ poses[2:]
-    moved_poses, moved = bundle_adjust(perturbed, points + rng.normal(0, 0.1, points.shape), pixels, LENS)
+    moved_poses, moved = bundle_adjust(
+        perturbed, points + rng.normal(0, 0.1, points.shape), pixels, LENS
+    )
     np.testing.assert_array_equal(moved_poses[:2], poses[:2])
     np.testing.assert_allclose(moved_poses, poses, atol=1e-3)
     assert np.median(np.linalg.norm(moved - points, axis=1)) < 0.01
@@ -144,7 +158,9 @@ def test_lens_goes_there_and_back() -> None:
     pixels = np.random.default_rng(0).uniform([0, 0], [1240, 370], (100, 2))
     np.testing.assert_allclose(bent.pixels(bent.rays(pixels)), pixels, atol=1e-3)
     # at the right edge the ray is (1240 - 600) / 700 = 0.914: it shrinks by 1.5 % of 0.914^2
-    assert bent.rays(np.array([1240.0, 170.0]))[0] == pytest.approx(0.914286 * (1 - 0.015 * 0.835918), abs=1e-5)
+    assert bent.rays(np.array([1240.0, 170.0]))[0] == pytest.approx(
+        0.914286 * (1 - 0.015 * 0.835918), abs=1e-5
+    )
 
 
 def filled(size: int = 3, frames: int = 5) -> tuple[WindowedMap, FloatArray]:
@@ -164,7 +180,9 @@ def test_the_map_triangulates_points_and_keeps_a_window_of_keyframes() -> None:
     assert (len(window), window.first_keyframe_id, window.newest_keyframe_id) == (3, 2, 4)
     assert window.observations.shape == (3, 120, 2)
     assert window.triangulated.mean() > 0.9
-    np.testing.assert_allclose(window.points[window.triangulated], points[window.triangulated], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(
+        window.points[window.triangulated], points[window.triangulated], rtol=1e-4, atol=1e-4
+    )
 
 
 def test_the_map_predicts_where_points_appear() -> None:
@@ -213,6 +231,10 @@ def test_parallax_ignores_rotation() -> None:
 
 def test_a_program_that_is_asked_to_end_may_say_so_itself() -> None:
     said = "import os, signal, sys; signal.signal(signal.SIGTERM, lambda *_: sys.exit(7)); "
-    said += "import geovp_classic.odometry.bundle; os.kill(os.getpid(), signal.SIGTERM); signal.pause()"
-    ended = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, timeout=120)
+    said += (
+        "import geovp_classic.odometry.bundle; os.kill(os.getpid(), signal.SIGTERM); signal.pause()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", said], capture_output=True, text=True, timeout=120
+    )
     assert (ended.returncode, ended.stderr) == (7, "")

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.consistency import changes_by_noise_alone, driven, is_sideways, is_standing, measured
+from geovp_classic.odometry.consistency import (
+    changes_by_noise_alone,
+    driven,
+    is_sideways,
+    is_standing,
+    measured,
+)
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.unit_scale import UnitSpeed
 from geovp_classic.types import ByteArray, Context, FloatArray, Intrinsics
@@ -53,7 +59,10 @@ def test_a_camera_goes_sideways_where_it_does() -> None:
     [
         ("1111111111", "1111111111"),
         ("1000010000", "1000010000"),  # found again in the same map: measured relative to the first
-        ("1000001111", "0000011111"),  # started anew from the sixth; the first has nothing to do with it
+        (
+            "1000001111",
+            "0000011111",
+        ),  # started anew from the sixth; the first has nothing to do with it
         ("1111000000", "1111000000"),
         ("1110000011", "1110000000"),  # started anew as well, but with fewer
         ("1100000111", "0000001111"),
@@ -68,7 +77,9 @@ def test_what_was_measured_of_a_path_with_gaps(tracked: str, known: str) -> None
 
 
 def crossed(street: ByteArray, vehicle: ByteArray, left: int, size: int) -> ByteArray:
-    """The street behind a part of another image, which covers `size` of its 128 columns from `left` on."""
+    """The street behind a part of another image, which covers `size` of its 128 columns from `left`
+    on.
+    """
     image = street.copy()
     columns = slice(left, min(left + size, 128))
     image[35:115, columns] = vehicle[35:115, : columns.stop - left]
@@ -79,7 +90,10 @@ def crossed(street: ByteArray, vehicle: ByteArray, left: int, size: int) -> Byte
 def textures() -> tuple[ByteArray, ByteArray]:
     noise = np.random.default_rng(1).random((2, 128, 128)).astype(np.float32)
     street, vehicle = (cv2.GaussianBlur(each, (0, 0), 2) for each in noise)
-    return tuple(cv2.normalize(each, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8) for each in (street, vehicle))
+    return tuple(
+        cv2.normalize(each, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+        for each in (street, vehicle)
+    )
 
 
 class TestStands:
@@ -88,28 +102,42 @@ class TestStands:
     @staticmethod
     def noisy(images: Iterable[ByteArray]) -> list[ByteArray]:
         rng = np.random.default_rng(2)
-        return [np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8) for image in images]
+        return [
+            np.clip(image + rng.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
+            for image in images
+        ]
 
     def test_behind_a_bus_that_crosses(self, textures: tuple[ByteArray, ByteArray]) -> None:
         street, vehicle = textures
         images = self.noisy(crossed(street, vehicle, 6 * k, 100) for k in range(10))
         assert is_standing(images)
         camera = Intrinsics(150.0, 150.0, 63.5, 63.5, 128, 128)
-        clip = Context(np.repeat(np.stack(images)[..., None], 3, axis=-1), 0.1 * np.arange(11), camera)
+        clip = Context(
+            np.repeat(np.stack(images)[..., None], 3, axis=-1), 0.1 * np.arange(11), camera
+        )
         trajectory, tracked = Monocular(scale=UnitSpeed()).track(clip)
         np.testing.assert_array_equal(trajectory.world_from_cam, np.tile(np.eye(4), (10, 1, 1)))
         assert tracked.all()
 
-    def test_not_behind_a_truck_that_is_followed(self, textures: tuple[ByteArray, ByteArray]) -> None:
+    def test_not_behind_a_truck_that_is_followed(
+        self, textures: tuple[ByteArray, ByteArray]
+    ) -> None:
         street, vehicle = textures
-        assert not is_standing(self.noisy(crossed(np.roll(street, 6 * k, axis=1), vehicle, 32, 60) for k in range(10)))
+        assert not is_standing(
+            self.noisy(crossed(np.roll(street, 6 * k, axis=1), vehicle, 32, 60) for k in range(10))
+        )
 
     @pytest.mark.parametrize("step_px", [0.1, 0.3, 3.0])
-    def test_not_where_the_camera_creeps_or_turns(self, textures: tuple[ByteArray, ByteArray], step_px: float) -> None:
+    def test_not_where_the_camera_creeps_or_turns(
+        self, textures: tuple[ByteArray, ByteArray], step_px: float
+    ) -> None:
         moved = (np.array([[1, 0, step_px * k], [0, 1, 0]], np.float32) for k in range(10))
         street = textures[0]
         assert not is_standing(
-            self.noisy(cv2.warpAffine(street, each, (128, 128), borderMode=cv2.BORDER_WRAP) for each in moved)
+            self.noisy(
+                cv2.warpAffine(street, each, (128, 128), borderMode=cv2.BORDER_WRAP)
+                for each in moved
+            )
         )
 
     def test_not_without_corners(self) -> None:
@@ -124,10 +152,14 @@ def test_a_camera_stands_behind_noise_and_drives_behind_noise(sigma: float) -> N
 
     def images(step_px: float) -> list[ByteArray]:
         shown = [texture[:, round(step_px * n) :][:, :160] for n in range(10)]
-        return [(one + rng.normal(0, sigma, one.shape)).clip(0, 255).astype(np.uint8) for one in shown]
+        return [
+            (one + rng.normal(0, sigma, one.shape)).clip(0, 255).astype(np.uint8) for one in shown
+        ]
 
     assert changes_by_noise_alone(images(0.0))
     assert is_standing(images(0.0))
     assert not changes_by_noise_alone(images(0.5))
     assert not changes_by_noise_alone(images(10.0))
-    assert not changes_by_noise_alone([images(0.0)[0]] * 10)  # nothing changes at all: corners say so
+    assert not changes_by_noise_alone(
+        [images(0.0)[0]] * 10
+    )  # nothing changes at all: corners say so

@@ -1,4 +1,6 @@
-"""Hard images: the odometry bridges and says so, and never raises or answers with anything but rigid poses."""
+"""Hard images: the odometry bridges and says so, and never raises or answers with anything but
+rigid poses.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,7 +14,9 @@ from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.types import ByteArray, Clip, Context, FloatArray, Intrinsics, Trajectory
 
 SWING_DEG = 8.0  # how far a camera that turns on the spot looks to each side
-Corrupted = tuple[ByteArray, FloatArray]  # frames [T, H, W, 3] and the poses [T, 4, 4] that are then true
+Corrupted = tuple[
+    ByteArray, FloatArray
+]  # frames [T, H, W, 3] and the poses [T, 4, 4] that are then true
 
 
 @dataclass(frozen=True)
@@ -21,14 +25,17 @@ class Errors:
 
     bridged: float  # share of the poses
     rotation_deg: float  # mean error of a step
-    path_percent: float  # rms position error after Sim(3) alignment, of the path's length; NaN for a camera that stands
+    # rms position error after Sim(3) alignment, of the path's length; NaN for a camera that stands
+    path_percent: float
 
 
 @pytest.fixture(scope="module")
 def clip(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> Clip:
     frames, poses = straight
     times_s = 0.1 * np.arange(len(frames))
-    return Clip("corridor", frames, times_s, camera, Trajectory(poses, times_s, True), camera_height_m=1.65)
+    return Clip(
+        "corridor", frames, times_s, camera, Trajectory(poses, times_s, True), camera_height_m=1.65
+    )
 
 
 def middle(clip: Clip, count: int) -> range:
@@ -41,7 +48,9 @@ def truth(clip: Clip) -> FloatArray:
     return clip.trajectory.world_from_cam
 
 
-def changed(clip: Clip, which: range, corrupt: Callable[[ByteArray], FloatArray | ByteArray]) -> Corrupted:
+def changed(
+    clip: Clip, which: range, corrupt: Callable[[ByteArray], FloatArray | ByteArray]
+) -> Corrupted:
     frames = clip.frames.copy()
     for i in which:
         frames[i] = corrupt(frames[i])
@@ -68,7 +77,9 @@ def black(clip: Clip, count: float) -> Corrupted:
 def flat(clip: Clip, share: float) -> Corrupted:
     """All images lose this share of their contrast, in fog."""
     fog = 128 * share
-    return changed(clip, range(len(clip)), lambda frame: cv2.addWeighted(frame, 1 - share, frame, 0, fog))
+    return changed(
+        clip, range(len(clip)), lambda frame: cv2.addWeighted(frame, 1 - share, frame, 0, fog)
+    )
 
 
 def noise(clip: Clip, deviation: float) -> Corrupted:
@@ -94,10 +105,14 @@ def repeated(clip: Clip, count: float) -> Corrupted:
 
 
 def occluded(clip: Clip, share: float) -> Corrupted:
-    """Another car, always at the same place, fills this share of the image from the middle of the clip on."""
+    """Another car, always at the same place, fills this share of the image from the middle of the
+    clip on.
+    """
     height_px, width_px = clip.frames.shape[1:3]
     tall, broad = round(height_px * np.sqrt(share)), round(width_px * np.sqrt(share))
-    paint = cv2.GaussianBlur(np.random.default_rng(0).uniform(0, 255, (height_px, width_px)), (0, 0), 2.0)
+    paint = cv2.GaussianBlur(
+        np.random.default_rng(0).uniform(0, 255, (height_px, width_px)), (0, 0), 2.0
+    )
     car = 20 + 180 * (paint - paint.min()) / np.ptp(paint)
     top, left = height_px - tall, (width_px - broad) // 2
 
@@ -129,7 +144,9 @@ def errors(clip: Clip, corrupt: Callable[[Clip, float], Corrupted], strength: fl
     """Trajectory's own checks raise on anything not rigid."""
     frames, poses = corrupt(clip, strength)
     times_s = np.append(clip.times_s, clip.times_s[-1] + 0.1)
-    trajectory, tracked = Monocular().track(Context(frames, times_s, clip.intrinsics, camera_height_m=1.65))
+    trajectory, tracked = Monocular().track(
+        Context(frames, times_s, clip.intrinsics, camera_height_m=1.65)
+    )
     found = trajectory.world_from_cam
     steps, true_steps = (se3.inverse(path[:-1]) @ path[1:] for path in (found, poses))
     rotation_deg = float(np.degrees(se3.rotation_angle_rad(se3.inverse(true_steps) @ steps)).mean())
@@ -142,7 +159,9 @@ def errors(clip: Clip, corrupt: Callable[[Clip, float], Corrupted], strength: fl
         return Errors(bridged, rotation_deg, 100.0)
     scale, aligned = alignment.umeyama(here, there, with_scale=True)
     miss = scale * here @ aligned[:3, :3].T + aligned[:3, 3] - there
-    return Errors(bridged, rotation_deg, float(100 * np.sqrt((miss**2).sum(axis=1).mean()) / length))
+    return Errors(
+        bridged, rotation_deg, float(100 * np.sqrt((miss**2).sum(axis=1).mean()) / length)
+    )
 
 
 HARDEST = [(blur, 32), (exposure, -2), (black, 4), (flat, 1), (noise, 40)]
@@ -177,7 +196,9 @@ def test_a_dropped_image_is_no_reason_to_guess(clip: Clip) -> None:
 
 
 def test_a_repeated_image_is_bridged(clip: Clip) -> None:
-    found = errors(clip, repeated, 1)  # the film lets the camera stand for a tenth of a second, the bridge doesn't
+    found = errors(
+        clip, repeated, 1
+    )  # the film lets the camera stand for a tenth of a second, the bridge doesn't
     assert found.bridged == pytest.approx(0.1)
     assert found.path_percent < 3
 

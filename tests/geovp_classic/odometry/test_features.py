@@ -80,7 +80,11 @@ def test_corners_are_spread_one_a_cell_and_keep_away_from_those_taken() -> None:
 def slow_corners(grey: ByteArray, occupied: FloatArray, count: int) -> FloatArray:
     """Of each free cell the first of the strongest peaks, peak by peak."""
     shrink = 2 if grey.shape[1] >= features.HALF_FROM_WIDTH_PX else 1
-    small = grey if shrink == 1 else cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    small = (
+        grey
+        if shrink == 1
+        else cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    )
     strength = cv2.cornerMinEigenVal(small, 3) * (255 / float(np.std(grey[::4, ::4]))) ** 2
     border, side_px, strongest = 8 // shrink, np.sqrt(grey.size / count), {}
     strength[:border], strength[-border:], strength[:, :border], strength[:, -border:] = 0, 0, 0, 0

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_classic.contracts import street
+from geovp_benchmarks.contracts import street
 from geovp_classic.data.frames import image_files, read_image
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
@@ -21,9 +21,11 @@ LEFT_TURN, RIGHT_TURN = 1, 4
 @pytest.fixture(scope="module")
 def turns() -> list[list[ByteArray]]:
     """Two drives round a corner with a focal length of 183 px, 318 px wide."""
-    world = Synthetic(num_clips=8, num_frames=24, size_px=(96, 96), with_wide=True)
-    wide = [world[index].wide for index in (LEFT_TURN, RIGHT_TURN)]
-    assert all(each is not None and each.intrinsics.fx_px == pytest.approx(183.375) for each in wide)
+    world = Synthetic(num_clips=8, num_frames=24, size_px=(96, 96), with_full=True)
+    wide = [world[index].full for index in (LEFT_TURN, RIGHT_TURN)]
+    assert all(
+        each is not None and each.intrinsics.fx_px == pytest.approx(183.375) for each in wide
+    )
     return [[grey8(frame) for frame in each.frames] for each in wide if each is not None]
 
 
@@ -76,12 +78,16 @@ def test_sure_means_an_interval_of_a_third() -> None:
         ("raw0095/image_2", (0, 180), 492.6),
     ],
 )
-def test_calibrated_cars_of_kitti_are_met_within_a_tenth(images: str, starts: tuple[int, ...], focal_px: float) -> None:
+def test_calibrated_cars_of_kitti_are_met_within_a_tenth(
+    images: str, starts: tuple[int, ...], focal_px: float
+) -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None:
         pytest.skip(f"GEOVP_TEST_DATA is not set: needs kitti/sequences/{images}")
     files = image_files(Path(root) / "kitti" / "sequences" / images)
-    found = estimate_focal([grey8(read_image(file)) for file in files[start : start + 30]] for start in starts)
+    found = estimate_focal(
+        [grey8(read_image(file)) for file in files[start : start + 30]] for start in starts
+    )
     assert found is not None
     assert found.is_sure
     assert found.focal_px == pytest.approx(focal_px, rel=0.1)

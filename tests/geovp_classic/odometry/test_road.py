@@ -31,19 +31,26 @@ def test_the_road_projects_into_the_other_camera_where_its_points_lie(lens: Lens
     points, projected, index = road._project(lens, homogeneous(lens.rays(pixels)), POSE, PLANE)
     rays = homogeneous(lens.rays(pixels[index]))
     inverse_depth = rays @ PLANE
-    np.testing.assert_allclose(points / inverse_depth[:, None], se3.transform(POSE, rays / inverse_depth[:, None]))
-    np.testing.assert_allclose(lens.rays(projected), points[:, :2] / points[:, 2:], atol=2e-4)  # an iterative inverse
+    np.testing.assert_allclose(
+        points / inverse_depth[:, None], se3.transform(POSE, rays / inverse_depth[:, None])
+    )
+    np.testing.assert_allclose(
+        lens.rays(projected), points[:, :2] / points[:, 2:], atol=2e-4
+    )  # an iterative inverse
     assert 100 < len(index) < 400
     assert (projected > 1).all()
     assert (projected < (126, 110)).all()
 
 
 def test_the_jacobian_is_the_difference_of_pixels_of_neighbouring_planes(rays: FloatArray) -> None:
-    # m . r of the ray (x, y, 1) grows by d when the plane's last number does; the lens is a pinhole here
+    # m . r of the ray (x, y, 1) grows by d when the plane's last number does; the lens is a pinhole
+    # here
     lens, tiny, rays = Lens(CAMERA), 1e-6, rays[rays[:, 1] > 0.1]
 
     def places(more: float) -> FloatArray:
-        points = se3.transform(POSE, homogeneous(rays) / (homogeneous(rays) @ PLANE + more)[:, None])
+        points = se3.transform(
+            POSE, homogeneous(rays) / (homogeneous(rays) @ PLANE + more)[:, None]
+        )
         return lens.pixels(points[:, :2] / points[:, 2:])
 
     expected = (places(tiny) - places(-tiny)) / (2 * tiny)
@@ -57,7 +64,9 @@ def test_the_step_is_that_of_weighted_least_squares_with_an_offset() -> None:
     difference, jacobian = rng.normal(0, 10, 401), rng.normal(0, 50, (401, 3))
     step = np.linalg.solve(*road._normal_equations(difference, jacobian))
     centred = difference - np.median(difference)
-    root = 1 / (1 + (centred / (2 * 1.4826 * np.median(np.abs(centred)))) ** 2)  # of the Geman-McClure weights
+    root = 1 / (
+        1 + (centred / (2 * 1.4826 * np.median(np.abs(centred)))) ** 2
+    )  # of the Geman-McClure weights
     with_offset = np.concatenate([jacobian, np.ones((401, 1))], axis=1)
     expected = np.linalg.lstsq(with_offset * root[:, None], centred * root)[0]
     np.testing.assert_allclose(step, expected[:3], rtol=1e-9)
@@ -72,7 +81,12 @@ def test_correlation_is_that_of_numpy(lens: Lens) -> None:
     expected = np.corrcoef(a[v, u].ravel(), (a + b)[v, u].ravel())[0, 1]
     assert road.correlation(a + b, a[v, u].ravel(), *given) == pytest.approx(expected, rel=1e-5)
     assert road.correlation(a, np.full(v.size, 7, np.float32), *given) == 0.0
-    assert road.correlation(a, a[v, u].ravel(), np.eye(4), Lens(CAMERA), rays + np.array([9.0, 0, 0]), PLANE) == -1.0
+    assert (
+        road.correlation(
+            a, a[v, u].ravel(), np.eye(4), Lens(CAMERA), rays + np.array([9.0, 0, 0]), PLANE
+        )
+        == -1.0
+    )
 
 
 def test_samples_lie_between_pixels() -> None:
@@ -81,4 +95,6 @@ def test_samples_lie_between_pixels() -> None:
     image = (10 + 2 * u + 3 * v).astype(np.float32)
     at = np.array([[4.25, 2.5]], dtype=np.float32)
     np.testing.assert_allclose(road.sample(image, at), [26.0], rtol=1e-6)
-    np.testing.assert_allclose(road.sample(cv2.merge([image, -image]), at), [[26.0, -26.0]], rtol=1e-6)
+    np.testing.assert_allclose(
+        road.sample(cv2.merge([image, -image]), at), [[26.0, -26.0]], rtol=1e-6
+    )

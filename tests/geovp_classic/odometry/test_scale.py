@@ -1,4 +1,6 @@
-"""Metres from the road: the height of a camera above a plane, found from two images and smoothed over time."""
+"""Metres from the road: the height of a camera above a plane, found from two images and smoothed
+over time.
+"""
 
 import os
 from collections.abc import Callable
@@ -16,7 +18,7 @@ from geovp_classic.odometry.ground_plane_scale import GroundPlane, GroundPlaneEs
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.speed_prior import LEAST_SPREAD, SpeedPrior, fit
 from geovp_classic.odometry.unit_scale import UnitSpeed
-from geovp_classic.types import ByteArray, FloatArray, Grant, Intrinsics, Trajectory
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 
 Film = Callable[[FloatArray], tuple[ByteArray, FloatArray]]
 
@@ -27,7 +29,9 @@ def estimator_of(camera: Intrinsics) -> GroundPlaneEstimator:
     return estimator
 
 
-def show(estimator: interfaces.ScaleEstimator, frames: ByteArray, poses: FloatArray, unit_m: float = 1.0) -> None:
+def show(
+    estimator: interfaces.ScaleEstimator, frames: ByteArray, poses: FloatArray, unit_m: float = 1.0
+) -> None:
     """Give an estimator all neighbouring images, lengths told in units of `unit_m`."""
     for i in range(1, len(poses)):
         before_from_now = se3.inverse(poses[i - 1]) @ poses[i]
@@ -99,7 +103,9 @@ def test_a_restart_forgets_the_unit_but_not_the_tilt(
     assert estimator.unit == pytest.approx(0.5, rel=0.03)
 
 
-def test_a_blank_or_still_road_says_nothing(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+def test_a_blank_or_still_road_says_nothing(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
     frames, poses = straight
     estimator = estimator_of(camera)
     show(estimator, np.full_like(frames, 90), poses)
@@ -108,7 +114,9 @@ def test_a_blank_or_still_road_says_nothing(straight: tuple[ByteArray, FloatArra
     assert estimator.confidence == 0
 
 
-def test_one_wrong_look_is_not_believed(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+def test_one_wrong_look_is_not_believed(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
     frames, poses = straight
     estimator = estimator_of(camera)
     show(estimator, frames, poses)
@@ -132,7 +140,9 @@ def test_three_looks_in_a_row_that_say_alike_are_believed(
     camera: Intrinsics,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A search that took the wrong peak, as on the stripes of a crossing, is not followed for the rest of the clip."""
+    """A search that took the wrong peak, as on the stripes of a crossing, is not followed for the
+    rest of the clip.
+    """
     frames, poses = straight
     estimator = estimator_of(camera)
     estimator.log_height, estimator.variance = float(np.log(1.65)), 0.03**2
@@ -144,8 +154,8 @@ def test_three_looks_in_a_row_that_say_alike_are_believed(
 
 
 def test_what_the_scales_ask_for_and_promise(camera: Intrinsics) -> None:
-    assert (GroundPlane().needs, GroundPlane().is_metric) == (Grant.CAMERA_HEIGHT, True)
-    assert (UnitSpeed().needs, UnitSpeed().is_metric) == (Grant.NONE, False)
+    assert (GroundPlane().needs, GroundPlane().is_metric) == (PrivilegedInput.CAMERA_HEIGHT, True)
+    assert (UnitSpeed().needs, UnitSpeed().is_metric) == (PrivilegedInput.NONE, False)
     nothing = UnitSpeed().estimator(camera, None)
     nothing.settle(length=4.0, duration_s=0.9)
     assert (nothing.unit, nothing.confidence, nothing.uncertainty) == (1.0, 0.0, np.inf)
@@ -160,7 +170,9 @@ def test_scales_come_by_name_and_go_back() -> None:
         assert registry.build("scales", registry.describe(scale)) == scale
 
 
-def test_a_road_that_is_not_found_leaves_the_prior(straight: tuple[ByteArray, FloatArray], camera: Intrinsics) -> None:
+def test_a_road_that_is_not_found_leaves_the_prior(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
+) -> None:
     estimator = GroundPlane(prior=SpeedPrior(median_m_s=8.0, spread=0.4)).estimator(camera, 1.65)
     estimator.settle(length=4.0, duration_s=0.9)
     assert estimator.unit == pytest.approx(8.0 * 0.9 / 4.0)  # 7.2 m for 4 units
@@ -182,15 +194,21 @@ def test_without_a_prior_or_a_path_nothing_is_assumed(camera: Intrinsics) -> Non
 
 def line(speed_m_s: float, num_poses: int = 60) -> Trajectory:
     times_s = 0.1 * np.arange(num_poses)
-    return Trajectory(se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, 0, 0])), times_s, True)
+    return Trajectory(
+        se3.exp(times_s[:, None] * np.array([0, 0, speed_m_s, 0, 0, 0])), times_s, True
+    )
 
 
 def test_speeds_are_fitted_by_drives_and_spread_over_others() -> None:
     drives = {"a": line(8.0), "b": line(8.0), "parked": line(0.0)}
-    assert fit(drives, {}).spread == LEAST_SPREAD  # the two agree, but how others drive is not known
+    assert (
+        fit(drives, {}).spread == LEAST_SPREAD
+    )  # the two agree, but how others drive is not known
     prior = fit(drives, {"motorway": line(8.0 * np.e, num_poses=500)})
     assert prior.median_m_s == pytest.approx(8.0)
-    assert prior.spread == pytest.approx(np.sqrt(1 / 3))  # one of three moving sequences is off by 1
+    assert prior.spread == pytest.approx(
+        np.sqrt(1 / 3)
+    )  # one of three moving sequences is off by 1
     with pytest.raises(BadData, match="nobody drives"):
         fit({"parked": line(0.0)}, {})
 
@@ -208,8 +226,13 @@ def test_the_packaged_prior_is_that_of_the_recorded_drives() -> None:
 
     def drives(names: str) -> dict[str, Trajectory]:
         folder = Path(root) / "kitti_full_poses"
-        times = {name: pose_files.read_times(folder / f"{name}_times.txt") for name in names.split()}
-        return {name: pose_files.read_trajectory(folder / f"{name}.txt", times_s) for name, times_s in times.items()}
+        times = {
+            name: pose_files.read_times(folder / f"{name}_times.txt") for name in names.split()
+        }
+        return {
+            name: pose_files.read_trajectory(folder / f"{name}.txt", times_s)
+            for name, times_s in times.items()
+        }
 
     found = fit(drives("00 02 08 09"), drives("01 04"))
     assert found.median_m_s == pytest.approx(SpeedPrior().median_m_s, abs=0.05)

@@ -13,13 +13,18 @@ POSES = np.stack([se3.exp(np.array([0, 0, -0.7 * i, 0, 0.01 * i, 0])) for i in r
 def scene(seed: int, count: int) -> tuple[FloatArray, FloatArray]:
     """Points [N, 3] and their rays [V, N, 2] in all views."""
     rng = np.random.default_rng(seed)
-    points = np.stack([rng.uniform(-12, 12, count), rng.uniform(-4, 1.6, count), rng.uniform(6, 60, count)], axis=1)
+    points = np.stack(
+        [rng.uniform(-12, 12, count), rng.uniform(-4, 1.6, count), rng.uniform(6, 60, count)],
+        axis=1,
+    )
     cam = se3.transform(POSES, points)
     return points, cam[..., :2] / cam[..., 2:]
 
 
 def triangulate_one_by_one(rays: FloatArray, num_rounds: int = 3) -> FloatArray:
-    """Each point by least squares of (r_xy - ray r_z) . p = ray t_z - t_xy, over the depth of the round before."""
+    """Each point by least squares of (r_xy - ray r_z) . p = ray t_z - t_xy, over the depth of the
+    round before.
+    """
     found = np.full((rays.shape[1], 3), np.nan)
     for n in range(rays.shape[1]):
         views = np.flatnonzero(np.isfinite(rays[:, n, 0]))
@@ -58,5 +63,8 @@ def test_without_noise_pycolmap_finds_the_same_points() -> None:
     _, rays = scene(4, 20)
     directions = np.concatenate([rays, np.ones((4, 20, 1))], axis=-1)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    expected = [pycolmap.triangulate_multi_view_point(list(POSES[:, :3]), directions[:, n]) for n in range(20)]
+    expected = [
+        pycolmap.triangulate_multi_view_point(list(POSES[:, :3]), directions[:, n])
+        for n in range(20)
+    ]
     np.testing.assert_allclose(triangulate(rays, POSES), np.reshape(expected, (20, 3)), rtol=1e-5)

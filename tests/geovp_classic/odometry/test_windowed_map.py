@@ -50,7 +50,9 @@ def test_points_are_predicted_as_one_by_one(rays: FloatArray, share_known: float
     window.add_tracks(LENS.pixels(rays))
     depth = rng.uniform(0.3, 4, len(rays))  # those nearer than a metre come behind the camera
     window.points = np.where(
-        rng.uniform(size=(len(rays), 1)) < share_known, two_view.homogeneous(rays) * depth[:, None], np.nan
+        rng.uniform(size=(len(rays), 1)) < share_known,
+        two_view.homogeneous(rays) * depth[:, None],
+        np.nan,
     )
     expected = slow_prediction(window, MOTION)
     assert (expected == window.pixels).any()
@@ -74,4 +76,6 @@ def test_the_largest_parallax_is_that_of_a_loop(rays: FloatArray) -> None:
     rng, poses = np.random.default_rng(3), np.stack([np.eye(4), MOTION, MOTION @ MOTION])
     views = rays + rng.normal(0, 0.05, (3, *rays.shape))
     views[rng.integers(0, 3, 200), np.arange(200)] = np.nan
-    np.testing.assert_allclose(windowed_map.max_parallax(views, poses), slow_parallax(views, poses), rtol=1e-9)
+    np.testing.assert_allclose(
+        windowed_map.max_parallax(views, poses), slow_parallax(views, poses), rtol=1e-9
+    )

@@ -39,16 +39,25 @@ def test_an_angle_that_wanders_goes_on_at_its_rate_at_first_and_like_a_random_wa
 def test_differences_are_those_of_angles_that_go_like_this(kernel: Kernel) -> None:
     random = np.random.default_rng(0)
     times_s = np.linspace(0, 2, 9)
-    # Any angles against the first one: drawn by the kernel's covariance of differences, compared as differences anew.
+    # Any angles against the first one: drawn by the kernel's covariance of differences, compared as
+    # differences anew.
     known = covariance_of_differences(kernel, times_s[1:], 0.0, times_s[1:], 0.0)
-    drawn = np.concatenate([np.zeros((50_000, 1)), random.multivariate_normal(np.zeros(8), known, 50_000)], axis=1)
+    drawn = np.concatenate(
+        [np.zeros((50_000, 1)), random.multivariate_normal(np.zeros(8), known, 50_000)], axis=1
+    )
     steps = np.diff(drawn, axis=1)
-    expected = covariance_of_differences(kernel, times_s[1:], times_s[:-1], times_s[1:], times_s[:-1])
+    expected = covariance_of_differences(
+        kernel, times_s[1:], times_s[:-1], times_s[1:], times_s[:-1]
+    )
     np.testing.assert_allclose(np.cov(steps.T), expected, atol=0.03 * expected.max())
 
 
 def test_what_is_compared_with_itself_does_not_vary() -> None:
     same = covariance_of_differences(
-        integrated_ornstein_uhlenbeck(1.0, 1.0), np.array([0.7]), np.array([0.7]), np.array([1.0, 2.0]), 0.0
+        integrated_ornstein_uhlenbeck(1.0, 1.0),
+        np.array([0.7]),
+        np.array([0.7]),
+        np.array([1.0, 2.0]),
+        0.0,
     )
     np.testing.assert_allclose(same, 0, atol=1e-12)

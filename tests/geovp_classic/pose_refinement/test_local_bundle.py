@@ -18,7 +18,9 @@ def straight(num: int = 6, step: float = 0.8) -> FloatArray:
 
 
 def visible_corners(poses: FloatArray, given: FloatArray, noise_px: float = 0.1) -> Corners:
-    """Exact corners of random points, in the true poses [S, 4, 4] (source from reference), and the given ones."""
+    """Exact corners of random points, in the true poses [S, 4, 4] (source from reference), and the
+    given ones.
+    """
     rng = np.random.default_rng(3)
     pixels = rng.uniform([5, 5], [122, 106], (150, 2))
     points = pinhole.unproject(pixels, rng.uniform(5, 40, 150), CAMERA)
@@ -29,8 +31,13 @@ def visible_corners(poses: FloatArray, given: FloatArray, noise_px: float = 0.1)
 
 
 def errors(corners: Corners, inverse_depth: FloatArray, poses: FloatArray) -> FloatArray:
-    """Reprojection errors [S, N, 2] in units of ROBUST_PX; 0 where nothing is seen, or behind the camera."""
-    points = corners.rays @ np.swapaxes(poses[:, :3, :3], -1, -2) + inverse_depth[:, None] * poses[:, None, :3, 3]
+    """Reprojection errors [S, N, 2] in units of ROBUST_PX; 0 where nothing is seen, or behind the
+    camera.
+    """
+    points = (
+        corners.rays @ np.swapaxes(poses[:, :3, :3], -1, -2)
+        + inverse_depth[:, None] * poses[:, None, :3, 3]
+    )
     valid = (corners.visible & (points[..., 2] > local_bundle.NEAR))[..., None]
     there, _ = pinhole.project(np.where(valid, points, [0.0, 0.0, 1.0]), corners.camera)
     return np.where(valid, there - corners.pixels, 0.0) / local_bundle.ROBUST_PX
@@ -40,14 +47,20 @@ def slow_equations(corners: Corners, inverse_depth: FloatArray, poses: FloatArra
     """By derivatives from differences; each error counts by Cauchy's weight."""
     tiny, off = 1e-6, errors(corners, inverse_depth, poses)
     turned = [
-        errors(corners, inverse_depth, se3.exp(sign * tiny * axis) @ poses) for axis in np.eye(6) for sign in (1, -1)
+        errors(corners, inverse_depth, se3.exp(sign * tiny * axis) @ poses)
+        for axis in np.eye(6)
+        for sign in (1, -1)
     ]
     by_twist = np.stack(
-        [(ahead - back) / (2 * tiny) for ahead, back in zip(turned[::2], turned[1::2], strict=True)], -1
+        [
+            (ahead - back) / (2 * tiny)
+            for ahead, back in zip(turned[::2], turned[1::2], strict=True)
+        ],
+        -1,
     )
-    by_depth = (errors(corners, inverse_depth + tiny, poses) - errors(corners, inverse_depth - tiny, poses)) / (
-        2 * tiny
-    )
+    by_depth = (
+        errors(corners, inverse_depth + tiny, poses) - errors(corners, inverse_depth - tiny, poses)
+    ) / (2 * tiny)
     weight = 1 / (1 + (off**2).sum(axis=-1))
     deviation, precision = corners.deviation(poses), corners.precision
     prior_weight = 1 / (1 + (deviation**2).sum() / local_bundle.PRIOR_SCALE)
@@ -63,23 +76,34 @@ def slow_equations(corners: Corners, inverse_depth: FloatArray, poses: FloatArra
 
 @pytest.fixture
 def hard() -> tuple[Corners, FloatArray, FloatArray]:
-    """Corners with errors, some unseen, some behind the last camera; inverse depths and poses off the given ones."""
+    """Corners with errors, some unseen, some behind the last camera; inverse depths and poses off
+    the given ones.
+    """
     poses = se3.inverse(straight()[:3]) @ straight()[5]
     corners = visible_corners(poses, poses, noise_px=1.0)
     corners.visible[:, ::5] = False
     poses = se3.exp(np.array([0.01, 0, 0.02, 0.001, -0.002, 0])) @ poses
     poses[2, 2, 3] = -15.0
     depth = corners.triangulate()
-    assert 0.1 < ((corners.rays @ poses[2, :3, :3].T + depth[:, None] * poses[2, :3, 3])[:, 2] < 0).mean() < 0.9
+    assert (
+        0.1
+        < ((corners.rays @ poses[2, :3, :3].T + depth[:, None] * poses[2, :3, 3])[:, 2] < 0).mean()
+        < 0.9
+    )
     return corners, depth, poses
 
 
 def test_equations_are_those_of_the_slow_twin(hard: tuple[Corners, FloatArray, FloatArray]) -> None:
     corners, depth, poses = hard
-    equations, expected = corners.equations(depth, poses, corners.deviation(poses)), slow_equations(*hard)
+    equations, expected = (
+        corners.equations(depth, poses, corners.deviation(poses)),
+        slow_equations(*hard),
+    )
     for name in Equations.__dataclass_fields__:
         size = np.abs(getattr(expected, name)).max()
-        np.testing.assert_allclose(getattr(equations, name), getattr(expected, name), rtol=1e-4, atol=1e-6 * size)
+        np.testing.assert_allclose(
+            getattr(equations, name), getattr(expected, name), rtol=1e-4, atol=1e-6 * size
+        )
 
 
 def test_cost_is_that_of_the_slow_twin(hard: tuple[Corners, FloatArray, FloatArray]) -> None:
@@ -136,8 +160,12 @@ def test_without_a_prior_the_answer_is_that_of_colmap(monkeypatch: pytest.Monkey
     monkeypatch.setattr(local_bundle, "SHIFT_SHARE", 1.0)
     monkeypatch.setattr(local_bundle, "NUM_ROUNDS", 30)
     truth = se3.inverse(straight()[:5]) @ straight()[5]
-    given = se3.exp(np.random.default_rng(0).normal(0, 1, (5, 6)) * ((5e-3,) * 3 + (5e-4,) * 3)) @ truth
-    corners = visible_corners(truth, given, noise_px=0.02)  # far below ROBUST_PX: both losses are squares
+    given = (
+        se3.exp(np.random.default_rng(0).normal(0, 1, (5, 6)) * ((5e-3,) * 3 + (5e-4,) * 3)) @ truth
+    )
+    corners = visible_corners(
+        truth, given, noise_px=0.02
+    )  # far below ROBUST_PX: both losses are squares
     points = corners.rays / np.maximum(corners.triangulate(), 1e-3)[:, None]
     pixels = np.concatenate([pinhole.project(corners.rays, CAMERA)[0][None], corners.pixels])
     poses = np.concatenate([np.eye(4)[None], given])

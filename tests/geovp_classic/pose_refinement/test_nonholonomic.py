@@ -1,4 +1,6 @@
-"""Coming poses are held to the vehicle's course as far as recorded ones erred in the past, and no farther."""
+"""Coming poses are held to the vehicle's course as far as recorded ones erred in the past, and no
+farther.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from geovp_classic.types import FloatArray
 PAST, FUTURE = 10, 20
 
 
-def drive(turn_rad: float = 0.0, lever_m: float = nonholonomic.LEVER_M, down: float = 0.02) -> FloatArray:
+def drive(
+    turn_rad: float = 0.0, lever_m: float = nonholonomic.LEVER_M, down: float = 0.02
+) -> FloatArray:
     """Poses [P + F, 4, 4] of a camera on a car, a metre a frame; it looks a little above its way."""
     step = np.array([lever_m * turn_rad, down, 1.0, 0, turn_rad, 0])
     return se3.exp(np.arange(1 - PAST, FUTURE + 1)[:, None] * step)
@@ -22,7 +26,9 @@ def drive(turn_rad: float = 0.0, lever_m: float = nonholonomic.LEVER_M, down: fl
 def sinking(poses: FloatArray, share: float = 0.01) -> FloatArray:
     """The same as recorded by what loses height, a share of the way."""
     drifted = poses.copy()
-    drifted[:, 1, 3] += share * np.linalg.norm(poses[:, :3, 3], axis=1) * np.sign(np.arange(len(poses)) - PAST + 1)
+    drifted[:, 1, 3] += (
+        share * np.linalg.norm(poses[:, :3, 3], axis=1) * np.sign(np.arange(len(poses)) - PAST + 1)
+    )
     return drifted
 
 
@@ -92,7 +98,9 @@ def test_a_lane_change_stays_one() -> None:
         poses.append(poses[-1] @ step)
     changed = np.stack(poses)
     changed = se3.inverse(changed[PAST - 1]) @ changed
-    direction = MotionDirection(np.array([0, 0, 1.0]), given_error_rad=0.01, constraint_error_rad=0.0)
+    direction = MotionDirection(
+        np.array([0, 0, 1.0]), given_error_rad=0.01, constraint_error_rad=0.0
+    )
     assert changed[-1, 0, 3] > 0.5
     assert error_m(direction.constrain(changed[PAST:]), changed[PAST:]).max() < 0.02
 

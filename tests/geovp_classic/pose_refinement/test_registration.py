@@ -63,11 +63,15 @@ def test_tracks_end_where_they_should(image: Image) -> None:
     # Driving on, everything moves away from the epipole at (63.5, 55).
     before, after = (pixels[step] - [63.5, 55] for step in (1, 2))
     kept = visible[2]
-    assert (np.linalg.norm(after, axis=-1) > np.linalg.norm(before, axis=-1) - 0.3)[kept].mean() > 0.95
+    assert (np.linalg.norm(after, axis=-1) > np.linalg.norm(before, axis=-1) - 0.3)[
+        kept
+    ].mean() > 0.95
 
 
 @pytest.mark.parametrize(("rows", "side"), [(64, 15), (256, 15), (370, 21), (512, 31)])
-def test_windows_of_tracks_grow_with_tall_images(rows: int, side: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_of_tracks_grow_with_tall_images(
+    rows: int, side: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sides: list[tuple[int, int]] = []
     follow = cv2.calcOpticalFlowPyrLK
 
@@ -76,7 +80,9 @@ def test_windows_of_tracks_grow_with_tall_images(rows: int, side: int, monkeypat
         return follow(*given, winSize=winSize, **named)  # type: ignore[call-overload]
 
     monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", noted)
-    registration.track(np.random.default_rng(5).uniform(0, 255, (2, rows, 80)).astype(np.float32), reference=0)
+    registration.track(
+        np.random.default_rng(5).uniform(0, 255, (2, rows, 80)).astype(np.float32), reference=0
+    )
     assert set(sides) == {(side, side)}
 
 

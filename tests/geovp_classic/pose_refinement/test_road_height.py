@@ -17,7 +17,9 @@ LEVEL = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT_M)
 
 
 def road(slope: float = 0.0, unit_m: float = 1.0) -> RoadProfile:
-    """A road that falls by a slope from under the camera on, as found by a plane that does not quite fit it."""
+    """A road that falls by a slope from under the camera on, as found by a plane that does not
+    quite fit it.
+    """
     rays = pinhole.rays(CAMERA)
     falling = np.array([0.0, 1.0, -slope])
     inverse_depth = np.maximum(rays @ falling * unit_m / HEIGHT_M, 0)
@@ -26,12 +28,16 @@ def road(slope: float = 0.0, unit_m: float = 1.0) -> RoadProfile:
 
 def ahead(climb: float = 0.0, unit_m: float = 1.0, turn_rad: float = 0.0) -> FloatArray:
     """Twenty poses [F, 4, 4], a metre apart, that climb by a share of the way."""
-    return se3.exp(np.arange(1, 21)[:, None] * np.array([0, -climb / unit_m, 1 / unit_m, 0, turn_rad, 0]))
+    return se3.exp(
+        np.arange(1, 21)[:, None] * np.array([0, -climb / unit_m, 1 / unit_m, 0, turn_rad, 0])
+    )
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.2, 30.0])
 @pytest.mark.parametrize("turn_rad", [0.0, 0.01, -0.02])
-def test_a_camera_that_climbs_above_a_level_road_is_brought_down(unit_m: float, turn_rad: float) -> None:
+def test_a_camera_that_climbs_above_a_level_road_is_brought_down(
+    unit_m: float, turn_rad: float
+) -> None:
     given = ahead(0.01, unit_m, turn_rad)
     corrected = road(unit_m=unit_m).correct_heights(given)
     down = (corrected - given)[:, 1, 3] * unit_m
@@ -61,7 +67,13 @@ def test_no_slope_is_believed_beyond_the_steepest() -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [np.zeros((3, 3)), ahead()[:, :3, 3] * -1, ahead()[:, :3, 3] * [1, 1, 0], np.zeros((0, 3)), np.ones((1, 3)) * 1e-9],
+    [
+        np.zeros((3, 3)),
+        ahead()[:, :3, 3] * -1,
+        ahead()[:, :3, 3] * [1, 1, 0],
+        np.zeros((0, 3)),
+        np.ones((1, 3)) * 1e-9,
+    ],
     ids=["standing", "backward", "on the spot", "none", "hardly"],
 )
 def test_ways_that_lead_over_no_road_in_sight_are_left_alone(path: FloatArray) -> None:

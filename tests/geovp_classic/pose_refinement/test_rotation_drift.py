@@ -18,7 +18,9 @@ NOW = 9
 
 
 def samples(errors: DriftModel, count: int) -> FloatArray:
-    """Errors [count, 30] of 30 frames against the tenth, step by step: rates decay and are stirred, and add up."""
+    """Errors [count, 30] of 30 frames against the tenth, step by step: rates decay and are stirred,
+    and add up.
+    """
     random = np.random.default_rng(0)
     fine_s = 0.01
     rate = random.normal(size=count)
@@ -43,7 +45,9 @@ def corrected(
     """The futures [F, 4, 4] of a recording whose past the images show otherwise."""
     now, clock_s = len(seen), 5 + times_s
     context = Context(np.zeros((now, 1, 1, 3), np.uint8), clock_s, Intrinsics(1, 1, 0, 0, 1, 1))
-    recorded = Motion(Trajectory(given[:now], clock_s[:now], is_metric), given[None, now:], np.ones(now, bool))
+    recorded = Motion(
+        Trajectory(given[:now], clock_s[:now], is_metric), given[None, now:], np.ones(now, bool)
+    )
     motion = recorded.refined(Trajectory(seen, clock_s[:now], is_metric), recorded.futures)
     for refinement in refinements or (RotationDrift(),):
         motion = refinement.refine(context, motion)
@@ -51,7 +55,9 @@ def corrected(
 
 
 def turned(errors_rad: FloatArray) -> FloatArray:
-    """Rotation vectors [20, 3] after a camera stood still whose recorded rotations [P, 3] before the last one err."""
+    """Rotation vectors [20, 3] after a camera stood still whose recorded rotations [P, 3] before
+    the last one err.
+    """
     count = len(errors_rad)
     still = np.tile(np.eye(4), (count + 21, 1, 1))
     seen = np.concatenate([se3.turned(still[:count], errors_rad), still[:1]])
@@ -74,12 +80,18 @@ def from_now(world_from_cam: FloatArray) -> FloatArray:
     return se3.inverse(world_from_cam[NOW]) @ world_from_cam
 
 
-@pytest.mark.parametrize("errors", [DriftModel(0.4, 0.2), DriftModel(0.2, 0.4), DriftModel(0.05, 1.0, 0.1)])
+@pytest.mark.parametrize(
+    "errors", [DriftModel(0.4, 0.2), DriftModel(0.2, 0.4), DriftModel(0.05, 1.0, 0.1)]
+)
 def test_nothing_linear_foretells_simulated_errors_better(errors: DriftModel) -> None:
     wrong = samples(errors, 20_000)
-    noisy = wrong[:, :9] + errors.registration_s * np.random.default_rng(1).normal(size=(len(wrong), 9))
+    noisy = wrong[:, :9] + errors.registration_s * np.random.default_rng(1).normal(
+        size=(len(wrong), 9)
+    )
     truth = wrong[:, 10:]
-    foretold = noisy @ np.linalg.solve(errors.observed_covariance(PAST_S), errors.covariance(PAST_S, FUTURE_S))
+    foretold = noisy @ np.linalg.solve(
+        errors.observed_covariance(PAST_S), errors.covariance(PAST_S, FUTURE_S)
+    )
     fitted = noisy @ np.linalg.lstsq(noisy, truth, rcond=None)[0]
     left, best = (((given - truth) ** 2).mean(axis=0) for given in (foretold, fitted))
     np.testing.assert_allclose(left, best, rtol=0.01)
@@ -114,11 +126,14 @@ def test_rotations_that_jumped_are_no_drift() -> None:
 def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + lag_s))
     corrected_poses = corrected(given, truth[: NOW + 1])
-    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])) for poses in (given[NOW + 1 :], corrected_poses))
+    before, after = (
+        np.abs(se3.turn(poses, truth[NOW + 1 :])) for poses in (given[NOW + 1 :], corrected_poses)
+    )
     assert before[:, 1].max() > 0.0015  # the heading turns by up to 0.6 rad/s
     assert after[:, :2].max() < 0.5 * before[:, :2].max()
     before, after = (
-        np.linalg.norm((poses - truth[NOW + 1 :])[:, :3, 3], axis=1) for poses in (given[NOW + 1 :], corrected_poses)
+        np.linalg.norm((poses - truth[NOW + 1 :])[:, :3, 3], axis=1)
+        for poses in (given[NOW + 1 :], corrected_poses)
     )
     assert after.mean() < 0.6 * before.mean()
 
@@ -126,34 +141,50 @@ def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
 def test_a_lag_is_nothing_to_a_pose_that_does_not_go_on_from_the_past() -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + 0.006))
     last = given[-1:]
-    corrected_poses = corrected(np.concatenate([given[: NOW + 1], last]), truth[: NOW + 1], TIMES_S[: NOW + 2])
+    corrected_poses = corrected(
+        np.concatenate([given[: NOW + 1], last]), truth[: NOW + 1], TIMES_S[: NOW + 2]
+    )
     np.testing.assert_allclose(corrected_poses[:, :3, 3], last[:, :3, 3], atol=1e-12)
     assert np.abs(se3.turn(corrected_poses, last)).max() < 0.003
 
 
 def evenly(first: int, last: int) -> FloatArray:
-    """The same car, recorded at an even rate from one pose to the other: nothing measured those between."""
+    """The same car, recorded at an even rate from one pose to the other: nothing measured those
+    between.
+    """
     poses = driven(TIMES_S)
     share = (np.arange(first + 1, last) - first) / (last - first)
     start, end = (np.tile(poses[step], (len(share), 1, 1)) for step in (first, last))
     turning = se3.interpolate(start, end, share)[:, :3, :3]
-    poses[first + 1 : last] = se3.compose(turning, start[:, :3, 3] + share[:, None] * (end - start)[:, :3, 3])
+    poses[first + 1 : last] = se3.compose(
+        turning, start[:, :3, 3] + share[:, None] * (end - start)[:, :3, 3]
+    )
     return poses
 
 
 def test_a_gap_that_the_reference_lies_in_is_bridged() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
-    corrected_poses = corrected(given, truth[: NOW + 1], TIMES_S, True, UnmeasuredIntervals(), RotationDrift())
+    corrected_poses = corrected(
+        given, truth[: NOW + 1], TIMES_S, True, UnmeasuredIntervals(), RotationDrift()
+    )
     behind = slice(16 - NOW, None)
-    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :]))[behind] for poses in (given[NOW + 1 :], corrected_poses))
+    before, after = (
+        np.abs(se3.turn(poses, truth[NOW + 1 :]))[behind]
+        for poses in (given[NOW + 1 :], corrected_poses)
+    )
     assert before.max() > np.radians(1)
     assert after.max() < 0.1 * before.max()
 
 
 def test_without_metres_no_gap_is_known() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
-    corrected_poses = corrected(given, truth[: NOW + 1], TIMES_S, False, UnmeasuredIntervals(), RotationDrift())
-    before, after = (np.abs(se3.turn(poses, truth[NOW + 1 :])).max() for poses in (given[NOW + 1 :], corrected_poses))
+    corrected_poses = corrected(
+        given, truth[: NOW + 1], TIMES_S, False, UnmeasuredIntervals(), RotationDrift()
+    )
+    before, after = (
+        np.abs(se3.turn(poses, truth[NOW + 1 :])).max()
+        for poses in (given[NOW + 1 :], corrected_poses)
+    )
     assert after > 0.8 * before
 
 
@@ -177,7 +208,9 @@ def test_poses_that_the_images_agree_with_stay() -> None:
 def test_registered_poses_are_needed() -> None:
     context = Context(np.zeros((10, 1, 1, 3), np.uint8), TIMES_S, Intrinsics(1, 1, 0, 0, 1, 1))
     poses = driven(TIMES_S)
-    motion = Motion(Trajectory(poses[:10], TIMES_S[:10], is_metric=True), poses[None, 10:], np.ones(10, bool))
+    motion = Motion(
+        Trajectory(poses[:10], TIMES_S[:10], is_metric=True), poses[None, 10:], np.ones(10, bool)
+    )
     with pytest.raises(Incompatible, match="put registration before it"):
         RotationDrift().refine(context, motion)
 

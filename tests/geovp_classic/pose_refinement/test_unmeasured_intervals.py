@@ -32,14 +32,21 @@ def driven(times_s: FloatArray) -> FloatArray:
 
 
 def recorded(first: int = FIRST, last: int = LAST, phase_s: float = 0.0) -> FloatArray:
-    """The same, but from one pose to nearly the other at an even rate, as written where nothing was measured."""
+    """The same, but from one pose to nearly the other at an even rate, as written where nothing was
+    measured.
+    """
     poses = driven(TIMES_S + phase_s)
     between = slice(first + 1, last)
     share = (TIMES_S[between] - TIMES_S[first]) / (TIMES_S[last] - TIMES_S[first])
-    start, end = np.broadcast_to(poses[first], (len(share), 4, 4)), np.broadcast_to(poses[last], (len(share), 4, 4))
+    start, end = (
+        np.broadcast_to(poses[first], (len(share), 4, 4)),
+        np.broadcast_to(poses[last], (len(share), 4, 4)),
+    )
     positions = start[:, :3, 3] + share[:, None] * (end - start)[:, :3, 3]
     poses[between] = se3.compose(se3.interpolate(start, end, share)[:, :3, :3], positions)
-    poses[last] = se3.turned(poses[last], np.array([1e-4, 0, 0]))  # resampling blurs: the last step isn't quite even
+    poses[last] = se3.turned(
+        poses[last], np.array([1e-4, 0, 0])
+    )  # resampling blurs: the last step isn't quite even
     return poses
 
 
@@ -51,7 +58,9 @@ def from_now(world_from_cam: FloatArray) -> FloatArray:
 def errors_deg(given: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How the given rotations err after the reference, and what of this is left."""
     (interval,) = (
-        interval for interval in unmeasured_intervals.find_intervals(given, TIMES_S) if interval.inside(len(given))[NOW]
+        interval
+        for interval in unmeasured_intervals.find_intervals(given, TIMES_S)
+        if interval.inside(len(given))[NOW]
     )
     seen = from_now(driven(TIMES_S))
     expected = interval.errors(from_now(given), seen[: NOW + 1], TIMES_S)
@@ -69,8 +78,12 @@ def test_ends_that_are_not_in_sight_are_unknown() -> None:
     assert unmeasured_intervals.find_intervals(recorded()[FIRST + 2 :], TIMES_S[FIRST + 2 :]) == [
         Interval(None, LAST - FIRST - 2)
     ]
-    assert unmeasured_intervals.find_intervals(recorded()[: LAST - 1], TIMES_S[: LAST - 1]) == [Interval(FIRST, None)]
-    np.testing.assert_array_equal(np.flatnonzero(Interval(FIRST, None).inside(12)), np.arange(FIRST + 1, 12))
+    assert unmeasured_intervals.find_intervals(recorded()[: LAST - 1], TIMES_S[: LAST - 1]) == [
+        Interval(FIRST, None)
+    ]
+    np.testing.assert_array_equal(
+        np.flatnonzero(Interval(FIRST, None).inside(12)), np.arange(FIRST + 1, 12)
+    )
     np.testing.assert_array_equal(np.flatnonzero(Interval(None, 3).inside(12)), np.arange(3))
 
 
@@ -97,7 +110,10 @@ def test_behind_a_gap_errors_stay_what_they_were_at_its_end() -> None:
 def test_a_gap_that_began_out_of_sight_errs_less_on_average() -> None:
     begin, before, after = FIRST + 1, [], []
     for phase_s in np.linspace(0, 5, 40):
-        given, seen = from_now(recorded(FIRST, NOW + 4, phase_s)), from_now(driven(TIMES_S + phase_s))
+        given, seen = (
+            from_now(recorded(FIRST, NOW + 4, phase_s)),
+            from_now(driven(TIMES_S + phase_s)),
+        )
         (interval,) = unmeasured_intervals.find_intervals(given[begin:], TIMES_S[begin:])
         assert interval.first is None
         expected = interval.errors(given[begin:], seen[begin : NOW + 1], TIMES_S[begin:])
@@ -118,22 +134,29 @@ def test_nothing_is_known_of_a_gap_without_end() -> None:
 @pytest.mark.parametrize("turned", [np.array([0.0, 0.5, 0.0]), np.array([0.1, 2.0, -0.1])])
 def test_the_world_s_axes_do_not_matter(turned: FloatArray) -> None:
     world = se3.exp(np.concatenate([[1.0, 2.0, 3.0], turned]))
-    assert unmeasured_intervals.find_intervals(world @ recorded(), TIMES_S) == [Interval(FIRST, LAST)]
+    assert unmeasured_intervals.find_intervals(world @ recorded(), TIMES_S) == [
+        Interval(FIRST, LAST)
+    ]
 
 
 def test_kitti_s_recording_of_00_has_a_gap_that_images_bridge() -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if not root:
         pytest.skip("GEOVP_TEST_DATA is not set: needs kitti/sequences/00")
-    data = Kitti(Path(root) / "kitti", sequences=("00[341:371)",), size_px=(128, 128), with_wide=True)
+    data = Kitti(
+        Path(root) / "kitti", sequences=("00[341:371)",), size_px=(128, 128), with_full=True
+    )
     clip = data[0]
     assert clip.trajectory is not None
-    assert clip.wide is not None
+    assert clip.full is not None
     given, times_s = clip.trajectory.world_from_cam, clip.times_s - clip.times_s[NOW]
-    assert unmeasured_intervals.find_intervals(given, times_s) == [Interval(5, 21)]  # frames 346 to 362
-    grey = np.stack([pinhole.grey(frame) for frame in clip.wide.frames[:24]])
+    assert unmeasured_intervals.find_intervals(given, times_s) == [
+        Interval(5, 21)
+    ]  # frames 346 to 362
+    grey = np.stack([pinhole.grey(frame) for frame in clip.full.frames[:24]])
     seen, witness = (
-        registered(grey[:count], clip.wide.intrinsics, given[:count], NOW).world_from_cam for count in (NOW + 1, 24)
+        registered(grey[:count], clip.full.intrinsics, given[:count], NOW).world_from_cam
+        for count in (NOW + 1, 24)
     )
     given, seen, witness = (se3.inverse(given[NOW]) @ poses for poses in (given, seen, witness))
     err = np.degrees(se3.turn(given[22], witness[22]))

@@ -13,24 +13,35 @@ def scale(*scores: float) -> list[torch.Tensor]:
 def test_every_scale_judges_patches_of_a_image_half_as_large() -> None:
     outputs = MultiScaleDiscriminator(width=4, num_levels=2, num_scales=3)(torch.rand(2, 3, 64, 64))
     # 4x4 kernels padded by two: n / 2 + 1 pixels with a stride, twice, then n + 1 without, twice
-    assert [tuple(one[-1].shape) for one in outputs] == [(2, 1, 19, 19), (2, 1, 11, 11), (2, 1, 7, 7)]
+    assert [tuple(one[-1].shape) for one in outputs] == [
+        (2, 1, 19, 19),
+        (2, 1, 11, 11),
+        (2, 1, 7, 7),
+    ]
     assert [[maps.shape[1] for maps in one] for one in outputs] == [[4, 8, 16, 1]] * 3
 
 
 def test_hinge_of_the_discriminator_stops_at_a_margin_of_one() -> None:
     real, made = [scale(3.0, 0.5), scale(1.0, 1.0)], [scale(-2.0, -1.0), scale(0.0, 0.0)]
     # first scale: (0 + 0.5) / 2 + 0; second: 0 + 1
-    assert float(discriminator.discriminator_hinge_loss(real, made)) == pytest.approx((0.25 + 1.0) / 2)
+    assert float(discriminator.discriminator_hinge_loss(real, made)) == pytest.approx(
+        (0.25 + 1.0) / 2
+    )
 
 
 def test_the_generator_wants_high_scores() -> None:
     scores = [scale(3.0, 1.0), scale(-4.0, -4.0)]  # of two scales
-    losses = discriminator.generator_losses(lambda _: [[torch.ones(1), *each] for each in scores], None, None)
+    losses = discriminator.generator_losses(
+        lambda _: [[torch.ones(1), *each] for each in scores], None, None
+    )
     assert float(losses["adversarial"]) == pytest.approx(1.0)
 
 
 def test_features_are_compared_without_the_scores_and_teach_the_generator_only() -> None:
-    real, made = torch.full((1, 1, 2, 2), 3.0, requires_grad=True), torch.ones(1, 1, 2, 2, requires_grad=True)
+    real, made = (
+        torch.full((1, 1, 2, 2), 3.0, requires_grad=True),
+        torch.ones(1, 1, 2, 2, requires_grad=True),
+    )
     critic = lambda frames: [[1.0 * frames, frames.mean() ** 3]]  # noqa: E731
     distance = discriminator.generator_losses(critic, made, real)["feature_matching"]
     assert float(distance.detach()) == pytest.approx(2.0)
@@ -46,7 +57,9 @@ def test_it_learns_to_tell_stripes_from_noise() -> None:
     stripes = torch.arange(32).remainder(4).div(3).expand(4, 3, 32, 32)
     losses = []
     for _ in range(60):
-        loss = discriminator.discriminator_hinge_loss(judge(stripes), judge(torch.rand(4, 3, 32, 32)))
+        loss = discriminator.discriminator_hinge_loss(
+            judge(stripes), judge(torch.rand(4, 3, 32, 32))
+        )
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()

@@ -13,7 +13,9 @@ from geovp_learned.tensors import images_from_frames, psnr_db, sample_images
 
 
 def seen_from(clip: Clip, horizons: list[int]) -> list[torch.Tensor]:
-    """What the reprojection loss takes, of the third frame and later ones, with its true inverse depths."""
+    """What the reprojection loss takes, of the third frame and later ones, with its true inverse
+    depths.
+    """
     batch = pairs.batch([pairs.frame_pairs(Example(clip, 2), horizons)])
     names = ("inverse_depths", "frames", "targets", "cam_from_last", "intrinsics")
     return [torch.nan_to_num(batch[name]) for name in names]
@@ -49,7 +51,9 @@ def test_content_is_lpips_with_a_gradient(net: Net) -> None:
     assert frames.grad.abs().max() > 0
 
 
-def test_content_without_weights_says_what_to_set(monkeypatch: pytest.MonkeyPatch, tmp_path: os.PathLike[str]) -> None:
+def test_content_without_weights_says_what_to_set(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: os.PathLike[str]
+) -> None:
     monkeypatch.setenv(WEIGHTS_VARIABLE, str(tmp_path))
     with pytest.raises(MissingExtra, match=r"lpips_squeeze_v0\.1\.npz do not exist"):
         losses.content_loss(torch.rand(1, 3, 64, 64), torch.rand(1, 3, 64, 64), "squeeze")
@@ -57,7 +61,9 @@ def test_content_without_weights_says_what_to_set(monkeypatch: pytest.MonkeyPatc
 
 def test_later_frames_read_at_the_true_depth_look_like_the_first(clip: Clip) -> None:
     truth, *motion = seen_from(clip, [1, 2])
-    at_truth, *wrong = (float(losses.reprojection_loss(factor * truth, *motion)) for factor in (1.0, 0.6, 1.5))
+    at_truth, *wrong = (
+        float(losses.reprojection_loss(factor * truth, *motion)) for factor in (1.0, 0.6, 1.5)
+    )
     assert at_truth < 0.7 * min(wrong)
 
 
@@ -65,7 +71,11 @@ def test_its_gradient_leads_from_a_plane_to_the_true_depth(clip: Clip) -> None:
     truth, *motion = seen_from(clip, [1, 2])
     guess = torch.full_like(truth, 0.05).requires_grad_()
     (slope,) = torch.autograd.grad(losses.reprojection_loss(guess, *motion), [guess])
-    downhill = float(torch.nn.functional.cosine_similarity(-slope.flatten(), (truth - guess).detach().flatten(), dim=0))
+    downhill = float(
+        torch.nn.functional.cosine_similarity(
+            -slope.flatten(), (truth - guess).detach().flatten(), dim=0
+        )
+    )
     assert downhill > 0.2
 
 
@@ -75,7 +85,9 @@ def test_an_image_is_sampled_at_its_own_pixels_unchanged_and_its_border_goes_on(
     torch.testing.assert_close(sample_images(frames, torch.stack([u, v], dim=2)[None]), frames)
     between = sample_images(frames, torch.tensor([[[[1.5, 2.0], [-0.1, 2.0], [1.0, 3.1]]]]))
     torch.testing.assert_close(between[0, :, 0, 0], (frames[0, :, 2, 1] + frames[0, :, 2, 2]) / 2)
-    torch.testing.assert_close(between[0, :, 0, 1:], torch.stack([frames[0, :, 2, 0], frames[0, :, 3, 1]], dim=1))
+    torch.testing.assert_close(
+        between[0, :, 0, 1:], torch.stack([frames[0, :, 2, 0], frames[0, :, 3, 1]], dim=1)
+    )
 
 
 def test_pixels_that_project_outside_every_view_do_not_count(clip: Clip) -> None:

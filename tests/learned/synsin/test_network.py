@@ -23,8 +23,12 @@ def generator(method: SynSinTraining) -> Generator:
     return Generator(method.architecture).eval()
 
 
-def test_untrained_it_sees_everything_about_twenty_metres_away(generator: Generator, clip: Clip) -> None:
-    cloud = generator.encode(images_from_frames(clip.frames[:2]), pairs.intrinsics_tensor(clip.intrinsics).repeat(2, 1))
+def test_untrained_it_sees_everything_about_twenty_metres_away(
+    generator: Generator, clip: Clip
+) -> None:
+    cloud = generator.encode(
+        images_from_frames(clip.frames[:2]), pairs.intrinsics_tensor(clip.intrinsics).repeat(2, 1)
+    )
     assert cloud.inverse_depths.shape == (2, 32 * 32)
     np.testing.assert_allclose(cloud.inverse_depths.detach().numpy(), 1 / 20, rtol=0.05)
     np.testing.assert_array_equal(
@@ -32,7 +36,9 @@ def test_untrained_it_sees_everything_about_twenty_metres_away(generator: Genera
     )
 
 
-def test_untrained_a_camera_that_stands_still_sees_the_frame_again(generator: Generator, clip: Clip) -> None:
+def test_untrained_a_camera_that_stands_still_sees_the_frame_again(
+    generator: Generator, clip: Clip
+) -> None:
     frames = images_from_frames(clip.frames[:1])
     images, _ = generator(frames, pairs.intrinsics_tensor(clip.intrinsics), STILL)
     np.testing.assert_allclose(images.frames.detach().numpy(), frames.numpy(), atol=1e-5)
@@ -41,14 +47,17 @@ def test_untrained_a_camera_that_stands_still_sees_the_frame_again(generator: Ge
 @pytest.mark.parametrize(("height", "width"), [(32, 32), (37, 50), (64, 20)])
 def test_frames_may_have_any_size(generator: Generator, height: int, width: int) -> None:
     camera = torch.tensor([[40.0, 40.0, width / 2, height / 2]])
-    images, inverse_depths = generator(torch.rand(1, 3, height, width), camera, STILL.repeat(1, 2, 1, 1))
+    images, inverse_depths = generator(
+        torch.rand(1, 3, height, width), camera, STILL.repeat(1, 2, 1, 1)
+    )
     assert images.frames.shape == (2, 3, height, width)
     assert inverse_depths.shape == (1, height, width)
     assert ((inverse_depths > 0) & (inverse_depths < 1 / network.NEAREST_M)).all()
 
 
 def test_driving_ahead_uses_the_inverse_depth_of_the_cloud(generator: Generator) -> None:
-    # everything at 20 m: after 10 m, what was 4 pixels right of the centre is 8 pixels right of it, at 10 m
+    # everything at 20 m: after 10 m, what was 4 pixels right of the centre is 8 pixels right of it,
+    # at 10 m
     frame = torch.zeros(1, 3, 33, 33)
     frame[:, :, 16, 20] = 1
     camera, ahead = torch.tensor([[40.0, 40.0, 16.0, 16.0]]), STILL.clone()
@@ -56,7 +65,9 @@ def test_driving_ahead_uses_the_inverse_depth_of_the_cloud(generator: Generator)
     with torch.no_grad():
         for parameter in generator.depth_network.unet.head.parameters():
             parameter.zero_()
-        generator.depth_network.unet.head.bias.fill_(float(torch.logit(torch.tensor(network.NEAREST_M / 20))))
+        generator.depth_network.unet.head.bias.fill_(
+            float(torch.logit(torch.tensor(network.NEAREST_M / 20)))
+        )
         images, _ = generator(frame, camera, ahead)
     assert int(images.frames[0, 0].argmax()) == 16 * 33 + 24
     assert float(images.inverse_depths[0, 0, 16, 24]) == pytest.approx(0.1, rel=1e-3)
@@ -80,7 +91,9 @@ def test_only_a_share_of_the_images_gradient_reaches_depth(
     def slope(share: float) -> Tensor:
         torch.manual_seed(0)
         images, _ = generator(*inputs, share)
-        return torch.autograd.grad(images.frames.square().sum(), [generator.depth_network.unet.head.weight])[0]
+        return torch.autograd.grad(
+            images.frames.square().sum(), [generator.depth_network.unet.head.weight]
+        )[0]
 
     torch.testing.assert_close(slope(share), expected * slope(1.0), rtol=1e-3, atol=1e-6)
     assert slope(1.0).abs().max() > 0
@@ -118,7 +131,10 @@ def test_pull_push_of_nothing_is_black() -> None:
         ({"features": 3}, "more than the 3 colours"),
         ({"depth_px": 100}, "a multiple of 64"),
         ({"noise_size": 0}, "noise_size is 0, expected 1 or more"),
-        ({"as_published": ("color",)}, "as_published has 'color', expected some of colours, holes, opacity, rays"),
+        (
+            {"as_published": ("color",)},
+            "as_published has 'color', expected some of colours, holes, opacity, rays",
+        ),
     ],
 )
 def test_settings_that_make_no_network_are_refused(settings: dict[str, Any], message: str) -> None:
@@ -127,23 +143,33 @@ def test_settings_that_make_no_network_are_refused(settings: dict[str, Any], mes
 
 
 def with_parts(method: SynSinTraining, *parts: Part) -> Generator:
-    """A generator with these parts as published; its head is random, so that what the refinement network sees shows."""
+    """A generator with these parts as published; its head is random, so that what the refinement
+    network sees shows.
+    """
     torch.manual_seed(0)
     generator = Generator(replace(method.architecture, as_published=parts)).eval()
-    torch.nn.init.normal_(generator.refinement_network.head.weight, generator=torch.Generator().manual_seed(1))
+    torch.nn.init.normal_(
+        generator.refinement_network.head.weight, generator=torch.Generator().manual_seed(1)
+    )
     return generator
 
 
-def maps_seen(generator: Generator, frames: Tensor, camera: Tensor, cam_from_last: Tensor) -> Tensor:
+def maps_seen(
+    generator: Generator, frames: Tensor, camera: Tensor, cam_from_last: Tensor
+) -> Tensor:
     """What the refinement network is given [V, C + 1, H, W]."""
     seen: list[Tensor] = []
-    generator.refinement_network.register_forward_hook(lambda _, given, __: seen.append(given[0].detach()))
+    generator.refinement_network.register_forward_hook(
+        lambda _, given, __: seen.append(given[0].detach())
+    )
     with torch.no_grad():
         generator(frames, camera, cam_from_last)
     return seen[0]
 
 
-def test_without_the_colour_shortcut_an_untrained_network_paints_grey(method: SynSinTraining, clip: Clip) -> None:
+def test_without_the_colour_shortcut_an_untrained_network_paints_grey(
+    method: SynSinTraining, clip: Clip
+) -> None:
     generator = Generator(replace(method.architecture, as_published=("colours",))).eval()
     frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
     assert generator.encode(frames, camera).features.shape == (1, 32 * 32, 8)  # learned ones alone
@@ -156,8 +182,13 @@ def test_without_the_colour_shortcut_an_untrained_network_paints_grey(method: Sy
 def test_holes_stay_where_they_are_not_filled(method: SynSinTraining, clip: Clip) -> None:
     frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
     aside = STILL.clone()
-    aside[0, 0, 0, 3] = 8.0  # all at 20 m: 0.4 focal lengths of 37.5 pixels to the right, 15 of 32 columns uncovered
-    empty, filled = (maps_seen(with_parts(method, *p), frames, camera, aside) for p in (("holes",), ()))
+    aside[0, 0, 0, 3] = (
+        # all at 20 m: 0.4 focal lengths of 37.5 pixels to the right, 15 of 32 columns uncovered
+        8.0
+    )
+    empty, filled = (
+        maps_seen(with_parts(method, *p), frames, camera, aside) for p in (("holes",), ())
+    )
     hole = filled[:, -1:] == 0
     assert 0.35 < hole.float().mean() < 0.55
     assert not (empty * hole).any()
@@ -167,7 +198,9 @@ def test_holes_stay_where_they_are_not_filled(method: SynSinTraining, clip: Clip
 
 def test_only_the_opacity_is_hidden(method: SynSinTraining, clip: Clip) -> None:
     frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
-    hidden, told = (maps_seen(with_parts(method, *p), frames, camera, STILL) for p in (("opacity",), ()))
+    hidden, told = (
+        maps_seen(with_parts(method, *p), frames, camera, STILL) for p in (("opacity",), ())
+    )
     assert not hidden[:, -1].any()
     assert told[:, -1].mean() > 0.9
     assert torch.equal(hidden[:, :-1], told[:, :-1])
@@ -189,7 +222,9 @@ def test_noise_changes_features_where_their_network_takes_it(
 ) -> None:
     generator, frames = with_parts(method, *parts), images_from_frames(clip.frames[:1])
     camera, noise = pairs.intrinsics_tensor(clip.intrinsics), torch.ones(1, 4)
-    one, other, again = (generator.encode(frames, camera, n).features for n in (noise, -noise, noise))
+    one, other, again = (
+        generator.encode(frames, camera, n).features for n in (noise, -noise, noise)
+    )
     assert torch.equal(one, again)
     assert torch.equal(one[..., 3:], other[..., 3:]) == is_equal
     assert torch.equal(one[..., :3], other[..., :3])  # colours have none
@@ -198,16 +233,22 @@ def test_noise_changes_features_where_their_network_takes_it(
 
 
 def test_every_part_as_published_trains_all_its_weights(method: SynSinTraining, clip: Clip) -> None:
-    everything = replace(method.architecture, as_published=("colours", "holes", "opacity", "rays", "noise"))
+    everything = replace(
+        method.architecture, as_published=("colours", "holes", "opacity", "rays", "noise")
+    )
     undone = replace(method, architecture=everything)
     torch.manual_seed(0)
     networks, examples = undone.build(), undone.examples([clip], training=True)
     before = {name: p.clone() for name, p in networks["generator"].named_parameters()}
     optimiser = undone.optimisers(networks)["generator"]
     for step in range(2):  # in the first one the head of 0 stops the gradient
-        for _, parts in undone.training_step(networks, undone.batch(examples, [0, 1], np.random.default_rng(0)), step):
+        for _, parts in undone.training_step(
+            networks, undone.batch(examples, [0, 1], np.random.default_rng(0)), step
+        ):
             optimiser.zero_grad()
             parts["total"].backward()
             optimiser.step()
-    still = [name for name, p in networks["generator"].named_parameters() if torch.equal(p, before[name])]
+    still = [
+        name for name, p in networks["generator"].named_parameters() if torch.equal(p, before[name])
+    ]
     assert not [name for name in still if "bias" not in name]

@@ -25,7 +25,9 @@ def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: FramePairs, cl
     np.testing.assert_array_equal(scene.targets, clip.frames[[4, 7]])
     poses = clip.trajectory.world_from_cam
     np.testing.assert_allclose(poses[7] @ scene.cam_from_last[1], poses[3], atol=1e-12)
-    assert scene.cam_from_last[1, 2, 3] == pytest.approx(-2.0, abs=0.05)  # four steps of half a metre come nearer
+    assert scene.cam_from_last[1, 2, 3] == pytest.approx(
+        -2.0, abs=0.05
+    )  # four steps of half a metre come nearer
 
 
 def test_known_depth_comes_as_its_inverse(scene: FramePairs, clip: Clip) -> None:
@@ -40,9 +42,13 @@ def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: FrameP
     point = np.array([[1.2, -0.4, 9.0]])
     mirrored = scene.mirrored()
     for number in range(2):
-        seen, _ = pinhole.project(se3.transform(scene.cam_from_last[number], point), scene.intrinsics)
+        seen, _ = pinhole.project(
+            se3.transform(scene.cam_from_last[number], point), scene.intrinsics
+        )
         point_mirrored = point * [-1, 1, 1]
-        other, _ = pinhole.project(se3.transform(mirrored.cam_from_last[number], point_mirrored), mirrored.intrinsics)
+        other, _ = pinhole.project(
+            se3.transform(mirrored.cam_from_last[number], point_mirrored), mirrored.intrinsics
+        )
         np.testing.assert_allclose(other, [[31 - seen[0, 0], seen[0, 1]]])
     np.testing.assert_array_equal(mirrored.frame[:, 0], scene.frame[:, -1])
     np.testing.assert_array_equal(mirrored.mirrored().targets, scene.targets)
@@ -57,8 +63,13 @@ def test_a_grey_scene_has_one_colour_a_pixel(scene: FramePairs) -> None:
 
 
 def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
-    drawn = [pairs.augmented(scene, np.random.default_rng(seed), grey_share=0.25) for seed in range(200)]
-    mirrored = sum(one.intrinsics != scene.intrinsics or (one.frame[0, 0] != scene.frame[0, 0]).any() for one in drawn)
+    drawn = [
+        pairs.augmented(scene, np.random.default_rng(seed), grey_share=0.25) for seed in range(200)
+    ]
+    mirrored = sum(
+        one.intrinsics != scene.intrinsics or (one.frame[0, 0] != scene.frame[0, 0]).any()
+        for one in drawn
+    )
     grey = sum(bool((one.frame == one.frame[..., :1]).all()) for one in drawn)
     assert 80 <= mirrored <= 150  # grey ones look changed as well
     assert 30 <= grey <= 70
@@ -73,11 +84,15 @@ def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: FramePairs, clip:
         "intrinsics": (2, 4),
         "inverse_depths": (2, 32, 32),
     }
-    torch.testing.assert_close(batch["targets"][3], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255)
+    torch.testing.assert_close(
+        batch["targets"][3], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255
+    )
 
 
 def test_clips_that_teach_nothing_are_refused(clip: Clip) -> None:
-    with pytest.raises(BadData, match="street has 10 frames, but horizons up to 10 need more: raise num_frames"):
+    with pytest.raises(
+        BadData, match="street has 10 frames, but horizons up to 10 need more: raise num_frames"
+    ):
         pairs.examples([clip], max_horizon=10)
     for trajectory in (None, replace(clip.trajectory, is_metric=False)):
         with pytest.raises(BadData, match="street has no metric poses"):

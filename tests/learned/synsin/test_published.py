@@ -1,4 +1,6 @@
-"""The published variant against the channels and layers of the authors' repository, written out as numbers here."""
+"""The published variant against the channels and layers of the authors' repository, written out as
+numbers here.
+"""
 
 import dataclasses
 import hashlib
@@ -12,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from geovp_classic.errors import BadData, MissingExtra
-from geovp_classic.types import Clip, Grant
+from geovp_classic.types import Clip, PrivilegedInput
 from geovp_learned import checkpoints, training_config, vgg
 from geovp_learned.synsin import losses, pairs
 from geovp_learned.synsin.network import Architecture
@@ -40,7 +42,10 @@ def numbers_of_blocks(channels: tuple[int, ...], resampled: tuple[int, ...] = ()
 @pytest.fixture(scope="module")
 def networks() -> dict[str, nn.Module]:
     torch.manual_seed(0)
-    return {name: network.eval() for name, network in SynSinTraining(Architecture("published")).build().items()}
+    return {
+        name: network.eval()
+        for name, network in SynSinTraining(Architecture("published")).build().items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -56,11 +61,19 @@ def test_one_setting_gives_the_papers_layers(networks: dict[str, nn.Module]) -> 
     generator = networks["generator"]
     assert isinstance(generator, PublishedGenerator)
     assert count(generator.feature_network) == numbers_of_blocks(FEATURE_CHANNELS) == 431_064
-    assert count(generator.refinement_network) == numbers_of_blocks(REFINEMENT_CHANNELS, RESAMPLED_BLOCKS)
-    convolutions = sum(16 * a * b + b for a, b in pairwise(DOWN)) + sum(9 * a * b + b for a, b in UP)
-    normalised = sum(DOWN[2:-1]) + sum(b for _, b in UP[:-1])  # not the U-Net's first, innermost and last layer
+    assert count(generator.refinement_network) == numbers_of_blocks(
+        REFINEMENT_CHANNELS, RESAMPLED_BLOCKS
+    )
+    convolutions = sum(16 * a * b + b for a, b in pairwise(DOWN)) + sum(
+        9 * a * b + b for a, b in UP
+    )
+    normalised = sum(DOWN[2:-1]) + sum(
+        b for _, b in UP[:-1]
+    )  # not the U-Net's first, innermost and last layer
     assert count(generator.depth_network) == convolutions + 2 * normalised
-    scale = (48 * 64 + 64) + 16 * (64 * 128 + 128 * 256 + 256 * 512) + (16 * 512 + 1)  # no bias before a normalisation
+    scale = (
+        (48 * 64 + 64) + 16 * (64 * 128 + 128 * 256 + 256 * 512) + (16 * 512 + 1)
+    )  # no bias before a normalisation
     assert count(networks["discriminator"]) == 2 * scale
 
 
@@ -71,20 +84,31 @@ def test_sizes_within_the_networks_are_the_papers(networks: dict[str, nn.Module]
     watched = [*generator.refinement_network.blocks, *generator.depth_network.down]
     handles = [module.register_forward_hook(note) for module in watched]
     with torch.no_grad():
-        generator.refinement_network(torch.rand(1, 64, 256, 256), torch.zeros(1, generator.noise_size))
+        generator.refinement_network(
+            torch.rand(1, 64, 256, 256), torch.zeros(1, generator.noise_size)
+        )
         inverse_depths = generator.depth_network(torch.rand(1, 3, 256, 256))
     for handle in handles:
         handle.remove()
     sides = (256, 128, 64, 64, 128, 256, 256, 256)
-    assert sizes[:8] == [(c, side, side) for c, side in zip(REFINEMENT_CHANNELS[1:], sides, strict=True)]
+    assert sizes[:8] == [
+        (c, side, side) for c, side in zip(REFINEMENT_CHANNELS[1:], sides, strict=True)
+    ]
     assert sizes[8:] == [(c, 256 >> k, 256 >> k) for k, c in enumerate(DOWN[1:], 1)]  # down to 1x1
-    assert 1 / 60 < float(inverse_depths.min()) <= float(inverse_depths.max()) < 1 / 5  # about 20 m before training
+    assert (
+        1 / 60 < float(inverse_depths.min()) <= float(inverse_depths.max()) < 1 / 5
+    )  # about 20 m before training
 
 
-def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(tiny: SynSinTraining, clip: Clip) -> None:
+def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(
+    tiny: SynSinTraining, clip: Clip
+) -> None:
     generator = tiny.build()["generator"].eval()
     frames, camera = torch.rand(1, 3, 34, 30), pairs.intrinsics_tensor(clip.intrinsics)
-    one, other = (generator.encode(frames, c, torch.zeros(1, generator.noise_size)) for c in (camera, 2 * camera))
+    one, other = (
+        generator.encode(frames, c, torch.zeros(1, generator.noise_size))
+        for c in (camera, 2 * camera)
+    )
     assert one.features.shape == (1, 34 * 30, 8)  # learned ones alone
     torch.testing.assert_close(one.inverse_depths, other.inverse_depths)
     splatters: list[Splatter] = []
@@ -94,7 +118,9 @@ def test_rays_and_colours_take_no_short_cut_and_holes_stay_empty(tiny: SynSinTra
     away = torch.eye(4)[None]
     away[0, 0, 3] = 1e4  # everything leaves the image
     images = generator.render(one, away, camera, (34, 30), torch.zeros(1, generator.noise_size))
-    assert splatters == [Splatter(radius_px=34 * 4 / 256, points_per_pixel=128, sharpness=1.0, blending="alpha")]
+    assert splatters == [
+        Splatter(radius_px=34 * 4 / 256, points_per_pixel=128, sharpness=1.0, blending="alpha")
+    ]
     assert not maps[0].any()
     assert not images.opacities.any()
     assert images.frames.shape == (1, 3, 34, 30)
@@ -105,7 +131,9 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
     tiny: SynSinTraining, clip: Clip, tmp_path: Path
 ) -> None:
     networks, examples = tiny.build(), tiny.examples([clip], training=True)
-    before = [{name: p.clone() for name, p in network.named_parameters()} for network in networks.values()]
+    before = [
+        {name: p.clone() for name, p in network.named_parameters()} for network in networks.values()
+    ]
     optimisers, rng = tiny.optimisers(networks), np.random.default_rng(0)
     for step in range(2):
         for turn, parts in tiny.training_step(networks, tiny.batch(examples, [0, 1], rng), step):
@@ -114,10 +142,12 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
             optimisers[turn].step()
     for network, old in zip(networks.values(), before, strict=True):
         still = [name for name, p in network.named_parameters() if torch.equal(p, old[name])]
-        assert not [name for name in still if "bias" not in name]  # of those before a normalisation it does not matter
+        assert not [
+            name for name in still if "bias" not in name
+        ]  # of those before a normalisation it does not matter
     file = tmp_path / "published.safetensors"
     checkpoints.write(file, "synsin", tiny, {"generator": networks["generator"]}, {})
-    context, target = clip.split(6, Grant.FUTURE_POSES | Grant.PAST_POSES)
+    context, target = clip.split(6, PrivilegedInput.FUTURE_POSES | PrivilegedInput.PAST_POSES)
     renderer = SynSin(checkpoint=file)
     assert renderer.input_note.startswith("published variant; ")
     first, second = (
@@ -178,13 +208,19 @@ def test_weights_that_are_missing_or_others_are_said_in_one_sentence(
 ) -> None:
     frame = torch.zeros(1, 3, 32, 32)
     monkeypatch.setattr(vgg, "SHA256", "0" * 64)
-    with pytest.raises(MissingExtra, match=r"has SHA-256 \w{8}\.\.\., expected 00000000\.\.\.: name torchvision's"):
+    with pytest.raises(
+        MissingExtra, match=r"has SHA-256 \w{8}\.\.\., expected 00000000\.\.\.: name torchvision's"
+    ):
         vgg.content_loss(frame, frame)
     monkeypatch.setenv(vgg.WEIGHTS_VARIABLE, str(tmp_path / "none.pth"))
-    with pytest.raises(MissingExtra, match=r"none\.pth cannot be read \(No such file or directory\)"):
+    with pytest.raises(
+        MissingExtra, match=r"none\.pth cannot be read \(No such file or directory\)"
+    ):
         vgg.content_loss(frame, frame)
     monkeypatch.delenv(vgg.WEIGHTS_VARIABLE)
-    with pytest.raises(MissingExtra, match=f"set {vgg.WEIGHTS_VARIABLE} to torchvision's vgg19-dcbb9e9d.pth"):
+    with pytest.raises(
+        MissingExtra, match=f"set {vgg.WEIGHTS_VARIABLE} to torchvision's vgg19-dcbb9e9d.pth"
+    ):
         vgg.content_loss(frame, frame)
 
 

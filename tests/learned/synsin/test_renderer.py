@@ -5,10 +5,18 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic.contracts import street
+from geovp_benchmarks.contracts import street
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import ByteArray, Clip, FloatArray, Grant, Intrinsics, Trajectory, Views
+from geovp_classic.types import (
+    ByteArray,
+    Clip,
+    FloatArray,
+    Intrinsics,
+    PrivilegedInput,
+    Trajectory,
+    Views,
+)
 from geovp_learned import checkpoints
 from geovp_learned.synsin import pairs
 from geovp_learned.synsin.network import Generator
@@ -19,8 +27,12 @@ NUM_PAST = 6
 
 
 @pytest.fixture(scope="module")
-def overfitted(method: SynSinTraining, clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A weights file of a network that knows the last of the past frames, and what comes after it, by heart."""
+def overfitted(
+    method: SynSinTraining, clip: Clip, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A weights file of a network that knows the last of the past frames, and what comes after it,
+    by heart.
+    """
     torch.manual_seed(0)
     networks = method.build()
     optimisers = method.optimisers(networks)
@@ -49,12 +61,18 @@ def past_of(clip: Clip) -> Trajectory:
 
 
 def views_of(
-    file: Path, clip: Clip, world_from_cam: FloatArray, camera: Intrinsics | None = None, seed: int = 0
+    file: Path,
+    clip: Clip,
+    world_from_cam: FloatArray,
+    camera: Intrinsics | None = None,
+    seed: int = 0,
 ) -> Views:
     """The last of the past frames, rendered from the poses."""
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.NONE)
     scene = SynSin(file, seed=seed).reconstruct(context, past_of(clip))
-    return scene.view(world_from_cam, clip.times_s[-len(world_from_cam) :], camera or clip.intrinsics)
+    return scene.view(
+        world_from_cam, clip.times_s[-len(world_from_cam) :], camera or clip.intrinsics
+    )
 
 
 def rms(one: ByteArray, other: ByteArray) -> float:
@@ -96,7 +114,9 @@ def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
 
 
 def test_the_new_camera_may_have_another_size(fresh: Path, clip: Clip) -> None:
-    views = views_of(fresh, clip, past_of(clip).world_from_cam[-1:], clip.intrinsics.resized(40, 24))
+    views = views_of(
+        fresh, clip, past_of(clip).world_from_cam[-1:], clip.intrinsics.resized(40, 24)
+    )
     assert views.frames.shape == (1, 24, 40, 3)
 
 
@@ -106,17 +126,20 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     generator = Generator(method.architecture)
     for parameter in generator.refinement_network.parameters():
         torch.nn.init.normal_(parameter, std=0.3)  # untrained, it would not let the noise through
-    checkpoints.write(tmp_path / "noisy.safetensors", "synsin", method, {"generator": generator}, {})
+    checkpoints.write(
+        tmp_path / "noisy.safetensors", "synsin", method, {"generator": generator}, {}
+    )
     poses = past_of(clip).world_from_cam[-2:]
     first, again, other = (
-        views_of(tmp_path / "noisy.safetensors", clip, poses, seed=seed).frames for seed in (1, 1, 2)
+        views_of(tmp_path / "noisy.safetensors", clip, poses, seed=seed).frames
+        for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
 
 
 def test_poses_without_a_unit_are_refused(fresh: Path, clip: Clip) -> None:
-    context, _ = clip.split(NUM_PAST, Grant.NONE)
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.NONE)
     with pytest.raises(Incompatible, match="the poses are not: give the odometry a scale"):
         SynSin(fresh).reconstruct(context, replace(past_of(clip), is_metric=False))
 

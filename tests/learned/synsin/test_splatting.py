@@ -11,7 +11,9 @@ CAMERA = torch.tensor([[12.0, 10.0, 5.0, 4.0]], dtype=torch.float64)  # fx, fy, 
 
 
 def random_points(seed: int, count: int = 60) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Positions, inverse depths, visibility and three features of points around a small image, one batch of two."""
+    """Positions, inverse depths, visibility and three features of points around a small image, one
+    batch of two.
+    """
     rng = np.random.default_rng(seed)
     positions = torch.from_numpy(rng.uniform([-2, -2], [12, 10], (2, count, 2)))
     depths = torch.from_numpy(rng.uniform(0.01, 1, (2, count)))
@@ -47,7 +49,9 @@ def splatted_naively(
 
 
 @pytest.mark.parametrize("blending", ["alpha", "sum", "mean"])
-@pytest.mark.parametrize(("radius_px", "points_per_pixel", "sharpness"), [(1.5, 3, 1.0), (0.7, 8, 2.0), (2.6, 64, 0.5)])
+@pytest.mark.parametrize(
+    ("radius_px", "points_per_pixel", "sharpness"), [(1.5, 3, 1.0), (0.7, 8, 2.0), (2.6, 64, 0.5)]
+)
 def test_splatter_is_equal_to_loops_over_pixels_and_points(
     blending: Blending, radius_px: float, points_per_pixel: int, sharpness: float
 ) -> None:
@@ -65,7 +69,9 @@ def test_in_single_precision_it_still_agrees_to_1e_5() -> None:
     positions, depths, visible, features = random_points(seed=2)
     single = (positions.float(), depths.float(), visible, features.float())
     image, _ = splatter(*single, SIZE_PX)
-    wanted, _ = splatted_naively(splatter, *(part.double() if part.dtype != torch.bool else part for part in single))
+    wanted, _ = splatted_naively(
+        splatter, *(part.double() if part.dtype != torch.bool else part for part in single)
+    )
     torch.testing.assert_close(image.double(), wanted, rtol=0, atol=1e-5)
 
 
@@ -85,7 +91,9 @@ def test_gradients_go_through_the_camera_to_inverse_depth() -> None:
     rays = splatting.rays(CAMERA, SIZE_PX)
     motion = torch.eye(4, dtype=torch.float64)[None].clone()
     motion[0, :3, 3] = torch.tensor([0.3, -0.1, -1.0])
-    features = torch.rand(1, rays.shape[1], 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    features = torch.rand(
+        1, rays.shape[1], 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0)
+    )
     depths = torch.linspace(0.02, 0.2, rays.shape[1], dtype=torch.float64)[None].requires_grad_()
 
     def image(inverse_depths: Tensor) -> Tensor:
@@ -97,7 +105,8 @@ def test_gradients_go_through_the_camera_to_inverse_depth() -> None:
 
 
 def test_two_points_on_one_pixel_are_composited_front_to_back() -> None:
-    # both half a pixel off the centre of pixel (5, 4), radius 1: opacity 1/2 each; weights 1/2 and 1/2 * 1/2
+    # both half a pixel off the centre of pixel (5, 4), radius 1: opacity 1/2 each; weights 1/2 and
+    # 1/2 * 1/2
     positions = torch.tensor([[[5.5, 4.0], [4.5, 4.0]]])
     features = torch.tensor([[[8.0], [16.0]]])
     image, opacity = Splatter(1.0, 2)(
@@ -109,24 +118,36 @@ def test_two_points_on_one_pixel_are_composited_front_to_back() -> None:
 
 def test_a_camera_that_does_not_move_sees_every_point_in_its_own_pixel() -> None:
     rays = splatting.rays(CAMERA, SIZE_PX)
-    depths = torch.rand(1, rays.shape[1], dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    positions, again, in_front = splatting.project(rays, depths, torch.eye(4, dtype=torch.float64)[None], CAMERA)
+    depths = torch.rand(
+        1, rays.shape[1], dtype=torch.float64, generator=torch.Generator().manual_seed(1)
+    )
+    positions, again, in_front = splatting.project(
+        rays, depths, torch.eye(4, dtype=torch.float64)[None], CAMERA
+    )
     v, u = np.mgrid[: SIZE_PX[0], : SIZE_PX[1]]
-    np.testing.assert_allclose(positions[0].numpy(), np.stack([u, v], axis=-1).reshape(-1, 2), atol=1e-12)
+    np.testing.assert_allclose(
+        positions[0].numpy(), np.stack([u, v], axis=-1).reshape(-1, 2), atol=1e-12
+    )
     torch.testing.assert_close(again, depths)
     assert in_front.all()
     features = torch.rand(1, rays.shape[1], 3, dtype=torch.float64)
-    image, _ = Splatter(0.9, 4)(positions, depths, in_front, features, SIZE_PX)  # neighbours are 1 pixel away
+    image, _ = Splatter(0.9, 4)(
+        positions, depths, in_front, features, SIZE_PX
+    )  # neighbours are 1 pixel away
     torch.testing.assert_close(image[0].flatten(1).T, features[0], rtol=0, atol=2e-3)
 
 
-def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_inverse_depth() -> None:
+def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_inverse_depth() -> (
+    None
+):
     motion = torch.eye(4, dtype=torch.float64)[None].clone()
     motion[0, 2, 3] = -2.0
     ray = torch.tensor([[[0.25, -0.1, 1.0], [0.25, -0.1, 1.0]]], dtype=torch.float64)
     depths = torch.tensor([[0.25, 0.0]], dtype=torch.float64)  # a wall, and the sky behind it
     positions, there, _ = splatting.project(ray, depths, motion, CAMERA)
-    np.testing.assert_allclose(positions[0].numpy(), [[5 + 12 * 0.5, 4 - 10 * 0.2], [5 + 12 * 0.25, 4 - 10 * 0.1]])
+    np.testing.assert_allclose(
+        positions[0].numpy(), [[5 + 12 * 0.5, 4 - 10 * 0.2], [5 + 12 * 0.25, 4 - 10 * 0.1]]
+    )
     np.testing.assert_allclose(there[0].numpy(), [0.5, 0.0])
 
 
@@ -135,7 +156,8 @@ def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
     motion[0, 2, 3] = -4.0
     ray = torch.tensor([[[0.0, 0.0, 1.0]] * 4], dtype=torch.float64)
     depths = 1 / torch.tensor(
-        [[3.0, 4.0, 4.0 + 0.9 * splatting.NEAR_M, 4.0 + 1.1 * splatting.NEAR_M]], dtype=torch.float64
+        [[3.0, 4.0, 4.0 + 0.9 * splatting.NEAR_M, 4.0 + 1.1 * splatting.NEAR_M]],
+        dtype=torch.float64,
     )
     positions, there, in_front = splatting.project(ray, depths, motion, CAMERA)
     assert in_front[0].tolist() == [False, False, False, True]
@@ -145,7 +167,9 @@ def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
 
 def test_nothing_in_sight_gives_an_empty_image_with_zero_gradients() -> None:
     positions, depths, visible, features = random_points(seed=4)
-    image, opacity = Splatter()(positions.requires_grad_(), depths, torch.zeros_like(visible), features, SIZE_PX)
+    image, opacity = Splatter()(
+        positions.requires_grad_(), depths, torch.zeros_like(visible), features, SIZE_PX
+    )
     assert image.shape == (2, 3, *SIZE_PX)
     assert not image.any()
     assert not opacity.any()

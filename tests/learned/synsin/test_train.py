@@ -20,7 +20,8 @@ from geovp_learned.training_config import Changes
 def trained(
     method: SynSinTraining, examples: Sequence[Example], num_steps: int, final_share: float = 1.0
 ) -> tuple[dict[str, nn.Module], list[Losses]]:
-    """The networks after some steps on all examples at once, as they are, and the losses of every step.
+    """The networks after some steps on all examples at once, as they are, and the losses of every
+    step.
 
     The rate falls to `final_share` of what it was, as a cosine.
     """
@@ -44,7 +45,9 @@ def trained(
 
 
 def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Clip) -> None:
-    """Losses that can be zero fall to nearly that: a grey level or two of colour, and depth to four percent."""
+    """Losses that can be zero fall to nearly that: a grey level or two of colour, and depth to four
+    percent.
+    """
     fine = replace(
         method,
         architecture=replace(method.architecture, patch_px=1),
@@ -62,7 +65,9 @@ def test_it_learns_eight_windows_by_heart(method: SynSinTraining, tiny_clip: Cli
     assert last["generator.total"] < 0.035 * first["generator.total"]
 
 
-def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSinTraining, tiny_clip: Clip) -> None:
+def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(
+    method: SynSinTraining, tiny_clip: Clip
+) -> None:
     examples = method.examples([tiny_clip], training=True)
     networks, history = trained(method, examples, num_steps=190)
     first, last = history[0], history[-1]
@@ -72,7 +77,9 @@ def test_what_it_learnt_also_shows_horizons_that_it_was_not_shown(method: SynSin
     assert last["generator.depth"] < 0.12
     networks["generator"].eval()
     with torch.no_grad():
-        assert method.validate(networks, examples)["psnr"] > 27  # of horizons 1 and 2, the first never seen in training
+        assert (
+            method.validate(networks, examples)["psnr"] > 27
+        )  # of horizons 1 and 2, the first never seen in training
 
 
 def test_at_first_only_depth_learns(method: SynSinTraining, clip: Clip) -> None:
@@ -81,14 +88,20 @@ def test_at_first_only_depth_learns(method: SynSinTraining, clip: Clip) -> None:
     torch.manual_seed(0)
     fresh = method.build()["generator"].state_dict()
     changed = {
-        name for name, value in networks["generator"].state_dict().items() if not torch.equal(value, fresh[name])
+        name
+        for name, value in networks["generator"].state_dict().items()
+        if not torch.equal(value, fresh[name])
     }
     assert changed
     assert all(name.startswith("depth_network.") for name in changed)
-    assert set(history[0]) == {f"generator.{name}" for name in ("depth", "reprojection", "roughness", "total")}
+    assert set(history[0]) == {
+        f"generator.{name}" for name in ("depth", "reprojection", "roughness", "total")
+    }
 
 
-def test_an_adversary_takes_turns_with_the_generator(adversarial: SynSinTraining, clip: Clip) -> None:
+def test_an_adversary_takes_turns_with_the_generator(
+    adversarial: SynSinTraining, clip: Clip
+) -> None:
     examples = adversarial.examples([clip], training=True)[:2]
     networks, history = trained(adversarial, examples, num_steps=30)
     assert set(networks) == {"generator", "discriminator"}
@@ -114,7 +127,9 @@ def test_the_first_view_is_near_when_so_wished(method: SynSinTraining, clip: Cli
     assert steps_m(replace(far, near_share=0.0)).max() > 3.0
 
 
-def test_validation_looks_at_some_examples_and_gives_the_same_again(method: SynSinTraining, clip: Clip) -> None:
+def test_validation_looks_at_some_examples_and_gives_the_same_again(
+    method: SynSinTraining, clip: Clip
+) -> None:
     sparse = replace(method, validation_stride=3)
     examples = sparse.examples([clip], training=False)
     assert [one.last for one in examples] == [0, 3, 6]
@@ -131,13 +146,18 @@ def test_settings_that_train_nothing_are_refused(name: str) -> None:
         SynSinTraining(**{name: 0})
 
 
-@pytest.mark.parametrize("name", ["synsin-tiny", "synsin-small", "synsin-thesis", "synsin-published-tiny"])
+@pytest.mark.parametrize(
+    "name", ["synsin-tiny", "synsin-small", "synsin-thesis", "synsin-published-tiny"]
+)
 def test_configs_that_come_with_the_package_are_sound(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(training_config, "_datasets", lambda *_: ())  # KITTI need not be here
     config = training_config.load("synsin", Path(name), tmp_path)
-    sizes = {name: sum(p.numel() for p in net.parameters()) for name, net in config.method.build().items()}
+    sizes = {
+        name: sum(p.numel() for p in net.parameters())
+        for name, net in config.method.build().items()
+    }
     assert sizes["generator"] * 2 < 20e6  # bytes in half precision
     if name == "synsin-thesis":
         assert config.method.weights == Weights()  # the paper's losses alone
@@ -148,21 +168,32 @@ def test_configs_that_come_with_the_package_are_sound(
 def test_each_variant_of_the_departures_changes_one_setting() -> None:
     file = Path("synsin-departures")
     names = training_config.settings("synsin", file)[2]["variants"]
-    settings = {name: training_config.settings("synsin", file, Changes(variant=name)) for name in names}
+    settings = {
+        name: training_config.settings("synsin", file, Changes(variant=name)) for name in names
+    }
     flat = {
         name: {**asdict(method), **asdict(method.weights), **asdict(method.architecture)}
         for name, (method, *_) in settings.items()
     }
     changed = {
-        name: {key for key, value in one.items() if value != flat["residual"][key]} - {"architecture", "weights"}
+        name: {key for key, value in one.items() if value != flat["residual"][key]}
+        - {"architecture", "weights"}
         for name, one in flat.items()
     }
     parts = {name: {"as_published"} for name in ("colours", "holes", "opacity", "rays", "noise")}
     assert changed == {
-        **{"residual": set(), **parts, "patch": {"patch_px"}, "points": {"splatter"}, "radius": {"splatter"}},
+        **{
+            "residual": set(),
+            **parts,
+            "patch": {"patch_px"},
+            "points": {"splatter"},
+            "radius": {"splatter"},
+        },
         "depth-losses": {"depth", "reprojection", "roughness"},
     }
     assert [flat[name]["as_published"] for name in parts] == [(name,) for name in parts]
     assert len({training for _, training, _ in settings.values()}) == 1
-    published = training_config.settings("synsin", Path("synsin-published-small"), Changes(variant="residual"))[0]
+    published = training_config.settings(
+        "synsin", Path("synsin-published-small"), Changes(variant="residual")
+    )[0]
     assert settings["residual"][0] == published  # but for steps and batches

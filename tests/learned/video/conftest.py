@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from geovp_classic.contracts import street
+from geovp_benchmarks.contracts import street
 from geovp_classic.types import ByteArray
 from geovp_learned.video import slamp, srvp, svg, training
 from geovp_learned.video.autoencoder import AutoencoderConfig
@@ -31,7 +31,9 @@ def method(name: str) -> VideoTraining:
     if name == "srvp":
         shape = srvp.Architecture(CODING, 24, 2, state_size=12, latent_size=4, content_size=12)
         return SrvpTraining(**common, architecture=shape, observation_std=0.1)
-    return SlampTraining(**common, architecture=slamp.Architecture(CODING, 24, latent_size=4, mask_width=8))
+    return SlampTraining(
+        **common, architecture=slamp.Architecture(CODING, 24, latent_size=4, mask_width=8)
+    )
 
 
 @pytest.fixture(scope="session")
@@ -42,6 +44,8 @@ def street_window() -> ByteArray:
 
 @pytest.fixture(scope="session")
 def coin_flips() -> Tensor:
-    """Clips [12, 6, 3, 16, 16] of plain frames, each dark or bright as a coin falls: nothing in the past tells."""
+    """Clips [12, 6, 3, 16, 16] of plain frames, each dark or bright as a coin falls: nothing in the
+    past tells.
+    """
     levels = np.random.default_rng(0).choice([0.2, 0.8], (12, 6))
     return torch.from_numpy(np.tile(levels[:, :, None, None, None], (1, 1, 3, 16, 16))).float()

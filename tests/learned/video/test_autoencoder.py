@@ -15,8 +15,12 @@ from geovp_learned.video.training import VideoNetwork
 
 
 @pytest.mark.parametrize("style", ["dcgan", "vgg"])
-@pytest.mark.parametrize(("size_px", "num_stages"), [(64, 4), (128, 5), (256, 6)])  # 64 -> 32 -> 16 -> 8 -> 4 is four
-def test_every_doubling_of_the_image_adds_one_stage(style: str, size_px: int, num_stages: int) -> None:
+@pytest.mark.parametrize(
+    ("size_px", "num_stages"), [(64, 4), (128, 5), (256, 6)]
+)  # 64 -> 32 -> 16 -> 8 -> 4 is four
+def test_every_doubling_of_the_image_adds_one_stage(
+    style: str, size_px: int, num_stages: int
+) -> None:
     coding = AutoencoderConfig(style, size_px, width=2, code_size=6)
     encoder, decoder = Encoder(coding).eval(), Decoder(coding, out_channels=2).eval()
     with torch.no_grad():
@@ -25,7 +29,9 @@ def test_every_doubling_of_the_image_adds_one_stage(style: str, size_px: int, nu
     assert len(encoder.stages) == len(decoder.stages) == len(skips) == num_stages
     assert codes.shape == (1, 6)
     assert maps.shape == (1, 2, size_px, size_px)
-    outermost_px = size_px if style == "vgg" else size_px // 2  # VGG's skips leave before the pooling
+    outermost_px = (
+        size_px if style == "vgg" else size_px // 2
+    )  # VGG's skips leave before the pooling
     assert skips[0].shape == (1, 2, outermost_px, outermost_px)
 
 
@@ -45,11 +51,15 @@ def test_an_untrained_residual_decoder_repeats_the_image() -> None:
     base[0, :, 0, 0], base[0, :, 0, 1] = 0.0, 1.0
     _, skips = Encoder(coding)(base)
     shown = VideoNetwork(coding, 1).images(Decoder(coding)(torch.randn(2, 8), skips), base)
-    assert float((shown - base).abs().max().detach()) <= 1 / 512 + 1e-6  # half a grey level, at black and white
+    assert (
+        float((shown - base).abs().max().detach()) <= 1 / 512 + 1e-6
+    )  # half a grey level, at black and white
 
 
 def test_without_a_base_maps_are_logits() -> None:
-    shown = VideoNetwork(AutoencoderConfig(), 1).images(torch.tensor([0.0, 2.0]), torch.tensor([0.3, 0.3]))
+    shown = VideoNetwork(AutoencoderConfig(), 1).images(
+        torch.tensor([0.0, 2.0]), torch.tensor([0.3, 0.3])
+    )
     torch.testing.assert_close(shown, torch.tensor([0.5, 0.8807971]))
 
 

@@ -18,14 +18,17 @@ def test_divergences_worked_out() -> None:
     shifted = Gaussian(torch.tensor([3.0]), torch.zeros(1))
     assert float(kl_divergence(shifted, standard)) == 4.5  # 3^2 / 2
     wide = Gaussian(torch.zeros(1), torch.tensor([math.log(4.0)]))  # a standard deviation of 2
-    # KL(N(0, 4) || N(0, 1)) = (4 - 1 - ln 4) / 2; KL(N(3, 1) || N(0, 4)) = (ln 4 + 1 / 4 + 9 / 4 - 1) / 2
+    # KL(N(0, 4) || N(0, 1)) = (4 - 1 - ln 4) / 2; KL(N(3, 1) || N(0, 4)) = (ln 4 + 1 / 4 + 9 / 4 -
+    # 1) / 2
     torch.testing.assert_close(float(kl_divergence(wide, standard)), 0.5 * (3 - math.log(4)))
     torch.testing.assert_close(float(kl_divergence(shifted, wide)), 0.5 * (math.log(4) + 1.5))
 
 
 def test_nats_of_independent_numbers_add_up() -> None:
     two = Gaussian(torch.tensor([[3.0, 1.0]]), torch.zeros(1, 2))
-    assert kl_divergence(two, Gaussian(torch.zeros(1, 2), torch.zeros(1, 2))).tolist() == [5.0]  # 9 / 2 + 1 / 2
+    assert kl_divergence(two, Gaussian(torch.zeros(1, 2), torch.zeros(1, 2))).tolist() == [
+        5.0
+    ]  # 9 / 2 + 1 / 2
 
 
 def test_draws_have_the_mean_and_deviation_asked_for() -> None:
@@ -38,7 +41,10 @@ def test_draws_have_the_mean_and_deviation_asked_for() -> None:
 def test_gradients_reach_mean_and_variance() -> None:
     mean, log_variance = torch.zeros(1, requires_grad=True), torch.zeros(1, requires_grad=True)
     Gaussian(mean, log_variance).sample(torch.tensor([2.0])).sum().backward()
-    assert (float(mean.grad), float(log_variance.grad)) == (1.0, 1.0)  # d/dv of exp(v / 2) * 2 at 0 is 1
+    assert (float(mean.grad), float(log_variance.grad)) == (
+        1.0,
+        1.0,
+    )  # d/dv of exp(v / 2) * 2 at 0 is 1
 
 
 def test_halves_are_means_and_log_variances_within_bounds() -> None:

@@ -1,4 +1,6 @@
-"""A hundred samples at full size fit into two gigabytes: only their bytes are ever held together, and no trainer."""
+"""A hundred samples at full size fit into two gigabytes: only their bytes are ever held together,
+and no trainer.
+"""
 
 import subprocess
 import sys
@@ -26,9 +28,13 @@ print(made.shape, made.nbytes, profiling.peak_mb())
 
 
 def test_a_hundred_samples_of_twenty_frames() -> None:
-    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True
+    )
     shape, _, rest = done.stdout.rpartition(") ")
     count, peak_mb = rest.split()
     assert shape == "(100, 20, 256, 256, 3"
-    assert int(count) == 100 * 20 * 256 * 256 * 3  # 375 MiB, the samples themselves; as floats they would be 1.5 GiB
+    assert (
+        int(count) == 100 * 20 * 256 * 256 * 3
+    )  # 375 MiB, the samples themselves; as floats they would be 1.5 GiB
     assert float(peak_mb) < 1400

@@ -19,8 +19,12 @@ from geovp_learned.video.training import VideoTraining, unwrapped
 PAST, FUTURE = 3, 3
 
 
-def trained(method: VideoTraining, images: Tensor, num_steps: int) -> tuple[nn.Module, list[dict[str, float]]]:
-    """The network after some steps on the same images, ready to predict, and the losses of every step."""
+def trained(
+    method: VideoTraining, images: Tensor, num_steps: int
+) -> tuple[nn.Module, list[dict[str, float]]]:
+    """The network after some steps on the same images, ready to predict, and the losses of every
+    step.
+    """
     torch.manual_seed(0)
     networks = method.build()
     optimiser = method.optimisers(networks)["video"]
@@ -49,23 +53,30 @@ def test_it_learns_one_clip_by_heart(method: VideoTraining, street_window: ByteA
     images = training.stack([street_window]).float() / 255.0
     network, history = trained(method, images, num_steps=150)
     assert history[-1]["error"] < 0.2 * history[0]["error"]
-    noise = torch.randn(1, FUTURE, unwrapped(network).noise_size, generator=torch.Generator().manual_seed(0))
+    noise = torch.randn(
+        1, FUTURE, unwrapped(network).noise_size, generator=torch.Generator().manual_seed(0)
+    )
     with torch.no_grad():
         made = unwrapped(network).predict(images[:, :PAST], noise)
     copied = error(images[:, PAST - 1 : PAST].expand(-1, FUTURE, -1, -1, -1), images[:, PAST:])
     assert error(made, images[:, PAST:]) < 0.5 * copied
 
 
-def test_the_posterior_knows_what_the_prior_must_guess(method: VideoTraining, coin_flips: Tensor) -> None:
+def test_the_posterior_knows_what_the_prior_must_guess(
+    method: VideoTraining, coin_flips: Tensor
+) -> None:
     network, history = trained(method, coin_flips, num_steps=200)
     assert history[-1]["nats"] > 0
     random = torch.Generator().manual_seed(0)
     with torch.no_grad():
         seen, real = coin_flips[:, :PAST], coin_flips[:, PAST:]
         shape = (len(seen), FUTURE, unwrapped(network).noise_size)
-        first, second = (unwrapped(network).predict(seen, torch.randn(shape, generator=random)) for _ in range(2))
+        first, second = (
+            unwrapped(network).predict(seen, torch.randn(shape, generator=random)) for _ in range(2)
+        )
         knowing = error(explained(network, coin_flips), real)
-    # Levels are 0.2 and 0.8: the best that one can do without knowing is to say 0.5, which is 0.09 off in square.
+    # Levels are 0.2 and 0.8: the best that one can do without knowing is to say 0.5, which is 0.09
+    # off in square.
     assert knowing < 0.03
     assert error(first, real) > 0.06
     assert float((first - second).abs().mean()) > 0.02  # samples of the same past differ
@@ -83,7 +94,9 @@ def test_predictions_depend_on_nothing_but_past_and_noise(method: VideoTraining)
         fewer = network.predict(seen, noise[:, :2])
         shared = network.predict(seen[:1], noise[:1].expand(3, -1, -1))
     assert both.shape == (2, 4, 3, 16, 16)
-    torch.testing.assert_close(both[1:], alone, atol=1e-6, rtol=0)  # nothing leaks across the batch in evaluation mode
+    torch.testing.assert_close(
+        both[1:], alone, atol=1e-6, rtol=0
+    )  # nothing leaks across the batch in evaluation mode
     torch.testing.assert_close(both[:, :2], fewer, atol=1e-6, rtol=0)  # nor from the future
     torch.testing.assert_close(shared, both[:1].expand(3, -1, -1, -1, -1), atol=1e-6, rtol=0)
 
@@ -105,11 +118,15 @@ def test_validation_compares_with_the_last_frame_at_the_networks_size(
         again = method.validate(networks, [still, moved])
     assert scores == again
     halved = float(((still[0] / 255.0 - moved[-1] / 255.0) ** 2).mean())
-    assert scores["copy_last"] == pytest.approx((80.0 - 10 * np.log10(halved)) / 2, abs=1e-3)  # PSNR ends at 80 dB
+    assert scores["copy_last"] == pytest.approx(
+        (80.0 - 10 * np.log10(halved)) / 2, abs=1e-3
+    )  # PSNR ends at 80 dB
     assert scores["score"] == -scores["psnr"]
 
 
-def test_a_batch_is_mirrored_or_grey_at_random(method: VideoTraining, street_window: ByteArray) -> None:
+def test_a_batch_is_mirrored_or_grey_at_random(
+    method: VideoTraining, street_window: ByteArray
+) -> None:
     grey = replace(method, grey_share=1.0)
     images = grey.batch([street_window], [0] * 40, np.random.default_rng(0))["images"]
     assert images.shape == (40, 6, 3, 16, 16)
@@ -137,5 +154,9 @@ def test_configs_that_come_with_the_package_are_sound(
     config = training_config.load(name, Path(f"{name}-{size}"), tmp_path)
     network = config.method.build()["video"]
     numbers = sum(parameter.numel() for parameter in network.parameters())
-    assert config.method.architecture.coding.size_px == {"tiny": 16, "small": 64, "thesis": 256}[size]
-    assert numbers * 2 < {"tiny": 1e6, "small": 8e6, "thesis": 400e6}[size]  # bytes in half precision
+    assert (
+        config.method.architecture.coding.size_px == {"tiny": 16, "small": 64, "thesis": 256}[size]
+    )
+    assert (
+        numbers * 2 < {"tiny": 1e6, "small": 8e6, "thesis": 400e6}[size]
+    )  # bytes in half precision

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import torch
 
+from geovp_benchmarks.contracts import street
 from geovp_classic import registry
-from geovp_classic.contracts import street
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.types import Context, Grant
+from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints
 from geovp_learned.checkpoints import shipped
 from geovp_learned.video.prediction import VideoPredictor, noise_of
@@ -34,7 +34,7 @@ def predictor(name: str, checkpoint: Path) -> VideoPredictor:
 
 
 def context(num_past: int = 6) -> Context:
-    return street.clip().split(num_past, Grant.NONE)[0]
+    return street.clip().split(num_past, PrivilegedInput.NONE)[0]
 
 
 def test_samples_do_not_depend_on_how_many_are_asked_for(predictor: VideoPredictor) -> None:
@@ -60,12 +60,18 @@ def test_every_clip_and_every_sample_has_its_own_chance() -> None:
     assert noise.shape == (3, 4, 4)
     torch.testing.assert_close(noise[1:2], noise_of(here, 0, range(1, 2), 4))
     assert not torch.equal(noise[0], noise[1])
-    assert not torch.equal(noise[0], noise_of(replace(there, times_s=here.times_s[1:]), 0, range(1), 4)[0])
+    assert not torch.equal(
+        noise[0], noise_of(replace(there, times_s=here.times_s[1:]), 0, range(1), 4)[0]
+    )
 
 
 def test_frames_of_any_size_come_back_as_they_went_in(predictor: VideoPredictor) -> None:
     whole = context()
-    wide = replace(whole, frames=whole.frames[:, 32:96].copy(), intrinsics=whole.intrinsics.cropped(0, 32, 128, 64))
+    wide = replace(
+        whole,
+        frames=whole.frames[:, 32:96].copy(),
+        intrinsics=whole.intrinsics.cropped(0, 32, 128, 64),
+    )
     assert predictor.predict(wide).frames.shape == (1, 4, 64, 128, 3)
 
 
@@ -85,16 +91,23 @@ def test_descriptions_tell_which_weights_and_others_are_refused(
     before, shown = registry.describe(predictor), predictor.predict(context()).frames
     assert registry.build("predictors", before) == predictor
     torch.manual_seed(1)
-    checkpoints.write(checkpoint, name, method, method.build(), {})  # another network under the same name
+    checkpoints.write(
+        checkpoint, name, method, method.build(), {}
+    )  # another network under the same name
     asked = {key: value for key, value in before.items() if key != "fingerprint"}
     other = registry.build("predictors", asked)
     assert registry.describe(other) == {**asked, "fingerprint": other.fingerprint}
     assert other.fingerprint != before["fingerprint"]
-    assert (other.predict(context()).frames != shown).any()  # not the network that was loaded before
+    assert (
+        other.predict(context()).frames != shown
+    ).any()  # not the network that was loaded before
     with pytest.raises(BadData) as refused:
         registry.build("predictors", before)
     found, wanted = other.fingerprint, before["fingerprint"]
-    sentence = f"{checkpoint} has the fingerprint {found}, expected {wanted}: give the weights that are asked for"
+    sentence = (
+        f"{checkpoint} has the fingerprint {found}, expected {wanted}: give the weights that are "
+        "asked for"
+    )
     assert str(refused.value) == f"predictors: {sentence}"
 
 
@@ -119,4 +132,8 @@ def test_the_shipped_weights_predict_and_their_samples_differ(name: str) -> None
     frames = own.predict(context(), num_samples=2).frames.astype(int)
     assert np.abs(frames[0] - frames[1]).max() >= 1
     again = np.abs(frames[0, 0] - context().frames[-1]).mean()
-    assert again < 25  # grey levels, of a drawn street unlike any seen in training: the next frame resembles the last
+    assert (
+        again < 25
+        # grey levels, of a drawn street unlike any seen in training: the next frame resembles the
+        # last
+    )

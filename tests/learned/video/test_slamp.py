@@ -5,7 +5,9 @@ import torch
 from geovp_learned.video.autoencoder import AutoencoderConfig
 from geovp_learned.video.slamp import Architecture, SlampNetwork, SlampTraining, _frame_pairs, warp
 
-ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4, flow_unit_px=2.0)
+ARCHITECTURE = Architecture(
+    AutoencoderConfig("dcgan", 8, 4, 8), 8, latent_size=2, mask_width=4, flow_unit_px=2.0
+)
 
 
 def test_what_is_shown_is_made_of_both_branches_by_the_mask() -> None:
@@ -37,7 +39,9 @@ def test_an_untrained_residual_network_copies_the_last_frame() -> None:
 
 def test_the_loss_is_the_weighted_sum_of_its_parts() -> None:
     torch.manual_seed(0)
-    method = SlampTraining(num_past=2, architecture=ARCHITECTURE, beta=0.5, appearance_weight=2.0, motion_weight=3.0)
+    method = SlampTraining(
+        num_past=2, architecture=ARCHITECTURE, beta=0.5, appearance_weight=2.0, motion_weight=3.0
+    )
     parts = method.losses(method.build()["video"], torch.rand(2, 4, 3, 8, 8))
     wanted = parts["error"] + 2 * parts["appearance"] + 3 * parts["motion"] + 0.5 * parts["nats"]
     torch.testing.assert_close(parts["total"], wanted)

@@ -10,7 +10,9 @@ from geovp_classic.errors import BadData
 from geovp_learned.video.autoencoder import AutoencoderConfig
 from geovp_learned.video.srvp import Architecture, SrvpNetwork, SrvpTraining
 
-ARCHITECTURE = Architecture(AutoencoderConfig("dcgan", 8, 4, 8), 8, 2, state_size=3, latent_size=2, content_size=4)
+ARCHITECTURE = Architecture(
+    AutoencoderConfig("dcgan", 8, 4, 8), 8, 2, state_size=3, latent_size=2, content_size=4
+)
 
 
 class Decay(nn.Module):
@@ -40,7 +42,9 @@ def test_without_residuals_the_frame_repeats() -> None:
     torch.testing.assert_close(made, made[:1, :1].expand_as(made), atol=1e-6, rtol=0)
     with torch.no_grad():
         moving = network().predict(observed, noise)
-    assert float((moving[0, 0] - moving[1, -1]).abs().max()) > 1e-3  # with residuals, steps and samples differ
+    assert (
+        float((moving[0, 0] - moving[1, -1]).abs().max()) > 1e-3
+    )  # with residuals, steps and samples differ
 
 
 @pytest.mark.parametrize(("steps_per_frame", "left"), [(1, 0.0), (2, 0.25), (4, 0.31640625)])
@@ -58,11 +62,15 @@ def test_content_does_not_depend_on_the_order_of_frames() -> None:
     codes = torch.rand(1, 4, 8)
     content = network()._content(codes)
     torch.testing.assert_close(content, network()._content(codes[:, [3, 1, 0, 2]]))
-    torch.testing.assert_close(content, network()._content(codes.repeat(1, 2, 1)))  # nor on their number
+    torch.testing.assert_close(
+        content, network()._content(codes.repeat(1, 2, 1))
+    )  # nor on their number
 
 
 def test_no_predicted_frame_is_fed_back() -> None:
-    """Another decoder shows other images, of the same states: the states know nothing of the images."""
+    """Another decoder shows other images, of the same states: the states know nothing of the
+    images.
+    """
     own = network()
     noise, observed = torch.randn(1, 3, own.noise_size), torch.rand(1, 3, 3, 8, 8)
     seen: list[Tensor] = []
@@ -78,7 +86,9 @@ def test_no_predicted_frame_is_fed_back() -> None:
 
 def test_the_bound_is_in_nats_per_value() -> None:
     images = torch.rand(2, 4, 3, 8, 8)
-    method = SrvpTraining(num_past=2, architecture=ARCHITECTURE, observation_std=0.5, beta=2.0, residual_weight=0.1)
+    method = SrvpTraining(
+        num_past=2, architecture=ARCHITECTURE, observation_std=0.5, beta=2.0, residual_weight=0.1
+    )
     parts = method.losses(network(), images)
     wanted = parts["error"] + parts["first_nats"] + 2 * parts["nats"] + 0.1 * parts["residual"]
     torch.testing.assert_close(parts["total"], wanted)

@@ -28,14 +28,18 @@ def test_the_prior_lags_one_frame_behind_the_posterior() -> None:
     changed = images.clone()
     changed[:, 3] = 1 - changed[:, 3]
     before, after = learned(images), learned(changed)
-    torch.testing.assert_close(before.prior.mean, after.prior.mean)  # predicts the last frame without having seen it
+    torch.testing.assert_close(
+        before.prior.mean, after.prior.mean
+    )  # predicts the last frame without having seen it
     same = before.posterior.mean == after.posterior.mean
     assert bool(same[:, :2].all())
     assert not bool(same[:, 2].any())
 
 
 def test_skips_come_from_an_observed_frame() -> None:
-    """The network predicts frame 3 from frame 2, yet its skips are frame 1's when only two frames count as observed."""
+    """The network predicts frame 3 from frame 2, yet its skips are frame 1's when only two frames
+    count as observed.
+    """
     images = torch.rand(1, 4, 3, 8, 8)
     own = network()
     seen: list[torch.Tensor] = []

@@ -18,7 +18,9 @@ def test_no_flow_moves_nothing() -> None:
 def test_a_flow_of_whole_pixels_moves_pixels_exactly() -> None:
     image = torch.rand(1, 3, 5, 7)
     moved = warp(image, steps(2.0, -1.0))
-    torch.testing.assert_close(moved[..., 1:, :5], image[..., :4, 2:])  # (row, column) shows (row - 1, column + 2)
+    torch.testing.assert_close(
+        moved[..., 1:, :5], image[..., :4, 2:]
+    )  # (row, column) shows (row - 1, column + 2)
 
 
 def test_half_a_pixel_is_the_mean_of_two() -> None:
@@ -46,4 +48,6 @@ def test_the_flows_gradient_is_the_images_slope() -> None:
     flow_px = torch.full((1, 2, 5, 7), 0.25, requires_grad=True)
     warp(image, flow_px)[0, 0, 2, 3].backward()
     torch.testing.assert_close(flow_px.grad[0, :, 2, 3], torch.tensor([3.0, 0.0]))
-    assert float(flow_px.grad.abs().sum()) == pytest.approx(3.0)  # no other pixel's flow matters to it
+    assert float(flow_px.grad.abs().sum()) == pytest.approx(
+        3.0
+    )  # no other pixel's flow matters to it

@@ -1,0 +1,47 @@
+"""Look after data sets."""
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+
+from geovp_benchmarks.arguments import add_json
+from geovp_benchmarks.progress import progress_bar, tracked
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """`doctor`, the only verb so far."""
+    actions = parser.add_subparsers(metavar="VERB", required=True)
+    doctor = actions.add_parser(
+        "doctor", help="what is there, and what is wrong with it, line by line"
+    )
+    doctor.add_argument(
+        "root", type=Path, metavar="ROOT", help="KITTI odometry or raw, TUM, EuRoC, COLMAP, images"
+    )
+    add_json(doctor)
+    doctor.add_argument("--deep", action="store_true", help="decode every image as well")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Print a table of the sequences, the findings, and the splits that can be used."""
+    from geovp_benchmarks.formats import columns
+    from geovp_classic.data import doctor
+
+    with progress_bar("doctor", "sequences") as progress:
+        found = doctor.examine(
+            chosen.root, deep=chosen.deep, watch=lambda names: tracked(names, len(names), progress)
+        )
+    if chosen.json:
+        print(
+            json.dumps(
+                dataclasses.asdict(found) | {"is_sound": found.is_sound}, indent=2, default=str
+            )
+        )
+        return int(not found.is_sound)
+    print(
+        *columns([list(found.rows[0]), *(list(row.values()) for row in found.rows)]), "", sep="\n"
+    )
+    for finding in found.findings:
+        print(f"{finding.severity}: {finding}")
+    print(f"named splits whose frames are all here: {', '.join(found.usable_splits) or 'none'}")
+    return int(not found.is_sound)

@@ -1,0 +1,104 @@
+"""Run a published protocol from nothing: its table beside the published one, and its figures.
+
+Nothing is trained: learned rows use the weights that come with the package, and say below the table
+what these are. The same command goes on where it was interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.progress import progress_bar
+
+if TYPE_CHECKING:
+    from geovp_benchmarks.matrix import Matrix
+    from geovp_benchmarks.store import Cell, Results
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which protocol, on which data, and where the results go."""
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help="a protocol, such as fvs20; `geovp list protocols` describes them",
+    )
+    parser.add_argument(
+        "--root", type=Path, required=True, metavar="FOLDER", help="folder of the data set"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="results folder (default: results/NAME)"
+    )
+    parser.add_argument(
+        "--split",
+        metavar="NAME",
+        help="in place of the protocol's own; thesis: test (the default, sample data) or thesis-like-test (07 and 10)",
+    )
+    parser.add_argument(
+        "--rows",
+        nargs="+",
+        metavar="ROW",
+        help="only these predictors of its matrix (default: all)",
+    )
+    parser.add_argument(
+        "--samples",
+        type=positive,
+        metavar="N",
+        help="at most N samples, where the paper takes more",
+    )
+    parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
+    parser.add_argument(
+        "--keep",
+        default="3",
+        metavar="WHICH",
+        help="clips for film strips, as of `geovp run`: N, worst:psnr",
+    )
+    parser.add_argument(
+        "--workers", type=positive, default=1, metavar="N", help="processes (default: this one)"
+    )
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Inpainter what is missing, print both tables and write them with the figures."""
+    from geovp_benchmarks import formats, plots, reproduction, thesis
+    from geovp_benchmarks.store import Results
+    from geovp_classic.data.atomic import write_bytes
+
+    matrix = reproduction.read_matrix(chosen.name).with_root(chosen.root)
+    matrix = reproduction.chosen_rows(matrix, chosen.split, chosen.samples, chosen.rows)
+    results = Results(chosen.out or Path("results") / chosen.name)
+    cells = _fill(matrix, results, chosen)
+    texts = {ending: render(results) for ending, render in reproduction.TABLES[chosen.name].items()}
+    formats.write_all(results)
+    for ending, text in texts.items():
+        write_bytes(results.tables / f"{chosen.name}.{ending}", text.encode())
+    print(texts["md"])
+    with progress_bar("plots", "figures") as progress:
+        drawn = [path.name for _, files in plots.write_all(results, progress) for path in files]
+    if chosen.name == "thesis":
+        print(*thesis.figures(drawn), sep="\n")
+    print(f"tables: {results.tables}\nplots:  {results.plots}")
+    return int(any(cell.status != "done" for cell in cells))
+
+
+def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[Cell]:
+    """All cells, with the clips that `--keep` asks for; a rule can only be followed once there are
+    scores.
+    """
+    from geovp_benchmarks.cli.run import executor_of, keep_rule
+    from geovp_benchmarks.planning import Options
+    from geovp_benchmarks.run import run as fill
+    from geovp_benchmarks.selection import Ranking
+
+    keep, executor = keep_rule(chosen.keep, matrix), executor_of(chosen.workers)
+    with progress_bar(chosen.name, "predictions") as progress:
+        first = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep)
+        cells = fill(matrix, results, first, executor, progress)
+    if isinstance(keep, Ranking):
+        with progress_bar("chosen clips", "predictions") as progress:
+            cells = fill(
+                matrix, results, Options(chosen.limit, keep.choose(results)), executor, progress
+            )
+    return cells

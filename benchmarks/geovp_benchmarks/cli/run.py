@@ -1,0 +1,199 @@
+"""Compute the missing and stale results of a matrix; can be killed at any moment."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from geovp_benchmarks.arguments import add_device, add_matrix, positive
+from geovp_benchmarks.cli.messages import say, width
+from geovp_benchmarks.progress import announce, progress_bar
+from geovp_classic.errors import BadData
+
+if TYPE_CHECKING:
+    from geovp_benchmarks.executors import Executor
+    from geovp_benchmarks.locking import Claim
+    from geovp_benchmarks.matrix import Matrix
+    from geovp_benchmarks.selection import Ranking, Selection
+    from geovp_benchmarks.store import Cell, Results
+
+KEEP = """keep the predictions of N clips (3), of all, of clips named with commas between, or of three clips chosen by a
+score: worst:METRIC, best:METRIC or median:METRIC of the first complete row, pose sources with renderers first, or
+worst:METRIC:ROW. Chosen clips are known after the run: all rows are computed on them once more"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What to run, where, and how much of it."""
+    add_matrix(parser, "a matrix file, or the name of a built-in one such as demo")
+    parser.add_argument(
+        "--root", type=Path, metavar="FOLDER", help="folder of the data set, in place of the file's"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="results folder (default: results/<name of the file>)",
+    )
+    parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
+    add_device(parser)
+    parser.add_argument("--keep", default="3", metavar="WHICH", help=KEEP)
+    parser.add_argument(
+        "--fresh",
+        action="store_true",
+        help="compute anew what another version of the code computed",
+    )
+    set_help = (
+        "a setting of the file, such as protocol.stride=20 or renderers.fusion.fill.name=telea; "
+        "again for more"
+    )
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=set_help)
+    dry_help = "say what is to do, how long and how large it would be, and write nothing"
+    parser.add_argument("--dry-run", action="store_true", help=dry_help)
+    parser.add_argument("--no-report", action="store_true", help="no plots and no report")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers",
+        type=positive,
+        metavar="N",
+        help="processes on this machine (default: this one)",
+    )
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="a Dask cluster that sees the same folders"
+    )
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Compute, then write all views of the results; of several data sets one after the other."""
+    with progress_bar(chosen.matrix.stem, "predictions"):
+        announce("starting")
+        from geovp_benchmarks import multiple_datasets
+        from geovp_benchmarks.store import Results
+        from geovp_classic.data.atomic import write_bytes
+
+        matrices = multiple_datasets.read(chosen.matrix, chosen.root, chosen.set)
+    whole = Results(chosen.out or Path("results") / chosen.matrix.stem)
+    if not chosen.dry_run:
+        whole.write_datasets([*matrices])
+    codes = [
+        _fill(chosen, matrix, Results(whole.root / label)) for label, matrix in matrices.items()
+    ]
+    if len(codes) > 1 and not chosen.dry_run:
+        text = multiple_datasets.side_by_side(whole)
+        write_bytes(whole.tables / "datasets.md", text.encode())
+        print(multiple_datasets.side_by_side(whole, width()))
+    return max(codes)
+
+
+def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
+    """Compute the cells of one data set while no other protocol's run may; the exit code."""
+    from geovp_benchmarks.locking import results_lock, unclaimed
+
+    with nullcontext(unclaimed) if chosen.dry_run else results_lock(results.root) as claim:
+        return _filled(chosen, matrix.with_device(chosen.device), results, claim)
+
+
+def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim: Claim) -> int:
+    with progress_bar(matrix.name, "predictions") as progress:
+        announce("starting")
+        from geovp_benchmarks.planning import Options
+        from geovp_benchmarks.run import run as fill
+        from geovp_benchmarks.selection import Ranking
+
+        keep = keep_rule(chosen.keep, matrix)
+        options = Options(
+            chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh, claim
+        )
+        if chosen.dry_run:
+            from geovp_benchmarks import dry_run
+
+            plan, rows = dry_run.rows(matrix, results, options, progress)
+            print(*dry_run.describe(plan, rows, chosen.workers or 1), sep="\n")
+            return 0
+        executor, before = executor_of(chosen.workers, chosen.scheduler), results.set_aside()
+        cells = fill(matrix, results, options, executor, progress)
+    if results.set_aside() - before:
+        kept = results.root / "earlier"
+        say.warning(
+            f"the protocol or settings changed: earlier rows are kept in {kept} and come back "
+            "with the old ones"
+        )
+    if isinstance(keep, Ranking):
+        try:
+            options = dataclasses.replace(options, keep=keep.choose(results))
+        except BadData:
+            conclude(results, cells, with_report=not chosen.no_report)
+            raise
+        with progress_bar("chosen clips", "predictions") as progress:
+            cells = fill(matrix, results, options, executor, progress)
+    return conclude(results, cells, with_report=not chosen.no_report)
+
+
+def conclude(
+    results: Results, cells: Sequence[Cell], with_report: bool, as_json: bool = False
+) -> int:
+    """Print the table, write all views, and say how the cells ended."""
+    from geovp_benchmarks import formats, report, tables
+
+    built = tables.build(results)
+    print(formats.as_json(built[:1]) if as_json else formats.markdown(built[0], width()))
+    formats.write_all(results, built)
+    paths = [f"tables: {results.tables}"]
+    if with_report and any(cell.num_clips for cell in cells):
+        with progress_bar("plots", "figures") as progress:
+            report.write(results, progress)
+        paths += [f"plots:  {results.plots}", f"report: {results.report}"]
+    print(*([] if as_json else paths), sep="\n", end="" if as_json else "\n")
+    return _judge(cells)
+
+
+def _judge(cells: Sequence[Cell]) -> int:
+    """Say how the cells ended, and return the exit code."""
+    count = len(cells)
+    outdated = sum(cell.num_outdated > 0 for cell in cells)
+    if outdated:
+        say.warning(
+            f"{outdated} of {count} cells hold rows that another version of the code computed "
+            "(named below the table): "
+            "`geovp run --fresh` computes them anew"
+        )
+    left = sum(cell.status != "done" for cell in cells)
+    if left:
+        say.error(f"{left} of {count} cells are not done: see below the table")
+    partly = sum(cell.num_failed > 0 for cell in cells if cell.status == "done")
+    if partly:
+        say.error(
+            f"{partly} of {count} cells could not predict some clips, which are scored as "
+            "copies of the last frame: "
+            "see below the table"
+        )
+    return int(left + partly > 0)
+
+
+def executor_of(workers: int | None, scheduler: str | None = None) -> Executor:
+    """What runs the tasks: this process, several of this machine, or a Dask cluster."""
+    from geovp_classic import registry
+
+    spec: dict[str, object] = {"name": "serial"}
+    if workers is not None and workers > 1:
+        spec = {"name": "processes", "workers": workers}
+    if scheduler is not None:
+        spec = {"name": "dask", "address": scheduler}
+    executor: Executor = registry.build("executors", spec)
+    return executor
+
+
+def keep_rule(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
+    """What --keep asks for: a number, clips, a rule, or None for all."""
+    from geovp_benchmarks.selection import NAMED, WHICH, Ranking, Selection
+
+    if text == "all":
+        return None
+    if text.removeprefix("-").isdecimal():
+        return max(0, int(text))
+    if ":" in text or text in WHICH:
+        return Ranking.parse(text, matrix)
+    return Selection(tuple(text.split(",")), NAMED)

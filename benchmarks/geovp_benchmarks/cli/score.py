@@ -1,0 +1,50 @@
+"""Score the kept predictions again, with the metrics as they are now."""
+
+import argparse
+import os
+from pathlib import Path
+
+from geovp_benchmarks.arguments import add_device, add_json, add_results_folder
+from geovp_benchmarks.cli.run import conclude
+from geovp_benchmarks.progress import progress_bar
+from geovp_classic.errors import BadData
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which predictions, with which metrics, and where to."""
+    add_results_folder(parser)
+    parser.add_argument(
+        "--metrics", type=Path, metavar="MATRIX.toml", help="take [metrics] from this file"
+    )
+    add_json(parser)
+    add_device(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to (default: DIR-rescored)")
+
+
+def run(chosen: argparse.Namespace) -> int:
+    """Write a results folder of the kept clips alone."""
+    from geovp_benchmarks import matrix as matrices
+    from geovp_benchmarks.components import on_device
+    from geovp_benchmarks.metric_set import MetricSet
+    from geovp_benchmarks.rescoring import rescore, stored_metrics
+    from geovp_benchmarks.store import Results
+
+    folder = Path(os.path.realpath(chosen.folder))
+    results = Results(chosen.folder)
+    into = Results(chosen.out or folder.with_name(f"{folder.name}-rescored"))
+    if os.path.realpath(into.root) == os.path.realpath(results.root):
+        raise BadData(
+            f"--out {into.root} is the folder that is scored: give another one, stored rows "
+            "stay as they are"
+        )
+    matrix = (
+        None if chosen.metrics is None else matrices.read(chosen.metrics).with_device(chosen.device)
+    )
+    with on_device(chosen.device if matrix is None else matrix.device):
+        if matrix is None:
+            metrics = stored_metrics(results)
+        else:
+            metrics = MetricSet.build(matrix.frame_metrics, matrix.trajectory_metrics)
+    with progress_bar("score", "cells") as progress:
+        cells = rescore(results, into, metrics, progress)
+    return conclude(into, cells, with_report=False, as_json=chosen.json)

@@ -1,0 +1,208 @@
+"""How methods degrade: clips disturbed in 24 ways and four strengths, and what is left over copying
+the last frame.
+
+A line a disturbance and strength, a column a pose source and renderer: mean PSNR over steps and
+clips, less that of the disturbed last frame, copied; as curves with `--plot`. What lasts (noise,
+dimming, a hood, a lorry ahead) is in the real future as well; what passes (a black frame, a swap)
+is not. `<` marks cells more than LIMIT_DB below copying, `-` those that could not be predicted.
+"""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geovp_benchmarks.arguments import figure_file, positive
+from geovp_benchmarks.progress import Progress
+from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs, predict
+from geovp_benchmarks.studies.disturbance.kinds import (
+    DISTURBANCES,
+    NUM_STRENGTHS,
+    Disturbance,
+    Level,
+)
+from geovp_classic import registry
+from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.rendering.image_sampler import resampled
+from geovp_classic.rendering.patches import Source
+from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Target
+
+LIMIT_DB = 0.5
+
+
+def columns() -> dict[str, tuple[Any, Any]]:
+    """Pose source and renderer of each column."""
+    sources = {"true": {"name": "ground-truth"}, "vo": {"name": "chained"}}
+    renderers: dict[str, dict[str, Any]] = {
+        "crop": {"name": "depth-fusion"},
+        "full": {"name": "depth-fusion", "frames": "full"},
+        "plane": {"name": "ground-far-plane"},
+    }
+    return {
+        f"{source} {renderer}": (
+            registry.build("pose_sources", {"name": "refined", "source": spec}),
+            registry.build("renderers", renderers[renderer]),
+        )
+        for source, spec in sources.items()
+        for renderer in renderers
+    }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the data is, and what of it."""
+    parser.add_argument(
+        "root", type=Path, metavar="ROOT", help="a folder laid out as KITTI odometry"
+    )
+    parser.add_argument(
+        "frames", nargs="*", default=STRETCHES[:2], metavar="FRAMES", help="stretches of sequences"
+    )
+    parser.add_argument(
+        "--stride", type=positive, default=60, metavar="N", help="frames between clips' starts (60)"
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        help="only these disturbances, by the words of the table",
+    )
+    parser.add_argument(
+        "--plot", type=figure_file, metavar="FILE", help="draw curves, as png, pdf or svg"
+    )
+    parser.add_argument(
+        "--page", type=Path, metavar="FILE", help="write the page; what is under its Notes stays"
+    )
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The table."""
+    names = chosen.only or list(DISTURBANCES)
+    if unknown := [name for name in names if name not in DISTURBANCES]:
+        raise BadData(
+            f"no disturbance is called {unknown[0]!r}{registry.nearest(unknown[0], DISTURBANCES)}"
+        )
+    specs = [
+        {**spec, "with_full": True}
+        for spec in dataset_specs(chosen.root, chosen.frames, chosen.stride)
+    ]
+    clips = [
+        dataset[number]
+        for dataset in (registry.build("datasets", s) for s in specs)
+        for number in range(len(dataset))
+    ]
+    cells = columns()
+    what = f"{len(clips)} clips of {', '.join(chosen.frames)}; dB over copying the last frame"
+    yield what
+    yield f"{'disturbance':<32}" + "".join(f"{name:>12}" for name in cells)
+    levels = [
+        (name, level)
+        for name in names
+        for level in range(1 if name in ("none", "standing") else NUM_STRENGTHS)
+    ]
+    found: dict[str, list[FloatArray]] = {name: [] for name in names}
+    for done, (name, level) in enumerate(levels, 1):
+        gains = np.array(
+            [[gain_db(clip, name, level, *cell) for cell in cells.values()] for clip in clips]
+        )
+        found[name].append(_mean(gains))
+        progress(done, len(levels))
+        yield f"{name} {level + 1}".ljust(32) + "".join(_text(gain) for gain in found[name][-1])
+    means = {name: np.array(gains) for name, gains in found.items()}
+    if chosen.plot is not None:
+        from geovp_benchmarks.plots.disturbance import disturbance_figure
+
+        pairs = [(source, renderer) for source, renderer in (name.split() for name in cells)]
+        disturbance_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
+    if chosen.page is not None:
+        from geovp_benchmarks.formats import write_page
+
+        frames = " ".join(f"'{one}'" for one in chosen.frames)
+        command = f"geovp study disturbance path/to/kitti {frames} --stride {chosen.stride}"
+        write_page(
+            chosen.page,
+            "Disturbances",
+            [command],
+            "the same with `--page`",
+            _page(what, list(cells), means),
+        )
+
+
+def gain_db(clip: Clip, name: str, level: Level, source: Any, renderer: Any) -> float:
+    """Mean PSNR over SCORED steps, less that of the copied last frame; NaN where nothing could be
+    predicted.
+    """
+    metric = registry.build("frame_metrics", "psnr")
+    context, target = disturbed(clip, DISTURBANCES[name], level, source.needs | renderer.needs)
+    try:
+        predicted = predict(context, source, renderer)
+    except GeovpError:
+        return float("nan")
+    actual, copied = (
+        target.frames[np.array(SCORED)],
+        np.repeat(context.frames[-1:], len(SCORED), axis=0),
+    )
+    return float((metric(predicted, actual, None) - metric(copied, actual, None)).mean())
+
+
+def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[Context, Target]:
+    """Context and target of the disturbed clip."""
+    order = what.order(level)
+
+    def images(frames: ByteArray) -> ByteArray:
+        return np.stack(
+            [what.image(frames[shown], step, level) for step, shown in enumerate(order)]
+        )
+
+    wide = clip.full and ExtraView(
+        images(clip.full.frames), clip.full.intrinsics, clip.full.view_from_cam
+    )
+    frames = images(clip.frames)
+    if wide is not None and what.crop_from_wide:
+        sources = (Source(frame, wide.intrinsics, wide.view_from_cam) for frame in wide.frames)
+        frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
+    changes: dict[str, Any] = {"frames": frames, "full": wide}
+    if what.poses_follow and clip.trajectory is not None:
+        changes["trajectory"] = replace(
+            clip.trajectory, world_from_cam=clip.trajectory.world_from_cam[order]
+        )
+    context, target = replace(clip, **changes).split(NUM_PAST, needs)
+    return what.context(context, level), target
+
+
+def _mean(gains: FloatArray) -> FloatArray:
+    """Means [cells] over the clips [clips, cells] that could be predicted; NaN where none could."""
+    known = np.isfinite(gains)
+    total, count = np.where(known, gains, 0).sum(axis=0), known.sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _text(gain: float) -> str:
+    if not np.isfinite(gain):
+        return f"{'-':>12}"
+    return f"{gain:>11.1f}" + ("<" if gain < -LIMIT_DB else " ")
+
+
+def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
+    """What is written of the table, in Markdown."""
+    from geovp_benchmarks.formats import grid
+
+    rows = [["disturbance, strength", *cells]]
+    for name, gains in means.items():
+        for level, line in enumerate(gains, 1):
+            texts = [f"**{gain:.1f}**" if gain < -LIMIT_DB else f"{gain:.1f}" for gain in line]
+            rows.append([f"{name} {level}", *("-" if text == "nan" else text for text in texts)])
+    values, names = np.concatenate(list(means.values())), np.array(cells)
+    crop, wide = (values[:, np.char.endswith(names, renderer)] for renderer in ("crop", "full"))
+    below, behind = (values < -LIMIT_DB).sum(), (wide < crop - LIMIT_DB).sum()
+    lines = [
+        f"{what}, mean of horizons {', '.join(str(step + 1) for step in SCORED)}.",
+        "True: recorded poses, refined; vo: odometry and motion prior, refined. Crop and wide: "
+        "depth fusion; plane:",
+        f"ground-far-plane. Below -{LIMIT_DB} dB in **bold** ({below} of {values.size}); - "
+        "where nothing was "
+        "predicted.",
+        f"Uncropped frames are more than {LIMIT_DB} dB behind the crop in {behind} of {wide.size}.",
+    ]
+    return "\n".join([*lines, "", *grid(rows)])

@@ -1,0 +1,222 @@
+"""What can happen to the frames of a clip, each in four strengths."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from geovp_benchmarks.studies.ablation import NUM_FUTURE, NUM_PAST
+from geovp_classic.types import ByteArray, Context, Intrinsics
+
+NUM_STRENGTHS = 4
+NUM_STEPS = NUM_PAST + NUM_FUTURE
+HEIGHT_PX = 256  # lengths in pixels are of an image of this height
+
+Level = int  # 0 to NUM_STRENGTHS - 1
+Image = Callable[
+    [ByteArray, int, Level], ByteArray
+]  # the frame of a step (0 to NUM_STEPS - 1), disturbed
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What happens to a clip."""
+
+    image: Image = lambda image, step, level: image
+    order: Callable[[Level], list[int]] = lambda level: list(
+        range(NUM_STEPS)
+    )  # which frame is shown at each step
+    context: Callable[[Context, Level], Context] = lambda context, level: context
+    poses_follow: bool = False  # whether the true poses take the frames' order
+    crop_from_wide: bool = (
+        False  # what comes into the crop from beside it is what the whole frame shows there
+    )
+
+
+def _gain(*factors: float, steps: range = range(NUM_STEPS)) -> Image:
+    return lambda image, step, level: _scaled(image, factors[level]) if step in steps else image
+
+
+def _scaled(image: ByteArray, factor: float, offset: float = 0.0) -> ByteArray:
+    return np.asarray(cv2.convertScaleAbs(image, alpha=factor, beta=offset))
+
+
+def _flicker(image: ByteArray, step: int, level: Level) -> ByteArray:
+    return (
+        _scaled(image, 1 - (0.1, 0.2, 0.4, 0.6)[level] * (step % 2)) if step < NUM_PAST else image
+    )
+
+
+def _noise(image: ByteArray, step: int, level: Level) -> ByteArray:
+    noise = np.random.default_rng([step, level]).normal(0, (5, 15, 30, 60)[level], image.shape)
+    return np.clip(image + noise, 0, 255).astype(np.uint8)
+
+
+def _blur(image: ByteArray, step: int, level: Level) -> ByteArray:
+    if step != NUM_PAST - 3:
+        return image
+    length = max(2, round((5, 10, 20, 40)[level] * len(image) / HEIGHT_PX))
+    return np.asarray(cv2.blur(image, (length, 1)))
+
+
+def _hood(image: ByteArray, step: int, level: Level) -> ByteArray:
+    hooded = image.copy()
+    hooded[round(len(image) * (1 - (0.05, 0.1, 0.2, 0.3)[level])) :] = 40  # brighter than a bar
+    return hooded
+
+
+def _bars(image: ByteArray, step: int, level: Level) -> ByteArray:
+    """Black bars above and below, as of a film."""
+    barred, rows = image.copy(), round(len(image) * (0.04, 0.08, 0.12, 0.2)[level])
+    barred[:rows] = barred[len(image) - rows :] = 0
+    return barred
+
+
+def _rain(image: ByteArray, step: int, level: Level) -> ByteArray:
+    rng, wet = np.random.default_rng([step, level]), image.copy()
+    height, width = image.shape[:2]
+    for _ in range((40, 100, 250, 600)[level] * width // height):
+        u, v = int(rng.integers(width)), int(rng.integers(height))
+        cv2.line(wet, (u, v), (u + height // 80, v + height // 16), (200, 200, 200), 1, cv2.LINE_AA)
+    return wet
+
+
+def _tilt(image: ByteArray, step: int, level: Level) -> ByteArray:
+    height, width = image.shape[:2]
+    turn = cv2.getRotationMatrix2D((width / 2 - 0.5, height / 2 - 0.5), (2, 5, 10, 20)[level], 1)
+    return np.asarray(cv2.warpAffine(image, turn, (width, height), borderMode=cv2.BORDER_REFLECT))
+
+
+def _flat(value: int) -> Image:
+    return lambda image, step, level: (
+        np.full_like(image, value) if 5 - level <= step <= 5 + level // 3 else image
+    )
+
+
+def _bus(image: ByteArray, step: int, level: Level) -> ByteArray:
+    """A vehicle that crosses from left to right, a third of the image's height a second."""
+    height, width = image.shape[:2]
+    rows = slice(round(0.28 * height), round(0.88 * height))
+    length, left = (
+        round((0.3, 0.6, 0.8, 1.0)[level] * height),
+        round((0.035 * step - 0.2) * height) + (width - height) // 2,
+    )
+    side = _spotted(length, rows.stop - rows.start, level)
+    columns = np.arange(max(left, 0), min(left + length, width))
+    crossed = image.copy()
+    crossed[rows, columns] = side[:, columns - left, None]
+    return crossed
+
+
+def _lorry(image: ByteArray, step: int, level: Level) -> ByteArray:
+    """A vehicle right ahead at one distance, its foot on the road, that shakes a little."""
+    height, width = image.shape[:2]
+    side = round((0.25, 0.35, 0.45, 0.6)[level] * height)
+    shakes = (
+        np.random.default_rng(level)
+        .normal(0, 0.05 * height / HEIGHT_PX, (NUM_STEPS, 2))
+        .cumsum(axis=0)[step]
+    )
+    corner = np.array([(width - side) / 2, 0.46 * height + 0.42 * side - 0.95 * side]) + shakes
+    place = np.array([[1, 0, corner[0]], [0, 1, corner[1]]])
+    back = cv2.cvtColor(_spotted(side, round(0.95 * side), level), cv2.COLOR_GRAY2RGB)
+    followed = image.copy()
+    cv2.warpAffine(back, place, (width, height), followed, borderMode=cv2.BORDER_TRANSPARENT)
+    return followed
+
+
+def _spotted(width: int, height: int, seed: int) -> ByteArray:
+    spots = np.random.default_rng(seed).random((40, 60)).astype(np.float32)
+    grey = 40 + 160 * cv2.resize(spots, (width, height), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    return grey.astype(np.uint8)
+
+
+def _shown(changes: Callable[[Level], Mapping[int, int]]) -> Callable[[Level], list[int]]:
+    return lambda level: [changes(level).get(step, step) for step in range(NUM_STEPS)]
+
+
+def _pattern(image: ByteArray, step: int, level: Level) -> ByteArray:
+    side = max(1, round((4, 8, 16, 32)[level] * len(image) / HEIGHT_PX))
+    v, u = np.indices(image.shape[:2]) // side
+    tiles: ByteArray = np.asarray(40 + 160 * ((u + v) % 2), np.uint8)
+    return np.repeat(tiles[:, :, None], 3, axis=2)
+
+
+def _camera(
+    change: Callable[[Intrinsics, Intrinsics, Level], Intrinsics],
+) -> Callable[[Context, Level], Context]:
+    """Crop and whole frame seen by a camera that was calibrated wrongly."""
+
+    def changed(context: Context, level: Level) -> Context:
+        crop, wide = context.intrinsics, context.full
+        if wide is not None:
+            wide = replace(wide, intrinsics=change(wide.intrinsics, crop, level))
+        return replace(context, intrinsics=change(crop, crop, level), full=wide)
+
+    return changed
+
+
+def _focal(camera: Intrinsics, crop: Intrinsics, level: Level) -> Intrinsics:
+    factor = (1.05, 1.1, 1.2, 1.4)[level]
+    return replace(camera, fx_px=camera.fx_px * factor, fy_px=camera.fy_px * factor)
+
+
+def _centre(camera: Intrinsics, crop: Intrinsics, level: Level) -> Intrinsics:
+    off = (
+        (0.05, 0.1, 0.2, 0.4)[level] * crop.cx_px / crop.fx_px
+    )  # the tangent of one angle for both
+    return replace(camera, cx_px=camera.cx_px + off * camera.fx_px)
+
+
+def _jittered_times(context: Context, level: Level) -> Context:
+    step_s = float(np.diff(context.times_s).mean())
+    shifts = (
+        np.random.default_rng(level).uniform(-0.5, 0.5, len(context.times_s))
+        * (0.1, 0.3, 0.6, 0.9)[level]
+    )
+    return replace(context, times_s=context.times_s + shifts * step_s)
+
+
+STANDING: Callable[[Level], list[int]] = lambda level: [NUM_PAST - 1] * NUM_STEPS  # noqa: E731
+DISTURBANCES = {
+    "none": Disturbance(),
+    "black frames": Disturbance(_flat(0)),
+    "white frames": Disturbance(_flat(255)),
+    "repeated frames": Disturbance(
+        order=_shown(
+            lambda n: dict.fromkeys(range(6, 7 + (0, 0, 1, 2)[n]), 5) | ({9: 8} if n else {})
+        )
+    ),
+    "swapped frames": Disturbance(
+        order=_shown(
+            lambda n: ({4: 5, 5: 4}, {7: 8, 8: 7}, {8: 9, 9: 8}, {2: 3, 3: 2, 8: 9, 9: 8})[n]
+        )
+    ),
+    "another scene before": Disturbance(
+        lambda image, step, n: image[:, ::-1] if step < (3, 5, 7, 8)[n] else image
+    ),
+    "one blurred frame": Disturbance(_blur),
+    "noise": Disturbance(_noise),
+    "rain": Disturbance(_rain),
+    "dim": Disturbance(_gain(0.5, 0.25, 0.1, 0.05)),
+    "low contrast": Disturbance(
+        lambda image, step, n: _scaled(image, (0.5, 0.25, 0.1, 0.05)[n], 100)
+    ),
+    "darker from frame 5 on": Disturbance(_gain(0.7, 0.5, 0.25, 0.1, steps=range(5, NUM_STEPS))),
+    "darker from the last frame on": Disturbance(
+        _gain(0.7, 0.5, 0.25, 0.1, steps=range(NUM_PAST - 1, NUM_STEPS))
+    ),
+    "flicker": Disturbance(_flicker),
+    "tilt": Disturbance(_tilt, crop_from_wide=True),
+    "hood": Disturbance(_hood),
+    "black bars": Disturbance(_bars),
+    "lorry ahead": Disturbance(_lorry),
+    "wrong focal length": Disturbance(context=_camera(_focal)),
+    "wrong principal point": Disturbance(context=_camera(_centre)),
+    "jittered times": Disturbance(context=_jittered_times),
+    "standing": Disturbance(order=STANDING, poses_follow=True),
+    "standing with noise": Disturbance(_noise, STANDING, poses_follow=True),
+    "standing behind a bus": Disturbance(_bus, STANDING, poses_follow=True),
+    "standing before a pattern": Disturbance(_pattern, STANDING, poses_follow=True),
+}

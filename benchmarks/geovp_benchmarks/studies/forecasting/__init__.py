@@ -1,0 +1,224 @@
+"""Measure forecasters on pose files alone, and fit their constants."""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+from geovp_benchmarks.arguments import add_json, figure_file
+from geovp_benchmarks.progress import Progress
+
+TRAIN, VAL, TEST = (
+    "00 02 08 09",
+    "01 04",
+    "03 05 06 07 10",
+)  # of KITTI odometry, as in DeepVO's paper
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The verbs `evaluate` and `fit-...`; each sets `lines`, a function with the arguments of
+    `run`.
+    """
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    evaluate = verbs.add_parser(
+        "evaluate", help="all forecasters on windows of pose files, as a table"
+    )
+    _add_input(evaluate, TEST)
+    evaluate.add_argument(
+        "--num-past", type=int, default=10, metavar="N", help="poses that a forecaster sees (10)"
+    )
+    evaluate.add_argument(
+        "--num-future", type=int, default=20, metavar="N", help="poses that it forecasts (20)"
+    )
+    evaluate.add_argument(
+        "--stride", type=int, default=5, metavar="N", help="frames between two windows' starts (5)"
+    )
+    evaluate.add_argument("--only", nargs="+", metavar="ROW", help="only these rows")
+    evaluate.add_argument(
+        "--coefficients", type=Path, metavar="FILE", help="a motion prior of fit-prior (packaged)"
+    )
+    evaluate.add_argument(
+        "--noise",
+        type=float,
+        default=0.0,
+        metavar="X",
+        help="odometry errors: X times 2 cm and 0.05 degrees a step",
+    )
+    evaluate.add_argument(
+        "--scale-error",
+        type=float,
+        default=0.0,
+        metavar="X",
+        help="odometry errors: lengths off by X as a share",
+    )
+    picture = "also draw a reliability diagram of the predictive distributions (.png, .pdf, .svg)"
+    evaluate.add_argument("--plot", type=figure_file, metavar="FILE", help=picture)
+    add_json(evaluate)
+    evaluate.set_defaults(lines=_evaluate)
+    best = verbs.add_parser(
+        "best-of", help="the nearest of a few futures, drawn and representative, as a table"
+    )
+    _add_input(best, TEST)
+    best.add_argument(
+        "--stride",
+        type=int,
+        default=20,
+        metavar="N",
+        help="frames between two windows' starts (20)",
+    )
+    best.add_argument(
+        "--counts",
+        type=int,
+        nargs="+",
+        default=[1, 5, 10, 20],
+        metavar="K",
+        help="futures (1 5 10 20)",
+    )
+    best.set_defaults(lines=_best_of)
+    kalman = verbs.add_parser(
+        "fit-kalman", help="noise of the Kalman forecasters, by maximum likelihood"
+    )
+    prior = verbs.add_parser("fit-prior", help="the motion prior")
+    body = verbs.add_parser("fit-body-motion", help="heave, pitch and roll over the plane")
+    for fit, lines in ((kalman, _fit_kalman), (prior, _fit_prior), (body, _fit_body_motion)):
+        _add_input(fit, TRAIN)
+        fit.add_argument(
+            "--out", type=Path, required=True, metavar="FILE", help="the file to write"
+        )
+        fit.set_defaults(lines=lines)
+    speeds = verbs.add_parser(
+        "fit-speeds", help="driving speeds, for clips in which no road is found"
+    )
+    _add_input(speeds, TRAIN)
+    speeds.add_argument(
+        "--others", nargs="*", default=VAL.split(), metavar="NN", help="count for the spread alone"
+    )
+    speeds.set_defaults(lines=_fit_speeds)
+    for verb in (prior, body):
+        verb.add_argument(
+            "--calibrate",
+            nargs="*",
+            default=VAL.split(),
+            metavar="NN",
+            help="only the regions' size is set on these",
+        )
+
+
+def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    """The lines of the chosen verb."""
+    yield from chosen.lines(chosen, progress)
+
+
+def _add_input(verb: argparse.ArgumentParser, names: str) -> None:
+    verb.add_argument(
+        "poses",
+        type=Path,
+        metavar="POSES_DIR",
+        help="NN.txt, times in NN_times.txt or ../sequences",
+    )
+    verb.add_argument(
+        "--sequences", nargs="+", default=names.split(), metavar="NN", help=f"sequences ({names})"
+    )
+
+
+def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.studies.forecasting import evaluation, tables
+    from geovp_classic.errors import UnknownComponent
+
+    forecasters = evaluation.forecasters(chosen.coefficients)
+    for name in chosen.only or ():
+        if name not in forecasters:
+            raise UnknownComponent(f"no row is called {name!r}: known are {', '.join(forecasters)}")
+    rows = {name: forecasters[name] for name in chosen.only or forecasters}
+    corruption = None
+    if chosen.noise > 0 or chosen.scale_error > 0:
+        corruption = evaluation.OdometryNoise(
+            0.02 * chosen.noise, 0.05 * chosen.noise, chosen.scale_error
+        )
+    windows = evaluation.read_windows(
+        chosen.poses, chosen.sequences, chosen.num_past, chosen.num_future, chosen.stride
+    )
+    scores = evaluation.evaluate(windows, rows, corruption, progress)
+    if chosen.plot is not None:
+        from geovp_benchmarks.plots.reliability import reliability_figure
+
+        reliability_figure(scores).savefig(chosen.plot, bbox_inches="tight")
+    if chosen.json:
+        yield tables.as_json(scores, chosen.sequences)
+        return
+    yield f"{len(windows)} windows of {', '.join(chosen.sequences)}"
+    yield from tables.as_lines(scores)
+
+
+def _best_of(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.studies.forecasting import best_of
+    from geovp_benchmarks.studies.forecasting.evaluation import read_windows
+    from geovp_classic.errors import BadData
+
+    if min(chosen.counts) < 1:
+        raise BadData(f"--counts {min(chosen.counts)}: expected 1 or more futures")
+    windows = {
+        name: read_windows(chosen.poses, [name], stride=chosen.stride) for name in chosen.sequences
+    }
+    flat, names = zip(
+        *((window, name) for name, each in windows.items() for window in each), strict=True
+    )
+    yield f"{len(flat)} windows of {', '.join(chosen.sequences)}"
+    table = best_of.errors(flat, best_of.forecasters(), chosen.counts, progress)
+    yield from best_of.as_lines(table, chosen.counts, names)
+
+
+def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.fitting import kalman_noise
+    from geovp_benchmarks.studies.forecasting.evaluation import read_windows
+
+    windows = read_windows(chosen.poses, chosen.sequences, stride=40)
+    fitted, starts = {}, kalman_noise.initial_models()
+    for done, (name, start) in enumerate(starts.items()):
+        progress(done, len(starts))
+        fitted[name] = kalman_noise.fit(windows, start)
+        yield f"{name}: {fitted[name]}"
+    progress(len(starts), len(starts))
+    chosen.out.write_text(kalman_noise.as_toml(fitted), encoding="utf-8")
+    yield f"written to {chosen.out}"
+
+
+def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    import numpy as np
+
+    from geovp_benchmarks.fitting import prior
+    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
+
+    train, others = (
+        read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
+    )
+    coefficients = prior.fit(train, prior.Plan(), others, progress)
+    with chosen.out.open("wb") as stream:
+        np.savez(stream, allow_pickle=False, **prior.packed(coefficients))
+    yield f"written to {chosen.out}"
+
+
+def _fit_speeds(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
+    from geovp_classic.odometry import speed_prior
+
+    drives, others = (
+        read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.others)
+    )
+    found = speed_prior.fit(drives, others)
+    yield f"median_m_s = {found.median_m_s:.1f}"
+    yield f"spread = {found.spread:.2f}"
+
+
+def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
+    import numpy as np
+
+    from geovp_benchmarks.fitting import body_motion
+    from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
+
+    train, others = (
+        read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
+    )
+    coefficients = body_motion.fit(train, others)
+    with chosen.out.open("wb") as stream:
+        np.savez_compressed(stream, allow_pickle=False, **body_motion.packed(coefficients))
+    yield f"written to {chosen.out}"

@@ -1,0 +1,56 @@
+"""The next frames of a webcam as a recording."""
+
+import time
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from geovp_classic.data.windows import Recording
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray, Intrinsics
+
+NUM_FRAMES = 45  # so that the focal length can be estimated
+MIN_STEP_S = 0.08  # frames that follow faster are left out: forecasts were made for 10 Hz
+
+
+@dataclass(frozen=True)
+class HeldFrames:
+    """Frames in memory."""
+
+    frames: tuple[ByteArray, ...]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read(self, index: int) -> ByteArray:
+        """One frame [H, W, 3]."""
+        return self.frames[index]
+
+
+def record(number: int, num_frames: int) -> Recording:
+    """The next frames of a webcam with the times at which they came; BadData without
+    such a camera.
+    """
+    capture, frames, times_s = cv2.VideoCapture(number), list[ByteArray](), list[float]()
+    try:
+        while len(frames) < num_frames:
+            good, image = capture.read()
+            if not good or image is None:
+                raise BadData(
+                    f"webcam {number} gives no frames: plug it in, or give a video or a folder "
+                    "of images"
+                )
+            now_s = time.monotonic()
+            if not times_s or now_s - times_s[-1] >= MIN_STEP_S:
+                frames.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8))
+                times_s.append(now_s)
+    finally:
+        capture.release()
+    height_px, width_px = frames[0].shape[:2]
+    unknown = Intrinsics(
+        width_px, width_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
+    )
+    return Recording(
+        f"webcam-{number}", HeldFrames(tuple(frames)), np.array(times_s) - times_s[0], unknown
+    )

@@ -1,0 +1,32 @@
+"""Fast marching inpainting (Telea 2004)."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from geovp_classic.errors import BadData
+from geovp_classic.rendering.inpainting import inpaint_each
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Views
+
+
+@dataclass(frozen=True)
+class Telea:
+    """Fast marching inpainting (Telea 2004); `radius_px` is the neighbourhood it averages."""
+
+    radius_px: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not self.radius_px > 0:
+            raise BadData(f"radius_px is {self.radius_px}, expected a positive number of pixels")
+
+    def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
+        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
+        return inpaint_each(views, last, self._inpaint_frame)
+
+    def _inpaint_frame(
+        self, frame: ByteArray, covered: BoolArray, depth: FloatArray, hidden: IntArray
+    ) -> ByteArray:
+        known, hole = np.where(covered[..., None], frame, np.uint8(0)), (~covered).astype(np.uint8)
+        inpainted = cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA)
+        return np.asarray(inpainted, np.uint8).reshape(-1, 3)[hidden]

@@ -1,0 +1,1 @@
+"""What several steps need to know about the observed frames, computed once."""

@@ -1,0 +1,1 @@
+"""Pose sources: where the camera was and will be."""

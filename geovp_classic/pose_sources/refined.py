@@ -1,0 +1,48 @@
+"""Refined motion: a pose source and corrections of its poses, one after the other."""
+
+from dataclasses import dataclass, field
+
+from geovp_classic.interfaces import PoseRefinement, PoseSource
+from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.pose_refinement.nonholonomic import NonholonomicConstraint
+from geovp_classic.pose_refinement.registration import Registration
+from geovp_classic.pose_refinement.rotation_drift import RotationDrift
+from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredIntervals
+from geovp_classic.pose_sources.road_height import RoadHeight
+from geovp_classic.types import Context, Motion, PrivilegedInput
+
+
+def _defaults() -> tuple[PoseRefinement, ...]:
+    return (
+        Registration(),
+        UnmeasuredIntervals(),
+        RotationDrift(),
+        NonholonomicConstraint(),
+        RoadHeight(),
+    )
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A pose source whose motion is refined, by one refinement after the other; the default chain
+    won on `val`.
+    """
+
+    source: PoseSource
+    refinements: tuple[PoseRefinement, ...] = field(default_factory=_defaults)
+
+    @property
+    def needs(self) -> PrivilegedInput:
+        """What the source and the refinements need."""
+        needs = self.source.needs
+        for refinement in self.refinements:
+            needs |= refinement.needs
+        return needs
+
+    @single_threaded_blas
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        """The refined motion; each part sees only what it was granted of the context."""
+        motion = self.source.estimate(context.only(self.source.needs), num_samples)
+        for refinement in self.refinements:
+            motion = refinement.refine(context.only(refinement.needs), motion)
+        return motion

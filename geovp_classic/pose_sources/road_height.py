@@ -1,0 +1,50 @@
+"""Refinement of future heights by the road of the last observed frame; it combines depth and pose
+refinement.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from geovp_classic.depth.multiview import Multiview
+from geovp_classic.geometry import se3
+from geovp_classic.geometry.ground_plane import fit_ground
+from geovp_classic.interfaces import DepthSource
+from geovp_classic.observation import frame_screening, uncropped
+from geovp_classic.pose_refinement.road_height import RoadProfile
+from geovp_classic.types import Context, Motion, PrivilegedInput
+
+
+@dataclass(frozen=True)
+class RoadHeight:
+    """Future positions moved towards their height above the road that the last observed frame
+    shows.
+    """
+
+    depth: DepthSource = field(
+        default_factory=Multiview
+    )  # the renderer's, so that it is computed once
+    frames: Literal["crop", "full"] = "crop"
+    num_frames: int = 10
+
+    @property
+    def needs(self) -> PrivilegedInput:
+        """What the depth source needs, and the uncropped frames when they are asked for."""
+        return self.depth.needs | (
+            PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        )
+
+    def refine(self, context: Context, motion: Motion) -> Motion:
+        """The motion with other future heights; unchanged where no road is visible."""
+        recent = uncropped.select(context.only(self.needs), self.frames).recent(self.num_frames)
+        recent, past = frame_screening.screened(recent, motion.past[-self.num_frames :])
+        inverse_depth = self.depth.inverse_depths(recent, past)[0][-1]
+        ground = fit_ground(inverse_depth, recent.intrinsics)
+        if ground is None:
+            return motion
+        profile = RoadProfile.of(inverse_depth, recent.intrinsics, ground)
+        world_from_last = past.world_from_cam[-1]
+        last_from_cam = se3.inverse(world_from_last) @ motion.futures
+        futures = np.stack([profile.correct_heights(future) for future in last_from_cam])
+        return motion.refined(motion.past, world_from_last @ futures)

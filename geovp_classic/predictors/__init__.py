@@ -1,0 +1,1 @@
+"""Frame predictors of the classical suite."""

@@ -1,0 +1,19 @@
+"""The last observed frame as prediction."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from geovp_classic.types import Context, Prediction, PrivilegedInput
+
+
+@dataclass(frozen=True)
+class CopyLast:
+    """The last observed frame, repeated."""
+
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """The last frame F times, one sample."""
+        return Prediction(np.tile(context.frames[-1], (1, context.num_future, 1, 1, 1)))

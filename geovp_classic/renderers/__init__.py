@@ -1,0 +1,1 @@
+"""Renderers: scenes reconstructed from observed frames and their poses."""

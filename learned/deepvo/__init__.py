@@ -1,1 +1,0 @@
-"""Poses from images by a recurrent convolutional network, and their continuation: DeepVO with a decoder."""

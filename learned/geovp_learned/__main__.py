@@ -1,0 +1,150 @@
+"""The command line of the learned parts: `python -m geovp_learned train METHOD CONFIG.toml`, model
+cards, export.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from geovp_classic.errors import GeovpError
+
+if TYPE_CHECKING:
+    from geovp_learned.training_config import Changes
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """0 when the training is finished, 1 when it was interrupted, 2 for bad input."""
+    options = _parser().parse_args(arguments)
+    try:
+        return {"card": _card, "export": _export, "train": _train}[options.verb](options)
+    except GeovpError as error:
+        print(f"python -m geovp_learned: {error}", file=sys.stderr)
+        return 2
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m geovp_learned", description="Train the learned parts."
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    train = verbs.add_parser(
+        "train", help="train a method; an interrupted run goes on when started again"
+    )
+    train.add_argument("method", help="deepvo, synsin, svg, srvp, slamp")
+    train.add_argument(
+        "config",
+        type=Path,
+        metavar="CONFIG.toml",
+        help="a training config, or the name of a shipped one",
+    )
+    train.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the run (default: runs/CONFIG[-VARIANT][-SEED])",
+    )
+    train.add_argument(
+        "--root",
+        type=Path,
+        metavar="FOLDER",
+        help="root of the data sets, in place of the config's",
+    )
+    _add_changes(train)
+    train.add_argument(
+        "--limit-seconds", type=float, metavar="S", help="stop after S seconds of training"
+    )
+    card = verbs.add_parser("card", help="print the model card of a weights file")
+    card.add_argument("weights", type=Path, metavar="WEIGHTS.safetensors")
+    card.add_argument(
+        "--config",
+        "--recipe",
+        type=Path,
+        metavar="CONFIG.toml",
+        help="its training config; adds the command",
+    )
+    _add_changes(card)
+    card.add_argument("--log", type=Path, metavar="LOG.csv", help="the run's log; adds its curves")
+    export = verbs.add_parser("export", help="write a network as an ONNX file")
+    export.add_argument("name", help="deepvo, lpips")
+    export.add_argument("--onnx", type=Path, required=True, metavar="FILE.onnx")
+    export.add_argument(
+        "--weights", type=Path, metavar="FILE", help="in place of those that come with the package"
+    )
+    export.add_argument(
+        "--past", type=int, default=10, metavar="P", help="observed images of deepvo (10)"
+    )
+    export.add_argument(
+        "--future", type=int, default=20, metavar="F", help="predicted steps of deepvo (20)"
+    )
+    export.add_argument(
+        "--size", type=int, default=256, metavar="PX", help="sides of the images of lpips (256)"
+    )
+    return parser
+
+
+def _add_changes(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--variant", metavar="NAME", help="one of the config's [variants]")
+    parser.add_argument("--seed", type=int, metavar="N", help="in place of the config's")
+    parser.add_argument(
+        "--precision",
+        help="in place of the config's, as in Lightning Fabric: 32-true, bf16-mixed, ...",
+    )
+
+
+def _changes(options: argparse.Namespace) -> Changes:
+    from geovp_learned import training_config
+
+    return training_config.Changes(options.variant, options.seed, options.precision)
+
+
+def _export(options: argparse.Namespace) -> int:
+    from geovp_learned import export
+
+    exported = export.exportable(
+        options.name, options.weights, options.past, options.future, options.size
+    )
+    export.write_onnx(options.onnx, exported)
+    shapes = ", ".join(f"{name} {list(tensor.shape)}" for name, tensor in exported.inputs.items())
+    print(f"{options.onnx}: {shapes} to {' and '.join(exported.outputs)}")
+    return 0
+
+
+def _card(options: argparse.Namespace) -> int:
+    from geovp_learned import model_cards
+
+    print(
+        model_cards.model_card(options.weights, options.config, options.log, _changes(options)),
+        end="",
+    )
+    return 0
+
+
+def _train(options: argparse.Namespace) -> int:
+    from geovp_learned import hardware, training_config
+    from geovp_learned.training import WEIGHTS, train
+
+    changes = _changes(options)
+    config = training_config.load(options.method, options.config, options.root, changes)
+    name = "-".join(str(part) for part in (options.config.stem, *changes.given.values()))
+    folder = options.out or Path("runs") / name
+    hardware.check_precision(config.training)
+    run = train(config, folder, options.limit_seconds)
+    progress, state = (
+        run.progress,
+        "finished" if run.finished else "stopped, goes on when started again,",
+    )
+    if run.fabric.is_global_zero:
+        done = f"{state} after {progress.step} steps and {progress.seconds:.0f} s"
+        print(
+            f"{done}; best score {progress.best_score:.5g} at step {progress.best_step}: "
+            f"{folder / WEIGHTS}"
+        )
+    return 0 if run.finished else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

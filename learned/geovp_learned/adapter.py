@@ -1,0 +1,105 @@
+"""A predictor made of a plain torch network: images in, images out, without numpy, geometry or the
+harness.
+"""
+
+import functools
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import Context, Prediction, PrivilegedInput
+from geovp_learned import checkpoints, devices
+from geovp_learned.tensors import frames_from_images, images_from_frames
+
+
+@dataclass(frozen=True)
+class TorchPredictor(ABC):
+    """Subclass it, with your own settings as fields, and return your network from `network`.
+
+    The network maps images [B, P, 3, H, W] in [0, 1] to the images after them [B, N, 3, H, W], for
+    any N. It is shown the last `num_past` images (0: all); when more than N are asked for, it goes
+    on from its own. A sample depends on `seed` and its own number alone. `checkpoint` is a state
+    dict, as safetensors or as `torch.save` writes it (nothing in it is executed), and `fingerprint`
+    identifies it in results. `device` is as in `devices`.
+    """
+
+    checkpoint: Path | None = None
+    fingerprint: str = ""
+    num_past: int = 0
+    seed: int = 0
+    device: str = "cpu"
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
+
+    def __post_init__(self) -> None:
+        if self.checkpoint is not None:
+            object.__setattr__(
+                self, "fingerprint", checkpoints.fingerprint(self.checkpoint, self.fingerprint)
+            )
+        if self.num_past < 0:
+            raise BadData(f"num_past is {self.num_past}, expected 0 (all images) or more")
+        object.__setattr__(self, "device", devices.resolved(self.device))
+
+    @abstractmethod
+    def network(self) -> nn.Module:
+        """A new network; its weights are read from the checkpoint afterwards."""
+
+    @torch.inference_mode()
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """Frames [S, F, H, W, 3]; BadData when the network gives images of another shape."""
+        past = images_from_frames(context.frames[-self.num_past :])[None].to(self.device)
+        samples = []
+        for sample in range(num_samples):
+            with torch.random.fork_rng(), devices.one_thread():
+                torch.manual_seed(
+                    int(np.random.SeedSequence([self.seed, sample]).generate_state(1)[0])
+                )
+                samples.append(
+                    frames_from_images(_rollout(_loaded(self), past, context.num_future)[0])
+                )
+        return Prediction(np.stack(samples))
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded(predictor: TorchPredictor) -> nn.Module:
+    """The network of a predictor, ready to predict, once per process."""
+    network = predictor.network()
+    if (file := predictor.checkpoint) is not None:
+        checkpoints.restore(file, network, _state_dict(file), "")
+    return network.eval().to(predictor.device)
+
+
+def _state_dict(file: Path) -> dict[str, Tensor]:
+    if file.suffix == ".safetensors":
+        return checkpoints.read_tensors(file)[1]
+    try:
+        return dict(torch.load(file, map_location="cpu", weights_only=True))
+    except Exception as error:  # torch has many
+        reason = str(error).splitlines()[0]
+        raise BadData(
+            f"{file} is no state dict ({reason}): save network.state_dict() with torch.save"
+        ) from error
+
+
+def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
+    """The images [1, F, 3, H, W] after the past [1, P, 3, H, W]."""
+    images, num_past = past, past.shape[1]
+    while images.shape[1] < num_past + num_future:
+        new = network(images[:, -num_past:])
+        if (
+            new.ndim != 5
+            or new.shape[1] == 0
+            or (new.shape[0], *new.shape[2:]) != (1, *past.shape[2:])
+        ):
+            wanted = f"[1, 1 or more, {', '.join(map(str, past.shape[2:]))}]"
+            raise BadData(
+                f"{type(network).__name__} gives images {list(new.shape)}, expected {wanted}: "
+                "mend its forward"
+            )
+        images = torch.cat([images, new.clamp(0, 1)], dim=1)
+    return images[:, num_past : num_past + num_future]

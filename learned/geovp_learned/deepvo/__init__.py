@@ -1,0 +1,3 @@
+"""Poses from images by a recurrent convolutional network, and their continuation: DeepVO with a
+decoder.
+"""

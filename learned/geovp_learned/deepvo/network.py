@@ -1,0 +1,266 @@
+"""DeepVO's networks: a FlowNetS encoder of image pairs, an LSTM over the pairs, and a decoder of
+future motion.
+
+Wang et al. 2017 (DeepVO), with a decoder LSTM that starts from the last hidden state and is fed
+zeros (eq. 3.2 and 3.3 of the thesis). A step is the pose of the next camera in this one's frame, in
+metres and radians: (x, z, yaw) or (x, y, z, yaw, pitch, roll).
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.types import Intrinsics
+from geovp_learned.methods import check_counts
+
+Head = Literal["2d", "3d"]
+
+FLOWNET = (  # channels, kernel size and stride of each convolution
+    *((64, 7, 2), (128, 5, 2), (256, 5, 2), (256, 3, 1), (512, 3, 2)),
+    *((512, 3, 1), (512, 3, 2), (512, 3, 1), (1024, 3, 2)),
+)
+STEP_SCALES = {
+    "2d": (0.1, 1.0, 0.02),
+    "3d": (0.1, 0.1, 1.0, 0.02, 0.02, 0.02),
+}  # metres, radians; a car at 10 Hz
+PAIRS_AT_ONCE = 256  # through the encoder, so that long videos fit into memory
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Sizes of the networks; stored with the weights.
+
+    Frames are reprojected to the network's own camera first, so that images of other cameras look
+    alike.
+    """
+
+    size_px: tuple[int, int] = (256, 256)
+    focal_widths: float = 1.93  # of the network's camera; KITTI's central square has 1.91 to 1.93
+    centre: tuple[float, float] = (0.468, 0.475)  # its principal point, in widths and heights
+    encoder_width: float = 1.0  # channels, as a share of FlowNetS's
+    dropout: float = 0.2
+    lstm_size: int = 50
+    lstm_layers: int = 1
+    head: Head = "2d"
+    future: Literal["recurrent", "fixed-window"] = "recurrent"
+    decoder_start: Literal["hidden-state", "poses"] = "hidden-state"
+    window_pairs: int = 4  # of the fixed window
+    window_future: int = 20  # steps that the fixed window predicts
+
+    def __post_init__(self) -> None:
+        if min(self.size_px) < 64:
+            raise BadData(
+                f"architecture.size_px is {list(self.size_px)}, expected 64 or more: six layers "
+                "halve it"
+            )
+        check_counts(self, "lstm_size", "lstm_layers", "window_pairs", "window_future")
+        if not (self.encoder_width > 0 and self.focal_widths > 0 and 0 <= self.dropout < 1):
+            raise BadData(
+                "architecture: encoder_width and focal_widths must be above 0, dropout in [0, 1)"
+            )
+
+    @property
+    def camera(self) -> Intrinsics:
+        """The network's own camera."""
+        width_px, height_px = self.size_px
+        focal_px = self.focal_widths * width_px
+        cx_px, cy_px = self.centre[0] * width_px - 0.5, self.centre[1] * height_px - 0.5
+        return Intrinsics(focal_px, focal_px, cx_px, cy_px, width_px, height_px)
+
+
+class PoseNetwork(nn.Module):
+    """From images to the steps between them and after them."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        self.architecture = architecture
+        size, layers, drop = architecture.lstm_size, architecture.lstm_layers, architecture.dropout
+        self.encoder = encoder(architecture.encoder_width, drop)
+        with torch.no_grad():
+            width_px, height_px = architecture.size_px
+            features = self.encoder.eval()(torch.zeros(1, 6, height_px, width_px)).numel()
+        self.past = nn.LSTM(
+            features, size, layers, batch_first=True, dropout=drop if layers > 1 else 0.0
+        )
+        self.past_head = StepHead(size, architecture.head)
+        self.future: Decoder | FixedWindow
+        if architecture.future == "recurrent":
+            self.future = Decoder(architecture, self.past_head.num_outputs)
+        else:
+            self.future = FixedWindow(architecture, features)
+        self.train()
+
+    def forward(self, images: Tensor, num_future: int) -> tuple[Tensor, Tensor]:
+        """Steps [B, P - 1, D] within images [B, P, 3, H, W] in [0, 1] and [B, F, D] after them; P
+        >= 2.
+        """
+        features = self.encode(images)  # [B, P - 1, N]
+        hidden, state = self.past(features)
+        past = self.past_head(hidden)
+        if isinstance(self.future, FixedWindow):
+            return past, self.future(features, num_future)
+        return past, self.future(state, past, num_future)
+
+    def encode(self, images: Tensor) -> Tensor:
+        """Features [B, P - 1, N] of consecutive pairs, stacked in their channels."""
+        pairs = torch.cat([images[:, :-1], images[:, 1:]], dim=2) - 0.5
+        batch, count = pairs.shape[:2]
+        flat = pairs.reshape(batch * count, *pairs.shape[2:]).contiguous(
+            memory_format=torch.channels_last
+        )
+        if self.training or len(flat) <= PAIRS_AT_ONCE:
+            return self.encoder(flat).reshape(batch, count, -1)
+        return torch.cat([self.encoder(part) for part in flat.split(PAIRS_AT_ONCE)]).reshape(
+            batch, count, -1
+        )
+
+
+class Decoder(nn.Module):
+    """An LSTM that is fed zeros, so its output depends on its first state alone (eq. 3.3)."""
+
+    def __init__(self, architecture: Architecture, num_outputs: int) -> None:
+        super().__init__()
+        size, layers = architecture.lstm_size, architecture.lstm_layers
+        self.from_poses = (
+            nn.LSTM(num_outputs, size, layers, batch_first=True)
+            if architecture.decoder_start == "poses"
+            else None
+        )
+        self.lstm = nn.LSTM(1, size, layers, batch_first=True)
+        self.head = StepHead(size, architecture.head)
+
+    def forward(self, state: tuple[Tensor, Tensor], past: Tensor, num_future: int) -> Tensor:
+        """Steps [B, F, D] from the encoder's state, or from the past steps [B, P - 1, D] alone."""
+        if self.from_poses is not None:
+            _, state = self.from_poses(past / self.head.scale)
+        hidden, _ = self.lstm(past.new_zeros(len(past), num_future, 1), state)
+        return self.head(hidden)
+
+
+class FixedWindow(nn.Module):
+    """All future steps at once from the features of the last few pairs, without recurrence."""
+
+    def __init__(self, architecture: Architecture, features: int) -> None:
+        super().__init__()
+        self.num_pairs, self.num_future = architecture.window_pairs, architecture.window_future
+        self.each = nn.Linear(features, architecture.lstm_size)
+        self.together = nn.Sequential(
+            nn.Linear(self.num_pairs * architecture.lstm_size, 4 * architecture.lstm_size),
+            nn.LeakyReLU(0.1),
+        )
+        self.out = nn.Linear(4 * architecture.lstm_size, self.num_future * architecture.lstm_size)
+        self.head = StepHead(architecture.lstm_size, architecture.head)
+
+    def forward(self, features: Tensor, num_future: int) -> Tensor:
+        """Steps [B, F, D]; Incompatible for a past that is too short or a future that is
+        too long.
+        """
+        if features.shape[1] < self.num_pairs or num_future > self.num_future:
+            takes = (
+                f"takes {self.num_pairs + 1} frames or more and predicts {self.num_future} steps "
+                "at most"
+            )
+            given = f"{features.shape[1] + 1} frames and {num_future} steps"
+            raise Incompatible(
+                f"a fixed-window pose predictor {takes}, not {given}: use a recurrent one"
+            )
+        window = nn.functional.leaky_relu(self.each(features[:, -self.num_pairs :]), 0.1).flatten(1)
+        hidden = self.out(self.together(window)).unflatten(1, (self.num_future, -1))
+        return self.head(hidden)[:, :num_future]
+
+
+class StepHead(nn.Module):
+    """Hidden states to steps, scaled so that an untrained network predicts motions of
+    a car's size.
+    """
+
+    scale: Tensor
+
+    def __init__(self, size: int, head: Head) -> None:
+        super().__init__()
+        self.register_buffer("scale", torch.tensor(STEP_SCALES[head]), persistent=False)
+        self.num_outputs = len(STEP_SCALES[head])
+        self.linear = nn.Linear(size, self.num_outputs)
+
+    def forward(self, hidden: Tensor) -> Tensor:
+        """Steps [..., D] of hidden states [..., N]."""
+        return self.linear(hidden) * self.scale
+
+
+def encoder(width: float, dropout: float) -> nn.Sequential:
+    """FlowNetS's contracting part (Dosovitskiy et al. 2015) with batch norm, `width` times its
+    channels, flattened.
+    """
+    layers: list[nn.Module] = []
+    in_channels = 6
+    for channels, kernel, stride in FLOWNET:
+        out_channels = max(1, round(channels * width))
+        convolution = nn.Conv2d(in_channels, out_channels, kernel, stride, kernel // 2, bias=False)
+        layers += [convolution, nn.BatchNorm2d(out_channels), nn.LeakyReLU(0.1)]
+        in_channels = out_channels
+    layers += [nn.Flatten(), nn.Dropout(dropout)]
+    return nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+
+def motions(steps: Tensor, head: Head) -> Tensor:
+    """Rigid motions [..., 4, 4] of steps [..., D]: the next camera's pose in this one's frame.
+
+    Angles turn about y (yaw, to the right), then x (pitch), then z (roll), each about the axis
+    already turned.
+    """
+    if head == "2d":
+        x, z, yaw = steps.unbind(-1)
+        y, pitch, roll = torch.zeros_like(x), torch.zeros_like(x), torch.zeros_like(x)
+    else:
+        x, y, z, yaw, pitch, roll = steps.unbind(-1)
+    (sy, cy), (sp, cp), (sr, cr) = (
+        (torch.sin(angle), torch.cos(angle)) for angle in (yaw, pitch, roll)
+    )
+    zero, one = torch.zeros_like(x), torch.ones_like(x)
+    rows = [
+        *(cy * cr + sy * sp * sr, -cy * sr + sy * sp * cr, sy * cp, x),
+        *(cp * sr, cp * cr, -sp, y),
+        *(-sy * cr + cy * sp * sr, sy * sr + cy * sp * cr, cy * cp, z),
+        *(zero, zero, zero, one),
+    ]
+    return torch.stack(rows, dim=-1).unflatten(-1, (4, 4))
+
+
+def coordinates(first_from_cam: Tensor, head: Head) -> tuple[Tensor, Tensor]:
+    """Translation [..., 2 or 3] and angles [..., 1 or 3] of motions [..., 4, 4]; the inverse of
+    `motions`.
+
+    In 2D they are those on the first camera's own x-z plane.
+    """
+    yaw = torch.atan2(first_from_cam[..., 0, 2], first_from_cam[..., 2, 2])
+    if head == "2d":
+        return first_from_cam[..., (0, 2), 3], yaw[..., None]
+    pitch = torch.asin((-first_from_cam[..., 1, 2]).clamp(-1 + 1e-6, 1 - 1e-6))
+    roll = torch.atan2(first_from_cam[..., 1, 0], first_from_cam[..., 1, 1])
+    return first_from_cam[..., :3, 3], torch.stack([yaw, pitch, roll], dim=-1)
+
+
+def chained(relative: Tensor) -> Tensor:
+    """Poses [..., N, 4, 4] in the first camera's frame, of motions from each camera to the next
+    (eq. 3.4).
+    """
+    poses = [relative[..., 0, :, :]]
+    for index in range(1, relative.shape[-3]):
+        poses.append(poses[-1] @ relative[..., index, :, :])
+    return torch.stack(poses, dim=-3)
+
+
+def squared_errors(predicted: Tensor, real: Tensor, head: Head) -> tuple[Tensor, Tensor]:
+    """Squared translation (m^2) and squared rotation (rad^2) [...] between poses [..., 4, 4]: the
+    terms of eq. 3.6.
+    """
+    (moved, turned), (really_moved, really_turned) = (
+        coordinates(predicted, head),
+        coordinates(real, head),
+    )
+    angle = turned - really_turned
+    wrapped = torch.atan2(torch.sin(angle), torch.cos(angle))
+    return ((moved - really_moved) ** 2).sum(-1), (wrapped**2).sum(-1)

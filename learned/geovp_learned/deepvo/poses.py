@@ -1,0 +1,118 @@
+"""DeepVO as a pose source (past and future), and as an odometry (the past alone)."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Motion,
+    Trajectory,
+)
+from geovp_learned import checkpoints, devices
+from geovp_learned.deepvo.network import Architecture, motions
+from geovp_learned.tensors import images_from_frames, reproject, shrink
+
+
+@dataclass(frozen=True)
+class _PretrainedDeepVo(checkpoints.Pretrained):
+    method: ClassVar[str] = "deepvo"
+
+    @property
+    def input_note(self) -> str:
+        """The size of the network's own camera, and the frames it looks at."""
+        camera = self.load()[1].architecture.camera
+        return f"works at {camera.width_px}x{camera.height_px} on all observed frames"
+
+    def images(self, frames: Sequence[ByteArray], camera: Intrinsics) -> Tensor:
+        """Frames [H, W, 3] as the network's images [P, 3, H, W]."""
+        return network_images(frames, camera, self.load()[1].architecture)
+
+    @torch.inference_mode()
+    def poses(self, images: Tensor, times_s: FloatArray) -> tuple[Trajectory, FloatArray]:
+        """The past, in the first camera's frame, and the poses [F, 4, 4] at the later ones of the
+        times [P + F].
+        """
+        if len(images) < 2:
+            raise Incompatible(
+                "deepvo compares pairs of frames, the past has but one: give num_past of 2 or more"
+            )
+        (network, settings), num_past = self.load(), len(images)
+        with devices.one_thread():
+            steps = network(images[None].to(self.device), max(len(times_s) - num_past, 1))
+        past, future = (
+            motions(part[0].double().cpu(), settings.architecture.head).numpy() for part in steps
+        )
+        world_from_cam = np.concatenate([np.eye(4)[None], _chained(past)])
+        trajectory = Trajectory(world_from_cam, times_s[:num_past].copy(), is_metric=True)
+        return trajectory, world_from_cam[-1] @ _chained(future)
+
+
+@dataclass(frozen=True)
+class DeepVo(_PretrainedDeepVo):
+    """Past and future poses from the observed frames, by a trained network; one sample, in metres.
+
+    The world is the first observed camera. A network with a 2D head keeps height, pitch and roll of
+    the first camera. Every step has the duration of the training data's (KITTI: 0.1 s); times are
+    not used.
+    """
+
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        """The motion; Incompatible for fewer than two frames."""
+        past, futures = self.poses(
+            self.images(list(context.frames), context.intrinsics), context.times_s
+        )
+        return Motion(past, futures[None], np.ones(len(past), dtype=bool))
+
+
+@dataclass(frozen=True)
+class DeepVoOdometry(_PretrainedDeepVo):
+    """The past alone, for other forecasters than DeepVO's own decoder."""
+
+    def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
+        """The past trajectory, every step tracked; errors as `DeepVo.estimate`."""
+        times_s = context.times_s[: context.num_past]
+        return self.track_sequence(context.frames, times_s, context.intrinsics, None)
+
+    def track_sequence(
+        self,
+        frames: Iterable[ByteArray],
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
+        camera_height_m: float | None,
+    ) -> tuple[Trajectory, BoolArray]:
+        """A whole sequence, read frame by frame; the scale was learnt, so the camera's height is
+        not used.
+        """
+        images = torch.cat([self.images([frame], intrinsics) for frame in frames])
+        return self.poses(images, times_s)[0], np.ones(len(images), dtype=bool)
+
+
+def network_images(
+    frames: Sequence[ByteArray], camera: Intrinsics, architecture: Architecture
+) -> Tensor:
+    """Images [P, 3, H, W] in [0, 1] of frames [H, W, 3] as the network's own camera would have
+    taken them.
+    """
+    resized, camera = shrink(frames, camera, architecture.camera)
+    return images_from_frames(
+        np.stack([reproject(frame, camera, architecture.camera) for frame in resized])
+    )
+
+
+def _chained(relative: FloatArray) -> FloatArray:
+    """Poses [N, 4, 4] in the first camera's frame, kept orthonormal over long videos (eq. 3.4)."""
+    poses: list[FloatArray] = [np.eye(4)]
+    for motion in relative:
+        poses.append(se3.orthonormalised(poses[-1] @ motion))
+    return np.stack(poses[1:])

@@ -1,0 +1,151 @@
+"""Training of DeepVO on the loss of absolute poses (thesis, eq. 3.4 to 3.6)."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import Clip
+from geovp_learned.deepvo import windows
+from geovp_learned.deepvo.network import Architecture, PoseNetwork, chained, motions, squared_errors
+from geovp_learned.deepvo.windows import NO_AUGMENTATION, Augmentation, Window
+from geovp_learned.methods import Batch, Losses, Networks
+
+VALIDATION_BATCH = 16
+
+
+@dataclass(frozen=True)
+class DeepVoTraining:
+    """Settings of the pose network's training.
+
+    With `auxiliary` the loss also has the error of the past poses, which trains the encoder alone.
+    `loss` "relative" compares single steps instead of absolute poses. Squared errors of the
+    absolute pose after n steps are divided by n ** `drift_power`: 0 as published, where late poses
+    dominate; 2 compares the drift per step. Each batch has a random number of observed frames,
+    `shortest_past` to `num_past`.
+    """
+
+    architecture: Architecture = field(default_factory=Architecture)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    num_past: int = 10
+    num_future: int = 10
+    shortest_past: int = 10
+    loss: Literal["absolute", "relative"] = "absolute"
+    auxiliary: bool = True
+    drift_power: float = 0.0  # of absolute poses
+    rotation_weight: float = 100.0  # of rad^2 against m^2, eq. 3.6
+    rate: float = 1e-3
+    weight_decay: float = 1e-4
+
+    kept: ClassVar[tuple[str, ...]] = ("poses",)
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.shortest_past <= self.num_past or self.num_future < 1:
+            raise BadData(
+                f"shortest_past {self.shortest_past}, num_past {self.num_past}, num_future "
+                f"{self.num_future}: expected "
+                "2 <= shortest_past <= num_past and at least one future step"
+            )
+
+    def build(self) -> dict[str, nn.Module]:
+        """The pose network."""
+        return {"poses": PoseNetwork(self.architecture)}
+
+    def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
+        """AdamW."""
+        parameters = networks["poses"].parameters()
+        return {"poses": torch.optim.AdamW(parameters, self.rate, weight_decay=self.weight_decay)}
+
+    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Window]:
+        """Windows of the clips: all for training, every fifth for validation."""
+        camera = self.architecture.camera
+        num_frames = self.num_past + self.num_future
+        return windows.windows(
+            (windows.read(clip, camera) for clip in clips), num_frames, 1 if training else 5
+        )
+
+    def batch(
+        self, examples: Sequence[Window], indices: Sequence[int], rng: np.random.Generator
+    ) -> Batch:
+        """Augmented windows, all with the same number of observed frames."""
+        num_past = int(rng.integers(self.shortest_past, self.num_past + 1))
+        skipped = self.num_past - num_past
+        chosen = [
+            Window(examples[index].clip, examples[index].first + skipped) for index in indices
+        ]
+        camera = self.architecture.camera
+        return windows.batch(chosen, camera, num_past, self.num_future, self.augmentation, rng)
+
+    def training_step(
+        self, networks: Networks, batch: Batch, step: int
+    ) -> Iterator[tuple[str, Losses]]:
+        """The losses of the only network."""
+        past, future = networks["poses"](batch["images"].float() / 255.0, self.num_future)
+        yield "poses", self.losses(past, future, batch["motions"], batch["known"])
+
+    def losses(
+        self,
+        past: Tensor,  # [B, P - 1, D] steps
+        future: Tensor,  # [B, F, D]
+        real: Tensor,  # [B, P + F - 1, 4, 4]
+        known: Tensor,  # [B, P + F - 1]
+    ) -> Losses:
+        """Eq. 3.6 as means over the past's and the future's known steps."""
+        head = self.architecture.head
+        predicted = motions(torch.cat([past, future], dim=1).float(), head)
+        if self.loss == "absolute":
+            predicted, real = chained(predicted), chained(real)
+            known = (
+                known / torch.arange(1, known.shape[1] + 1, device=known.device) ** self.drift_power
+            )
+        translation, rotation = squared_errors(predicted, real, head)
+        both = translation + self.rotation_weight * rotation
+        split = past.shape[1]
+        losses = {
+            "past": _mean(both[:, :split], known[:, :split]),
+            "future": _mean(both[:, split:], known[:, split:]),
+        }
+        return {"total": losses["future"] + (losses["past"] if self.auxiliary else 0.0), **losses}
+
+    def validate(self, networks: Networks, examples: Sequence[Window]) -> dict[str, float]:
+        """Mean errors of future poses and of single past steps, in m and deg; the score is the sum
+        of the future's.
+        """
+        errors = []
+        rng = np.random.default_rng(0)
+        for start in range(0, len(examples), VALIDATION_BATCH):
+            chosen = examples[start : start + VALIDATION_BATCH]
+            sizes = (self.architecture.camera, self.num_past, self.num_future)
+            batch = windows.batch(chosen, *sizes, NO_AUGMENTATION, rng)
+            device = next(networks["poses"].parameters()).device
+            past, future = networks["poses"](
+                batch["images"].to(device).float() / 255.0, self.num_future
+            )
+            errors.append(self._errors(past.cpu().float(), future.cpu().float(), batch["motions"]))
+        table = torch.cat(errors).mean(0).tolist()
+        names = ("future_m", "future_deg", "past_step_m", "past_step_deg")
+        return {"score": table[0] + table[1], **dict(zip(names, table, strict=True))}
+
+    def _errors(self, past: Tensor, future: Tensor, real: Tensor) -> Tensor:
+        """Of every window, means over steps [B, 4]: the future seen from the last observed camera,
+        then past steps.
+        """
+        head, split = self.architecture.head, past.shape[1]
+        ahead = squared_errors(chained(motions(future, head)), chained(real[:, split:]), head)
+        behind = squared_errors(motions(past, head), real[:, :split], head)
+        (ahead_m, ahead_rad), (behind_m, behind_rad) = (
+            (each.sqrt().mean(1) for each in pair) for pair in (ahead, behind)
+        )
+        return torch.stack(
+            [ahead_m, torch.rad2deg(ahead_rad), behind_m, torch.rad2deg(behind_rad)], dim=1
+        )
+
+
+def _mean(values: Tensor, weights: Tensor) -> Tensor:
+    """The weighted mean over the values of positive weight; 0 when there are none."""
+    return (values * weights).sum() / (weights > 0).sum().clamp(min=1)

@@ -1,0 +1,138 @@
+"""Training windows for DeepVO: clips resized for the network's camera, and their augmentation."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import BoolArray, ByteArray, Clip, FloatArray, Intrinsics
+from geovp_learned import tensors
+from geovp_learned.methods import Batch
+from geovp_learned.tensors import MIRROR
+
+
+@dataclass(frozen=True)
+class ResizedClip:
+    """A clip at the network's resolution; with the wide frames where it has them."""
+
+    frames: tuple[ByteArray, ...]  # T of [h, w, 3]
+    camera: Intrinsics
+    world_from_cam: FloatArray  # [T, 4, 4], metres
+
+
+@dataclass(frozen=True)
+class Window:
+    """The frames of a clip from `first` on."""
+
+    clip: ResizedClip
+    first: int
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Random changes of a window; shares are probabilities.
+
+    A turn rotates the camera itself at a constant rate, which needs no depth. Since cars do not
+    look sideways while driving straight, the future of such windows is not learnt from.
+    """
+
+    mirror_share: float = 0.5
+    fast_share: float = 0.25  # every other frame: twice the speed
+    turn_share: float = 0.5
+    turn_deg: float = 3.0  # per step, at most
+    grey_share: float = 0.5
+    gamma: float = 0.3  # exponent of brightness, e^(-gamma) to e^gamma
+
+    def __post_init__(self) -> None:
+        for name in ("mirror_share", "fast_share", "turn_share", "grey_share"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise BadData(f"augmentation.{name} is {getattr(self, name)}, expected 0 to 1")
+
+
+NO_AUGMENTATION = Augmentation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def read(clip: Clip, camera: Intrinsics) -> ResizedClip:
+    """The clip for a network with this camera; BadData when there are no metric poses."""
+    trajectory = tensors.metric_trajectory(clip, "deepvo")
+    source = clip if clip.full is None else clip.full
+    frames, resized = tensors.shrink(list(source.frames), source.intrinsics, camera)
+    return ResizedClip(tuple(frames), resized, trajectory.world_from_cam)
+
+
+def windows(clips: Iterable[ResizedClip], num_frames: int, stride: int = 1) -> list[Window]:
+    """Every `stride`-th window of `num_frames` frames."""
+    return [
+        Window(clip, first)
+        for clip in clips
+        for first in range(0, len(clip.frames) - num_frames + 1, stride)
+    ]
+
+
+def batch(
+    chosen: Sequence[Window],
+    camera: Intrinsics,
+    num_past: int,
+    num_future: int,
+    augmentation: Augmentation,
+    rng: np.random.Generator,
+) -> Batch:
+    """Tensors of windows: "images" [B, P, 3, H, W] bytes, "motions" [B, P + F - 1, 4, 4], and
+    "known" [B, P + F - 1], 1 where a motion is learnt from and 0 elsewhere.
+    """
+    rows = [sample(window, camera, num_past, num_future, augmentation, rng) for window in chosen]
+    images, *others = zip(*rows, strict=True)
+    relative, known = (torch.from_numpy(np.stack(column).astype(np.float32)) for column in others)
+    return {"images": tensors.stack(images), "motions": relative, "known": known}
+
+
+def sample(
+    window: Window,
+    camera: Intrinsics,
+    num_past: int,
+    num_future: int,
+    augmentation: Augmentation,
+    rng: np.random.Generator,
+) -> tuple[ByteArray, FloatArray, BoolArray]:
+    """Augmented images [P, H, W, 3], motions [P + F - 1, 4, 4] and which of them are known [P + F -
+    1].
+    """
+    shares = (
+        augmentation.mirror_share,
+        augmentation.fast_share,
+        augmentation.turn_share,
+        augmentation.grey_share,
+    )
+    mirrored, fast, turning, grey = rng.random(4) < shares
+    rate_rad = np.deg2rad(rng.uniform(-1, 1) * augmentation.turn_deg) * turning
+    gamma = np.exp(rng.uniform(-1, 1) * augmentation.gamma)
+    clip, last = window.clip, len(window.clip.frames) - 1
+    stride = 2 if fast and window.first + 2 * (num_past - 1) <= last else 1
+    steps = window.first + stride * np.arange(num_past + num_future)
+    known = steps[1:] <= last
+    if turning:
+        known[num_past - 1 :] = False
+    # no rotation at the middle of the window, so that its images stay within the wide frame
+    cam_from_turned = _yawed(rate_rad * (np.arange(len(steps)) - (num_past - 1) / 2))
+    gamma_table = np.round(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
+    images = []
+    for step, rotation in zip(steps[:num_past], cam_from_turned[:, :3, :3], strict=False):
+        image = tensors.reproject(
+            clip.frames[step], clip.camera, camera, rotation, mirrored=bool(mirrored)
+        )
+        images.append(
+            np.asarray(cv2.LUT(tensors.grey(image) if grey else image, gamma_table), dtype=np.uint8)
+        )
+    world_from_cam = clip.world_from_cam[np.minimum(steps, last)] @ cam_from_turned
+    relative = se3.inverse(world_from_cam[:-1]) @ world_from_cam[1:]
+    return np.stack(images), MIRROR @ relative @ MIRROR if mirrored else relative, known
+
+
+def _yawed(yaw_rad: FloatArray) -> FloatArray:
+    """Rotations [..., 4, 4] about y, to the right."""
+    zero = np.zeros_like(yaw_rad)
+    return se3.exp(np.stack([zero, zero, zero, zero, yaw_rad, zero], axis=-1))

@@ -1,0 +1,80 @@
+"""The interface between the training loop and the methods, and the list of methods."""
+
+import importlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from geovp_classic.errors import BadData, UnknownComponent
+from geovp_classic.registry import nearest
+from geovp_classic.types import Clip
+
+Batch = dict[str, Tensor]
+Losses = dict[str, Tensor]  # scalars; "total" is minimised, all are logged
+Networks = Mapping[str, nn.Module]
+
+METHODS = {  # imported when asked for by name
+    "deepvo": "geovp_learned.deepvo.train:DeepVoTraining",
+    "svg": "geovp_learned.video.svg:SvgTraining",
+    "srvp": "geovp_learned.video.srvp:SrvpTraining",
+    "slamp": "geovp_learned.video.slamp:SlampTraining",
+    "synsin": "geovp_learned.synsin.train:SynSinTraining",
+}
+
+
+class Method(Protocol):
+    """A frozen dataclass whose fields are its settings: numbers, strings, tuples and dataclasses of
+    these.
+
+    Networks and optimisers have names. A step may depend on the networks, the batch and torch's
+    random numbers alone; the loop seeds these at every step, so that a killed run can be resumed
+    exactly.
+    """
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """The networks in the weights file; the first predicts, others (a discriminator) may be
+        left out.
+        """
+
+    def build(self) -> dict[str, nn.Module]:
+        """New networks, initialised with torch's random numbers."""
+
+    def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
+        """One optimiser for each trained network, under that network's name."""
+
+    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Any]:
+        """Examples for training or validation, in memory; BadData when a clip lacks something."""
+
+    def batch(
+        self, examples: Sequence[Any], indices: Sequence[int], rng: np.random.Generator
+    ) -> Batch:
+        """Tensors of the chosen training examples, augmented with `rng`."""
+
+    def training_step(
+        self, networks: Networks, batch: Batch, step: int
+    ) -> Iterator[tuple[str, Losses]]:
+        """Each network to train with its losses; it takes its optimiser step before the next is
+        yielded.
+        """
+
+    def validate(self, networks: Networks, examples: Sequence[Any]) -> dict[str, float]:
+        """Numbers for the log; the weights with the lowest "score" are kept."""
+
+
+def load(name: str) -> type[Method]:
+    """The method of a name; UnknownComponent with the nearest one."""
+    if name not in METHODS:
+        raise UnknownComponent(f"no method is called {name!r}{nearest(name, METHODS)}")
+    module, _, attribute = METHODS[name].partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def check_counts(settings: Any, *names: str) -> None:
+    """Raise BadData unless these fields are 1 or more."""
+    for name in names:
+        if getattr(settings, name) < 1:
+            raise BadData(f"{name} is {getattr(settings, name)}, expected 1 or more")

@@ -1,0 +1,114 @@
+"""SynSin's losses: colour, content, depth where it is known, and two self-supervised losses of
+depth.
+
+The paper's content loss compares features of VGG-19 (`vgg`); by default LPIPS's on SqueezeNet
+replace them, since tables report LPIPS on AlexNet. The reprojection loss and the smoothness loss
+(Garg et al. 2016; Godard et al. 2019) are not in SynSin, whose depth network learns from the
+splatter's gradient alone. That gradient reaches about a pixel and is drowned by the content loss:
+on the synthetic street it is a hundred times as long as the true depth's gradient and points
+another way (cosine -0.1).
+"""
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from geovp_learned import lpips, vgg
+from geovp_learned.synsin import splatting
+from geovp_learned.tensors import sample_images
+
+ContentNet = Literal["alex", "squeeze", "vgg19"]
+
+SSIM_SHARE = 0.85  # Godard et al. 2019, eq. 2
+C1, C2 = 0.01**2, 0.03**2  # SSIM's constants for values in [0, 1]
+
+
+def content_loss(predicted: Tensor, target: Tensor, net: ContentNet) -> Tensor:
+    """Mean LPIPS or VGG-19 distance of frames [B, 3, H, W] in [0, 1], differentiable in
+    `predicted`.
+
+    MissingExtra when there are no weights.
+    """
+    if net == "vgg19":
+        return vgg.content_loss(predicted, target)
+    stored = lpips.load_weights(net, lpips.find_weights(net, None))
+    weights = {name: tensor.to(predicted.device) for name, tensor in stored.items()}
+    with torch.no_grad():
+        wanted = lpips.unit_features(net, weights, 2 * target.float() - 1)
+    total = predicted.new_zeros(())
+    for index, ours in enumerate(lpips.unit_features(net, weights, 2 * predicted.float() - 1)):
+        squares = (ours - wanted[index]) ** 2
+        total = total + torch.einsum("bchw,c->bhw", squares, weights[f"lin{index}.weight"]).mean()
+    return total
+
+
+def depth_loss(inverse_depths: Tensor, known: Tensor) -> Tensor:
+    """Mean absolute difference of inverse depths [B, H, W] 1/m, times 20 m, a typical depth; NaN is
+    not known.
+    """
+    is_known = torch.isfinite(known)
+    difference = torch.where(is_known, inverse_depths - torch.nan_to_num(known), 0.0)
+    return 20 * difference.abs().sum() / is_known.sum().clamp(min=1)
+
+
+def reprojection_loss(
+    inverse_depths: Tensor,  # [B, H, W] 1/m
+    frames: Tensor,  # [B, 3, H, W] in [0, 1]
+    targets: Tensor,  # [B * V, 3, H, W]
+    cam_from_last: Tensor,  # [B, V, 4, 4]
+    intrinsics: Tensor,  # [B, 4]
+) -> Tensor:
+    """Photometric error of later frames sampled at the reprojected pixels: the least of all views,
+    meant over pixels.
+
+    Pixels that project into no view do not count.
+    """
+    batch, views = cam_from_last.shape[:2]
+    size_px = (frames.shape[2], frames.shape[3])
+    rays = splatting.rays(intrinsics, size_px).repeat_interleave(views, dim=0)
+    depths = inverse_depths.flatten(1).repeat_interleave(views, dim=0)
+    cameras = intrinsics.repeat_interleave(views, dim=0)
+    positions, _, in_front = splatting.project(rays, depths, cam_from_last.flatten(0, 1), cameras)
+    positions = positions.unflatten(1, size_px)  # [B * V, H, W, 2]
+    sampled, wanted = sample_images(targets, positions), frames.repeat_interleave(views, dim=0)
+    error = (1 - SSIM_SHARE) * (sampled - wanted).abs().mean(dim=1) + SSIM_SHARE * _dssim(
+        sampled, wanted
+    )
+    inside = (
+        (positions >= 0) & (positions <= positions.new_tensor([size_px[1], size_px[0]]) - 1)
+    ).all(dim=3)
+    shown = inside & in_front.unflatten(1, size_px)
+    best = torch.where(shown, error, torch.inf).unflatten(0, (batch, views)).amin(dim=1)
+    counted = torch.isfinite(best)
+    return torch.where(counted, best, 0.0).sum() / counted.sum().clamp(min=1)
+
+
+def smoothness_loss(inverse_depths: Tensor, frames: Tensor) -> Tensor:
+    """Edge-aware smoothness of mean-normalised inverse depths [B, H, W] (Godard et al. 2019, eq.
+    3).
+    """
+    relative = inverse_depths[:, None] / inverse_depths.mean(dim=(1, 2), keepdim=True)[
+        :, None
+    ].clamp(min=1e-4)
+    total = relative.new_zeros(())
+    for axis in (2, 3):
+        edges = frames.diff(dim=axis).abs().mean(dim=1, keepdim=True)
+        total = total + (relative.diff(dim=axis).abs() * torch.exp(-10 * edges)).mean()
+    return total
+
+
+def _dssim(one: Tensor, other: Tensor) -> Tensor:
+    """(1 - SSIM) / 2 over windows of 3x3 pixels [B, H, W]."""
+
+    def mean(maps: Tensor) -> Tensor:
+        return functional.avg_pool2d(
+            functional.pad(maps, (1, 1, 1, 1), mode="reflect"), 3, stride=1
+        )
+
+    a, b = mean(one), mean(other)
+    variances = mean(one**2) - a**2 + mean(other**2) - b**2
+    covariance = mean(one * other) - a * b
+    ssim = (2 * a * b + C1) * (2 * covariance + C2) / ((a**2 + b**2 + C1) * (variances + C2))
+    return ((1 - ssim) / 2).clamp(0, 1).mean(dim=1)

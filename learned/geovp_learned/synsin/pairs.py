@@ -1,0 +1,116 @@
+"""Training examples for SynSin: a frame of a clip, later frames, and the camera motion between
+them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics
+from geovp_learned import tensors
+from geovp_learned.methods import Batch
+from geovp_learned.tensors import MIRROR, images_from_frames
+
+
+@dataclass(frozen=True)
+class Example:
+    """A frame of a clip from which later ones are to be predicted."""
+
+    clip: Clip
+    last: int
+
+
+@dataclass(frozen=True)
+class FramePairs:
+    """One frame and some later ones."""
+
+    frame: ByteArray  # [H, W, 3]
+    targets: ByteArray  # [V, H, W, 3]
+    cam_from_last: FloatArray  # [V, 4, 4], metres
+    intrinsics: Intrinsics
+    inverse_depth: FloatArray  # [H, W] 1/m of the frame; NaN where it is not known
+
+    def mirrored(self) -> FramePairs:
+        """Left and right exchanged, motion included."""
+        camera = replace(
+            self.intrinsics, cx_px=self.intrinsics.width_px - 1 - self.intrinsics.cx_px
+        )
+        motion = MIRROR @ self.cam_from_last @ MIRROR
+        return FramePairs(
+            self.frame[:, ::-1],
+            self.targets[:, :, ::-1],
+            motion,
+            camera,
+            self.inverse_depth[:, ::-1],
+        )
+
+    def grey(self) -> FramePairs:
+        """Without colours."""
+        targets = np.stack([tensors.grey(target) for target in self.targets])
+        return replace(self, frame=tensors.grey(self.frame), targets=targets)
+
+
+def examples(clips: Iterable[Clip], max_horizon: int) -> list[Example]:
+    """Every frame that has `max_horizon` frames after it; BadData when a clip is too short or has
+    no metric poses.
+    """
+    found = []
+    for clip in clips:
+        tensors.metric_trajectory(clip, "synsin")
+        if len(clip) <= max_horizon:
+            raise BadData(
+                f"{clip.name} has {len(clip)} frames, but horizons up to {max_horizon} need "
+                "more: raise num_frames"
+            )
+        found += [Example(clip, last) for last in range(len(clip) - max_horizon)]
+    return found
+
+
+def frame_pairs(example: Example, horizons: Iterable[int]) -> FramePairs:
+    """The frame of an example and those `horizons` steps later."""
+    clip, last = example.clip, example.last
+    steps = [last + horizon for horizon in horizons]
+    poses = tensors.metric_trajectory(clip, "synsin").world_from_cam
+    motion = se3.inverse(poses[steps]) @ poses[last]
+    inverse_depth = np.full(clip.frames.shape[1:3], np.nan)
+    if clip.depths is not None:
+        depth = clip.depths[last]
+        inverse_depth = np.where(depth > 0, 1 / np.where(depth > 0, depth, 1), np.nan)
+    return FramePairs(clip.frames[last], clip.frames[steps], motion, clip.intrinsics, inverse_depth)
+
+
+def augmented(pairs: FramePairs, rng: np.random.Generator, grey_share: float) -> FramePairs:
+    """Mirrored with probability 1/2, grey with probability `grey_share`."""
+    if rng.random() < 0.5:
+        pairs = pairs.mirrored()
+    return pairs.grey() if rng.random() < grey_share else pairs
+
+
+def batch(chosen: Sequence[FramePairs]) -> Batch:
+    """Tensors of examples of one size."""
+    return {
+        "frames": images_from_frames(np.stack([one.frame for one in chosen])),  # [B, 3, H, W]
+        "targets": images_from_frames(
+            np.concatenate([one.targets for one in chosen])
+        ),  # [B * V, 3, H, W]
+        "cam_from_last": torch.from_numpy(
+            np.stack([one.cam_from_last for one in chosen])
+        ).float(),  # [B, V, 4, 4]
+        "intrinsics": torch.cat([intrinsics_tensor(one.intrinsics) for one in chosen]),  # [B, 4]
+        "inverse_depths": torch.from_numpy(
+            np.stack([one.inverse_depth for one in chosen])
+        ).float(),  # [B, H, W]
+    }
+
+
+def intrinsics_tensor(camera: Intrinsics) -> torch.Tensor:
+    """fx, fy, cx, cy in pixels [1, 4]."""
+    return torch.tensor(
+        [[camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]], dtype=torch.float32
+    )

@@ -1,0 +1,120 @@
+"""SynSin as a renderer: the last frame becomes a cloud of feature points, which every view splats
+and refines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import se3
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+    Views,
+)
+from geovp_learned import checkpoints, devices
+from geovp_learned.synsin.network import FeatureCloud, Generator
+from geovp_learned.synsin.pairs import intrinsics_tensor
+from geovp_learned.tensors import frames_from_images, images_from_frames
+
+MIN_OPACITY = 0.1  # of covered pixels
+
+
+@dataclass(frozen=True)
+class SynSin(checkpoints.Pretrained):
+    """New views of one frame by learned depth, splatted features and a refinement network (Wiles et
+    al. 2020).
+
+    Frames may have any size. The weights say which variant they are of; those that come with the
+    package are `residual`. `seed` draws the networks' noise, the same for all views.
+    """
+
+    seed: int = 0
+
+    method: ClassVar[str] = "synsin"
+
+    @property
+    def input_note(self) -> str:
+        """One frame of any size; its depth network's own size."""
+        architecture = self.load()[1].architecture
+        size = (
+            "works at the frames' own size on the last frame, its depth at "
+            f"{architecture.depth_px} rows"
+        )
+        return (
+            size
+            if architecture.variant == "residual"
+            else f"{architecture.variant} variant; {size}"
+        )
+
+    def reconstruct(self, context: Context, past: Trajectory) -> FeatureScene:
+        """The cloud of the last frame; Incompatible when the poses are not metric, as those in
+        training were.
+        """
+        if not past.is_metric:
+            raise Incompatible(
+                "synsin's depth is in metres, the poses are not: give the odometry a scale"
+            )
+        generator, _ = self.load()
+        assert isinstance(generator, Generator)
+        with torch.inference_mode(), devices.one_thread():
+            noise = drawn(generator.noise_size, self.seed).to(self.device)
+            frame = images_from_frames(context.frames[-1:]).to(self.device)
+            cloud = generator.encode(
+                frame, intrinsics_tensor(context.intrinsics).to(self.device), noise
+            )
+        return FeatureScene(generator, cloud, past.world_from_cam[-1], self.seed)
+
+
+@dataclass(frozen=True)
+class FeatureScene:
+    """A cloud of features in the last camera's frame."""
+
+    generator: Generator
+    cloud: FeatureCloud  # of one frame
+    world_from_last: FloatArray  # [4, 4]
+    seed: int
+
+    def view(
+        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+    ) -> Views:
+        """The cloud from the poses [F, 4, 4]; covered where points project, invented by the network
+        elsewhere.
+        """
+        cam_from_last = torch.from_numpy(se3.inverse(world_from_cam) @ self.world_from_last).float()
+        # In batches, or by several threads, the last bits would differ
+        views = devices.on_one_thread_each(
+            lambda one: self._view(one, intrinsics), cam_from_last.split(1)
+        )
+        return Views(*(np.concatenate(arrays) for arrays in zip(*views, strict=True)))
+
+    @torch.inference_mode()
+    def _view(
+        self, cam_from_last: Tensor, intrinsics: Intrinsics
+    ) -> tuple[ByteArray, BoolArray, FloatArray]:
+        """Frame [1, H, W, 3], coverage [1, H, W] and depth [1, H, W] of the pose [1, 4, 4]."""
+        device = self.cloud.rays.device
+        noise = drawn(self.generator.noise_size, self.seed).to(device)
+        camera, size_px = (
+            intrinsics_tensor(intrinsics).to(device),
+            (intrinsics.height_px, intrinsics.width_px),
+        )
+        images = self.generator.render(self.cloud, cam_from_last.to(device), camera, size_px, noise)
+        covered = images.opacities[:, 0] > MIN_OPACITY
+        depths = torch.where(covered, 1 / images.inverse_depths[:, 0], 0.0)  # 1 / 0 is the sky
+        return frames_from_images(images.frames), covered.cpu().numpy(), depths.cpu().numpy()
+
+
+def drawn(noise_size: int, seed: int) -> Tensor:
+    """Noise [1, noise_size]."""
+    return torch.randn(1, noise_size, generator=torch.Generator().manual_seed(seed))

@@ -1,0 +1,176 @@
+"""Training of SynSin on pairs of frames with their motion, without depth (Wiles et al. 2020;
+thesis, eq. 3.7).
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.optim import Adam, Optimizer
+
+from geovp_classic.types import Clip
+from geovp_learned import methods
+from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.synsin import discriminator, losses, pairs
+from geovp_learned.synsin.discriminator import MultiScaleDiscriminator
+from geovp_learned.synsin.network import Architecture, Generator
+from geovp_learned.synsin.pairs import Example, FramePairs
+from geovp_learned.synsin.published import PublishedGenerator
+from geovp_learned.tensors import psnr_db
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the losses; a loss of weight 0 is not computed."""
+
+    colour: float = 1.0
+    content: float = 10.0
+    adversarial: float = 1.0
+    feature_matching: float = 10.0  # within the adversarial loss
+    # from here on not in the paper; needs a data set with depth, such as the synthetic street
+    depth: float = 0.0
+    reprojection: float = 0.0
+    roughness: float = 0.0  # smoothness loss
+
+
+@dataclass(frozen=True)
+class SynSinTraining:
+    """Settings of training; each example has `views` random frames of its next `max_horizon` ones
+    as targets.
+    """
+
+    architecture: Architecture = field(default_factory=Architecture)
+    weights: Weights = field(default_factory=Weights)
+    content_net: losses.ContentNet = "squeeze"
+    max_horizon: int = 20
+    views: int = 2
+    near_share: float = (
+        0.5  # of examples with one view in the nearest quarter of horizons, which helps depth
+    )
+    depth_first_steps: int = 0  # at the start, with depth losses alone
+    depth_share: float = 1.0  # factor of the images' gradient in the depth network; 1 in the paper
+    grey_share: float = 0.2  # probability that an example is shown without colours
+    rate: float = 1e-3
+    discriminator_rate: float = 2e-3
+    discriminator_width: int = 64
+    validation_stride: int = 20  # frames between two validation examples
+
+    kept: ClassVar[tuple[str, ...]] = ("generator",)
+
+    def __post_init__(self) -> None:
+        methods.check_counts(
+            self, "max_horizon", "views", "validation_stride", "discriminator_width"
+        )
+
+    def build(self) -> dict[str, nn.Module]:
+        """A new generator, and a discriminator when the adversarial loss has a weight."""
+        is_published = self.architecture.variant == "published"
+        generator = (PublishedGenerator if is_published else Generator)(self.architecture)
+        networks: dict[str, nn.Module] = {"generator": generator}
+        if self.weights.adversarial:
+            networks["discriminator"] = MultiScaleDiscriminator(
+                self.discriminator_width, with_instance_norm=is_published
+            )
+        return networks
+
+    def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
+        """Adam; betas (0, 0.9) as in the paper with a discriminator, (0.9, 0.99) without one."""
+        betas = (0.0, 0.9) if self.weights.adversarial else (0.9, 0.99)
+        rates = {"generator": self.rate, "discriminator": self.discriminator_rate}
+        return {
+            name: Adam(network.parameters(), lr=rates[name], betas=betas)
+            for name, network in networks.items()
+        }
+
+    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[Example]:
+        """Every frame with enough frames after it; in validation, one in `validation_stride`."""
+        return pairs.examples(clips, self.max_horizon)[:: 1 if training else self.validation_stride]
+
+    def batch(
+        self, examples: Sequence[Example], indices: Sequence[int], rng: np.random.Generator
+    ) -> Batch:
+        """The chosen examples with horizons drawn from `rng`, some mirrored, some grey."""
+        return pairs.batch([self._drawn(examples[index], rng) for index in indices])
+
+    def training_step(
+        self, networks: Networks, batch: Batch, step: int
+    ) -> Iterator[tuple[str, Losses]]:
+        """The generator's losses, then the discriminator's on the generated images."""
+        if step < self.depth_first_steps:
+            _, inverse_depths = networks["generator"](batch["frames"], batch["intrinsics"])
+            yield "generator", self._summed(self._depth_losses(inverse_depths, batch))
+            return
+        motion = (batch["intrinsics"], batch["cam_from_last"])
+        images, inverse_depths = networks["generator"](batch["frames"], *motion, self.depth_share)
+        fake, real = images.frames, batch["targets"]
+        critic = networks.get("discriminator")
+        parts = {**self._image_losses(fake, real), **self._depth_losses(inverse_depths, batch)}
+        if critic is not None:
+            parts |= discriminator.generator_losses(critic, fake, real)
+        yield "generator", self._summed(parts)
+        if critic is not None:
+            loss = discriminator.discriminator_hinge_loss(critic(real), critic(fake.detach()))
+            yield "discriminator", {"total": loss}
+
+    def validate(self, networks: Networks, examples: Sequence[Example]) -> dict[str, float]:
+        """PSNR and losses at some horizons; the score is colour and content, weighted as in
+        training.
+        """
+        horizons = sorted(
+            {max(1, round(share * self.max_horizon)) for share in (0.05, 0.25, 0.5, 0.75, 1.0)}
+        )
+        torch.manual_seed(0)  # noise of the refinement network
+        device = next(networks["generator"].parameters()).device
+        rows: list[dict[str, float]] = []
+        for example in examples:
+            batch = pairs.batch([pairs.frame_pairs(example, horizons)])
+            batch = {name: part.to(device) for name, part in batch.items()}
+            images, _ = networks["generator"](
+                batch["frames"], batch["intrinsics"], batch["cam_from_last"]
+            )
+            fake, real = images.frames.clamp(0, 1), batch["targets"]
+            parts = {
+                **self._summed(self._image_losses(fake, real)),
+                "psnr": psnr_db(fake, real).mean(),
+            }
+            rows.append({name: float(part) for name, part in parts.items()})
+        means = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+        return {"score": means.pop("total"), **means}
+
+    def _drawn(self, example: Example, rng: np.random.Generator) -> FramePairs:
+        horizons = 1 + rng.choice(
+            self.max_horizon, self.views, replace=self.views > self.max_horizon
+        )
+        if rng.random() < self.near_share:
+            horizons[0] = rng.integers(1, max(self.max_horizon // 4, 1) + 1)
+        return pairs.augmented(pairs.frame_pairs(example, horizons.tolist()), rng, self.grey_share)
+
+    def _image_losses(self, fake: Tensor, real: Tensor) -> Losses:
+        parts = {"colour": functional.l1_loss(fake, real)}
+        if self.weights.content:
+            parts["content"] = losses.content_loss(fake, real, self.content_net)
+        return parts
+
+    def _depth_losses(self, inverse_depths: Tensor, batch: Batch) -> Losses:
+        parts = {}
+        if self.weights.depth:
+            parts["depth"] = losses.depth_loss(inverse_depths, batch["inverse_depths"])
+        if self.weights.reprojection:
+            views = (batch["frames"], batch["targets"], batch["cam_from_last"], batch["intrinsics"])
+            parts["reprojection"] = losses.reprojection_loss(inverse_depths, *views)
+        if self.weights.roughness:
+            parts["roughness"] = losses.smoothness_loss(inverse_depths, batch["frames"])
+        return parts
+
+    def _summed(self, parts: Losses) -> Losses:
+        """The parts with their weighted sum as "total"."""
+        weights = asdict(self.weights)
+        weights["feature_matching"] *= self.weights.adversarial
+        return {
+            **parts,
+            "total": torch.stack([weights[name] * part for name, part in parts.items()]).sum(),
+        }

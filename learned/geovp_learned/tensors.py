@@ -1,0 +1,108 @@
+"""Frames as the networks need them: seen by the network's own camera, channels first, in [0, 1]."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from geovp_classic.errors import BadData
+from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics, Trajectory
+
+MIRROR = np.diag(
+    [-1.0, 1.0, 1.0, 1.0]
+)  # MIRROR @ motion @ MIRROR is the motion with left and right exchanged
+
+
+def images_from_frames(frames: ByteArray) -> Tensor:
+    """Frames [..., H, W, 3] as float32 [..., 3, H, W] in [0, 1]."""
+    return torch.from_numpy(frames.astype(np.float32)).movedim(-1, -3) / 255.0
+
+
+def frames_from_images(images: Tensor) -> ByteArray:
+    """Images [..., 3, H, W], clamped to [0, 1], as frames [..., H, W, 3]."""
+    return np.asarray((images.clamp(0, 1) * 255).round().byte().movedim(-3, -1).cpu().numpy())
+
+
+def stack(frames: Sequence[ByteArray]) -> Tensor:
+    """Windows [T, H, W, 3] as one tensor of bytes [B, T, 3, H, W]."""
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(np.stack(frames), -1, -3)))
+
+
+def grey(frame: ByteArray) -> ByteArray:
+    """A frame [H, W, 3] without colours, in three channels."""
+    luma = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
+    return np.repeat(np.asarray(luma, dtype=np.uint8)[..., None], 3, axis=2)
+
+
+def metric_trajectory(clip: Clip, method: str) -> Trajectory:
+    """The poses that a method learns from; BadData when the clip has none in metres."""
+    if clip.trajectory is None or not clip.trajectory.is_metric:
+        raise BadData(
+            f"{clip.name} has no metric poses, which {method} learns from: leave its sequence out"
+        )
+    return clip.trajectory
+
+
+def shrink(
+    frames: Sequence[ByteArray], camera: Intrinsics, wanted: Intrinsics
+) -> tuple[list[ByteArray], Intrinsics]:
+    """Frames [H, W, 3] at the focal lengths of another camera where that makes them smaller, and
+    their camera.
+
+    Area averages, so that later sampling does not alias.
+    """
+    width_px = max(round(camera.width_px * min(1.0, wanted.fx_px / camera.fx_px)), 1)
+    height_px = max(round(camera.height_px * min(1.0, wanted.fy_px / camera.fy_px)), 1)
+    if (width_px, height_px) == (camera.width_px, camera.height_px):
+        return list(frames), camera
+    resized = [
+        cv2.resize(frame, (width_px, height_px), interpolation=cv2.INTER_AREA) for frame in frames
+    ]
+    return [np.asarray(frame, dtype=np.uint8) for frame in resized], camera.resized(
+        width_px, height_px
+    )
+
+
+def reproject(
+    frame: ByteArray,  # [H, W, 3]
+    camera: Intrinsics,
+    wanted: Intrinsics,
+    cam_from_wanted: FloatArray | None = None,  # [3, 3]; the identity when not given
+    *,
+    mirrored: bool = False,
+) -> ByteArray:
+    """The view of another camera at the same place: its calibration, a rotation, left and right
+    exchanged if mirrored.
+
+    What the frame does not show is filled with its border.
+    """
+    rotation = np.eye(3) if cam_from_wanted is None else cam_from_wanted
+    if mirrored:
+        rotation = rotation @ MIRROR[:3, :3]
+    homography = (
+        camera.matrix @ rotation @ np.linalg.inv(wanted.matrix)
+    )  # pixels of the frame from those wanted
+    flags, size_px = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, (wanted.width_px, wanted.height_px)
+    warped = cv2.warpPerspective(
+        frame, homography, size_px, flags=flags, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(warped, dtype=np.uint8)
+
+
+def sample_images(images: Tensor, positions_px: Tensor) -> Tensor:
+    """Images [N, C, H, W] at positions (u, v) [N, H', W', 2]: bilinear, the border repeated beyond
+    it.
+    """
+    size = positions_px.new_tensor([images.shape[3], images.shape[2]])
+    grid = (2 * positions_px + 1) / size - 1  # -1 and 1 are the outer edges of the image
+    return functional.grid_sample(
+        images, grid, mode="bilinear", padding_mode="border", align_corners=False
+    )
+
+
+def psnr_db(predicted: Tensor, target: Tensor) -> Tensor:
+    """PSNR of images [..., 3, H, W] in [0, 1]; 80 dB at most."""
+    return -10 * torch.log10(((predicted - target) ** 2).mean((-3, -2, -1)).clamp(min=1e-8))

@@ -1,0 +1,101 @@
+"""SVG, SRVP and SLAMP as components: resize the clip to the network, predict a few samples at a
+time, resize back.
+"""
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.types import Context, Prediction
+from geovp_learned import checkpoints, devices, methods
+from geovp_learned.tensors import frames_from_images, stack
+from geovp_learned.video.training import resize, unwrapped
+
+PIXELS_AT_ONCE = 10 * 64 * 64  # of the frames in one batch of samples
+
+
+@dataclass(frozen=True)
+class VideoPredictor(checkpoints.Pretrained):
+    """Samples of future frames; the base class of SVG, SRVP and SLAMP.
+
+    Frames of any size are resized to the network's square and back. Of the observed frames the last
+    are used, as many as in training: with more, results get worse (SVG, shown ten instead of five,
+    lost 1.3 dB). A sample depends on `seed`, the frames used and its own number alone, so the first
+    samples of a hundred are those of fewer. `samples_at_once` only limits memory; by default ten
+    for a network of 64x64 pixels, fewer for larger ones.
+    """
+
+    seed: int = 0
+    samples_at_once: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.samples_at_once is not None:
+            methods.check_counts(self, "samples_at_once")
+        super().__post_init__()
+
+    @property
+    def input_note(self) -> str:
+        """The network's square, and the frames it looks at."""
+        loaded, settings = self.load()
+        size_px = unwrapped(loaded).size_px
+        return (
+            f"works at {size_px}x{size_px} on the last {settings.num_past} frames, resized to "
+            "the clip's size"
+        )
+
+    def predict(self, context: Context, num_samples: int = 1) -> Prediction:
+        """Frames [S, F, H, W, 3]; Incompatible for fewer than two observed frames."""
+        if context.num_past < 2:
+            raise Incompatible(
+                f"{self.method} goes by motion, the past has one frame: give num_past of 2 or more"
+            )
+        loaded, settings = self.load()
+        network, recent = unwrapped(loaded), context.recent(settings.num_past)
+        height_px, width_px = context.frames.shape[1:3]
+        observed = (
+            stack([resize(recent.frames, network.size_px, network.size_px)]).to(self.device).float()
+            / 255.0
+        )
+        frames = np.empty((num_samples, context.num_future, height_px, width_px, 3), np.uint8)
+        at_once = self.samples_at_once or max(1, PIXELS_AT_ONCE // network.size_px**2)
+        for first in range(0, num_samples, at_once):
+            samples = range(first, min(first + at_once, num_samples))
+            noise = noise_of(recent, self.seed, samples, network.noise_size).to(self.device)
+            with torch.inference_mode(), devices.one_thread():
+                images = network.predict(observed, noise)
+            for sample, sample_frames in zip(samples, frames_from_images(images), strict=True):
+                frames[sample] = resize(sample_frames, width_px, height_px)
+        return Prediction(frames)
+
+
+class Svg(VideoPredictor):
+    """SVG-LP (Denton and Fergus 2018); see `VideoPredictor` for the settings."""
+
+    method = "svg"
+
+
+class Srvp(VideoPredictor):
+    """SRVP (Franceschi et al. 2020); see `VideoPredictor` for the settings."""
+
+    method = "srvp"
+
+
+class Slamp(VideoPredictor):
+    """SLAMP (Akan et al. 2021); see `VideoPredictor` for the settings."""
+
+    method = "slamp"
+
+
+def noise_of(context: Context, seed: int, samples: range, size: int) -> Tensor:
+    """Standard normal numbers [len(samples), F, size], seeded by seed, frames and sample number."""
+    clip = int.from_bytes(hashlib.sha256(context.frames.tobytes()).digest()[:8], "big")
+    shape = (context.num_future, size)
+    rows = [
+        np.random.default_rng([seed, clip, sample]).standard_normal(shape, np.float32)
+        for sample in samples
+    ]
+    return torch.from_numpy(np.stack(rows))

@@ -1,0 +1,161 @@
+"""SLAMP: stochastic latent appearance and motion prediction (Akan et al. 2021).
+
+One branch predicts the next frame, one the optical flow that moves the last frame, and a mask
+blends the two. The mask network has three plain convolutions; the authors'
+(github.com/kaanakan/slamp, models/mask_predictor.py) has five with batch normalisation and
+squeeze-and-excitation.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from geovp_learned.methods import Losses
+from geovp_learned.tensors import sample_images
+from geovp_learned.video import svg
+from geovp_learned.video.latents import Gaussian, kl_divergence
+from geovp_learned.video.svg import RecurrentAutoencoder, Rollout
+from geovp_learned.video.training import VideoNetwork, VideoTraining
+
+
+@dataclass(frozen=True)
+class Architecture(svg.Architecture):
+    """Sizes of the networks; `latent_size` is of each branch. The flow is the decoder's output
+    times `flow_unit_px`.
+    """
+
+    mask_width: int = 32
+    flow_unit_px: float = 1.0
+
+
+class Blend(NamedTuple):
+    """Images [..., 3, H, W] of each branch and blended."""
+
+    images: Tensor
+    appearance: Tensor
+    motion: Tensor  # the previous frames, warped
+    masks: Tensor  # [..., 1, H, W]: weight of the appearance
+    flow_px: Tensor  # [..., 2, H, W]
+
+
+class Output(NamedTuple):
+    """Predictions of all steps but the first, and the distributions of appearance and motion
+    latents.
+    """
+
+    prediction: Blend  # [B, T - 1, ...]
+    posteriors: tuple[Gaussian, Gaussian]  # [B, T - 1, latent_size]
+    priors: tuple[Gaussian, Gaussian]
+
+
+class SlampNetwork(VideoNetwork):
+    """The appearance branch sees frames, the motion branch pairs of consecutive frames."""
+
+    def __init__(self, architecture: Architecture) -> None:
+        """With new weights; a residual network starts with no flow."""
+        super().__init__(architecture.coding, 2 * architecture.latent_size)
+        self.flow_unit_px, width = architecture.flow_unit_px, architecture.mask_width
+        self.appearance = RecurrentAutoencoder(architecture, in_channels=3, out_channels=3)
+        self.motion = RecurrentAutoencoder(architecture, in_channels=6, out_channels=2)
+        self.mask = nn.Sequential(
+            nn.Conv2d(6, width, 3, padding=1), nn.LeakyReLU(0.2),
+            nn.Conv2d(width, width, 3, padding=1), nn.LeakyReLU(0.2), nn.Conv2d(width, 1, 3, padding=1),
+        )  # fmt: skip
+
+    def forward(self, images: Tensor, num_past: int) -> Output:
+        """Predictions from the real frames [B, T, 3, H, W] before each; skips are of observed
+        frames only.
+        """
+        skip_steps = torch.arange(images.shape[1] - 1, device=images.device).clamp(max=num_past - 1)
+        maps, appearance_posterior, appearance_prior = self.appearance.teacher_forced(
+            images, skip_steps
+        )
+        flow, motion_posterior, motion_prior = self.motion.teacher_forced(
+            _frame_pairs(images), skip_steps
+        )
+        flat = self._blend(
+            maps, flow, images[:, skip_steps].flatten(0, 1), images[:, :-1].flatten(0, 1)
+        )
+        prediction = Blend(*(part.unflatten(0, (len(images), -1)) for part in flat))
+        return Output(
+            prediction, (appearance_posterior, motion_posterior), (appearance_prior, motion_prior)
+        )
+
+    def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
+        """Futures [N, F, 3, H, W], each frame predicted from those predicted before it."""
+        rows = len(noise)
+        appearance = Rollout(self.appearance, observed, rows)
+        motion = Rollout(self.motion, _frame_pairs(observed), rows)
+        frames = [observed[:, step].expand(rows, -1, -1, -1) for step in (-2, -1)]
+        base = frames[-1]
+        for step, step_noise in enumerate(noise.unbind(dim=1)):
+            if step > 0:
+                appearance.feed_back(frames[-1])
+                motion.feed_back(torch.cat(frames[-2:], dim=1))
+            appearance_noise, motion_noise = step_noise.chunk(2, dim=-1)
+            maps, flow = appearance.step(appearance_noise), motion.step(motion_noise)
+            frames.append(self._blend(maps, flow, base, frames[-1]).images)
+        return torch.stack(frames[2:], dim=1)
+
+    def _blend(self, maps: Tensor, flow: Tensor, base: Tensor, previous: Tensor) -> Blend:
+        """Predictions [N, ...] of decoded maps and flow; the flow warps the `previous` frames [N,
+        3, H, W].
+        """
+        appearance = self.images(maps, base)
+        flow_px = flow * self.flow_unit_px
+        motion = warp(previous, flow_px)
+        masks = torch.sigmoid(self.mask(torch.cat([appearance, motion], dim=1)))
+        return Blend(masks * appearance + (1 - masks) * motion, appearance, motion, masks, flow_px)
+
+
+@dataclass(frozen=True)
+class SlampTraining(VideoTraining):
+    """Training of SLAMP; weights are relative to the mean squared error of the blended frames."""
+
+    architecture: Architecture = field(default_factory=Architecture)
+    beta: float = 1e-4  # of both branches' KL divergence
+    appearance_weight: float = 1.0
+    motion_weight: float = 1.0
+
+    network = SlampNetwork
+
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
+        """Means over clips and predicted frames."""
+        output: Output = network(images, self.num_past)
+        real, prediction = images[:, 1:], output.prediction
+        nats = [
+            kl_divergence(a, b).mean()
+            for a, b in zip(output.posteriors, output.priors, strict=True)
+        ]
+        parts = {
+            "error": functional.mse_loss(prediction.images, real),
+            "appearance": functional.mse_loss(prediction.appearance, real),
+            "motion": functional.mse_loss(prediction.motion, real),
+            "nats": torch.stack(nats).sum(),
+        }
+        weights = (1.0, self.appearance_weight, self.motion_weight, self.beta)
+        total = torch.stack(
+            [weight * part for weight, part in zip(weights, parts.values(), strict=True)]
+        ).sum()
+        return {"total": total, **parts}
+
+
+def warp(images: Tensor, flow_px: Tensor) -> Tensor:
+    """Backward warping: each pixel of [N, C, H, W] shows what lies `flow_px` [N, 2, H, W] (right,
+    down) from it.
+    """
+    height, width = images.shape[-2:]
+    rows, columns = torch.meshgrid(
+        torch.arange(height, device=images.device),
+        torch.arange(width, device=images.device),
+        indexing="ij",
+    )
+    return sample_images(images, (torch.stack([columns, rows]) + flow_px).movedim(1, -1))
+
+
+def _frame_pairs(images: Tensor) -> Tensor:
+    """Each frame behind its predecessor [B, T, 6, H, W]; the first frame is its own predecessor."""
+    return torch.cat([torch.cat([images[:, :1], images[:, :-1]], dim=1), images], dim=2)

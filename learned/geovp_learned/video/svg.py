@@ -1,0 +1,156 @@
+"""SVG-LP: stochastic video generation with a learned prior (Denton and Fergus 2018)."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from geovp_learned.methods import Losses
+from geovp_learned.video.autoencoder import (
+    AutoencoderConfig,
+    Decoder,
+    Encoder,
+    last_skips,
+    select_skips,
+)
+from geovp_learned.video.latents import Gaussian, Lstm, expand_state, kl_divergence
+from geovp_learned.video.training import VideoNetwork, VideoTraining
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Sizes of the networks; stored with the weights. Defaults as in the paper."""
+
+    coding: AutoencoderConfig = field(default_factory=AutoencoderConfig)
+    hidden_size: int = 256
+    predictor_layers: int = 2
+    latent_layers: int = 1
+    latent_size: int = 64
+
+
+class Output(NamedTuple):
+    """Predictions of all steps but the first, and the distributions of their latents."""
+
+    images: Tensor  # [B, T - 1, 3, H, W]
+    posterior: Gaussian  # [B, T - 1, latent_size]
+    prior: Gaussian
+
+
+class RecurrentAutoencoder(VideoNetwork):
+    """The encoder, the LSTMs of posterior, prior and predictor, and the decoder.
+
+    The next output is decoded from the code of the current input and a latent. The posterior of the
+    latent knows the next input; the prior does not.
+    """
+
+    def __init__(
+        self, architecture: Architecture, in_channels: int = 3, out_channels: int = 3
+    ) -> None:
+        coding, hidden, latent = (
+            architecture.coding,
+            architecture.hidden_size,
+            architecture.latent_size,
+        )
+        super().__init__(coding, latent)
+        self.encoder, self.decoder = Encoder(coding, in_channels), Decoder(coding, out_channels)
+        self.posterior = Lstm(coding.code_size, hidden, architecture.latent_layers, 2 * latent)
+        self.prior = Lstm(coding.code_size, hidden, architecture.latent_layers, 2 * latent)
+        self.predictor = Lstm(
+            coding.code_size + latent, hidden, architecture.predictor_layers, coding.code_size
+        )
+
+    def encode(self, inputs: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """Codes [B, T, code_size] and skips [B * T, ...] of inputs [B, T, C, H, W]."""
+        flat, skips = self.encoder(inputs.flatten(0, 1))
+        return flat.unflatten(0, inputs.shape[:2]), skips
+
+    def teacher_forced(
+        self, inputs: Tensor, skip_steps: Tensor
+    ) -> tuple[Tensor, Gaussian, Gaussian]:
+        """Decoded maps [B * (T - 1), C, H, W], posterior and prior, each step predicted from the
+        real input before it.
+
+        The decoder takes the skips of the inputs at `skip_steps` [T - 1].
+        """
+        codes, skips = self.encode(inputs)
+        posterior = Gaussian.from_output(self.posterior(codes[:, 1:])[0])
+        prior = Gaussian.from_output(self.prior(codes[:, :-1])[0])
+        predicted = torch.tanh(
+            self.predictor(torch.cat([codes[:, :-1], posterior.sample()], dim=-1))[0]
+        )
+        maps = self.decoder(predicted.flatten(0, 1), select_skips(skips, len(inputs), skip_steps))
+        return maps, posterior, prior
+
+
+class Rollout:
+    """Prediction step by step; the skips stay those of the last observed input."""
+
+    def __init__(self, network: RecurrentAutoencoder, observed: Tensor, rows: int) -> None:
+        """Start after observed inputs [B, P, C, H, W]; B is 1 or `rows`."""
+        self.network = network
+        codes, skips = network.encode(observed)
+        latents = Gaussian.from_output(network.posterior(codes[:, 1:])[0]).mean
+        self.prior_state = expand_state(network.prior(codes[:, :-1])[1], rows)
+        self.state = expand_state(
+            network.predictor(torch.cat([codes[:, :-1], latents], dim=-1))[1], rows
+        )
+        self.skips = last_skips(skips, len(codes), rows)
+        self.code = codes[:, -1].expand(rows, -1)
+
+    def step(self, noise: Tensor) -> Tensor:
+        """Decoded maps [N, C, H, W] of the next step, its latent drawn from the prior."""
+        output, self.prior_state = self.network.prior.step(self.code, self.prior_state)
+        latent = Gaussian.from_output(output).sample(noise)
+        code, self.state = self.network.predictor.step(
+            torch.cat([self.code, latent], dim=-1), self.state
+        )
+        return self.network.decoder(torch.tanh(code), self.skips)
+
+    def feed_back(self, inputs: Tensor) -> None:
+        """The next step starts from predicted inputs [N, C, H, W]."""
+        self.code, _ = self.network.encoder(inputs)
+
+
+class SvgNetwork(RecurrentAutoencoder):
+    """The recurrent autoencoder on frames."""
+
+    def forward(self, images: Tensor, num_past: int) -> Output:
+        """Predictions from the real frames [B, T, 3, H, W] before each; skips are of observed
+        frames only.
+        """
+        skip_steps = torch.arange(images.shape[1] - 1, device=images.device).clamp(max=num_past - 1)
+        maps, posterior, prior = self.teacher_forced(images, skip_steps)
+        predicted = self.images(maps, images[:, skip_steps].flatten(0, 1))
+        return Output(predicted.unflatten(0, (len(images), -1)), posterior, prior)
+
+    def predict(self, observed: Tensor, noise: Tensor) -> Tensor:
+        """Futures [N, F, 3, H, W], each frame predicted from the one predicted before it."""
+        rollout, base = (
+            Rollout(self, observed, len(noise)),
+            observed[:, -1].expand(len(noise), -1, -1, -1),
+        )
+        predicted: list[Tensor] = []
+        for step_noise in noise.unbind(dim=1):
+            if predicted:
+                rollout.feed_back(predicted[-1])
+            predicted.append(self.images(rollout.step(step_noise), base))
+        return torch.stack(predicted, dim=1)
+
+
+@dataclass(frozen=True)
+class SvgTraining(VideoTraining):
+    """Training of SVG-LP; `beta` weighs the KL divergence against the mean squared error."""
+
+    architecture: Architecture = field(default_factory=Architecture)
+    beta: float = 1e-4
+
+    network = SvgNetwork
+
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
+        """Means over clips and predicted frames."""
+        output: Output = network(images, self.num_past)
+        error = functional.mse_loss(output.images, images[:, 1:])
+        nats = kl_divergence(output.posterior, output.prior).mean()
+        return {"total": error + self.beta * nats, "error": error, "nats": nats}

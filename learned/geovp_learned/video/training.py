@@ -1,0 +1,179 @@
+"""What training SVG, SRVP and SLAMP has in common; a method adds its network and its losses."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.optim import Adam, Optimizer
+
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.types import ByteArray, Clip
+from geovp_learned import methods
+from geovp_learned.methods import Batch, Losses, Networks
+from geovp_learned.tensors import psnr_db, stack
+from geovp_learned.video.autoencoder import LOGIT_EPS, AutoencoderConfig
+
+VALIDATION_BATCH = 8
+NEAR_STEPS = 5
+LUMA = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
+
+
+class VideoNetwork(nn.Module):
+    """A stochastic video predictor; its images are [..., 3, size_px, size_px] in [0, 1].
+
+    `predict` gives futures [N, F, 3, H, W] of images [N, P, 3, H, W], or of the same [1, P, 3, H,
+    W] for all; futures of the same past differ by the noise [N, F, noise_size] alone.
+    """
+
+    predict: Callable[[Tensor, Tensor], Tensor]
+
+    def __init__(self, coding: AutoencoderConfig, noise_size: int) -> None:
+        """`noise_size` normal numbers decide on one predicted frame."""
+        super().__init__()
+        self.size_px, self.noise_size, self.is_residual = (
+            coding.size_px,
+            noise_size,
+            coding.residual,
+        )
+
+    def images(self, maps: Tensor, base: Tensor) -> Tensor:
+        """Sigmoid of decoded maps [N, 3, H, W]; in residual networks they are changes of the base's
+        logits.
+        """
+        return torch.sigmoid(maps + torch.logit(base, LOGIT_EPS) if self.is_residual else maps)
+
+
+@dataclass(frozen=True)
+class VideoTraining(ABC):
+    """The training settings that all three methods have."""
+
+    architecture: Any  # the method's dataclass; has a field `coding`
+    num_past: int = 10
+    num_future: int = 10
+    window_stride: int = 1
+    validation_stride: int = 5
+    grey_share: float = 0.3  # probability that a window is shown without colours
+    rate: float = 1e-3
+
+    kept: ClassVar[tuple[str, ...]] = ("video",)
+    network: ClassVar[Any]  # the class of the network, built from the architecture
+
+    def __post_init__(self) -> None:
+        methods.check_counts(self, "num_future", "window_stride", "validation_stride")
+        if self.num_past < 2:
+            raise BadData(
+                f"num_past is {self.num_past}, expected 2 or more: one frame shows no motion"
+            )
+
+    @abstractmethod
+    def losses(self, network: nn.Module, images: Tensor) -> Losses:
+        """Loss terms of images [B, T, 3, H, W] in [0, 1]; "total" is minimised."""
+
+    def build(self) -> dict[str, nn.Module]:
+        """A new network under the name "video"."""
+        return {"video": self.network(self.architecture)}
+
+    def optimisers(self, networks: Networks) -> dict[str, Optimizer]:
+        """Adam, as in all three papers."""
+        return {"video": Adam(networks["video"].parameters(), self.rate)}
+
+    def examples(self, clips: Iterable[Clip], *, training: bool) -> Sequence[ByteArray]:
+        """Windows of num_past + num_future frames."""
+        stride = self.window_stride if training else self.validation_stride
+        return windows(
+            clips, self.architecture.coding.size_px, self.num_past + self.num_future, stride
+        )
+
+    def batch(
+        self, examples: Sequence[ByteArray], indices: Sequence[int], rng: np.random.Generator
+    ) -> Batch:
+        """The windows as "images" [B, T, 3, H, W] of bytes, half of them mirrored, some grey."""
+        return {
+            "images": stack(
+                [_augmented(examples[index], rng, self.grey_share) for index in indices]
+            )
+        }
+
+    def training_step(
+        self, networks: Networks, batch: Batch, step: int
+    ) -> Iterator[tuple[str, Losses]]:
+        """The losses of the only network."""
+        yield "video", self.losses(networks["video"], batch["images"].float() / 255.0)
+
+    def validate(self, networks: Networks, examples: Sequence[ByteArray]) -> dict[str, float]:
+        """Mean PSNR (dB) of one sample and of the last frame repeated, at the network's size; the
+        score is -psnr.
+
+        The names with "near" are over the first NEAR_STEPS steps; "spread" is the mean difference
+        of two samples in grey levels.
+        """
+        network = unwrapped(networks["video"])
+        device = next(network.parameters()).device
+        generator = torch.Generator().manual_seed(0)
+        rows = []
+        for start in range(0, len(examples), VALIDATION_BATCH):
+            images = (stack(examples[start : start + VALIDATION_BATCH]).float() / 255.0).to(device)
+            observed, future = images[:, : self.num_past], images[:, self.num_past :]
+            noises = (
+                torch.randn((*future.shape[:2], network.noise_size), generator=generator)
+                for _ in range(2)
+            )
+            sample, other = (network.predict(observed, noise.to(device)) for noise in noises)
+            spread = (sample - other).abs().mean((-3, -2, -1)) * 255
+            rows.append(
+                (
+                    psnr_db(sample, future),
+                    psnr_db(observed[:, -1:].expand_as(future), future),
+                    spread,
+                )
+            )
+        psnr, copied, spreads = (
+            torch.cat(column) for column in zip(*rows, strict=True)
+        )  # [N, F] each
+        return {
+            "score": -float(psnr.mean()),
+            "psnr": float(psnr.mean()),
+            "psnr_near": float(psnr[:, :NEAR_STEPS].mean()),
+            "copy_last": float(copied.mean()),
+            "copy_last_near": float(copied[:, :NEAR_STEPS].mean()),
+            "spread": float(spreads.mean()),
+        }
+
+
+def unwrapped(network: nn.Module) -> VideoNetwork:
+    """The network without Fabric's wrapper."""
+    own = network if isinstance(network, VideoNetwork) else network.module
+    assert isinstance(own, VideoNetwork)
+    return own
+
+
+def windows(clips: Iterable[Clip], size_px: int, num_frames: int, stride: int) -> list[ByteArray]:
+    """Every `stride`-th window [num_frames, size, size, 3] of each clip; windows of a clip share
+    their memory.
+    """
+    found = []
+    for clip in clips:
+        frames = resize(clip.frames, size_px, size_px)
+        found += [
+            frames[first : first + num_frames]
+            for first in range(0, len(frames) - num_frames + 1, stride)
+        ]
+    return found
+
+
+def resize(frames: ByteArray, width_px: int, height_px: int) -> ByteArray:
+    """Frames [T, H, W, 3] at another size."""
+    return np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in frames])
+
+
+def _augmented(frames: ByteArray, rng: np.random.Generator, grey_share: float) -> ByteArray:
+    if rng.random() < 0.5:
+        frames = frames[:, :, ::-1]
+    if rng.random() < grey_share:
+        frames = np.repeat((frames @ LUMA).round().astype(np.uint8)[..., None], 3, axis=-1)
+    return frames

@@ -1,0 +1,283 @@
+"""The fits: gradients against differences, networks that learn, likelihoods that agree with the
+single filter.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from geovp_benchmarks.fitting import (
+    calibration,
+    kalman_noise,
+    network_training,
+    prior,
+    training_windows,
+)
+from geovp_benchmarks.fitting.network_training import Schedule
+from geovp_benchmarks.fitting.prior import Plan
+from geovp_classic.errors import BadData
+from geovp_classic.forecasting import kalman, motion_network, motion_prior
+from geovp_classic.forecasting.motion_network import Coefficients
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Trajectory
+
+
+def winding_road(num_steps: int, seed: int) -> Trajectory:
+    """A drive whose speed and turn rate wander."""
+    rng = np.random.default_rng(seed)
+    turns = 0.3 * np.sin(np.arange(num_steps) / 25 + seed) + 0.02 * rng.standard_normal(num_steps)
+    poses = [np.eye(4)]
+    for step, turn in enumerate(turns[1:]):
+        speed = 8 + 2 * np.sin(step / 40 + seed)
+        poses.append(poses[-1] @ se3.exp(np.array([0, 0, speed, 0, turn, 0]) * 0.1037))
+    return Trajectory(np.stack(poses), np.arange(num_steps) * 0.1037, is_metric=True)
+
+
+def slope_by_differences(loss: object, outputs: FloatArray) -> FloatArray:
+    step, slopes = 1e-3, np.zeros_like(outputs)
+    for index in np.ndindex(*outputs.shape):
+        nudge = np.zeros_like(outputs)
+        nudge[index] = step
+        slopes[index] = (loss(outputs + nudge) - loss(outputs - nudge)) / (2 * step)  # type: ignore[operator]
+    return slopes
+
+
+def test_back_propagation_is_the_slope_by_differences() -> None:
+    rng = np.random.default_rng(0)
+    network = network_training.initialised((3, 4, 2), 2, rng)
+    network = motion_network.Network(
+        tuple(w.astype(np.float64) for w in network.weights), tuple(b + 0.1 for b in network.biases)
+    )
+    features = rng.standard_normal((2, 5, 3))
+    outputs, trace = network_training.forward(network, features, 0.0, rng)
+    np.testing.assert_allclose(outputs[0], network(features[0])[0], atol=1e-6)
+    slopes = network_training.backward(network, trace, 2 * outputs)
+
+    def loss(first: FloatArray) -> float:
+        return float(
+            (
+                network_training.forward(
+                    replace(network, weights=(first, network.weights[1])), features, 0.0, rng
+                )[0]
+                ** 2
+            ).sum()
+        )
+
+    np.testing.assert_allclose(
+        slopes[0], slope_by_differences(loss, network.weights[0]), rtol=1e-3, atol=1e-4
+    )
+
+
+def test_the_mixtures_gradient_is_the_slope_of_its_likelihood() -> None:
+    rng = np.random.default_rng(1)
+    outputs, wanted = rng.standard_normal((1, 3, 2 * 5)), rng.standard_normal((1, 3, 2))
+
+    def loss(values: FloatArray) -> float:
+        log_weights, means, log_deviations = motion_network.mixture_parameters(values, 2)
+        white = (wanted[..., None, :] - means) * np.exp(-log_deviations)
+        return -float(
+            logsumexp(log_weights + (-0.5 * white**2 - log_deviations).sum(-1), axis=-1).mean()
+        )
+
+    slopes = prior.mixture_gradient(outputs, wanted, 2)
+    np.testing.assert_allclose(slopes, slope_by_differences(loss, outputs), atol=1e-4)
+
+
+def test_the_centres_gradient_is_the_slope_of_distance_and_yaw() -> None:
+    rng = np.random.default_rng(2)
+    outputs, wanted = rng.standard_normal((1, 2, 6)), rng.standard_normal((1, 2, 6))
+    scale = np.array([[1.0, 2.0, 0.1], [1.5, 3.0, 0.2]])
+
+    def loss(values: FloatArray) -> float:
+        off = (values - wanted).reshape(1, 2, 2, 3) * scale
+        distance = np.sqrt((off[..., :2] ** 2).sum(-1) + 1e-4)
+        return float((distance + 8 * np.sqrt(off[..., 2] ** 2 + 1e-6)).mean())
+
+    slopes = prior.centre_gradient(outputs, wanted, scale, 8.0)
+    np.testing.assert_allclose(slopes, slope_by_differences(loss, outputs), rtol=2e-2, atol=2e-3)
+
+
+def test_a_network_learns_a_line() -> None:
+    rng = np.random.default_rng(3)
+
+    def batch() -> tuple[FloatArray, FloatArray]:
+        features = rng.standard_normal((2, 64, 1)).astype(np.float32)
+        return features, 3 * features - 1
+
+    def gradient(outputs: FloatArray, wanted: FloatArray) -> FloatArray:
+        return (2 * (outputs - wanted) / 64).astype(np.float32)
+
+    start = network_training.initialised((1, 16, 16, 1), 2, rng)
+    schedule = Schedule(600, 64, learning_rate=1e-2, weight_decay=0.0, dropout=0.0)
+    trained = network_training.train(start, batch, gradient, schedule, rng)
+    np.testing.assert_allclose(trained(np.array([[0.5]]))[:, 0, 0], 0.5, atol=0.1)
+
+
+def test_components_give_errors_back() -> None:
+    rng = np.random.default_rng(4)
+    smooth = rng.standard_normal((500, 2)) @ rng.standard_normal((2, 5 * 3))
+    errors = smooth.reshape(500, 5, 3)
+    basis, floor, amounts = prior.components(errors, 2)
+    np.testing.assert_allclose(np.einsum("fid,nd->nfi", basis, amounts), errors, atol=1e-6)
+    np.testing.assert_allclose(amounts.std(0), 1.0, rtol=0.1)
+    assert floor.max() < 1e-6
+
+
+def test_shortened_pasts_repeat_what_is_known() -> None:
+    twists = np.arange(9.0)[None, :, None] * np.ones(6)
+    np.testing.assert_array_equal(
+        training_windows.shortened(twists, np.array([3]))[0, :, 0], [6, 6, 6, 6, 6, 6, 6, 7, 8]
+    )
+
+
+def test_training_windows_of_a_circle_are_its_states() -> None:
+    times_s = np.arange(60) * 0.1037
+    circle = Trajectory(
+        se3.exp(times_s[:, None] * np.array([0, 0, 10.0, 0, 0.1, 0])), times_s, True
+    )
+    data = training_windows.windows(circle, stride=7)
+    np.testing.assert_allclose(
+        data.twists, np.tile([0, 0, 10, 0, 0.1, 0], (len(data), 9, 1)), atol=1e-6
+    )
+    angle = 0.1 * training_windows.STEP_S * training_windows.NUM_FUTURE_STEPS
+    wanted = [100 * (1 - np.cos(angle)), 100 * np.sin(angle), angle]
+    np.testing.assert_allclose(data.states[:, -1], np.tile(wanted, (len(data), 1)), atol=1e-6)
+
+
+def test_a_small_prior_is_fitted_and_forecasts() -> None:
+    roads = {f"{seed}": winding_road(120, seed) for seed in range(3)}
+    plan = Plan(
+        num_members=1,
+        centre_width=8,
+        centre_epochs=2,
+        num_modes=2,
+        depth=3,
+        spread_width=8,
+        spread_epochs=2,
+    )
+    calls: list[tuple[int, int]] = []
+    fitted = prior.fit(
+        roads, plan, {"other": winding_road(90, 3)}, lambda *done: calls.append(done)
+    )
+    assert calls == [
+        (done, 8) for done in range(9)
+    ]  # a centre and a spread without each of 3, and with all
+    again = motion_prior.unpacked(prior.packed(fitted))
+    assert again.centre.scale.shape == (training_windows.NUM_FUTURE_STEPS, 3)
+    assert again.spread.basis.shape == (21, 3, 3)
+    paths = again.centre(training_windows.windows(roads["0"], 9).twists)
+    assert np.isfinite(paths).all()
+
+
+@pytest.fixture(scope="module")
+def small_prior() -> Coefficients:
+    roads = {f"{seed}": winding_road(120, seed) for seed in range(2)}
+    plan = Plan(
+        num_members=1,
+        centre_width=8,
+        centre_epochs=2,
+        num_modes=2,
+        depth=3,
+        spread_width=8,
+        spread_epochs=2,
+    )
+    return prior.fit(roads, plan)
+
+
+def test_networks_of_an_ensemble_have_the_same_weight(small_prior: Coefficients) -> None:
+    data, spread = training_windows.windows(winding_road(80, 8), 20), small_prior.spread
+    centre = small_prior.centre(data.twists[:1])
+    together = spread(data.twists[:1], centre)
+    half = len(together[0]) // 2
+    np.testing.assert_allclose(together[0].sum(), 1.0)
+    for member in range(3):
+        network = motion_network.Network(
+            tuple(w[member : member + 1] for w in spread.network.weights),
+            tuple(b[member : member + 1] for b in spread.network.biases),
+        )
+        weights, means, deviations = replace(spread, network=network)(data.twists[:1], centre)
+        modes = spread.num_modes
+        which = np.arange(member * modes, (member + 1) * modes)
+        for side, offset in enumerate((0, half)):
+            mine = slice(side * modes, (side + 1) * modes)
+            np.testing.assert_allclose(together[0][which + offset], weights[mine] / 3, rtol=1e-5)
+            np.testing.assert_allclose(
+                together[1][which + offset], means[mine], rtol=1e-4, atol=1e-5
+            )
+            np.testing.assert_allclose(together[2][which + offset], deviations[mine], rtol=1e-4)
+
+
+def test_a_region_resized_by_two_holds_what_the_old_one_holds_of_halved_errors(
+    small_prior: Coefficients,
+) -> None:
+    data = training_windows.windows(winding_road(200, 5), 1)
+    covered = calibration.coverage(small_prior, data)
+    assert covered.shape == (len(calibration.FACTORS), len(calibration.HORIZONS))
+    assert covered[0].mean() < covered[-1].mean()
+    twice = calibration.rescaled(small_prior, np.full(training_windows.NUM_FUTURE_STEPS, 2.0))
+    as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
+    by_two = int(np.argmin(np.abs(calibration.FACTORS - 2)))
+    np.testing.assert_allclose(calibration.coverage(twice, data)[as_is], covered[by_two], atol=0.1)
+    assert twice.centre is small_prior.centre
+
+
+def test_after_calibration_the_region_holds_nine_of_ten(small_prior: Coefficients) -> None:
+    data = training_windows.windows(winding_road(400, 6), 1)
+    calibrated = calibration.rescaled(small_prior, calibration.factors([[(small_prior, data)]]))
+    as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
+    np.testing.assert_allclose(calibration.coverage(calibrated, data)[as_is], 0.9, atol=0.06)
+
+
+def test_rescaled_windows_turn_the_same_on_longer_paths() -> None:
+    data = training_windows.windows(winding_road(200, 7), 1)
+    longer = training_windows.rescaled(data, np.random.default_rng(0), share=1.0)
+    factor = longer.twists[:, -1, 2] / data.twists[:, -1, 2]
+    assert 0.8 < factor.min() < factor.max() < 2.3
+    np.testing.assert_allclose(longer.states[..., 1], data.states[..., 1] * factor[:, None])
+    np.testing.assert_array_equal(longer.states[..., 2], data.states[..., 2])
+    np.testing.assert_array_equal(longer.twists[..., 3:], data.twists[..., 3:])
+
+
+def test_one_sequence_cannot_be_left_out() -> None:
+    with pytest.raises(BadData, match="two or more"):
+        prior.fit({"only": winding_road(120, 0)}, Plan())
+
+
+def past_and_future(
+    trajectory: Trajectory, num_future: int, stride: int
+) -> list[tuple[Trajectory, Trajectory]]:
+    starts = range(0, len(trajectory) - 10 - num_future + 1, stride)
+    return [
+        (trajectory[first : first + 10], trajectory[first + 10 : first + 10 + num_future])
+        for first in starts
+    ]
+
+
+def test_the_batched_likelihood_is_the_single_filters() -> None:
+    pairs = past_and_future(winding_road(60, 1), 5, 20)
+    batched = kalman_noise.log_densities(
+        *kalman_noise.planar_windows(pairs), 10, kalman.fitted("turn-rate")
+    )
+    for (past, future), row in zip(pairs, batched, strict=True):
+        forecast = kalman.TurnRateKalman().distribution(past, future.times_s)
+        states = forecast.states_of(future.world_from_cam)[None]
+        np.testing.assert_allclose(row, forecast.log_density(states)[0], atol=1e-6)
+
+
+def test_fitting_makes_the_train_windows_likelier_and_writes_toml() -> None:
+    pairs = past_and_future(winding_road(300, 2), 20, 30)
+    start = kalman_noise.initial_models()["turn-rate"]
+    fitted = kalman_noise.fit(pairs, start, max_evaluations=60)
+    arrays = kalman_noise.planar_windows(pairs)
+    before, after = (
+        kalman_noise.log_densities(*arrays, 10, model).mean() for model in (start, fitted)
+    )
+    assert after > before
+    table = tomllib.loads(kalman_noise.as_toml({"turn-rate": fitted}))["turn-rate"]
+    assert table["position_noise_m"] >= 1e-3
+    assert table["turn_damping_hz"] == 0

@@ -1,0 +1,157 @@
+"""Frames that say nothing are found, and poses without a frame lie on the way between their
+neighbours.
+"""
+
+import cv2
+import numpy as np
+import pytest
+
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.geometry import se3
+from geovp_classic.observation.frame_screening import bridged, screened, usable
+from geovp_classic.types import ByteArray, Context, Intrinsics, Trajectory
+
+
+@pytest.fixture
+def film() -> ByteArray:
+    """Eight frames of a texture that moves by two pixels a step."""
+    texture = np.random.default_rng(0).integers(0, 256, (32, 64), dtype=np.uint8)
+    return np.stack(
+        [np.repeat(texture[:, 2 * step : 2 * step + 32, None], 3, axis=2) for step in range(8)]
+    )
+
+
+@pytest.mark.parametrize(("value", "steps"), [(0, [3]), (255, [0, 7]), (90, [4, 5])])
+def test_frames_without_texture(film: ByteArray, value: int, steps: list[int]) -> None:
+    film[steps] = value
+    assert np.flatnonzero(~usable(film)).tolist() == steps
+
+
+@pytest.mark.parametrize("steps", [[3], [7], [4, 5]])
+def test_a_repetition_while_the_camera_moves(film: ByteArray, steps: list[int]) -> None:
+    film[steps] = film[steps[0] - 1]
+    assert np.flatnonzero(~usable(film)).tolist() == steps
+
+
+def test_a_camera_that_stands_starts_or_stops_repeats_nothing(film: ByteArray) -> None:
+    assert usable(np.repeat(film[:1], 8, axis=0)).all()
+    assert usable(np.concatenate([film[:1], film[:1], film[:6]])).all()
+    rolling_out = np.concatenate([film[:5], np.clip(film[4:5], 1, 254), np.clip(film[4:5], 1, 254)])
+    assert usable(rolling_out)[:5].all()
+
+
+def test_nothing_is_left_out_where_nothing_would_remain(film: ByteArray) -> None:
+    film[1:] = 7
+    assert usable(film).all()
+
+
+def test_context_and_past_lose_the_same_steps(film: ByteArray) -> None:
+    film[2] = 0
+    poses = se3.exp(np.arange(8.0)[:, None] * [0, 0, 1.0, 0, 0.1, 0])
+    past = Trajectory(poses, np.arange(8.0), True)
+    camera = Intrinsics(30.0, 30.0, 15.5, 15.5, 32, 32)
+    context, kept = screened(Context(film, np.arange(10.0), camera, past=past), past)
+    assert context.times_s.tolist() == [*kept.times_s.tolist(), 8, 9] == [0, 1, 3, 4, 5, 6, 7, 8, 9]
+    np.testing.assert_array_equal(context.frames[2], film[3])
+    assert context.past is not None
+    np.testing.assert_array_equal(context.past.world_from_cam, poses[[0, 1, 3, 4, 5, 6, 7]])
+
+
+def test_bridges_follow_the_screw_motion_between_and_beyond() -> None:
+    poses = se3.exp(np.arange(6.0)[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
+    known = np.array([False, True, False, True, True, False])
+    broken = np.where(known[:, None, None], poses, np.eye(4))
+    np.testing.assert_allclose(bridged(broken, np.arange(6.0), known), poses, atol=1e-12)
+    np.testing.assert_array_equal(bridged(broken, np.arange(6.0), known & False), broken)
+
+
+@pytest.mark.parametrize(("apart", "says_something"), [(7, False), (8, False), (9, True)])
+def test_a_frame_shows_something_from_a_contrast_of_four_grey_values_on(
+    apart: int, says_something: bool, film: ByteArray
+) -> None:
+    film[2, :, :16], film[2, :, 16:] = 100, 100 + apart  # a standard deviation of half of it
+    assert usable(film)[2] == says_something
+
+
+@pytest.mark.parametrize(("moved_grey", "kept"), [(2, True), (4, False)])
+def test_only_after_a_movement_is_the_same_image_a_repetition(
+    moved_grey: int, kept: bool, film: ByteArray
+) -> None:
+    half = film[:1] // 2
+    assert usable(np.concatenate([half, half + moved_grey, half + moved_grey])).tolist() == [
+        True,
+        True,
+        kept,
+    ]
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.2, False), (0.4, True)])
+def test_a_change_of_less_than_a_third_of_a_grey_value_is_none(
+    share: float, kept: bool, film: ByteArray
+) -> None:
+    again = film[1:2] // 2
+    changed = again.copy()
+    changed.reshape(-1, 3)[: int(share * 1024)] += 1
+    assert usable(np.concatenate([film[:1] // 2, again, changed])).tolist() == [True, True, kept]
+
+
+def test_two_frames_are_enough(film: ByteArray) -> None:
+    film[[0, 2, 3, 4, 5, 6]] = 0
+    assert np.flatnonzero(usable(film)).tolist() == [1, 7]
+    film[7] = 0
+    assert usable(film).all()
+
+
+def test_nothing_changes_where_all_frames_say_something(film: ByteArray) -> None:
+    past = Trajectory(se3.exp(np.zeros((8, 6))), np.arange(8.0), True)
+    context = Context(film, np.arange(10.0), Intrinsics(30.0, 30.0, 15.5, 15.5, 32, 32))
+    assert screened(context, past) == (context, past)
+
+
+def test_two_known_poses_are_a_motion_and_times_are_not_steps() -> None:
+    times_s = np.array([0.0, 1.0, 4.0, 5.0])
+    poses = se3.exp(times_s[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
+    known = np.array([True, False, False, True])
+    np.testing.assert_allclose(
+        bridged(np.where(known[:, None, None], poses, 0), times_s, known), poses, atol=1e-12
+    )
+    alone = np.array([False, True, False, False])
+    np.testing.assert_array_equal(bridged(poses, times_s, alone), poses)
+
+
+@pytest.fixture(scope="module")
+def street() -> ByteArray:
+    """Ten frames of a drive round a corner."""
+    return Synthetic(num_clips=2, num_frames=10, size_px=(96, 96))[1].frames
+
+
+@pytest.mark.parametrize("cut", [2, 5, 8])
+def test_what_lies_before_a_cut_to_another_scene_says_nothing(street: ByteArray, cut: int) -> None:
+    frames = street.copy()
+    frames[:cut] = frames[:cut, :, ::-1]
+    np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
+    frames[0] = 0  # a black frame more changes nothing
+    np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
+
+
+def test_of_two_cuts_the_last_one_counts(street: ByteArray) -> None:
+    frames = street.copy()
+    frames[3:6] = frames[3:6, :, ::-1]
+    np.testing.assert_array_equal(usable(frames), np.arange(10) >= 6)
+
+
+def test_a_turn_one_bad_frame_and_a_jump_of_the_exposure_are_no_cuts(street: ByteArray) -> None:
+    assert usable(street).all()
+    blurred, torn, dim = street.copy(), street.copy(), street.copy()
+    blurred[6] = cv2.blur(blurred[6], (31, 1))
+    torn[4] = torn[4, :, ::-1]
+    dim[5:] = dim[5:] // 4
+    assert usable(blurred).all()
+    assert usable(torn).all()
+    assert usable(dim).all()
+
+
+def test_with_one_frame_of_a_new_scene_nothing_is_left_out(street: ByteArray) -> None:
+    frames = street.copy()
+    frames[9] = frames[9, :, ::-1]
+    assert usable(frames).all()

@@ -1,0 +1,211 @@
+"""Parts of the vehicle in the image: found where they stay in place behind an edge, and shown as
+they are.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.interfaces import Scene
+from geovp_classic.observation import masking
+from geovp_classic.observation.static_regions import (
+    scene_window,
+    static_mask,
+    top_row,
+    vehicle_mask,
+)
+from geovp_classic.pose_sources.ground_truth import GroundTruth
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.renderers.ground_far_plane import GroundFarPlane
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Clip,
+    Context,
+    ExtraView,
+    FloatArray,
+    Intrinsics,
+    PrivilegedInput,
+    Trajectory,
+    Views,
+)
+
+SIDE = 96
+
+
+@pytest.fixture(scope="module")
+def clip() -> Clip:
+    """Twelve frames of a street."""
+    return Synthetic(seed=3, num_clips=1, num_frames=12, size_px=(SIDE, SIDE), with_full=True)[0]
+
+
+def arched(height: int, width: int, share: float = 0.2) -> BoolArray:
+    """A hood [H, W] that covers this share of the middle column and half as much of the outer ones."""
+    row, column = np.mgrid[:height, :width]
+    return np.asarray(row >= height * (1 - share * (1 - 0.5 * (2 * column / (width - 1) - 1) ** 2)))
+
+
+def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray:
+    """The frames with a blue hood, lighter towards the vehicle."""
+    rows = np.arange(frames.shape[1])[:, None, None] / frames.shape[1]
+    hood = np.array([40.0, 50.0, 110.0]) + 60 * rows + np.zeros((*mask.shape, 1))
+    noisy = np.random.default_rng(0).normal(hood, noise, frames.shape).clip(0, 255)
+    return np.where(mask[..., None], noisy, frames).astype(np.uint8)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
+def test_a_hood_is_found_to_within_two_pixels_of_its_border(clip: Clip, share: float) -> None:
+    mask = arched(SIDE, SIDE, share)
+    found = vehicle_mask(painted(clip.frames[:10], mask))
+    assert np.abs(found.sum(axis=0) - mask.sum(axis=0)).max() <= 2
+    assert abs(top_row(found) - SIDE * (1 - share)) <= 3
+
+
+def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip) -> None:
+    hooded = painted(clip.frames[:10], arched(SIDE, SIDE))
+    assert vehicle_mask(hooded).any()
+    assert not vehicle_mask(clip.frames[:10]).any()
+    assert not vehicle_mask(np.repeat(hooded[:1], 10, axis=0)).any()
+    assert not vehicle_mask(hooded[:2]).any()
+
+
+def test_it_ends_where_it_goes_on_into_a_road_without_texture(clip: Clip) -> None:
+    """Left of the middle the road is as smooth as the hood, and so still that both are one region."""
+    mask, smooth = arched(SIDE, SIDE), np.zeros((SIDE, SIDE), bool)
+    smooth[SIDE * 6 // 10 :, 10 : SIDE // 3] = True
+    road = np.where(smooth[..., None], 120, clip.frames[:10]).astype(np.uint8)
+    found = vehicle_mask(painted(road, mask))
+    assert found[mask].mean() > 0.97
+    assert found[~mask].mean() < 0.02
+
+
+def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
+    """Its border moves on from frame to frame; what it has passed looks like a hood."""
+    row = np.arange(SIDE)[:, None, None]
+    passed = [
+        np.where(row >= SIDE - 10 - 2 * step, 30, np.where(row > SIDE // 2, 120, frame))
+        for step, frame in enumerate(clip.frames[:10])
+    ]
+    frames = np.stack(passed).astype(np.uint8)
+    assert (frames[:, -10:].std(axis=0) == 0).all()
+    assert not vehicle_mask(frames).any()
+
+
+@pytest.mark.parametrize(
+    "bars", [(12, 12, 0, 0), (0, 15, 0, 0), (0, 0, 20, 9), (5, 6, 7, 8), (0, 0, 0, 0)]
+)
+def test_black_bars_are_static_and_the_image_between_them_is_not(
+    clip: Clip, bars: tuple[int, ...]
+) -> None:
+    top, bottom, left, right = bars
+    frames = np.zeros_like(clip.frames[:10])
+    image = slice(top, SIDE - bottom), slice(left, SIDE - right)
+    frames[:, *image] = clip.frames[:10, *image]
+    mask = static_mask(frames)
+    (rows, columns) = scene_window(mask)
+    found = rows.start, SIDE - rows.stop, columns.start, SIDE - columns.stop
+    assert found == tuple(
+        bar + 2 * (bar > 0) for bar in bars
+    )  # the image's border is blended with the bar
+    assert not mask[rows, columns].any()
+
+
+def test_the_night_a_black_and_a_dim_clip_have_no_bars(clip: Clip) -> None:
+    dark = clip.frames[:10].copy()
+    dark[:, : SIDE // 2 + 1] = 3
+    assert not static_mask(dark).any()
+    assert not static_mask(np.zeros_like(dark)).any()
+    dim = clip.frames[:10] // 12
+    assert dim.max() > 20 >= dim[:, 0].max()  # the sky's upper edge would be a bar
+    assert not static_mask(dim).any()
+
+
+class Noted:
+    """A renderer of one grey value that keeps what it was given."""
+
+    needs = ~PrivilegedInput.RIGHT_FRAMES
+
+    def reconstruct(self, context: Context, past: Trajectory) -> Scene:
+        self.context = context
+        return self
+
+    def view(
+        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+    ) -> Views:
+        shape = (len(world_from_cam), intrinsics.height_px, intrinsics.width_px)
+        return Views(
+            np.full((*shape, 3), 77, np.uint8), np.zeros(shape, bool), np.zeros(shape, np.float32)
+        )
+
+
+def hooded(clip: Clip, mask: BoolArray) -> Clip:
+    assert clip.full is not None
+    wide = clip.full.frames
+    covered = arched(wide.shape[1], wide.shape[2], 0.15)
+    view = ExtraView(painted(wide, covered), clip.full.intrinsics, clip.full.view_from_cam)
+    return replace(
+        clip,
+        frames=painted(clip.frames, mask),
+        full=view,
+        depths=np.ones(clip.frames.shape[:3], np.float32),
+    )
+
+
+def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
+    mask = arched(SIDE, SIDE)
+    renderer = Noted()
+    context, _ = hooded(clip, mask).split(10, renderer.needs)
+    prediction = GeometricPredictor(GroundTruth(), renderer).predict(context)
+    seen = renderer.context
+    assert seen.past_depths is not None
+    assert seen.full is not None
+    assert context.full is not None
+    assert prediction.covered is not None
+    assert abs(seen.intrinsics.height_px - SIDE * 0.8) <= 3
+    assert seen.frames.shape == (10, seen.intrinsics.height_px, SIDE, 3)
+    assert seen.past_depths.shape == seen.frames.shape[:3]
+    assert seen.intrinsics == context.intrinsics.cropped(0, 0, SIDE, seen.intrinsics.height_px)
+    assert abs(seen.full.intrinsics.height_px - context.full.intrinsics.height_px * 0.85) <= 3
+    found = vehicle_mask(context.frames)
+    shown = np.where(found[..., None], context.frames[-1], 77)
+    np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
+    np.testing.assert_array_equal(prediction.covered[0], [found] * 2)
+
+
+def test_a_camera_of_another_size_sees_the_scene_alone(clip: Clip) -> None:
+    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
+    scene = masking.behind_static_regions(Noted(), context)
+    other = context.intrinsics.resized(50, 40)
+    assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
+
+
+def test_a_hood_costs_the_plane_nothing_above_it(clip: Clip) -> None:
+    mask = arched(SIDE, SIDE)
+    predictor = GeometricPredictor(GroundTruth(), GroundFarPlane())
+    context, _ = clip.split(10, predictor.needs)
+    obscured = replace(context, frames=painted(context.frames, mask))
+    free, behind = (predictor.predict(one).frames[0].astype(float) for one in (context, obscured))
+    open_road = np.arange(SIDE) < SIDE * 0.7
+    assert np.abs(free - behind)[:, open_road].mean() < 1
+    np.testing.assert_array_equal(behind[:, -4:], np.tile(obscured.frames[-1, -4:], (2, 1, 1, 1)))
+
+
+def test_with_right_frames_all_stays_as_it_is(clip: Clip) -> None:
+    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
+    right = ExtraView(context.frames, context.intrinsics, np.eye(4))
+    context = replace(context, right=right)
+    assert masking.without_static_regions(context) is context
+    scene = Noted()
+    assert masking.behind_static_regions(scene, context) is scene
+
+
+def test_a_hood_that_only_uncropped_frames_show_is_hidden_in_the_crop(clip: Clip) -> None:
+    context, _ = hooded(clip, np.zeros((SIDE, SIDE), bool)).split(10, Noted.needs)
+    assert not vehicle_mask(context.frames).any()
+    assert context.full is not None
+    top = top_row(vehicle_mask(context.full.frames))
+    assert top < SIDE
+    assert context.full.intrinsics.cropped(111, 0, SIDE, SIDE) == context.intrinsics
+    assert abs(masking.without_static_regions(context).intrinsics.height_px - top) <= 1

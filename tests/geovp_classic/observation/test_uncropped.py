@@ -1,0 +1,108 @@
+"""The uncropped frames at the square's pixel size, and the detail that they bring to magnified
+surfaces.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from geovp_classic.depth.given import Given
+from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.inpainters.blank import Blank
+from geovp_classic.observation.uncropped import uncropped
+from geovp_classic.renderers.depth_fusion import DepthFusion
+from geovp_classic.types import Context, ExtraView, Intrinsics, PrivilegedInput, Trajectory
+
+NATIVE = Intrinsics(120, 120, 99.5, 39.5, 200, 80)
+
+
+def noise_context(side_px: int = 40) -> Context:
+    """Two frames of noise, 200x80, and their central 80x80 square, smaller."""
+    native = np.random.default_rng(0).integers(0, 255, (2, 80, 200, 3), dtype=np.uint8)
+    window, camera = pinhole.centre_crop(NATIVE, (side_px, side_px))
+    square = np.stack([pinhole.resize(frame[window], (side_px, side_px)) for frame in native])
+    return Context(square, np.arange(3.0), camera, full=ExtraView(native, NATIVE, np.eye(4)))
+
+
+@pytest.mark.parametrize(
+    ("side_px", "height_px"), [(80, 80), (64, 80), (40, 60), (20, 30), (160, 160)]
+)
+def test_pixels_are_finer_than_the_square_s_where_there_are_such(
+    side_px: int, height_px: int
+) -> None:
+    context = noise_context(side_px)
+    whole = uncropped(context)
+    assert whole.frames.shape == (2, height_px, height_px * 200 // 80, 3)
+    edge = pinhole.project(
+        pinhole.unproject(np.array([-0.5, -0.5]), 1.0, context.intrinsics), whole.intrinsics
+    )[0]
+    first = (whole.frames.shape[2] - height_px) / 2 - 0.5, -0.5  # the square lies in the middle
+    np.testing.assert_allclose(edge, first, atol=1e-9)
+
+
+def test_the_square_lies_in_the_middle_of_the_uncropped_image() -> None:
+    context = noise_context(80)
+    np.testing.assert_array_equal(uncropped(context).frames[:, :, 60:140], context.frames)
+
+
+def test_what_cannot_be_done_is_refused() -> None:
+    context = noise_context()
+    with pytest.raises(Incompatible, match="the clip has none"):
+        uncropped(dataclasses.replace(context, full=None))
+    with pytest.raises(Incompatible, match="the square only"):
+        uncropped(dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32)))
+    with pytest.raises(BadData, match="frames is 'all'"):
+        DepthFusion(frames="all")  # type: ignore[arg-type]
+
+
+@dataclasses.dataclass(frozen=True)
+class Wall:
+    """All pixels of all frames are 10 away."""
+
+    needs = PrivilegedInput.NONE
+
+    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+        """0.1 everywhere."""
+        return np.full((2, *context.frames.shape[:3]), 0.1, np.float32)
+
+
+def test_uncropped_frames_are_granted_only_when_asked_for() -> None:
+    assert (
+        DepthFusion(Given(), frames="full").needs
+        == PrivilegedInput.FULL_FRAMES | PrivilegedInput.PAST_DEPTHS
+    )
+    assert DepthFusion(Given()).needs == PrivilegedInput.PAST_DEPTHS
+
+
+def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
+    context = noise_context()
+    past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
+    nearer = se3.exp(
+        np.array([0, 0, 5.0, 0, 0, 0])
+    )  # half way to the wall: everything is twice as large
+    beside = se3.exp(np.array([5.0, 0, 0, 0, 0, 0]))  # 30 of the 40 columns are not in the square
+    views = {}
+    for frames in ("crop", "full"):
+        scene = DepthFusion(
+            Wall(), Blank(), frames=frames, detail_strength=0.0, exposure=None
+        ).reconstruct(context, past)
+        views[frames] = scene.view(
+            np.stack([nearer, beside]), np.array([2.0, 3.0]), context.intrinsics
+        )
+    assert views["crop"].covered[1].mean() == pytest.approx(0.25, abs=0.03)
+    assert views["full"].covered[1].all()
+    # Twice as large is the native resolution: pixel for pixel the native frame, away from where
+    # rounding falls.
+    native = context.full.frames[-1, 20:60, 80:120].astype(int)  # type: ignore[union-attr]
+    error = {
+        name: np.abs(view.frames[0].astype(int) - native).mean() for name, view in views.items()
+    }
+    assert error["full"] < 5
+    assert error["crop"] > 30
+
+
+def test_sizes_between_pixels_are_rounded() -> None:
+    # a square of 33 pixels for 80: one and a half times as fine is 200 * 49.5 / 80 = 123.75 by 49.5
+    assert uncropped(noise_context(33)).frames.shape == (2, 50, 124, 3)

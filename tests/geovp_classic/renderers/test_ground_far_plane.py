@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from geovp_classic.errors import Incompatible
+from geovp_classic.geometry import planar, se3
+from geovp_classic.inpainters.blank import Blank
+from geovp_classic.inpainters.nearest_background import NearestBackground
+from geovp_classic.renderers.ground_far_plane import GroundFarPlane
+from geovp_classic.types import Clip, FloatArray, Intrinsics, PrivilegedInput, Trajectory, Views
+
+NUM_PAST = 8
+
+
+def predict(clip: Clip, renderer: GroundFarPlane) -> Views:
+    context, target = clip.split(NUM_PAST, renderer.needs)
+    past = clip.trajectory[:NUM_PAST]
+    return renderer.reconstruct(context, past).view(
+        target.trajectory.world_from_cam,
+        np.zeros(len(target.trajectory.world_from_cam)),
+        clip.intrinsics,
+    )
+
+
+def worst_error(views: Views, clip: Clip, beyond_m: float = 10.0) -> float:
+    """The largest difference in grey levels on covered near ground and on sky 2 pixels off the
+    horizon.
+    """
+    depths = clip.depths[NUM_PAST:]
+    sky = ndimage.binary_erosion(np.isinf(depths), np.ones((1, 5, 5)))
+    counts = views.covered & ((depths < beyond_m) | sky)
+    assert counts.mean() > 0.5
+    return float(np.abs(views.frames.astype(float) - clip.frames[NUM_PAST:])[counts].max())
+
+
+@pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.0, 0.0), (-6.0, 0.0), (4.0, 5.0)])
+def test_a_world_of_plain_and_sky_is_reproduced(
+    plain: Any, camera: Intrinsics, drive: FloatArray, pitch_deg: float, roll_deg: float
+) -> None:
+    mounting = planar.level_vehicle_from_cam(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
+    clip = plain.clip(drive @ mounting, camera)
+    assert (
+        worst_error(predict(clip, GroundFarPlane(pitch_deg=pitch_deg, roll_deg=roll_deg)), clip) < 5
+    )
+    assert (
+        worst_error(predict(clip, GroundFarPlane(roll_deg=roll_deg)), clip) < 5
+    )  # pitch from the direction of travel
+
+
+def test_backing_up_tells_the_pitch_as_well(
+    plain: Any, camera: Intrinsics, drive: FloatArray
+) -> None:
+    mounting = planar.level_vehicle_from_cam(np.deg2rad(-6.0))
+    clip = plain.clip(drive[::-1] @ mounting, camera)
+    assert worst_error(predict(clip, GroundFarPlane()), clip) < 5
+
+
+def test_depths_are_those_of_the_plain_and_the_sky_is_infinitely_far(
+    plain: Any, camera: Intrinsics, drive: FloatArray
+) -> None:
+    clip = plain.clip(drive, camera)
+    views = predict(clip, GroundFarPlane())
+    np.testing.assert_allclose(
+        views.depths[views.covered], clip.depths[NUM_PAST:][views.covered], rtol=1e-4
+    )
+    assert np.isinf(views.depths).any()
+    assert (views.depths[~views.covered] == 0).all()
+
+
+def test_a_still_camera_is_taken_to_look_level_and_sees_the_last_frame(
+    plain: Any, camera: Intrinsics
+) -> None:
+    clip = plain.clip(np.tile(np.eye(4), (10, 1, 1)), camera)
+    views = predict(clip, GroundFarPlane())
+    assert views.covered.all()
+    np.testing.assert_array_equal(views.frames, clip.frames[NUM_PAST:])
+
+
+def test_a_straight_road_edge_stays_straight(camera: Intrinsics) -> None:
+    """A white strip of the plain, x in [0.5, 1] m, stays x in [0.5, 1] m however far the car
+    drives.
+    """
+    rays_x = (np.arange(camera.width_px) - camera.cx_px) / camera.fx_px
+    rays_y = (np.arange(camera.height_px) - camera.cy_px)[:, None] / camera.fy_px
+    x = rays_x * 1.65 / np.maximum(rays_y, 1e-6)
+    frame = (
+        np.where(((x > 0.5) & (x < 1.0))[..., None], 255, 60).astype(np.uint8).repeat(3, axis=-1)
+    )
+    poses = se3.compose(np.eye(3), np.array([[0, 0, 0.5 * k] for k in range(12)]))
+    clip = Clip(
+        "road", np.tile(frame, (12, 1, 1, 1)), np.arange(12.0), camera, camera_height_m=1.65
+    )
+    past = Trajectory(poses[:NUM_PAST], np.arange(float(NUM_PAST)), is_metric=True)
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
+    views = (
+        GroundFarPlane()
+        .reconstruct(context, past)
+        .view(poses[NUM_PAST:], np.zeros(len(poses[NUM_PAST:])), camera)
+    )
+    for row in (75, 90, 110):  # below the horizon at 60
+        expected = np.abs(
+            np.array([0.5, 1.0]) * (row - camera.cy_px) / camera.fy_px / 1.65 * camera.fx_px
+            + camera.cx_px
+        )
+        bright = np.flatnonzero(views.frames[-1, row, :, 0] > 157)
+        np.testing.assert_allclose([bright[0] - 0.5, bright[-1] + 0.5], expected, atol=1.0)
+
+
+def test_turning_away_uncovers_and_the_fill_invents(plain: Any, camera: Intrinsics) -> None:
+    turn = se3.exp(
+        np.outer(np.r_[np.zeros(8), [0.2, 0.5, 1.5, 3.0]], [0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    )
+    clip = plain.clip(turn, camera)
+    blank, filled = (
+        predict(clip, GroundFarPlane(inpainter=fill)) for fill in (Blank(), NearestBackground())
+    )
+    shares = blank.covered.mean(axis=(1, 2))
+    assert 0.7 < shares[0] < 0.9
+    assert shares[2] == shares[3] == 0  # 86 degrees, and looking back
+    assert (blank.frames[~blank.covered] == 0).all()
+    np.testing.assert_array_equal(filled.covered, blank.covered)
+    np.testing.assert_array_equal(filled.frames[blank.covered], blank.frames[blank.covered])
+    assert (filled.frames[0][~blank.covered[0]] > 0).any(axis=-1).mean() > 0.9
+
+
+def test_a_camera_below_the_ground_sees_no_ground(
+    plain: Any, camera: Intrinsics, drive: FloatArray
+) -> None:
+    clip = plain.clip(drive, camera)
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
+    scene = GroundFarPlane(pitch_deg=0.0).reconstruct(context, clip.trajectory[:NUM_PAST])
+    sunken = scene.last.world_from_source @ se3.exp(np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0]))
+    views = scene.view(sunken[None], np.zeros(len(sunken[None])), camera)
+    assert not views.covered[0, 61:].any()
+    assert views.covered[0, :60].all()
+
+
+def test_it_says_what_it_lacks(plain: Any, camera: Intrinsics, drive: FloatArray) -> None:
+    clip = plain.clip(drive, camera)
+    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
+    past = clip.trajectory[:NUM_PAST]
+    with pytest.raises(Incompatible, match="set camera_height_m"):
+        GroundFarPlane().reconstruct(replace(context, camera_height_m=None), past)
+    with pytest.raises(Incompatible, match="the camera's height is in metres, the poses are not"):
+        GroundFarPlane().reconstruct(context, replace(past, is_metric=False))
