@@ -1,17 +1,55 @@
-"""The median of some hundreds of numbers, as the robust fits of each round ask for it."""
+"""Robust estimation: one iteratively reweighted Gauss-Newton for all fits (Holland & Welsch 1977)."""
+
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
 from geovp_classic.types import FloatArray
 
+State = TypeVar("State")
+Weight = Callable[[FloatArray, float], FloatArray]
+
+
+def cauchy_weight(residual: FloatArray, scale: float) -> FloatArray:
+    """Return the weights of Cauchy's function; one half where |residual| is the scale."""
+    return np.asarray(1 / (1 + (residual / scale) ** 2))
+
+
+def geman_mcclure_weight(residual: FloatArray, scale: float) -> FloatArray:
+    """Return the weights of Geman and McClure's function; one quarter at the scale."""
+    return np.asarray(1 / (1 + (residual / scale) ** 2) ** 2)
+
+
+def irls(
+    start: State,
+    linearise: Callable[[State], tuple[FloatArray, FloatArray]],  # residuals [N], jacobian [N, K]
+    retract: Callable[[State, FloatArray], State],  # a state and a step [K] -> the next state
+    scale: float | Callable[[FloatArray], float],  # of the residuals, or how to get it from them
+    weight: Weight = cauchy_weight,
+    num_rounds: int = 10,
+    min_step: float = 1e-8,
+    damping: float = 1e-9,
+) -> State:
+    """Minimise a robust sum of squared residuals by iteratively reweighted Gauss-Newton.
+
+    A step whose largest entry is below `min_step` is the last one.
+    """
+    state = start
+    for _ in range(num_rounds):
+        residual, jacobian = linearise(state)
+        current_scale = scale(residual) if callable(scale) else scale
+        weighted = jacobian * weight(residual, current_scale)[:, None]
+        normal = weighted.T @ jacobian + damping * np.eye(jacobian.shape[1])
+        step = -np.linalg.solve(normal, weighted.T @ residual)
+        state = retract(state, step)
+        if np.abs(step).max() < min_step:
+            break
+    return state
+
 
 def median(
-    values: FloatArray,  # [N], N >= 1, without NaN
+    values: FloatArray,  # [N], N >= 1
 ) -> float:
-    """The same as `np.median`, which takes several times as long
-    (benchmarks/performance/libraries.py).
-    """
-    above = len(values) // 2
-    below = above - 1 + len(values) % 2
-    parted = np.partition(values, (below, above))
-    return float((parted[below] + parted[above]) / 2)
+    """Return the median."""
+    return float(np.median(values))
