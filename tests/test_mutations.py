@@ -167,7 +167,7 @@ def kept(file: str, read: Callable[[Results], Any]) -> Reader:
     return Reader(
         functools.partial(results, file=file),
         lambda path: read(Results(path.parents[above])),
-        guarded=True,
+        guarded=not file.endswith(".json"),
     )
 
 
@@ -343,7 +343,7 @@ READERS: dict[str, Reader] = {
     "colmap cameras.bin": Reader(colmap_model("cameras.bin"), read_colmap),
     "colmap frames.bin": Reader(colmap_model("frames.bin"), read_colmap),
     "colmap images.txt": Reader(colmap_model("images.txt"), read_colmap),
-    "weights": Reader(weights, read_weights, guarded=True),
+    "weights": Reader(listed(weights), read_weights, guarded=True),
 }
 
 

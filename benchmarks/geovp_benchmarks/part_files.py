@@ -6,8 +6,10 @@ import contextlib
 import dataclasses
 import errno
 import functools
+import hashlib
 import json
 import os
+import re
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,6 +25,8 @@ from geovp_classic import files
 from geovp_classic.data.atomic import write_bytes
 from geovp_classic.errors import BadData, GeovpError
 
+CHECKSUM = "file-sha256"  # in the metadata, since DuckDB neither writes nor checks those of pages
+BLANK = "0" * 64  # in its place while it is computed
 LIMIT_BYTES = 512 * files.MIB
 LIMIT_ROWS, ROWS_AT_ONCE = (
     2**24,
@@ -72,7 +76,7 @@ def write(path: Path, rows: Rows, part: Part) -> None:
     without room.
     """
     facts = {key: value for key, value in dataclasses.asdict(part).items() if key != "index"}
-    about = json.dumps({files.SEAL: files.ZEROS, **facts}).replace("'", "''")
+    about = json.dumps({CHECKSUM: BLANK, **facts}).replace("'", "''")
     columns = {"clip": rows.clip.values(), "sample": rows.sample, "step": rows.step}
     columns |= {"metric": rows.metric.values(), "value": rows.value}
     with _database() as (database, file, place):
@@ -86,7 +90,9 @@ def write(path: Path, rows: Rows, part: Part) -> None:
         except duckdb.IOException as problem:
             raise OSError(errno.EIO, str(problem), tempfile.gettempdir()) from problem
         file.seek(0)
-        write_bytes(path, files.sealed(file.read()))
+        content = file.read()
+    digest = hashlib.sha256(content).hexdigest()
+    write_bytes(path, content.replace(_entry(BLANK), _entry(digest), 1))
 
 
 def read(path: Path) -> Part | None:
@@ -97,7 +103,7 @@ def read(path: Path) -> Part | None:
                 f"SELECT value FROM parquet_kv_metadata({place}) WHERE key = 'geovp'"
             ).fetchall()
         facts = json.loads(found[0][0])
-        facts.pop(files.SEAL, None)
+        facts.pop(CHECKSUM, None)
         return Part(
             int(path.stem.removeprefix("part-")), **{**facts, "clips": tuple(facts["clips"])}
         )
@@ -136,16 +142,29 @@ def _blocks(database: duckdb.DuckDBPyConnection, place: str) -> list[Rows]:
 
 @contextlib.contextmanager
 def _checked(path: Path) -> Iterator[tuple[duckdb.DuckDBPyConnection, str]]:
-    """The database and its copy of a file whose checksum of itself is right; older
-    parts have none.
-    """
+    """Yield the database and the place of its copy of a file with the right checksum."""
     content = files.read_bytes(path, LIMIT_BYTES)
-    files.check_seal(path, content)
+    _check(path, content)
     with _database() as (database, file, place):
         file.write(content)
         file.flush()
         del content
         yield database, place
+
+
+def _check(path: Path, content: bytes) -> None:
+    """Raise BadData if the SHA-256 in the metadata is not that of the file without it."""
+    stored = re.search(_entry('([^"]*)'), content)
+    if stored is None:
+        return
+    blank = content.replace(stored[0], _entry(BLANK), 1)
+    if hashlib.sha256(blank).hexdigest().encode() != stored[1]:
+        raise BadData(f"{path} does not match its checksum: remove it and run again")
+
+
+def _entry(digest: str) -> bytes:
+    """Return the checksum's entry in the metadata."""
+    return f'"{CHECKSUM}": "{digest}"'.encode()
 
 
 @contextlib.contextmanager

@@ -243,7 +243,7 @@ def write_tensors(file: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     try:
         texts = {key: json.dumps(value) for key, value in metadata.items()}
-        atomic.write_bytes(file, files.sealed(save(contiguous, {**texts, files.SEAL: files.ZEROS})))
+        atomic.write_bytes(file, save(contiguous, texts))
     except (OSError, SafetensorError) as error:
         raise BadData(
             f"{file} cannot be written ({error}): make room there or choose another folder"
@@ -261,7 +261,6 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     if not file.exists():
         raise BadData(f"weights {file} do not exist: give a safetensors file")
     content = files.read_bytes(file, LIMIT_BYTES)
-    files.check_seal(file, content)
     try:
         with safe_open(file, framework="pt") as stored:
             return _metadata(stored), loaded(content)
@@ -272,8 +271,7 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
 
 
 def _metadata(stored: Any) -> dict[str, Any]:
-    texts = {key: value for key, value in (stored.metadata() or {}).items() if key != files.SEAL}
-    return {key: json.loads(value) for key, value in texts.items()}
+    return {key: json.loads(value) for key, value in (stored.metadata() or {}).items()}
 
 
 def plain(settings: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The door for files: what is no file, too large, or not what its checksum says is refused by name."""
+"""Checked reading of files, and texts that reach HTML, LaTeX and file names."""
 
 import hashlib
 import html
@@ -18,7 +18,7 @@ from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
 
 
-def test_a_file_is_what_sha256sums_beside_it_says(tmp_path: Path) -> None:
+def test_a_file_must_match_sha256sums_beside_it(tmp_path: Path) -> None:
     path = tmp_path / "times.txt"
     path.write_text("0.0\n0.1\n")
     digest = hashlib.sha256(b"0.0\n0.1\n").hexdigest()
@@ -29,16 +29,12 @@ def test_a_file_is_what_sha256sums_beside_it_says(tmp_path: Path) -> None:
         pose_files.read_times(path)
 
 
-def test_pipes_folders_and_large_files_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["pipe", ".", "large", "missing", "n" * 300, "a\0b"])
+def test_only_regular_files_below_the_limit_are_read(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "large").write_bytes(bytes(3 * files.MIB))
-    for name, says in (
-        ("pipe", "is a pipe or device"),
-        (".", "is a folder"),
-        ("large", "has more than 2 MiB"),
-    ):
-        with pytest.raises(BadData, match=says):
-            files.read_bytes(tmp_path / name, 2 * files.MIB)
+    with pytest.raises(BadData):
+        files.read_bytes(tmp_path / name, 2 * files.MIB)
 
 
 def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
@@ -47,36 +43,31 @@ def test_an_image_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path: P
     content = bytearray((tmp_path / "wide.png").read_bytes())
     content[20:24] = (2**16).to_bytes(4, "big")  # the height in IHDR
     (tmp_path / "tall.png").write_bytes(content)
-    with pytest.raises(BadData, match=r"tall\.png (is 65536x65536 pixels|cannot be decoded)"):
+    with pytest.raises(BadData):
         frames.read_image(tmp_path / "tall.png")
 
 
-def test_a_byte_order_mark_is_no_text(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_bytes(b"\xef\xbb\xbf0.0\n0.1\n")
     assert pose_files.read_times(tmp_path / "times.txt").tolist() == [0.0, 0.1]
 
 
-def test_a_damaged_place_of_a_checksum_is_no_missing_one(tmp_path: Path) -> None:
-    whole = files.json_bytes({"name": "a", "count": 3})
-    assert files.read_json(_written(tmp_path, whole)) == {"name": "a", "count": 3}
-    damaged = whole.replace(b'"file-sha256": ', b'"file-sha256":\t').replace(
-        b'"count": 3', b'"count": 7'
-    )
-    with pytest.raises(BadData, match="does not match its own checksum"):
-        files.read_json(_written(tmp_path, damaged))
+@pytest.mark.parametrize("content", [b"", b"[1]", b'{"a": ', b"\xff", b"[" * 100_000])
+def test_a_damaged_record_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "record.json"
+    path.write_bytes(files.json_bytes({"name": "ü", "count": 3}))
+    assert files.read_json(path) == {"name": "ü", "count": 3}
+    path.write_bytes(content)
+    with pytest.raises(BadData, match=r"record\.json"):
+        files.read_json(path)
 
 
-def _written(folder: Path, content: bytes) -> Path:
-    (folder / "record.json").write_bytes(content)
-    return folder / "record.json"
-
-
-def test_a_name_that_is_no_text_is_refused_in_a_record() -> None:
-    with pytest.raises(BadData, match=r"kitti.* is not text in UTF-8"):
+def test_a_record_holds_utf8_only() -> None:
+    with pytest.raises(BadData, match="is not text in UTF-8"):
         files.json_bytes({"root": os.fsdecode(b"path/to/kitti\xff")})
 
 
-def test_numbers_are_what_they_look_like(tmp_path: Path) -> None:
+def test_python_notation_is_not_a_number_in_a_pose_file(tmp_path: Path) -> None:
     for word in ("1_0", "\uff11\uff10", "0x10", "1e999", "nan", "9" * 400):
         assert isinstance(pose_files.parse_row(tmp_path, 1, word), pose_files.Finding), word
     row = pose_files.parse_row(tmp_path, 1, "-.5 1. 2E+3 7")
@@ -85,32 +76,22 @@ def test_numbers_are_what_they_look_like(tmp_path: Path) -> None:
 
 
 @given(st.text(max_size=60))
-def test_texts_are_escaped_in_html_and_latex(text: str) -> None:
+def test_text_is_escaped_in_html_and_latex(text: str) -> None:
     element = tag("p", text, title=text)
-    assert element.count("<") == 2, "the element's own"
+    assert element.count("<") == 2
     assert html.unescape(element.partition(">")[2].removesuffix("</p>")) == text
     plain = tex_escaped(text)
-    for command in (
-        r"\textbackslash{}",
-        r"\textasciitilde{}",
-        r"\textasciicircum{}",
-        r"\textless{}",
-        r"\textgreater{}",
-    ):
+    for name in ("textbackslash", "textasciitilde", "textasciicircum", "textless", "textbar"):
+        plain = plain.replace(f"\\{name}{{}}", "")
+    for command in (r"\textgreater{}", r"$\pm$", r"$\uparrow$", r"$\downarrow$"):
         plain = plain.replace(command, "")
-    for command in (
-        r"\textbar{}",
-        r"$\pm$",
-        r"$\uparrow$",
-        r"$\downarrow$",
-        *(f"\\{letter}" for letter in "&%_#${}"),
-    ):
-        plain = plain.replace(command, "")
+    for letter in "&%_#${}":
+        plain = plain.replace(f"\\{letter}", "")
     assert not set(plain) & set("\\&%_#${}~^")
 
 
 @given(st.text(max_size=40), st.sampled_from(["", "/", "../", "a/../../"]))
-def test_names_in_data_stay_inside_their_folder(name: str, before: str) -> None:
+def test_names_from_data_stay_inside_their_folder(name: str, before: str) -> None:
     if files.leads_inside(before + name):
         assert Path("/root/folder") in (Path("/root/folder") / before / name / "x").parents
         assert ".." not in Path(before + name).parts
