@@ -1,8 +1,6 @@
-"""Build components, ours or a plug-in's, from a name and settings, and describe them as such a
-table again.
+"""Registry of components: build them from names and settings, and describe them as such tables.
 
-Components register under entry-point groups `geovp.<role>` and are imported only when asked for by
-name.
+Components register under entry-point groups `geovp.<role>` and are imported on first use.
 """
 
 import contextlib
@@ -10,16 +8,13 @@ import contextvars
 import dataclasses
 import difflib
 import functools
-import json
 import logging
-import pathlib
 import types
 import typing
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import metadata
-from typing import Any
-from urllib.parse import urlsplit
-from urllib.request import url2pathname
+from pathlib import Path
+from typing import Any, Literal, Union
 
 from geovp_classic import interfaces
 from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
@@ -41,110 +36,102 @@ PROTOCOL_OF_ROLE: dict[str, type] = {
     "datasets": interfaces.Dataset,
 }
 ROLES = (*PROTOCOL_OF_ROLE, "executors")
-NO_PART = "none"  # TOML has no None: this leaves a part out
-EXTRA_OF_MODULE = dict.fromkeys(("torch", "safetensors", "lightning"), "learned") | {
+NONE = "none"  # stands for None in tables, because TOML has no null
+EXTRA_OF_MODULE = {
+    "torch": "learned",
+    "safetensors": "learned",
+    "lightning": "learned",
     "dask": "cluster",
     "rerun": "viz",
+    "open3d": "volume",
+    "av": "video",
+    "argcomplete": "completion",
+    "onnx": "onnx",
 }
-EXTRA_OF_MODULE |= {"open3d": "volume", "av": "video", "argcomplete": "completion", "onnx": "onnx"}
 
-_DEFAULTS: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
+_defaults: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
 
 
 def names(role: str) -> list[str]:
-    """The names registered for a role, sorted; nothing is imported."""
+    """Return the sorted names registered for a role; nothing is imported."""
     return sorted(_entry_points(role))
 
 
 def load(role: str, name: str) -> type:
-    """The class behind a name; UnknownComponent with the nearest name, MissingExtra when it cannot
-    be imported.
+    """Import the class registered under a name.
+
+    Raises UnknownComponent with the nearest name, or MissingExtra if the import fails.
     """
     entry_points = _entry_points(role)
+    kind = _singular(role)
     if name not in entry_points:
-        raise UnknownComponent(
-            f"no {_singular(role)} is called {name!r}{nearest(name, entry_points)}"
-        )
+        raise UnknownComponent(f"no {kind} is called {name!r}{nearest(name, entry_points)}")
     entry_point = entry_points[name]
-    logger.info(
-        "importing %s, %s %r of %s", entry_point.value, _singular(role), name, _package(entry_point)
-    )
+    logger.info("importing %s %r from %s", kind, name, entry_point.value)
     try:
-        component: type = entry_point.load()
+        return typing.cast(type, entry_point.load())
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
         remedy = install_command(extra) if extra else f"install {module or 'the missing module'}"
         raise MissingExtra(
-            f"{_singular(role)} {name!r} needs {module}, which is not installed: {remedy}"
+            f"{kind} {name!r} needs {module}, which is not installed: {remedy}"
         ) from error
     except (ImportError, AttributeError, OSError) as error:
         raise MissingExtra(
-            f"{_singular(role)} {name!r} cannot be loaded ({error}): mend or reinstall it"
+            f"{kind} {name!r} cannot be loaded ({error}): fix or reinstall its package"
         ) from error
-    return component
 
 
 def install_command(extra: str) -> str:
-    """The pip command that adds an extra, from the clone or the file that GeoVP itself was
-    installed from (PEP 610).
-    """
-    about = json.loads(metadata.distribution("geovp-classic").read_text("direct_url.json") or "{}")
-    url = urlsplit(about.get("url", ""))
-    origin = url2pathname(url.path) if url.scheme == "file" else ""
-    known = origin if origin and pathlib.Path(origin).exists() else "geovp-classic"
-    edited = "--editable " if about.get("dir_info", {}).get("editable") and known == origin else ""
-    return f"pip install {edited}'{known}[{extra}]'"
+    """Return the pip command that installs an extra of this package."""
+    return f"pip install 'geovp-classic[{extra}]'"
 
 
 def build(role: str, spec: Mapping[str, Any] | str, where: str = "") -> Any:
-    """The component of {"name": ..., **fields}; fields that are components are built from nested
-    tables.
+    """Build a component from {"name": ..., **fields} or its name; nested tables build components.
 
-    `where` names the place in the user's file for messages. Raises UnknownComponent, MissingExtra
-    or BadData.
+    Messages call the place in the user's file `where`. Raises UnknownComponent, MissingExtra or
+    BadData.
     """
     where = where or role
-    table: Mapping[str, Any] = {"name": spec} if isinstance(spec, str) else spec
+    table: Any = {"name": spec} if isinstance(spec, str) else spec
     if not isinstance(table, Mapping) or not isinstance(table.get("name"), str):
         raise BadData(
             f'{where}: {spec!r} is not a component, expected a table like {{ name = "..." }}'
         )
-    given = {key: value for key, value in table.items() if key != "name"}
-    return construct(load(role, table["name"]), given, where, table["name"])
+    settings = dict(table)
+    name = settings.pop("name")
+    return construct(load(role, name), settings, where, name)
 
 
 @contextlib.contextmanager
 def defaults(**fields: Any) -> Iterator[None]:
-    """Within it, components that have one of these fields and are not given it get this value,
-    nested ones too.
-    """
-    token = _DEFAULTS.set(fields)
+    """Override the default of each field with one of these names, in nested components, too."""
+    token = _defaults.set(fields)
     try:
         yield
     finally:
-        _DEFAULTS.reset(token)
+        _defaults.reset(token)
 
 
-def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") -> Any:
-    """The dataclass of a table of its fields, checked against their types; `name` is what messages
-    call it.
+def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "") -> Any:
+    """Build a dataclass from a table of its fields, checked against their types.
 
-    `where` names the place in the user's file. Raises UnknownComponent for a field that it lacks,
-    BadData for a value of another type and for a required field that is not given.
+    Messages call it `name` and the place in the user's file `where`. Raises UnknownComponent for
+    an unknown field, and BadData for a missing field or a value of another type.
     """
-    name, hints = name or kind.__name__, _field_types(kind)
-    given = {key: value for key, value in _DEFAULTS.get({}).items() if key in hints} | dict(given)
-    for key in given:
+    name = name or kind.__name__
+    hints = _field_types(kind)
+    overridden = {key: value for key, value in _defaults.get({}).items() if key in hints}
+    fields = {}
+    for key, value in (overridden | dict(settings)).items():
         if key not in hints:
             raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}")
+        fields[key] = _value(value, hints[key], f"{where}.{key}")
     for field in dataclasses.fields(kind):
-        required = (
-            field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        )
-        if field.init and required and field.name not in given:
+        if field.name in hints and field.name not in fields and _is_required(field):
             raise BadData(f"{where}: {name!r} needs the field {field.name!r}: add it to the table")
-    fields = {key: _value(value, hints[key], f"{where}.{key}") for key, value in given.items()}
     try:
         return kind(**fields)
     except GeovpError as error:
@@ -152,161 +139,133 @@ def construct(kind: type, given: Mapping[str, Any], where: str, name: str = "") 
 
 
 def describe(component: Any) -> dict[str, Any]:
-    """The table that `build` makes this component of, every field spelled out; its inverse."""
+    """Return the table from which `build` makes this component, with all of its fields."""
     if not dataclasses.is_dataclass(component):
         raise BadData(f"{component!r} is not a dataclass, so its settings cannot be described")
     return {"name": name_of(component), **_settings(component)}
 
 
-def _settings(owner: Any) -> dict[str, Any]:
-    """The fields of a dataclass as plain values; a None that is the default is left out."""
-    values = [
-        (field, _plain(getattr(owner, field.name)))
-        for field in dataclasses.fields(owner)
-        if field.init
-    ]
-    return {
-        field.name: NO_PART if value is None else value
-        for field, value in values
-        if value is not None or field.default is not None
-    }
-
-
 def name_of(component: Any) -> str:
-    """The registered name of a component's class; UnknownComponent when it has none."""
+    """Return the registered name of a component's class; UnknownComponent if it has none."""
     kind = type(component)
-    wanted = f"{kind.__module__}:{kind.__qualname__}"
+    path = f"{kind.__module__}:{kind.__qualname__}"
     for role in ROLES:
         for name, entry_point in _entry_points(role).items():
-            if entry_point.value == wanted and _fits(role, component):
+            if entry_point.value == path:
                 return name
-    raise UnknownComponent(f"{wanted} is not registered: add it to the entry points of its package")
+    raise UnknownComponent(f"{path} is not registered: add it to the entry points of its package")
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """A tail for a message: the nearest known word, or all of them."""
-    known = sorted(known)
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f": did you mean {close[0]!r}?" if close else f": known are {', '.join(known) or 'none'}"
+def nearest(word: str, words: Iterable[str]) -> str:
+    """Return the end of a message: the nearest of the words, or all of them."""
+    words = sorted(words)
+    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    if close:
+        return f": did you mean {close[0]!r}?"
+    return f": known are {', '.join(words) or 'none'}"
 
 
 @functools.cache
 def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
     if role not in ROLES:
         raise UnknownComponent(f"there is no role {role!r}{nearest(role, ROLES)}")
-    return {
-        entry_point.name: entry_point
-        for entry_point in metadata.entry_points(group=f"geovp.{role}")
-    }
-
-
-def _package(entry_point: metadata.EntryPoint) -> str:
-    return (
-        "an unknown package"
-        if entry_point.dist is None
-        else f"{entry_point.dist.name} {entry_point.dist.version}"
-    )
+    group = metadata.entry_points(group=f"geovp.{role}")
+    return {entry_point.name: entry_point for entry_point in group}
 
 
 def _singular(role: str) -> str:
-    return (
-        role.removesuffix("ies") + "y"
-        if role.endswith("ies")
-        else role.removesuffix("s").replace("_", " ")
-    )
+    if role.endswith("ies"):
+        return role.removesuffix("ies") + "y"
+    return role.removesuffix("s").replace("_", " ")
 
 
-def _fits(role: str, component: Any) -> bool:
-    protocol = PROTOCOL_OF_ROLE.get(role)
-    return protocol is None or isinstance(component, protocol)
+def _field_types(kind: type) -> dict[str, Any]:
+    if not dataclasses.is_dataclass(kind):
+        raise BadData(f"{kind.__name__} is not a dataclass: a component's fields are its settings")
+    hints = typing.get_type_hints(kind)
+    return {field.name: hints[field.name] for field in dataclasses.fields(kind) if field.init}
 
 
-def _field_types(component: type) -> dict[str, Any]:
-    if not dataclasses.is_dataclass(component):
-        raise BadData(
-            f"{component.__name__} is not a dataclass: a component's fields are its settings"
-        )
-    hints = typing.get_type_hints(component)
-    return {field.name: hints[field.name] for field in dataclasses.fields(component) if field.init}
+def _is_required(field: dataclasses.Field[Any]) -> bool:
+    return field.default is field.default_factory is dataclasses.MISSING
+
+
+def _settings(component: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass as plain values, without a None that is the default."""
+    table = {}
+    for field in dataclasses.fields(component):
+        value = getattr(component, field.name)
+        if field.init and (value is not None or field.default is not None):
+            table[field.name] = NONE if value is None else _plain(value)
+    return table
 
 
 def _plain(value: Any) -> Any:
-    """A field's value as TOML and JSON have it."""
+    """Return a field's value as TOML and JSON have it."""
+    if isinstance(value, tuple(PROTOCOL_OF_ROLE.values())):
+        return describe(value)
     if dataclasses.is_dataclass(value):
-        return (
-            describe(value)
-            if any(_fits(role, value) for role in PROTOCOL_OF_ROLE)
-            else _settings(value)
-        )
-    if isinstance(value, pathlib.Path):
+        return _settings(value)
+    if isinstance(value, Path):
         return str(value)
     if isinstance(value, (tuple, list)):
         return [_plain(item) for item in value]
     return value
 
 
-def _value(value: Any, wanted: Any, where: str) -> Any:
-    """A TOML value as the field's type; BadData when it is of another type."""
-    origin = typing.get_origin(wanted)
-    if origin in (typing.Union, types.UnionType):
-        return _optional(value, typing.get_args(wanted), where)
-    role = next((role for role, protocol in PROTOCOL_OF_ROLE.items() if protocol is wanted), None)
-    if role is not None:
-        return build(role, value, where)
-    if origin is typing.Literal:
-        if value not in typing.get_args(wanted):
-            raise BadData(
-                f"{where} is {value!r}{nearest(str(value), map(str, typing.get_args(wanted)))}"
-            )
-        return value
+def _value(value: Any, kind: Any, where: str) -> Any:
+    """Return a TOML value as a field's type; raise BadData if it is of another type."""
+    origin = typing.get_origin(kind)
+    options = typing.get_args(kind)
+    if origin in (Union, types.UnionType):
+        return _union(value, options, where)
+    if origin is Literal:
+        if value in options:
+            return value
+        raise BadData(f"{where} is {value!r}{nearest(str(value), map(str, options))}")
     if origin is tuple and isinstance(value, (list, tuple)):
-        return _tuple(value, typing.get_args(wanted), where)
-    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type) and isinstance(value, Mapping):
-        return construct(wanted, value, where)
-    if wanted is pathlib.Path and isinstance(value, (str, pathlib.Path)):
-        return pathlib.Path(value).expanduser()
-    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+        return _tuple(value, options, where)
+    for role, protocol in PROTOCOL_OF_ROLE.items():
+        if kind is protocol:
+            return build(role, value, where)
+    if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
+        return construct(typing.cast(type, kind), value, where)
+    if kind is Path and isinstance(value, (str, Path)):
+        return Path(value).expanduser()
+    if kind is float and type(value) is int:
         return float(value)
-    if (
-        isinstance(wanted, type)
-        and isinstance(value, wanted)
-        and isinstance(value, bool) == (wanted is bool)
-    ):
+    is_bool = isinstance(value, bool)
+    if isinstance(kind, type) and isinstance(value, kind) and is_bool == (kind is bool):
         return value
-    raise BadData(f"{where} is {value!r}, expected {_type_name(wanted)}")
+    raise BadData(f"{where} is {value!r}, expected {_type_name(kind)}")
 
 
-def _tuple(values: Iterable[Any], kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
-    values = list(values)
-    if len(kinds) == 2 and kinds[1] is Ellipsis:
-        kinds = (kinds[0],) * len(values)
-    if len(values) != len(kinds):
-        raise BadData(f"{where} has {len(values)} values, expected {len(kinds)}")
-    return tuple(
-        _value(v, kind, f"{where}[{i}]")
-        for i, (v, kind) in enumerate(zip(values, kinds, strict=True))
-    )
-
-
-def _optional(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
-    """The value as the first of several types that accepts it; the last one's error
-    when none does.
-    """
-    if value == NO_PART and type(None) in kinds:
+def _union(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
+    """Return the value as the first of several types that accepts it."""
+    if value == NONE and types.NoneType in kinds:
         return None
-    *others, last = (kind for kind in kinds if kind is not type(None))
+    *others, last = (kind for kind in kinds if kind is not types.NoneType)
     for kind in others:
         with contextlib.suppress(BadData):
             return _value(value, kind, where)
     return _value(value, last, where)
 
 
-def _type_name(wanted: Any) -> str:
-    plain = {
+def _tuple(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
+    if kinds[-1] is Ellipsis:
+        kinds = kinds[:1] * len(values)
+    if len(values) != len(kinds):
+        raise BadData(f"{where} has {len(values)} values, expected {len(kinds)}")
+    pairs = zip(values, kinds, strict=True)
+    return tuple(_value(item, kind, f"{where}[{i}]") for i, (item, kind) in enumerate(pairs))
+
+
+def _type_name(kind: Any) -> str:
+    texts = {
         float: "a number",
         int: "a whole number",
         str: "a text",
         bool: "true or false",
-        pathlib.Path: "a path",
+        Path: "a path",
     }
-    return plain.get(wanted, str(getattr(wanted, "__name__", wanted)))
+    return texts.get(kind, str(kind))

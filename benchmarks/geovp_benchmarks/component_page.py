@@ -98,7 +98,7 @@ def _source(kind: type) -> str:
 
 def _default(field: dataclasses.Field[Any]) -> Any:
     if field.default is not dataclasses.MISSING:
-        return registry.NO_PART if field.default is None else field.default
+        return registry.NONE if field.default is None else field.default
     return "required" if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 

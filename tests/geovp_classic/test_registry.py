@@ -1,8 +1,8 @@
-"""One door: names in, checked components out, and the way back."""
+"""The registry builds checked components from names and tables, and describes them again."""
 
-import pathlib
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -16,14 +16,14 @@ from geovp_classic.types import BoolArray, Context, FloatArray, Motion, Privileg
 
 @dataclass(frozen=True)
 class Drift:
-    """A forecaster with one field of every plain kind."""
+    """A forecaster with one field of each plain type."""
 
     speed_m_s: float = 1.0
     steps: int = 3
     mode: Literal["slow", "fast"] = "slow"
     size_px: tuple[int, int] = (4, 5)
     tags: tuple[str, ...] = ()
-    path: pathlib.Path | None = None
+    path: Path | None = None
     loud: bool = False
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
@@ -32,53 +32,41 @@ class Drift:
 
 @dataclass(frozen=True)
 class Walk:
-    """A pose source that holds another component and has one field without a default."""
+    """A pose source with a nested component and a field without a default."""
 
     forecaster: Forecaster
     odometry: Odometry | None = None
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        futures = self.forecaster.forecast(
-            context.past, context.times_s[context.num_past :], num_samples
-        )
-        return Motion(context.past, futures, np.ones(context.num_past, bool))
+        raise NotImplementedError
 
 
 class NotADataclass:
     pass
 
 
-HERE = __name__
-REGISTERED: dict[str, dict[str, str]] = {
+COMPONENTS = {
     "geovp.forecasters": {"drift": "Drift", "odd": "NotADataclass", "gone": "Gone"},
     "geovp.pose_sources": {"walk": "Walk"},
 }
 
 
 @pytest.fixture(autouse=True)
-def door(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A registry that holds this file's components and one whose package is missing."""
+def _registered(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Register this file's components and one whose package is missing."""
 
     def entry_points(*, group: str) -> list[metadata.EntryPoint]:
-        found = [
-            metadata.EntryPoint(n, f"{HERE}:{c}", group)
-            for n, c in REGISTERED.get(group, {}).items()
-        ]
-        if group == "geovp.forecasters":
-            found.append(metadata.EntryPoint("deep", "a_missing_module:Deep", group))
-        return found
+        classes = COMPONENTS.get(group, {})
+        points = [metadata.EntryPoint(n, f"{__name__}:{c}", group) for n, c in classes.items()]
+        return [*points, metadata.EntryPoint("deep", "a_missing_module:Deep", group)]
 
     def load(point: metadata.EntryPoint) -> Any:
-        module, _, attribute = point.value.partition(":")
-        if module == HERE:
-            return {"Drift": Drift, "Walk": Walk, "NotADataclass": NotADataclass}.get(
-                attribute
-            ) or fail(attribute)
-        raise ModuleNotFoundError("No module named 'torch'", name="torch")
-
-    def fail(attribute: str) -> None:
-        raise AttributeError(f"module has no attribute {attribute!r}")
+        if point.module != __name__:
+            raise ModuleNotFoundError("No module named 'torch'", name="torch")
+        if point.attr not in globals():
+            raise AttributeError(f"module has no attribute {point.attr!r}")
+        return globals()[point.attr]
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
     monkeypatch.setattr(metadata.EntryPoint, "load", load)
@@ -88,41 +76,30 @@ def door(monkeypatch: pytest.MonkeyPatch) -> Any:
     registry._entry_points.cache_clear()
 
 
-def test_describe_undoes_build() -> None:
-    spec = {
-        "name": "walk",
-        "forecaster": {
-            "name": "drift",
-            "speed_m_s": 2,
-            "size_px": [7, 8],
-            "tags": ["a"],
-            "path": "x",
-        },
-    }
-    built = registry.build("pose_sources", spec)
-    assert built == Walk(Drift(speed_m_s=2.0, size_px=(7, 8), tags=("a",), path=pathlib.Path("x")))
-    assert isinstance(built, PoseSource)
-    table = registry.describe(built)
-    assert table["forecaster"]["steps"] == 3  # defaults are spelled out
-    assert registry.build("pose_sources", table) == built
-    assert registry.describe(registry.build("pose_sources", table)) == table
-
-
-def test_a_bare_name_is_a_component_with_its_defaults() -> None:
+def test_describe_is_the_inverse_of_build() -> None:
+    drift = {"name": "drift", "speed_m_s": 2, "size_px": [7, 8], "tags": ["a"], "path": "x"}
+    walk = registry.build("pose_sources", {"name": "walk", "forecaster": drift})
+    assert walk == Walk(Drift(speed_m_s=2.0, size_px=(7, 8), tags=("a",), path=Path("x")))
+    assert isinstance(walk, PoseSource)
+    table = registry.describe(walk)
+    assert table["forecaster"]["steps"] == 3  # defaults are included
+    assert registry.build("pose_sources", table) == walk
     assert registry.build("forecasters", "drift") == Drift()
+
+
+def test_defaults_reach_nested_components() -> None:
+    with registry.defaults(steps=7):
+        walk = registry.build("pose_sources", {"name": "walk", "forecaster": "drift"})
+    assert walk.forecaster == Drift(steps=7)
 
 
 @pytest.mark.parametrize(
     ("role", "spec", "message"),
     [
         ("forecasters", {"name": "drfit"}, "did you mean 'drift'"),
-        (
-            "forecasters",
-            {"name": "drift", "sped_m_s": 1},
-            "no field 'sped_m_s': did you mean 'speed_m_s'",
-        ),
+        ("forecasters", {"name": "drift", "sped_m_s": 1}, "did you mean 'speed_m_s'"),
         ("forecaster", {"name": "drift"}, "did you mean 'forecasters'"),
-        ("pose_sources", {"name": "walk", "forecaster": {"name": "drfit"}}, "did you mean 'drift'"),
+        ("pose_sources", {"name": "walk", "forecaster": {"name": "drfit"}}, "mean 'drift'"),
     ],
 )
 def test_mistyped_words_get_the_nearest_right_one(role: str, spec: Any, message: str) -> None:
@@ -131,40 +108,38 @@ def test_mistyped_words_get_the_nearest_right_one(role: str, spec: Any, message:
 
 
 @pytest.mark.parametrize(
-    ("fields", "message"),
+    ("field", "value", "message"),
     [
-        ({"speed_m_s": "fast"}, r"forecasters.speed_m_s is 'fast', expected a number"),
-        ({"speed_m_s": True}, "expected a number"),
-        ({"steps": 1.5}, "expected a whole number"),
-        ({"steps": True}, "expected a whole number"),
-        ({"loud": 1}, "expected true or false"),
-        ({"mode": "fsat"}, "did you mean 'fast'"),
-        ({"size_px": [1, 2, 3]}, "has 3 values, expected 2"),
-        ({"size_px": [1, "b"]}, r"size_px\[1\] is 'b'"),
-        ({"path": 3}, "expected a path"),
+        ("speed_m_s", "fast", r"forecasters.speed_m_s is 'fast', expected a number"),
+        ("speed_m_s", True, "expected a number"),
+        ("steps", 1.5, "expected a whole number"),
+        ("steps", True, "expected a whole number"),
+        ("loud", 1, "expected true or false"),
+        ("mode", "fsat", "did you mean 'fast'"),
+        ("size_px", [1, 2, 3], "has 3 values, expected 2"),
+        ("size_px", [1, "b"], r"size_px\[1\] is 'b'"),
+        ("path", 3, "expected a path"),
     ],
 )
-def test_wrong_field_types_are_named(fields: dict[str, Any], message: str) -> None:
+def test_a_value_of_another_type_is_named(field: str, value: Any, message: str) -> None:
     with pytest.raises(BadData, match=message):
-        registry.build("forecasters", {"name": "drift", **fields})
+        registry.build("forecasters", {"name": "drift", field: value})
 
 
-def test_what_is_no_table_or_lacks_a_field_is_refused() -> None:
-    for spec in (3, {}, {"name": 5}):
-        with pytest.raises(BadData, match="expected a table"):
-            registry.build("forecasters", spec)
-    with pytest.raises(BadData, match="needs the field 'forecaster'"):
-        registry.build("pose_sources", {"name": "walk"})
-    with pytest.raises(BadData, match="not a dataclass"):
-        registry.build("forecasters", "odd")
+@pytest.mark.parametrize("spec", [3, {}, {"name": 5}, {"name": "walk"}])
+def test_an_incomplete_table_is_refused(spec: Any) -> None:
+    with pytest.raises(BadData, match=r"expected a table|needs the field"):
+        registry.build("pose_sources", spec)
 
 
-def test_missing_packages_name_their_extra_and_names_are_listed_all_the_same() -> None:
+def test_components_that_cannot_be_used_are_still_listed() -> None:
     assert registry.names("forecasters") == ["deep", "drift", "gone", "odd"]
-    with pytest.raises(MissingExtra, match=r"pip install .*\[learned\]'"):
+    with pytest.raises(MissingExtra, match=r"pip install 'geovp-classic\[learned\]'"):
         registry.build("forecasters", "deep")
     with pytest.raises(MissingExtra, match="cannot be loaded"):
         registry.build("forecasters", "gone")
+    with pytest.raises(BadData, match="not a dataclass"):
+        registry.build("forecasters", "odd")
 
 
 def test_an_unregistered_component_cannot_be_described() -> None:
