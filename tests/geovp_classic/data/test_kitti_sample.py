@@ -24,14 +24,22 @@ def root() -> Path:
 def test_the_sample_is_sound_and_serves_its_splits(root: Path) -> None:
     examination = doctor.examine(root)
     assert examination.findings == ()
-    assert examination.usable_splits == ("test", "test-colour", "train", "val")
+    assert examination.usable_splits == (
+        "test",
+        "test-colour",
+        "train",
+        "train-2026-10",
+        "val",
+    )
     rows = {
         row["sequence"]: (row["frames"], row["size_px"], row["poses"]) for row in examination.rows
     }
     assert rows == {
         "00": ("image_2: 1018", "416x128", "1018"),
+        "02": ("image_0: 300", "845x256", "300"),
         "03": ("image_0: 360", "1242x375", "360"),
         "06": ("image_0: 51, image_1: 51", "1226x370", "51"),
+        "raw0009": ("image_2: 400", "848x256", "400"),
         "raw0095": ("image_2: 268", "848x256", "268"),
     }
 

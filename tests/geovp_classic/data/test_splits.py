@@ -9,7 +9,8 @@ from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 
 EXPECTED = {
-    "train": "00[0:569) raw0095[0:268)",
+    "train": "00[0:569) raw0095[0:268) 02[0:300) raw0009[0:400)",
+    "train-2026-10": "00[0:569) raw0095[0:268)",
     "val": "00[600:725) 03[0:180)",
     "test": "03[180:360) 06[0:51)",
     "test-colour": "00[757:1018)",
@@ -56,6 +57,11 @@ def test_the_hash_follows_the_ranges_and_nothing_else(tmp_path: Path) -> None:
         splits.content_hash(ranges)
         == "d0e9f82c1cf7af3ed2deda01d675bc811ee49374bf080b996bd049bb575b698a"
     )
+
+
+@pytest.mark.parametrize(("name", "digest"), [("train", "2cc28c37"), ("train-2026-10", "79a30f3d")])
+def test_training_splits_have_the_hashes_that_model_cards_state(name: str, digest: str) -> None:
+    assert splits.content_hash(splits.load(name)).startswith(digest)
 
 
 def test_a_mistyped_name_is_answered_with_the_nearest() -> None:
