@@ -1,6 +1,4 @@
-"""The interfaces of the suite: one-method Protocols that a component or plug-in fulfils without a
-base class.
-"""
+"""Interfaces of the components: Protocols that a plug-in fulfils without a base class."""
 
 from typing import Protocol, runtime_checkable
 
@@ -20,205 +18,210 @@ from geovp_classic.types import (
 
 
 class Component(Protocol):
-    """A component with access to a context."""
+    """Component that is given a context."""
 
     @property
     def needs(self) -> PrivilegedInput:
-        """The parts of the context that it must be granted."""
+        """Return the privileged inputs that the component uses."""
 
 
 @runtime_checkable
 class Odometry(Component, Protocol):
-    """Estimates the past trajectory from the frames; never raises on hard images but bridges and
-    marks the step.
+    """Estimator of the past trajectory from the frames.
+
+    It bridges and marks a step that it cannot track instead of raising an error.
     """
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        """The past trajectory [P] and which steps were really tracked [P]."""
+        """Return the past trajectory [P] and whether each pose was tracked [P]."""
 
 
 @runtime_checkable
 class ScaleEstimator(Protocol):
-    """Estimates from image to image how many metres an odometry's unit of length is."""
+    """Recursive estimate of the metres in an odometry's unit of length."""
 
     @property
     def unit(self) -> float:
-        """Metres per unit of the odometry; 1 while unknown."""
+        """Return metres per unit of the odometry; 1 while unknown."""
 
     @property
     def confidence(self) -> float:
-        """How well the unit is known, from 0 (not at all) to 1."""
+        """Return the confidence in the unit, from 0 (unknown) to 1."""
 
     @property
     def uncertainty(self) -> float:
-        """Relative standard deviation of the unit; infinite while unknown."""
+        """Return the relative standard deviation of the unit; infinite while unknown."""
 
-    def settle(self, length: float, duration_s: float) -> None:
-        """The clip is over: so long a path, in units of the odometry, took so many seconds.
+    def finalize(self, length: float, duration_s: float) -> None:
+        """Finish the estimate after the last image.
 
-        Where nothing could be measured the unit may be assumed from that.
+        `length` is that of the whole path, in units of the odometry. If no measurement was
+        possible, the unit may be assumed from the mean speed.
         """
 
     def update(
         self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
     ) -> None:
-        """Take two grey images [H, W] and the motion between them [4, 4], in units of the odometry.
+        """Update the estimate with two grey images [H, W] and the motion between them [4, 4].
 
-        `radial` is the distortion that the odometry found: undistorted ray = ray * (1 + radial *
-        |ray|^2).
+        The translation is in units of the odometry, which also estimates the distortion `radial`:
+        undistorted ray = ray * (1 + radial * |ray|^2).
         """
 
     def restart(self) -> None:
-        """The odometry has lost its unit of length and continues with another."""
+        """Forget the estimate, since the odometry continues with another unit of length."""
 
 
 @runtime_checkable
 class Scale(Component, Protocol):
-    """Gives an odometry metric scale, or leaves its lengths without a unit."""
+    """Source of an odometry's metric scale, or of none."""
 
     @property
     def is_metric(self) -> bool:
-        """Whether lengths become metres."""
+        """Return whether lengths become metres."""
 
     def estimator(
         self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
     ) -> ScaleEstimator:
-        """A fresh estimator for one camera and one drive; Incompatible when what it needs is
-        missing.
+        """Return a new estimator for one camera and clip.
 
-        The camera looks about `pitch_rad` above the direction in which it travels.
+        The camera looks about `pitch_rad` above its direction of travel. Raises Incompatible if
+        a required input is missing.
         """
 
 
 @runtime_checkable
 class Forecaster(Protocol):
-    """Predicts future poses from past ones; sees poses only."""
+    """Predictor of future poses from past poses alone."""
 
     def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
-        """Futures [S, F, 4, 4] at the given times [F], in the world frame of the past."""
+        """Return futures [S, F, 4, 4] at the times [F], in the world frame of the past."""
 
 
 @runtime_checkable
 class PoseSource(Component, Protocol):
-    """Gives the camera's past and future motion."""
+    """Source of the camera's past and future motion."""
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The motion: past trajectory and futures [S, F, 4, 4]; Incompatible when the clip lacks
-        what it needs.
+        """Return the past trajectory and the futures [S, F, 4, 4].
+
+        Raises Incompatible if the context lacks a required input.
         """
 
 
 @runtime_checkable
 class PoseRefinement(Component, Protocol):
-    """Corrects the camera's motion, from the images and from the poses themselves."""
+    """Correction of the camera's motion, from the images or from the poses themselves."""
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion, corrected, in the same world frame; unchanged where there is no correction.
+        """Return the corrected motion in the same world frame, or the same motion.
 
-        Incompatible when the clip or the refinements before it lack what it needs.
+        Raises Incompatible if the context or the motion lacks a required input.
         """
 
 
 @runtime_checkable
 class DepthSource(Component, Protocol):
-    """Estimates the depth of the observed pixels."""
+    """Estimator of the depth of the observed pixels."""
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Inverse z-depth [P, H, W] (1 / the past's unit; 0 = infinitely far) and confidence [P, H,
-        W] in [0, 1].
+        """Return inverse z-depth [P, H, W] and confidence [P, H, W] in [0, 1].
+
+        The unit is 1 / that of the past trajectory; 0 is infinitely far.
         """
 
 
 @runtime_checkable
 class Scene(Protocol):
-    """A reconstruction from the past; can be rendered from any pose, at any time, any number of
-    times.
-    """
+    """Reconstruction from the observed frames, which can be viewed from any pose at any time."""
 
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
     ) -> Views:
-        """The scene from the poses [F, 4, 4] at the times [F], in the world frame and on the clock
-        of its past.
+        """Render the scene from the poses [F, 4, 4] at the times [F].
 
-        Row k depends on pose k and time k alone: not on the other rows, their order or their
-        number.
+        World frame and clock are those of the past trajectory. View k depends on pose k and
+        time k alone.
         """
 
 
 @runtime_checkable
 class Renderer(Component, Protocol):
-    """Reconstructs a scene from observed frames and their poses."""
+    """Reconstruction of scenes from observed frames and their poses."""
 
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
-        """The scene; Incompatible when the past's unit or the clip does not suit it."""
+        """Reconstruct the scene.
+
+        Raises Incompatible if the context or the unit of the past trajectory is unsuitable.
+        """
 
 
 @runtime_checkable
 class Inpainter(Protocol):
-    """Invents the pixels that a scene does not cover."""
+    """Inpainting of the pixels that a scene does not cover."""
 
     def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
-        """Frames [F, H, W, 3], unchanged where `views.covered`; each from its own view alone.
+        """Return frames [F, H, W, 3], unchanged where `views.covered`.
 
-        `last` [H, W, 3] is the last observed frame, resampled to the views' camera.
+        Frame k depends on view k and on `last` [H, W, 3] alone, the last observed frame, resampled
+        to the camera of the views.
         """
 
 
 @runtime_checkable
 class FramePredictor(Component, Protocol):
-    """Predicts future frames, by whatever means."""
+    """Predictor of future frames, by any method."""
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        """Predicted frames [S, F, H, W, 3] for the future times of the context."""
+        """Predict frames [S, F, H, W, 3] for the future times of the context."""
 
 
 class Metric(Protocol):
-    """A measure with one number per step.
+    """Measure with one value per step.
 
-    An optional attribute `bounds`, (lowest, highest), says what values it can have: intervals of
-    means are cut there.
+    Confidence intervals are clipped to an optional attribute `bounds`, (lowest, highest).
     """
 
     @property
     def unit(self) -> str:
-        """What the numbers are in, "" for none."""
+        """Return the unit of the values, "" for none."""
 
     @property
     def higher_is_better(self) -> bool:
-        """Whether larger numbers are better."""
+        """Return whether larger values are better."""
 
 
 @runtime_checkable
 class FrameMetric(Metric, Protocol):
-    """Compares predicted with real frames, step by step."""
+    """Comparison of predicted with real frames, step by step."""
 
     def __call__(
         self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None
     ) -> FloatArray:
-        """One number per step [F] from frames [F, H, W, 3]; only pixels of the mask [F, H, W]
-        count; NaN for none.
+        """Return a value per step [F] from frames [F, H, W, 3], over the mask [F, H, W].
+
+        The value is NaN for a step with an empty mask.
         """
 
 
 @runtime_checkable
 class TrajectoryMetric(Metric, Protocol):
-    """Compares predicted with real poses, step by step; both are in the same world frame."""
+    """Comparison of predicted with real poses in one world frame, step by step."""
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
-        """One number per step [F]."""
+        """Return a value per step [F]."""
 
 
 @runtime_checkable
 class Dataset(Protocol):
-    """Clips by number."""
+    """Sequence of clips."""
 
     @property
     def name(self) -> str:
-        """What the results call it."""
+        """Return the name under which results are stored."""
 
     def __len__(self) -> int:
-        """The number of clips."""
+        """Return the number of clips."""
 
     def __getitem__(self, index: int) -> Clip:
-        """One clip; BadData says which file is wrong."""
+        """Return one clip; raise BadData for a damaged file, IndexError beyond the last clip."""

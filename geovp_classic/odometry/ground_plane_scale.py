@@ -132,7 +132,7 @@ class GroundPlaneEstimator:
         """Relative standard deviation of the unit; infinite while unknown."""
         return float(np.sqrt(self.variance))
 
-    def settle(self, length: float, duration_s: float) -> None:
+    def finalize(self, length: float, duration_s: float) -> None:
         """Assume the prior's median speed where no road was found on a path of that length."""
         prior = self.settings.prior
         if prior is not None and self.confidence == 0 and length > 0:

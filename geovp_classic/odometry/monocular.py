@@ -112,7 +112,7 @@ class Monocular:
         estimator = self._measured_scale(
             greys, poses, tracked, radial, view.intrinsics, context.camera_height_m
         )
-        estimator.settle(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
+        estimator.finalize(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
         poses[:, :3, 3] *= estimator.unit
         found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
         marks = np.zeros(len(kept), dtype=bool)

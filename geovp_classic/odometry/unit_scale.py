@@ -30,7 +30,7 @@ class UnitScale:
     confidence: float = 0.0
     uncertainty: float = np.inf
 
-    def settle(self, length: float, duration_s: float) -> None:
+    def finalize(self, length: float, duration_s: float) -> None:
         """Nothing to assume."""
 
     def update(

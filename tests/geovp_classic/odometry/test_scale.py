@@ -157,7 +157,7 @@ def test_what_the_scales_ask_for_and_promise(camera: Intrinsics) -> None:
     assert (GroundPlane().needs, GroundPlane().is_metric) == (PrivilegedInput.CAMERA_HEIGHT, True)
     assert (UnitSpeed().needs, UnitSpeed().is_metric) == (PrivilegedInput.NONE, False)
     nothing = UnitSpeed().estimator(camera, None)
-    nothing.settle(length=4.0, duration_s=0.9)
+    nothing.finalize(length=4.0, duration_s=0.9)
     assert (nothing.unit, nothing.confidence, nothing.uncertainty) == (1.0, 0.0, np.inf)
     with pytest.raises(Incompatible, match="unit-speed"):
         GroundPlane().estimator(camera, None)
@@ -174,13 +174,13 @@ def test_a_road_that_is_not_found_leaves_the_prior(
     straight: tuple[ByteArray, FloatArray], camera: Intrinsics
 ) -> None:
     estimator = GroundPlane(prior=SpeedPrior(median_m_s=8.0, spread=0.4)).estimator(camera, 1.65)
-    estimator.settle(length=4.0, duration_s=0.9)
+    estimator.finalize(length=4.0, duration_s=0.9)
     assert estimator.unit == pytest.approx(8.0 * 0.9 / 4.0)  # 7.2 m for 4 units
     assert (estimator.uncertainty, estimator.confidence) == (pytest.approx(0.4), 0.0)
     found = estimator_of(camera)
     show(found, *straight)
     unit, uncertainty = found.unit, found.uncertainty
-    found.settle(length=4.0, duration_s=0.9)
+    found.finalize(length=4.0, duration_s=0.9)
     assert (found.unit, found.uncertainty) == (unit, uncertainty)  # the road says more
     assert uncertainty < 0.06
 
@@ -188,7 +188,7 @@ def test_a_road_that_is_not_found_leaves_the_prior(
 def test_without_a_prior_or_a_path_nothing_is_assumed(camera: Intrinsics) -> None:
     for prior, length in ((None, 4.0), (SpeedPrior(), 0.0)):
         estimator = GroundPlane(prior=prior).estimator(camera, 1.65)
-        estimator.settle(length, duration_s=0.9)
+        estimator.finalize(length, duration_s=0.9)
         assert (estimator.unit, estimator.uncertainty) == (1.0, np.inf)
 
 
