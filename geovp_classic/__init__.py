@@ -1,7 +1,6 @@
-"""GeoVP: geometry-based video prediction with a moving camera; the classical suite (no torch in
-here).
+"""GeoVP: geometry-based video prediction with a moving camera; the classical suite, without torch.
 
-The public API, each name imported on its first use: `import geovp_classic as geovp` costs nothing.
+Public names are imported on first use, so that `import geovp_classic as geovp` is fast.
 """
 
 from typing import TYPE_CHECKING
@@ -43,24 +42,21 @@ __all__ = [
 ]
 
 if not TYPE_CHECKING:
-    _MODULE_OF = dict.fromkeys(("evaluate", "open_clip", "predict", "show"), "api")
-    _MODULE_OF |= dict.fromkeys(("build", "load"), "registry")
+    _MODULE_OF = {"build": "registry", "load": "registry"}
+    _MODULE_OF |= dict.fromkeys(("evaluate", "open_clip", "predict", "show"), "api")
 
     def __getattr__(name: str) -> object:
-        """The public name, from its module; AttributeError for any other."""
+        """Import a public name from its module on first use."""
         import importlib
         from importlib import metadata
 
+        if name == "__version__":
+            return metadata.version("geovp-classic")
         if name not in __all__:
             raise AttributeError(f"module 'geovp_classic' has no attribute {name!r}")
-        if name == "__version__":
-            value: object = metadata.version("geovp-classic")
-        else:
-            value = getattr(
-                importlib.import_module(f"geovp_classic.{_MODULE_OF.get(name, 'types')}"), name
-            )
-        globals()[name] = value
-        return value
+        module = importlib.import_module(f"geovp_classic.{_MODULE_OF.get(name, 'types')}")
+        globals()[name] = getattr(module, name)
+        return globals()[name]
 
 
 def __dir__() -> list[str]:

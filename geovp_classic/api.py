@@ -1,6 +1,4 @@
-"""The public functions: open a clip, predict its future frames, evaluate and show
-the prediction.
-"""
+"""Public functions: open a clip, predict its future frames, evaluate and show the prediction."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -17,16 +15,15 @@ from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
-MOST_SAMPLES, GAP_PX, LABEL_PX = 5, 4, 14  # of a film strip
 Spec = str | Mapping[str, Any]  # "name" or {"name": ..., **settings}, as in a matrix file
 
 
 def open_clip(source: Spec | Path, index: int = 0) -> Clip:
-    """Clip number `index` of a data set, ground truth included where there is any.
+    """Open clip number `index` of a data set, with ground truth if the data set has any.
 
-    `source` is a table {"name": ..., **settings} as in a matrix file, the name of a data set that
-    needs no settings ("synthetic"), or a folder laid out as KITTI odometry or raw, TUM RGB-D, EuRoC
-    or a COLMAP model with its images. BadData says what is wrong with it.
+    `source` is a table {"name": ..., **settings} as in a matrix file, the name of a data set
+    without required settings ("synthetic"), or a folder in the layout of KITTI odometry or raw,
+    TUM RGB-D, EuRoC, or a COLMAP model with its images. Raises BadData for any other source.
     """
     dataset: Dataset = registry.build("datasets", _dataset_spec(source))
     if not 0 <= index < len(dataset):
@@ -43,19 +40,18 @@ def predict(
     renderer: Renderer | Spec = "depth-fusion",
     num_samples: int = 1,
 ) -> Prediction:
-    """Predicted frames [S, F, H, W, 3] for the future times of the context, with coverage and
-    motion.
+    """Predict frames [S, F, H, W, 3] for the future times of the context.
 
-    Parts are components, or names and tables that `build` makes them of. Without a pose source the
-    camera is tracked in the observed frames and its motion forecast and refined; in metres if the
-    context has the camera's height. Incompatible says which grant a part lacks.
+    Components are given as objects, names or tables. Without a pose source, the camera is tracked
+    in the observed frames, and its motion is forecast and refined; lengths are metres if the
+    context has the camera's height. Raises Incompatible if a privileged input is missing.
     """
     if pose_source is None:
         scale = "unit-speed" if context.camera_height_m is None else "ground-plane"
         odometry = {"name": "monocular", "scale": {"name": scale}}
         pose_source = {"name": "refined", "source": {"name": "chained", "odometry": odometry}}
     predictor = GeometricPredictor(
-        _built("pose_sources", pose_source), _built("renderers", renderer)
+        _build("pose_sources", pose_source), _build("renderers", renderer)
     )
     return predictor.predict(context, num_samples)
 
@@ -63,53 +59,51 @@ def predict(
 def evaluate(
     prediction: Prediction, target: Target, metrics: Sequence[Spec] = ("psnr", "ssim")
 ) -> dict[str, FloatArray]:
-    """Values [S, F] of each frame metric, by its name: one for every sample and future step, not
-    averaged.
-    """
+    """Return the values [S, F] of each frame metric by name, for each sample and future step."""
+    if prediction.frames.shape[1:] != target.frames.shape:
+        raise BadData(
+            f"predicted frames have shape {prediction.frames.shape}, the real ones "
+            f"{target.frames.shape}: give the target of the same split of the same clip"
+        )
     values = {}
     for spec in metrics:
         metric: FrameMetric = registry.build("frame_metrics", spec)
-        if prediction.frames.shape[1:] != target.frames.shape:
-            raise BadData(
-                f"predicted frames have shape {prediction.frames.shape}, the real ones "
-                f"{target.frames.shape}: give the "
-                "target of the same split of the same clip"
-            )
-        name = spec if isinstance(spec, str) else str(spec["name"])
-        values[name] = np.stack(
-            [metric(frames, target.frames, None) for frames in prediction.frames]
-        )
+        name = spec if isinstance(spec, str) else spec["name"]
+        samples = [metric(frames, target.frames, None) for frames in prediction.frames]
+        values[name] = np.stack(samples)
     return values
 
 
-def show(shown: Clip | Prediction, num_frames: int = 6) -> Image.Image:
-    """A film strip, which a notebook displays: frames evenly spread from the first to the last.
+def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) -> Image.Image:
+    """Draw a film strip of frames evenly spaced from the first to the last, for a notebook.
 
-    A clip is one row, with seconds since its first frame; a prediction a row for each of its
-    samples, up to MOST_SAMPLES of them, with the number of the future frame.
+    A clip is one row, labelled with seconds since its first frame. A prediction has one row per
+    sample, labelled with the number of the future frame.
     """
     if num_frames < 1:
         raise BadData(f"num_frames is {num_frames}: give 1 or more")
-    rows = shown.frames[None] if isinstance(shown, Clip) else shown.frames[:MOST_SAMPLES]
-    steps = np.unique(np.linspace(0, rows.shape[1] - 1, num_frames).round().astype(int))
-    times_s = shown.times_s - shown.times_s[0] if isinstance(shown, Clip) else None
-    height_px, width_px = rows.shape[2] + GAP_PX, rows.shape[3] + GAP_PX
-    strip = Image.new(
-        "RGB", (len(steps) * width_px - GAP_PX, len(rows) * height_px + LABEL_PX - GAP_PX), "white"
-    )
+    if isinstance(shown, Clip):
+        rows = shown.frames[None]
+        labels = [f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]]
+    else:
+        rows = shown.frames[:max_samples]
+        labels = [f"+{step + 1}" for step in range(rows.shape[1])]
+    steps = np.linspace(0, rows.shape[1] - 1, num_frames)
+    steps = np.unique(steps.round().astype(int))
+    margins_px = ((0, 0), (0, 0), (14, 2), (2, 2), (0, 0))  # labels above, gaps between
+    tiles = np.pad(rows[:, steps], margins_px, constant_values=255)  # [S, K, H + 16, W + 4, 3]
+    columns = np.concatenate(list(tiles), axis=1)  # [K, S * (H + 16), W + 4, 3]
+    strip = Image.fromarray(np.concatenate(list(columns), axis=1))
     pen = ImageDraw.Draw(strip)
     for column, step in enumerate(steps):
-        words = f"+{step + 1}" if times_s is None else f"{times_s[step]:.1f} s"
-        pen.text((column * width_px + 2, 1), words, fill="black")
-        for row, frames in enumerate(rows):
-            strip.paste(
-                Image.fromarray(frames[step]), (column * width_px, LABEL_PX + row * height_px)
-            )
+        pen.text((column * columns.shape[2] + 2, 1), labels[step], fill="black")
     return strip
 
 
-def _built(role: str, part: object) -> Any:
-    return registry.build(role, part) if isinstance(part, (str, Mapping)) else part
+def _build(role: str, component: object) -> Any:
+    if isinstance(component, (str, Mapping)):
+        return registry.build(role, component)
+    return component
 
 
 def _dataset_spec(source: Spec | Path) -> Spec:
@@ -120,8 +114,7 @@ def _dataset_spec(source: Spec | Path) -> Spec:
         if layouts.name_of(root) != "folder":
             return layouts.spec(root)
     raise BadData(
-        f"{source} is neither a data set that `geovp list datasets` names nor a folder of KITTI "
-        "odometry or raw, TUM "
-        "RGB-D, EuRoC or COLMAP: give "
-        'a table such as {"name": "folder", "path": "video.mp4", "intrinsics": [fx, fy, cx, cy]}'
+        f"{source} is neither a data set of `geovp list datasets` nor a folder of KITTI odometry "
+        "or raw, TUM RGB-D, EuRoC or COLMAP: give a table such as "
+        '{"name": "folder", "path": "video.mp4", "intrinsics": [fx, fy, cx, cy]}'
     )

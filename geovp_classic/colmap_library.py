@@ -1,13 +1,11 @@
-"""pycolmap without the handler of SIGTERM that its import puts in place, which prints a stack of
-C++ and dies.
-"""
+"""pycolmap without its handler of SIGTERM, which prints a C++ stack trace and aborts."""
 
 import signal
 import threading
 
 _handler = signal.getsignal(signal.SIGTERM)
 
-import pycolmap  # noqa: E402, the handler is asked for before
+import pycolmap  # noqa: E402, the handler is read before
 
 if threading.current_thread() is threading.main_thread() and _handler is not None:
     signal.signal(signal.SIGTERM, _handler)

@@ -1,25 +1,21 @@
-"""Exceptions; every message says what was given, what was expected and what to do."""
+"""Exceptions; a message states what was given, what was expected and what to do."""
 
 
 class GeovpError(Exception):
-    """Base of all errors that a user can correct; the command line prints them in one line and
-    exits with 2.
-    """
+    """Base of all errors that a user can correct; the command line prints them in one line."""
 
 
 class BadData(GeovpError):
-    """A file, folder, array or setting is not what it should be."""
+    """Invalid file, folder, array or setting."""
 
 
 class Incompatible(GeovpError):
-    """Two parts cannot work together, or a part cannot work with this clip; the harness records the
-    cell as skipped.
-    """
+    """Components that cannot work together or with a clip; the method is skipped."""
 
 
 class UnknownComponent(GeovpError):
-    """No component of that name is registered; the message suggests the nearest one."""
+    """Unregistered name of a component; the message suggests the nearest name."""
 
 
 class MissingExtra(GeovpError):
-    """A component is registered, but something that it needs is not installed or not on disk."""
+    """Registered component with a requirement that is not installed or not on disk."""

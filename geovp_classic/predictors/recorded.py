@@ -1,4 +1,4 @@
-"""Predictions that were made elsewhere."""
+"""Predictions that were recorded in files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,18 +19,16 @@ from geovp_classic.types import (
     Trajectory,
 )
 
-VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm")
-
 
 @dataclass(frozen=True)
 class Recorded:
-    """Predictions made elsewhere, found by the clip's name.
+    """Predictions of other software, stored by the name of the clip.
 
     For a clip "03/000180", `path` holds one of: 03/000180.npz with `frames` (uint8 [F, H, W, 3], or
     [S, F, H, W, 3]) and optionally `covered` (bool, without the 3); a video 03/000180.mp4 (avi,
     mkv, mov, webm) of F frames; a folder 03/000180 of F images in the order of their names, or of S
-    such folders. `poses` may hold 03/000180.txt, KITTI or TUM, with a pose for every past and
-    future frame, in any world frame; whether in metres, `poses_are_metric` says.
+    such folders. `poses` may hold 03/000180.txt, in the format of KITTI or TUM, with a pose for
+    each past and future frame in any world frame; `poses_are_metric` states whether in metres.
     """
 
     path: Path
@@ -41,86 +39,70 @@ class Recorded:
     def __post_init__(self) -> None:
         for folder in filter(None, (self.path, self.poses)):
             if not folder.is_dir():
-                raise BadData(
-                    f"{folder} is not a folder: give the one that holds a prediction for every clip"
-                )
+                raise BadData(f"{folder} is not a folder: give the one with a file for each clip")
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        """The recorded frames; BadData names a file that is missing or has other sizes than the
-        clip.
-        """
+        """Read the recorded frames; raise BadData if they are missing or do not fit the clip."""
         path = self._find(context.name)
         images, covered = _read_npz(path) if path.suffix == ".npz" else (_read_images(path), None)
         if images.ndim == 4:
-            images, covered = images[None], None if covered is None else covered[None]
+            images = images[None]
+            covered = None if covered is None else covered[None]
         samples = num_samples if len(images) > 1 else 1
         expected = (samples, context.num_future, *context.frames.shape[1:])
-        if len(images) < samples or images.shape[1:] != expected[1:] or images.dtype != np.uint8:
-            raise BadData(
-                f"{path}: {images.dtype} frames of shape {images.shape}, expected uint8 of "
-                f"{expected}"
-            )
-        if covered is not None and (covered.shape != images.shape[:4] or covered.dtype != bool):
-            raise BadData(
-                f"{path}: {covered.dtype} covered of {covered.shape}, expected bool of "
-                f"{images.shape[:4]}"
-            )
-        motion = (
-            None
-            if self.poses is None
-            else self._motion(self.poses / f"{context.name}.txt", context)
-        )
-        return Prediction(images[:samples], None if covered is None else covered[:samples], motion)
+        if len(images) < samples or images.shape[1:] != expected[1:]:
+            raise BadData(f"{path}: frames of shape {images.shape}, expected {expected}")
+        covered = None if covered is None else covered[:samples]
+        motion = self._motion(context)
+        try:
+            return Prediction(images[:samples], covered, motion)
+        except BadData as error:
+            raise BadData(f"{path}: {error}") from error
 
     def _find(self, name: str) -> Path:
         if not name:
-            raise BadData(
-                "a recorded prediction is found by the clip's name, and this clip has none"
-            )
-        candidates = [self.path / f"{name}{suffix}" for suffix in (".npz", *VIDEO_SUFFIXES, "")]
-        found = [path for path in candidates if path.exists()]
-        if not found:
+            raise BadData("this clip has no name, by which recorded predictions are found: give it")
+        suffixes = (".npz", ".mp4", ".avi", ".mkv", ".mov", ".webm", "")
+        paths = [self.path / f"{name}{suffix}" for suffix in suffixes]
+        paths = [path for path in paths if path.exists()]
+        if not paths:
             raise BadData(
                 f"{self.path / name} is missing, as .npz, video or folder of images: predict "
                 "this clip as well"
             )
-        if len(found) > 1:
+        if len(paths) > 1:
             raise BadData(
-                f"{found[0]} and {found[1]} both hold predictions of clip {name}: keep one"
+                f"{paths[0]} and {paths[1]} both hold predictions of clip {name}: remove one"
             )
-        return found[0]
+        return paths[0]
 
-    def _motion(self, path: Path, context: Context) -> Motion:
+    def _motion(self, context: Context) -> Motion | None:
+        if self.poses is None:
+            return None
+        path = self.poses / f"{context.name}.txt"
         if not path.is_file():
-            raise BadData(
-                f"{path} is missing: give the poses of this clip as well, or leave poses out"
-            )
-        whole = pose_files.read_trajectory(path, context.times_s, is_metric=self.poses_are_metric)
-        if len(whole) != len(context.times_s):
-            raise BadData(
-                f"{path}: {len(whole)} poses, expected {len(context.times_s)}, one per past and "
-                "future frame"
-            )
-        num_past, poses = context.num_past, whole.world_from_cam
-        past = Trajectory(poses[:num_past], context.times_s[:num_past], self.poses_are_metric)
+            raise BadData(f"{path} is missing: give the poses of this clip, or leave out `poses`")
+        times_s = context.times_s
+        recorded = pose_files.read_trajectory(path, times_s, is_metric=self.poses_are_metric)
+        if len(recorded) != len(times_s):
+            raise BadData(f"{path}: {len(recorded)} poses, expected one of {len(times_s)} frames")
+        num_past = context.num_past
+        poses = recorded.world_from_cam
+        past = Trajectory(poses[:num_past], times_s[:num_past], self.poses_are_metric)
         return Motion(past, poses[None, num_past:], np.ones(num_past, dtype=bool))
 
 
 def _read_npz(path: Path) -> tuple[ByteArray, BoolArray | None]:
-    """The arrays `frames` and, where there is one, `covered`."""
+    """Read the arrays `frames` and, if present, `covered`."""
     arrays = files.read_npz(path)
     if "frames" not in arrays:
-        raise BadData(
-            f"{path} holds {', '.join(arrays) or 'nothing'}: expected an npz file with an array "
-            "'frames'"
-        )
+        names = ", ".join(arrays) or "nothing"
+        raise BadData(f"{path} holds {names}: expected an npz file with an array 'frames'")
     return arrays["frames"], arrays.get("covered")
 
 
 def _read_images(path: Path) -> ByteArray:
-    """Frames [F, H, W, 3] of a video or a folder of images, [S, F, H, W, 3] of a folder of such
-    folders.
-    """
+    """Read frames [F, H, W, 3] of a video or folder, or [S, F, H, W, 3] of a folder of folders."""
     if path.is_file():
         video = frames.VideoFrames.open(path)
         return _stack(path, [video.read(index) for index in range(len(video))])
@@ -133,8 +115,8 @@ def _read_images(path: Path) -> ByteArray:
 def _stack(path: Path, images: list[ByteArray]) -> ByteArray:
     shapes = {image.shape for image in images}
     if len(shapes) != 1:
-        message = " and ".join(map(str, sorted(shapes))) or "nothing"
+        content = " and ".join(map(str, sorted(shapes))) or "nothing"
         raise BadData(
-            f"{path} holds {message}, expected images of one size, as many in every sample"
+            f"{path} holds {content}, expected images of one size, as many in each sample"
         )
     return np.stack(images)
