@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import geovp_classic
+from geovp_benchmarks.contracts import street
+from geovp_classic import registry
+from geovp_classic.data import pose_files
+from geovp_classic.errors import MissingExtra
 from geovp_classic.types import Clip
 
 settings.register_profile("geovp", deadline=None, derandomize=bool(os.environ.get("CI")))
@@ -70,6 +75,64 @@ def _forget_outdated_code() -> None:
     for index in package.rglob("*.nbi"):
         if index.stat().st_mtime < newest:
             index.unlink()
+
+
+SETTINGS = {
+    "planar": {"source": "ground-truth"},
+    "refined": {"source": "ground-truth"},
+    "geometric": {"pose_source": "ground-truth", "renderer": "given-depth"},
+    "commanded": {"speed_m_s": 5.0, "turn_deg_s": 3.0},
+    "dask": {"address": "tcp://127.0.0.1:8786"},
+    "tum": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
+    "folder": {"intrinsics": [150.0, 150.0, 63.5, 63.5]},
+}
+
+
+@pytest.fixture
+def build_component(tmp_path: Path, request: pytest.FixtureRequest) -> Callable[[str, str], Any]:
+    """Return a function that builds a registered component; the test is skipped without extras."""
+
+    def build(role: str, name: str) -> Any:
+        settings: dict[str, Any] = {"name": name, **SETTINGS.get(name, {})}
+        clip = street.clip()
+        if role == "datasets":
+            settings |= {"num_frames": 3, "size_px": [32, 32]}
+        if name == "synthetic":
+            settings |= {"num_clips": 1, "cache": str(tmp_path)}
+        elif role == "datasets":
+            settings["root"] = str(tmp_path)
+            if name in ("kitti", "folder"):
+                _write_kitti(tmp_path, clip)
+            elif name == "kitti-raw":
+                _write_kitti_raw(tmp_path, 1, clip)
+            else:
+                request.getfixturevalue(f"write_{name}")(tmp_path, "00", clip)
+        if name == "folder":
+            settings["path"] = settings.pop("root") + "/sequences/00/image_2"
+        if name == "recorded":
+            (tmp_path / clip.name).parent.mkdir()
+            np.savez(tmp_path / f"{clip.name}.npz", frames=clip.frames[6:])
+            settings["path"] = str(tmp_path)
+        try:
+            return registry.build(role, settings)
+        except MissingExtra as missing:
+            pytest.skip(str(missing))
+
+    return build
+
+
+def _write_kitti(root: Path, clip: Clip) -> None:
+    """Write a clip as sequence 00 of KITTI odometry."""
+    sequence = root / "sequences/00"
+    (sequence / "image_2").mkdir(parents=True)
+    for step, frame in enumerate(clip.frames):
+        cv2.imwrite(str(sequence / f"image_2/{step:06d}.png"), frame[..., ::-1])
+    projection = _text(np.column_stack([clip.intrinsics.matrix, np.zeros(3)]))
+    calibration = "".join(f"P{camera}: {projection}\n" for camera in range(4))
+    (sequence / "calib.txt").write_text(calibration)
+    np.savetxt(sequence / "times.txt", clip.times_s)
+    (root / "poses").mkdir()
+    pose_files.write_kitti(root / "poses/00.txt", clip.trajectory)
 
 
 # KITTI raw as a drive of it lies on disk, written from a clip; everything is worked out here anew.

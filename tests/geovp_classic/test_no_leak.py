@@ -1,4 +1,4 @@
-"""No component sees ground truth that it did not ask for: neither itself nor through its parts."""
+"""No component sees ground truth beyond its `needs`: neither itself nor its nested components."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.contracts import street
-from geovp_benchmarks.contracts.exercises import RUN, Trial, same_bytes
+from geovp_benchmarks.contracts.exercises import RUN, Trial, equal
 from geovp_classic import registry
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
@@ -21,16 +21,9 @@ from geovp_classic.renderers.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
 
 NUM_PAST = 6
-ROLES = (
-    "pose_sources",
-    "pose_refinements",
-    "odometries",
-    "depth_sources",
-    "renderers",
-    "predictors",
-)
-SHOWN_A_CONTEXT = [(role, name) for role in ROLES for name in registry.names(role)]
-FIELD_OF_GRANT = {
+ROLES = [role for role in RUN if hasattr(registry.PROTOCOL_OF_ROLE[role], "needs")]
+COMPONENTS = [(role, name) for role in ROLES for name in registry.names(role)]
+FIELD_OF_INPUT = {
     PrivilegedInput.PAST_POSES: "past",
     PrivilegedInput.FUTURE_POSES: "future",
     PrivilegedInput.PAST_DEPTHS: "past_depths",
@@ -40,138 +33,131 @@ FIELD_OF_GRANT = {
 }
 
 
-def ungranted(context: Context, needs: PrivilegedInput) -> list[str]:
-    """The fields that hold something although nobody asked for it."""
+def leaked_fields(context: Context, needs: PrivilegedInput) -> list[str]:
+    """Return the fields that are set although they are not needed."""
     return [
         field
-        for grant, field in FIELD_OF_GRANT.items()
-        if grant not in needs and getattr(context, field) is not None
+        for needed, field in FIELD_OF_INPUT.items()
+        if needed not in needs and getattr(context, field) is not None
     ]
 
 
-def another_truth(clip: Clip, needs: PrivilegedInput) -> Clip:
-    """The same observed frames, times and grants; everything else is false."""
+def falsify(clip: Clip, needs: PrivilegedInput) -> Clip:
+    """Return the clip with the same observed frames, times and needed inputs, all else false."""
     frames = clip.frames.copy()
     frames[NUM_PAST:] = 255 - frames[NUM_PAST:]
-    lie = np.zeros((len(clip), 6))
+    error = np.zeros((len(clip), 6))
     if PrivilegedInput.PAST_POSES not in needs:
-        lie[:NUM_PAST] = np.linspace([0.5, 0, 0, 0, 0.1, 0], [3, 1, 2, 0.5, 0.3, 0.1], NUM_PAST)
+        error[:NUM_PAST] = np.linspace([0.5, 0, 0, 0, 0.1, 0], [3, 1, 2, 0.5, 0.3, 0.1], NUM_PAST)
     if PrivilegedInput.FUTURE_POSES not in needs:
-        lie[NUM_PAST:] = [2, -1, 5, 0.2, 0.7, -0.3]
+        error[NUM_PAST:] = [2, -1, 5, 0.2, 0.7, -0.3]
+    poses = clip.trajectory.world_from_cam @ se3.exp(error)
     depths = clip.depths * np.float32(3)
     if PrivilegedInput.PAST_DEPTHS in needs:
         depths[:NUM_PAST] = clip.depths[:NUM_PAST]
     return dataclasses.replace(
         clip,
         frames=frames,
-        trajectory=dataclasses.replace(
-            clip.trajectory, world_from_cam=clip.trajectory.world_from_cam @ se3.exp(lie)
-        ),
+        trajectory=dataclasses.replace(clip.trajectory, world_from_cam=poses),
         depths=depths,
         moving=np.ones(clip.depths.shape, dtype=bool),
         camera_height_m=clip.camera_height_m * (1 if PrivilegedInput.CAMERA_HEIGHT in needs else 2),
-        full=_false_view(clip.full, granted=PrivilegedInput.FULL_FRAMES in needs),
-        right=_false_view(clip.right, granted=PrivilegedInput.RIGHT_FRAMES in needs),
+        full=_falsify_view(clip.full, PrivilegedInput.FULL_FRAMES in needs),
+        right=_falsify_view(clip.right, PrivilegedInput.RIGHT_FRAMES in needs),
     )
 
 
-def _false_view(view: ExtraView | None, *, granted: bool) -> ExtraView:
+def _falsify_view(view: ExtraView, is_needed: bool) -> ExtraView:
     frames = 255 - view.frames
-    if granted:
+    if is_needed:
         frames[:NUM_PAST] = view.frames[:NUM_PAST]
     return dataclasses.replace(view, frames=frames)
 
 
 class Witness:
-    """Stands in for a part, does what it does, and notes what it is shown beyond what the part
-    asked for.
-    """
+    """Proxy of a component that records each call with fields that the component does not need."""
 
-    def __init__(self, part: Any, seen: list[tuple[str, list[str]]]) -> None:
-        """Note in `seen` the part's class and the fields that it did not ask for, at every call."""
-        self.part, self.seen = watched(part, seen), seen
+    def __init__(self, component: Any, calls: list[tuple[str, list[str]]]) -> None:
+        """Append the class and the leaked fields of each call to `calls`."""
+        self.component = watched(component, calls)
+        self.calls = calls
 
     def __getattr__(self, name: str) -> Any:
-        value = getattr(self.part, name)
+        value = getattr(self.component, name)
         if not callable(value):
             return value
 
         def call(*args: Any, **kwargs: Any) -> Any:
             for argument in (*args, *kwargs.values()):
                 if isinstance(argument, Context):
-                    self.seen.append(
-                        (type(self.part).__name__, ungranted(argument, self.part.needs))
-                    )
+                    leaked = leaked_fields(argument, self.component.needs)
+                    self.calls.append((type(self.component).__name__, leaked))
             return value(*args, **kwargs)
 
         return call
 
 
-def watched(component: Any, seen: list[tuple[str, list[str]]]) -> Any:
-    """The component with a witness in the place of every part that has needs of its own."""
-    parts = {
-        field.name: Witness(getattr(component, field.name), seen)
-        for field in dataclasses.fields(component)
-        if hasattr(getattr(component, field.name), "needs")
-    }
-    return dataclasses.replace(component, **parts) if parts else component
+def watched(component: Any, calls: list[tuple[str, list[str]]]) -> Any:
+    """Return the component with a witness in place of each nested component with needs."""
+    witnesses = {}
+    for field in dataclasses.fields(component):
+        nested = getattr(component, field.name)
+        if hasattr(nested, "needs"):
+            witnesses[field.name] = Witness(nested, calls)
+    return dataclasses.replace(component, **witnesses) if witnesses else component
 
 
-@pytest.mark.parametrize(("role", "name"), SHOWN_A_CONTEXT, ids=lambda part: part)
-class TestEveryRegisteredComponent:
-    def test_is_shown_only_what_it_asked_for_and_so_are_its_parts(
+def calls_of(role: str, component: Any) -> list[tuple[str, list[str]]]:
+    """Run a component on all privileged inputs and return the calls of its nested components."""
+    calls: list[tuple[str, list[str]]] = []
+    trial = Trial(role, watched(component, calls), street.clip(), NUM_PAST)
+    trial.run(trial.full_context)
+    return calls
+
+
+@pytest.mark.parametrize(("role", "name"), COMPONENTS, ids=lambda part: part)
+class TestRegisteredComponents:
+    def test_nested_components_see_only_their_needs(
         self, role: str, name: str, build_component: Callable[[str, str], Any]
     ) -> None:
         component = build_component(role, name)
         context, _ = street.clip().split(NUM_PAST, component.needs)
-        assert ungranted(context, component.needs) == []
-        seen: list[tuple[str, list[str]]] = []
-        trial = Trial(street.clip(), NUM_PAST)
-        RUN[role](watched(component, seen), trial, trial.full_context)
-        assert [(part, fields) for part, fields in seen if fields] == []
+        assert leaked_fields(context, component.needs) == []
+        assert [call for call in calls_of(role, component) if call[1]] == []
 
-    def test_gives_the_same_when_all_else_is_false(
+    def test_the_output_does_not_depend_on_hidden_truth(
         self, role: str, name: str, build_component: Callable[[str, str], Any]
     ) -> None:
-        component, clip = build_component(role, name), street.clip()
-        trial, lie = Trial(clip, NUM_PAST), another_truth(clip, component.needs)
-        shown, shown_lie = (one.split(NUM_PAST, component.needs)[0] for one in (clip, lie))
-        assert same_bytes(
-            RUN[role](component, trial, shown), RUN[role](component, trial, shown_lie)
-        )
+        component = build_component(role, name)
+        clip = street.clip()
+        trial = Trial(role, component, clip, NUM_PAST)
+        context, _ = clip.split(NUM_PAST, component.needs)
+        false_context, _ = falsify(clip, component.needs).split(NUM_PAST, component.needs)
+        assert equal(trial.run(context), trial.run(false_context))
 
 
-def test_a_part_that_is_shown_too_much_is_noticed() -> None:
-    """The witness itself is not blind."""
-
+def test_the_witness_notices_a_leak() -> None:
     @dataclasses.dataclass(frozen=True)
     class Careless(GeometricPredictor):
-        def estimate(self, context: Context, num_samples: int = 1) -> Any:
-            return self.pose_source.estimate(context, num_samples)
+        def predict(self, context: Context, num_samples: int = 1) -> Any:
+            self.pose_source.estimate(context)
+            return super().predict(context, num_samples)
 
-    seen: list[tuple[str, list[str]]] = []
-    trial = Trial(street.clip(), NUM_PAST)
-    RUN["predictors"](
-        watched(Careless(GroundTruth(), GivenDepth()), seen), trial, trial.full_context
-    )
-    assert ("GroundTruth", ["past_depths", "camera_height_m", "full", "right"]) in seen
+    calls = calls_of("predictors", Careless(GroundTruth(), GivenDepth()))
+    assert ("GroundTruth", ["past_depths", "camera_height_m", "full", "right"]) in calls
 
 
-def test_parts_deep_inside_are_watched() -> None:
+def test_deeply_nested_components_are_watched() -> None:
     source = Planar(Chained(RecordedPast(), registry.build("forecasters", "hold")))
-    seen: list[tuple[str, list[str]]] = []
-    trial = Trial(street.clip(), NUM_PAST)
-    RUN["predictors"](
-        watched(GeometricPredictor(source, GivenDepth()), seen), trial, trial.full_context
-    )
-    assert [part for part, _ in seen] == ["Planar", "Chained", "RecordedPast", "GivenDepth"]
-    assert all(fields == [] for _, fields in seen)
+    calls = calls_of("predictors", GeometricPredictor(source, GivenDepth()))
+    assert [name for name, _ in calls] == ["Planar", "Chained", "Recorded", "GivenDepth"]
+    assert all(fields == [] for _, fields in calls)
 
 
 def test_a_forecaster_sees_past_poses_and_future_times_only() -> None:
     calls: list[tuple[Trajectory, FloatArray]] = []
 
-    class Listener:
+    class Recorder:
         def forecast(
             self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
         ) -> FloatArray:
@@ -180,48 +166,37 @@ def test_a_forecaster_sees_past_poses_and_future_times_only() -> None:
             return hold.forecast(past, times_s, num_samples)
 
     clip = street.clip()
-    Chained(RecordedPast(), Listener()).estimate(clip.split(NUM_PAST, ~PrivilegedInput.NONE)[0])
+    Chained(RecordedPast(), Recorder()).estimate(clip.split(NUM_PAST, ~PrivilegedInput.NONE)[0])
     ((past, times_s),) = calls
     np.testing.assert_array_equal(past.world_from_cam, clip.trajectory.world_from_cam[:NUM_PAST])
     np.testing.assert_array_equal(times_s, clip.times_s[NUM_PAST:])
 
 
-@pytest.mark.parametrize("grant", list(FIELD_OF_GRANT), ids=lambda grant: grant.name)
-def test_every_grant_shows_its_own_field_and_none_of_the_future(grant: PrivilegedInput) -> None:
+@pytest.mark.parametrize("needs", FIELD_OF_INPUT, ids=lambda needs: needs.name)
+def test_a_privileged_input_shows_its_field_without_the_future(needs: PrivilegedInput) -> None:
     clip = street.clip()
-    context, _ = clip.split(NUM_PAST, grant)
-    for seen in (context, clip.split(NUM_PAST, ~PrivilegedInput.NONE)[0].only(grant)):
-        assert [field for field in FIELD_OF_GRANT.values() if getattr(seen, field) is not None] == [
-            FIELD_OF_GRANT[grant]
-        ]
-    assert len(context.frames) == NUM_PAST
-    for view in (context.full, context.right):
-        assert view is None or len(view.frames) == NUM_PAST
-    assert context.past_depths is None or len(context.past_depths) == NUM_PAST
-    assert context.past is None or len(context.past) == NUM_PAST
+    split, _ = clip.split(NUM_PAST, needs)
+    restricted = clip.split(NUM_PAST, ~PrivilegedInput.NONE)[0].only(needs)
+    for context in (split, restricted):
+        assert leaked_fields(context, PrivilegedInput.NONE) == [FIELD_OF_INPUT[needs]]
+        for view in (context, context.full, context.right):
+            assert view is None or len(view.frames) == NUM_PAST
+        for values in (context.past_depths, context.past):
+            assert values is None or len(values) == NUM_PAST
 
 
-def test_not_even_the_memory_behind_the_context_holds_the_future() -> None:
-    """A slice of an array leads back to all of it; what a component is shown does not."""
-    clip = street.clip()
-    context, _ = clip.split(NUM_PAST, ~PrivilegedInput.NONE)
-    for view in (context, context.past, context.full, context.right):
-        for value in vars(view).values():
-            if isinstance(value, np.ndarray) and value is not context.times_s:
-                base = value.base if value.base is not None else value
-                assert base.nbytes == value.nbytes
+def test_the_memory_of_the_context_does_not_hold_the_future() -> None:
+    """A slice of an array would lead back to the whole array by `base`."""
+    context, _ = street.clip().split(NUM_PAST, ~PrivilegedInput.NONE)
+    for owner in (context, context.past, context.full, context.right):
+        for name, value in vars(owner).items():
+            if isinstance(value, np.ndarray) and value.base is not None and name != "times_s":
+                assert value.base.nbytes == value.nbytes
 
 
-def test_every_grant_is_tested_here() -> None:
-    assert set(FIELD_OF_GRANT) == set(PrivilegedInput)
+def test_all_privileged_inputs_and_roles_are_tested() -> None:
+    assert set(FIELD_OF_INPUT) == set(PrivilegedInput)
     fields = {field.name for field in dataclasses.fields(Context)}
-    assert fields == {"name", "frames", "times_s", "intrinsics", *FIELD_OF_GRANT.values()}
-
-
-def test_every_interface_that_is_shown_a_context_is_tested_here() -> None:
-    with_needs = [
-        role for role, protocol in registry.PROTOCOL_OF_ROLE.items() if hasattr(protocol, "needs")
-    ]
-    assert set(ROLES) == set(with_needs) - {
-        "scales"
-    }  # a scale is told numbers by its odometry, never a context
+    assert fields == {"name", "frames", "times_s", "intrinsics", *FIELD_OF_INPUT.values()}
+    with_needs = {role for role, p in registry.PROTOCOL_OF_ROLE.items() if hasattr(p, "needs")}
+    assert set(ROLES) == with_needs - {"scales"}  # a scale gets numbers from its odometry

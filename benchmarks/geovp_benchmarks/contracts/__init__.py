@@ -1,6 +1,4 @@
-"""Contract tests for any component, ours or a plug-in's: `check(role, component)` lists the
-promises it breaks.
-"""
+"""Contract tests of components: `check(role, component)` lists broken promises of its interface."""
 
 from geovp_benchmarks.contracts.checks import Finding, check
 

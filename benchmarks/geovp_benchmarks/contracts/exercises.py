@@ -1,6 +1,4 @@
-"""How a component of each role is run on a clip, and what its outputs must be; outputs are arrays
-by name.
-"""
+"""Runs of a component of each role on a clip, and checks of its outputs, which are named arrays."""
 
 import functools
 from collections.abc import Callable
@@ -18,149 +16,157 @@ from geovp_classic.types import (
     Context,
     FloatArray,
     Motion,
-    Prediction,
     PrivilegedInput,
     Trajectory,
     Views,
 )
 
 Outputs = dict[str, npt.NDArray[Any]]
-NOISE_RAD = 2e-4  # amplitude of the pitch error of the past poses that a refinement is given
 
 
 class ContractViolation(GeovpError):
-    """A component broke a promise of its interface; the message says which."""
+    """Broken promise of a component's interface; the message names it."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A clip to run a component on, split into past and future."""
+    """Component of a role with a clip on which it is run, split into past and future."""
 
-    clip: Clip  # with poses, depths, wide and right frames
-    num_past: int
+    role: str
+    component: Any
+    clip: Clip  # with poses, depths, full and right frames
+    num_past: int = 6
     num_samples: int = 1
 
     @functools.cached_property
     def full_context(self) -> Context:
-        """The context with every grant."""
+        """Return the context with all privileged inputs."""
         return self.clip.split(self.num_past, ~PrivilegedInput.NONE)[0]
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Return the recorded trajectory [P + F]."""
+        assert self.clip.trajectory is not None
+        return self.clip.trajectory
 
     @functools.cached_property
     def past(self) -> Trajectory:
-        """The recorded past."""
-        assert self.clip.trajectory is not None
-        return self.clip.trajectory[: self.num_past]
+        """Return the recorded past [P]."""
+        return self.trajectory[: self.num_past]
 
     @property
     def futures(self) -> FloatArray:
-        """The recorded future poses [F, 4, 4]."""
-        assert self.clip.trajectory is not None
-        return self.clip.trajectory.world_from_cam[self.num_past :]
+        """Return the recorded future poses [F, 4, 4]."""
+        return self.trajectory.world_from_cam[self.num_past :]
+
+    @property
+    def times_s(self) -> FloatArray:
+        """Return the future times [F]."""
+        return self.clip.times_s[self.num_past :]
 
     @property
     def frames(self) -> ByteArray:
-        """The real future frames [F, H, W, 3]."""
+        """Return the real future frames [F, H, W, 3]."""
         return self.clip.frames[self.num_past :]
 
+    def run(self, context: Context | None = None) -> Outputs:
+        """Run the component on a context; by default on its privileged inputs alone."""
+        needs = getattr(self.component, "needs", PrivilegedInput.NONE)
+        return RUN[self.role](self, context or self.full_context.only(needs))
 
-def require(condition: bool, message: str) -> None:
+
+def require(condition: object, message: str) -> None:
     """Raise ContractViolation with the message unless the condition holds."""
     if not condition:
         raise ContractViolation(message)
 
 
-def pose_source(component: Any, trial: Trial, context: Context) -> Outputs:
-    """A motion: a pose for every step, one sample or as many as asked for."""
-    motion = component.estimate(context, trial.num_samples)
-    _require_type("estimate", motion, Motion)
+def equal(first: Outputs, second: Outputs) -> bool:
+    """Return whether two runs agree within 1e-6 of a value and one grey level of a pixel."""
+    if first.keys() != second.keys():
+        return False
+    for name, array in first.items():
+        other = second[name]
+        tolerance = 1 if array.dtype == np.uint8 else 1e-6
+        if array.shape != other.shape or not np.allclose(
+            array.astype(float), other.astype(float), rtol=1e-6, atol=tolerance, equal_nan=True
+        ):
+            return False
+    return True
+
+
+def pose_source(trial: Trial, context: Context) -> Outputs:
+    """Require a pose for each step, with one or the requested number of samples."""
+    motion = trial.component.estimate(context, trial.num_samples)
     _require_past(motion.past, motion.tracked, trial)
-    samples, steps = motion.futures.shape[:2]
-    expected = (
-        f"expected {trial.num_samples} of {len(trial.frames)} (or one sample, when deterministic)"
+    num_samples, num_steps = motion.futures.shape[:2]
+    require(
+        num_samples in (1, trial.num_samples) and num_steps == len(trial.frames),
+        f"{num_samples} samples of {num_steps} futures, expected {trial.num_samples} (or 1 if "
+        f"deterministic) of {len(trial.frames)}",
     )
-    good = samples in (1, trial.num_samples) and steps == len(trial.frames)
-    require(good, f"{samples} samples of {steps} futures, {expected}")
-    return {
-        "past": motion.past.world_from_cam,
-        "futures": motion.futures,
-        "tracked": motion.tracked,
-    }
+    past = motion.past.world_from_cam
+    return {"past": past, "futures": motion.futures, "tracked": motion.tracked}
 
 
-def pose_refinement(component: Any, trial: Trial, context: Context) -> Outputs:
-    """A motion with as many poses and futures as the given one, which is kept in `unrefined`."""
+def pose_refinement(trial: Trial, context: Context) -> Outputs:
+    """Require as many poses as in the given motion, which must remain in `unrefined`."""
     recorded = Motion(trial.past, trial.futures[None], np.ones(trial.num_past, dtype=bool))
-    pitch_rad = NOISE_RAD * np.sin(np.arange(trial.num_past))[::-1]
-    noisy = trial.past.world_from_cam @ se3.exp(pitch_rad[:, None] * np.eye(6)[4])
-    motion = component.refine(
-        context, recorded.refined(replace(trial.past, world_from_cam=noisy), recorded.futures)
-    )
-    _require_type("refine", motion, Motion)
+    pitch_rad = 2e-4 * np.sin(np.arange(trial.num_past))[::-1]
+    noise = se3.exp(pitch_rad[:, None] * np.eye(6)[4])
+    noisy = replace(trial.past, world_from_cam=trial.past.world_from_cam @ noise)
+    motion = trial.component.refine(context, recorded.refined(noisy, recorded.futures))
     _require_past(motion.past, motion.tracked, trial)
-    shape, expected = motion.futures.shape, recorded.futures.shape
-    require(shape == expected, f"futures {shape}, expected {expected}")
-    kept = motion.unrefined is not None and (motion.unrefined.futures == recorded.futures).all()
-    require(kept, "the motion of the pose source was not kept: use Motion.refined")
+    _require_array("futures", motion.futures, np.floating, recorded.futures.shape)
+    unrefined = motion.unrefined
+    require(
+        unrefined is not None and (unrefined.futures == recorded.futures).all(),
+        "the motion of the pose source was lost: use Motion.refined",
+    )
     return {"past": motion.past.world_from_cam, "futures": motion.futures}
 
 
-def odometry(component: Any, trial: Trial, context: Context) -> Outputs:
-    """The past trajectory and which steps were tracked."""
-    past, tracked = component.track(context)
+def odometry(trial: Trial, context: Context) -> Outputs:
+    """Require the past trajectory and a mask of tracked steps."""
+    past, tracked = trial.component.track(context)
     _require_past(past, tracked, trial)
     return {"past": past.world_from_cam, "tracked": tracked}
 
 
-def forecaster(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Rigid, finite futures, as many samples as asked for."""
-    futures = component.forecast(
-        trial.past, trial.clip.times_s[trial.num_past :], trial.num_samples
-    )
-    _require_array("futures", futures, np.floating, (trial.num_samples, len(trial.frames), 4, 4))
-    Motion(
-        trial.past, futures, np.ones(trial.num_past, dtype=bool)
-    )  # BadData unless rigid and finite
+def forecaster(trial: Trial, context: Context) -> Outputs:
+    """Require the requested number of rigid, finite futures."""
+    futures = trial.component.forecast(trial.past, trial.times_s, trial.num_samples)
+    shape = (trial.num_samples, len(trial.frames), 4, 4)
+    _require_array("futures", futures, np.floating, shape)
+    Motion(trial.past, futures, np.ones(trial.num_past, dtype=bool))  # BadData unless rigid
     return {"futures": futures}
 
 
-def depth_source(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Inverse depths and confidences, finite, of the size of the frames."""
-    inverse_depths, confidence = component.inverse_depths(context, trial.past)
-    for name, array, most in (
-        ("inverse depth", inverse_depths, np.inf),
-        ("confidence", confidence, 1.0),
-    ):
+def depth_source(trial: Trial, context: Context) -> Outputs:
+    """Require finite inverse depths and confidences of the frames' size."""
+    inverse_depths, confidence = trial.component.inverse_depths(context, trial.past)
+    outputs = {"inverse_depths": inverse_depths, "confidence": confidence}
+    for name, array in outputs.items():
         _require_array(name, array, np.floating, context.frames.shape[:3])
-        good = np.isfinite(array) & (array >= 0) & (array <= most)
-        require(
-            bool(good.all()), f"{name} has {(~good).sum()} values outside [0, {most}] or not finite"
-        )
-    return {"inverse_depths": inverse_depths, "confidence": confidence}
+        require(np.isfinite(array).all() and (array >= 0).all(), f"{name} is negative or infinite")
+    require((confidence <= 1).all(), "confidence is larger than 1")
+    return outputs
 
 
-def renderer(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Views from past and future poses, and from the future poses turned round, where little is
-    known.
-    """
-    scene, times_s = component.reconstruct(context, trial.past), trial.clip.times_s
-    path = views(scene, np.concatenate([trial.past.world_from_cam, trial.futures]), times_s, trial)
-    backwards = views(
-        scene, trial.futures @ np.diag([-1.0, 1.0, -1.0, 1.0]), times_s[trial.num_past :], trial
-    )
-    return {**path, **{f"backwards {name}": array for name, array in backwards.items()}}
+def renderer(trial: Trial, context: Context) -> Outputs:
+    """Require views from past and future poses, and from future poses that look backwards."""
+    scene = trial.component.reconstruct(context, trial.past)
+    backwards = trial.futures @ np.diag([-1.0, 1.0, -1.0, 1.0])
+    poses = np.concatenate([trial.trajectory.world_from_cam, backwards])
+    return views(scene, poses, np.concatenate([trial.clip.times_s, trial.times_s]), trial)
 
 
-def predictor(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Predicted frames of the size of the past ones, one sample or as many as asked for."""
-    prediction = component.predict(context, trial.num_samples)
-    _require_type("predict", prediction, Prediction)
-    samples = len(prediction.frames) if len(prediction.frames) == 1 else trial.num_samples
-    _require_array(
-        "frames",
-        prediction.frames,
-        np.uint8,
-        (samples, len(trial.frames), *context.frames.shape[1:]),
-    )
+def predictor(trial: Trial, context: Context) -> Outputs:
+    """Require frames of the past frames' size, with one or the requested number of samples."""
+    prediction = trial.component.predict(context, trial.num_samples)
+    num_samples = 1 if len(prediction.frames) == 1 else trial.num_samples
+    shape = (num_samples, *trial.frames.shape)
+    _require_array("frames", prediction.frames, np.uint8, shape)
     outputs = {"frames": prediction.frames}
     if prediction.covered is not None:
         outputs["covered"] = prediction.covered
@@ -170,94 +176,74 @@ def predictor(component: Any, trial: Trial, context: Context) -> Outputs:
     return outputs
 
 
-def fill(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Frames that differ from the given ones only where these are uncovered: a strip, and all of
-    the last frame.
-    """
+def inpainter(trial: Trial, context: Context) -> Outputs:
+    """Require that only uncovered pixels change: a strip, and the whole last frame."""
     covered = np.ones(trial.frames.shape[:3], dtype=bool)
     covered[:, :, 30:50] = False
     covered[-1] = False
-    depths = np.where(covered, np.linspace(2, 20, trial.clip.intrinsics.width_px), 0).astype(
-        np.float32
-    )
-    given = Views(np.where(covered[..., None], trial.frames, np.uint8(0)), covered, depths)
-    filled = component.inpaint(given, trial.clip.frames[trial.num_past - 1])
-    _require_array("filled frames", filled, np.uint8, trial.frames.shape)
-    changed = int((filled[covered] != trial.frames[covered]).any(axis=-1).sum())
-    require(changed == 0, f"{changed} covered pixels were changed")
-    return {"frames": filled}
+    frames = np.where(covered[..., None], trial.frames, np.uint8(0))
+    given = Views(frames, covered, np.where(covered, np.float32(5), np.float32(0)))
+    inpainted = trial.component.inpaint(given, trial.full_context.frames[-1])
+    _require_array("inpainted frames", inpainted, np.uint8, trial.frames.shape)
+    num_changed = (inpainted[covered] != trial.frames[covered]).any(axis=-1).sum()
+    require(num_changed == 0, f"{num_changed} covered pixels were changed")
+    return {"frames": inpainted}
 
 
-def frame_metric(component: Any, trial: Trial, context: Context) -> Outputs:
-    """A number a step, better for the truth than for noise, NaN where the mask leaves nothing."""
-    truth = trial.frames.repeat(2, axis=1).repeat(
-        2, axis=2
-    )  # five scales of MS-SSIM need 161 pixels
+def frame_metric(trial: Trial, context: Context) -> Outputs:
+    """Require a value per step, better for the truth than for noise, NaN for an empty mask."""
+    enlarged = trial.frames.repeat(2, axis=1)  # five scales of MS-SSIM need 161 pixels
+    truth = enlarged.repeat(2, axis=2)
     noise = np.random.default_rng(0).integers(0, 256, truth.shape, dtype=np.uint8)
-    everywhere = np.ones(truth.shape[:3], dtype=bool)
-    not_first = everywhere & (np.arange(len(truth)) > 0)[:, None, None]
-    scores = {
-        "truth": component(truth, truth, None),
-        "noise": component(noise, truth, None),
-        "masked": component(noise, truth, not_first),
-        "whole": component(noise, truth, everywhere),
+    mask = np.ones(truth.shape[:3], dtype=bool)
+    mask[0] = False
+    values = {
+        "truth": trial.component(truth, truth, None),
+        "noise": trial.component(noise, truth, None),
+        "masked": trial.component(noise, truth, mask),
     }
-    for name, values in scores.items():
-        _require_array(f"score of {name}", values, np.floating, (len(truth),))
-    require(not np.isnan(scores["noise"]).any(), "a step without a mask scored NaN")
-    require(
-        bool(np.isnan(scores["masked"][0])),
-        f"an empty mask scored {scores['masked'][0]}, expected NaN",
-    )
-    require(
-        np.allclose(scores["whole"], scores["noise"]),
-        "a full mask gives another score than no mask",
-    )
-    sign = 1 if component.higher_is_better else -1
-    require(
-        bool((sign * scores["truth"] > sign * scores["noise"]).all()),
-        "noise scores as well as the truth",
-    )
-    return scores
+    for name, array in values.items():
+        _require_array(f"value of {name}", array, np.floating, (len(truth),))
+    require(not np.isnan(values["noise"]).any(), "a step without a mask has the value NaN")
+    require(np.isnan(values["masked"][0]), "an empty mask has a value, expected NaN")
+    same = np.allclose(values["masked"][1:], values["noise"][1:])
+    require(same, "a full mask differs from no mask")
+    sign = 1 if trial.component.higher_is_better else -1
+    gain = sign * (values["truth"] - values["noise"])
+    require((gain > 0).all(), "noise is as good as the truth")
+    return values
 
 
-def trajectory_metric(component: Any, trial: Trial, context: Context) -> Outputs:
-    """A number a step (NaN where undefined), no worse for the truth than for standing still."""
-    times_s = trial.clip.times_s[trial.num_past :]
-    truth = Trajectory(trial.futures, times_s, is_metric=True)
-    still = replace(
-        truth, world_from_cam=np.tile(trial.past.world_from_cam[-1], (len(truth), 1, 1))
-    )
-    scores = {"truth": component(truth, truth), "still": component(still, truth)}
-    for name, values in scores.items():
-        _require_array(f"score of {name}", values, np.floating, (len(truth),))
-        finite = bool(np.isfinite(values).any()) and not np.isinf(values).any()
-        require(finite, f"score of {name} is never finite or infinite somewhere: {values}")
-    sign = 1 if component.higher_is_better else -1
-    worse = sign * scores["truth"] < sign * scores["still"]  # False where a score is NaN
-    require(not worse.any(), "standing still scores better than the truth")
-    return scores
+def trajectory_metric(trial: Trial, context: Context) -> Outputs:
+    """Require a value per step, no worse for the truth than for a stationary camera."""
+    truth = Trajectory(trial.futures, trial.times_s, is_metric=True)
+    last = trial.past.world_from_cam[-1]
+    still = replace(truth, world_from_cam=np.tile(last, (len(truth), 1, 1)))
+    values = {"truth": trial.component(truth, truth), "still": trial.component(still, truth)}
+    for name, array in values.items():
+        _require_array(f"value of {name}", array, np.floating, (len(truth),))
+        is_defined = np.isfinite(array).any() and not np.isinf(array).any()
+        require(is_defined, f"value of {name} is infinite or never finite: {array}")
+    sign = 1 if trial.component.higher_is_better else -1
+    is_worse = sign * values["truth"] < sign * values["still"]  # False for NaN
+    require(not is_worse.any(), "a stationary camera is better than the truth")
+    return values
 
 
-def dataset(component: Any, trial: Trial, context: Context) -> Outputs:
-    """Clips, the same each time, as many as it says."""
-    require(
-        isinstance(component.name, str) and component.name != "", f"its name is {component.name!r}"
-    )
-    require(len(component) > 0, "it holds no clip")
-    clip = component[0]
-    _require_type("indexing", clip, Clip)
-    require(component[0].name == clip.name, "clip 0 has another name the second time")
+def dataset(trial: Trial, context: Context) -> Outputs:
+    """Require as many clips as its length."""
+    clip = trial.component[0]
+    num_clips = len(trial.component)
     try:
-        component[len(component)]
+        trial.component[num_clips]
     except IndexError:
         return {"frames": clip.frames, "times_s": clip.times_s}
     raise ContractViolation(
-        f"clip {len(component)} of {len(component)} exists, expected IndexError, which ends a loop"
+        f"clip {num_clips} of {num_clips} exists, expected IndexError, which ends a loop"
     )
 
 
-RUN: dict[str, Callable[[Any, Trial, Context], Outputs]] = {
+RUN: dict[str, Callable[[Trial, Context], Outputs]] = {
     "pose_sources": pose_source,
     "pose_refinements": pose_refinement,
     "odometries": odometry,
@@ -265,52 +251,33 @@ RUN: dict[str, Callable[[Any, Trial, Context], Outputs]] = {
     "depth_sources": depth_source,
     "renderers": renderer,
     "predictors": predictor,
-    "inpainters": fill,
+    "inpainters": inpainter,
     "frame_metrics": frame_metric,
     "trajectory_metrics": trajectory_metric,
     "datasets": dataset,
 }
 
 
-def same_bytes(first: Outputs, second: Outputs) -> bool:
-    """Whether two runs gave the same, to the last bit."""
-    return first.keys() == second.keys() and all(
-        first[name].shape == second[name].shape and first[name].tobytes() == second[name].tobytes()
-        for name in first
-    )
-
-
 def views(scene: Any, world_from_cam: FloatArray, times_s: FloatArray, trial: Trial) -> Outputs:
-    """The views of a scene as arrays, their shapes and depths checked."""
-    seen = scene.view(world_from_cam, times_s, trial.clip.intrinsics)
-    _require_type("view", seen, Views)
-    _require_array("frames", seen.frames, np.uint8, (len(times_s), *trial.frames.shape[1:]))
-    require(
-        bool((seen.depths >= 0).all()),
-        "views have depths that are negative or NaN, expected 0 where unknown",
-    )
-    return {"frames": seen.frames, "covered": seen.covered, "depths": seen.depths}
-
-
-def _require_type(method: str, returned: Any, expected: type) -> None:
-    require(
-        isinstance(returned, expected),
-        f"{method} gave {type(returned).__name__}, expected {expected.__name__}",
-    )
+    """Render a scene and return checked arrays."""
+    rendered = scene.view(world_from_cam, times_s, trial.clip.intrinsics)
+    _require_array("frames", rendered.frames, np.uint8, (len(times_s), *trial.frames.shape[1:]))
+    depths = rendered.depths
+    require((depths >= 0).all(), "depths are negative or NaN, expected 0 where unknown")
+    return {"frames": rendered.frames, "covered": rendered.covered, "depths": depths}
 
 
 def _require_past(past: Any, tracked: Any, trial: Trial) -> None:
-    require(isinstance(past, Trajectory), f"the past is {type(past).__name__}, expected Trajectory")
     require(len(past) == trial.num_past, f"{len(past)} past poses for {trial.num_past} frames")
     _require_array("tracked", tracked, np.bool_, (trial.num_past,))
-    seconds = trial.clip.times_s[: trial.num_past]
     require(
-        np.allclose(past.times_s, seconds, rtol=0, atol=1e-6),
+        np.allclose(past.times_s, trial.past.times_s, rtol=0, atol=1e-6),
         "the past poses have other times than the frames",
     )
 
 
-def _require_array(what: str, array: Any, kind: type, shape: tuple[int, ...]) -> None:
-    require(isinstance(array, np.ndarray), f"{what}: {type(array).__name__}, expected an array")
-    require(array.shape == tuple(shape), f"{what}: shape {array.shape}, expected {tuple(shape)}")
-    require(np.issubdtype(array.dtype, kind), f"{what}: {array.dtype}, expected {kind.__name__}")
+def _require_array(name: str, array: Any, kind: type, shape: tuple[int, ...]) -> None:
+    require(
+        array.shape == shape and np.issubdtype(array.dtype, kind),
+        f"{name}: {array.dtype} of shape {array.shape}, expected {kind.__name__} of {shape}",
+    )
