@@ -1,0 +1,88 @@
+"""Plain language in geovp_classic: no banned names, and docstrings of functions open with a verb."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "geovp_classic"
+BANNED_NAMES = re.compile(
+    r"one|found|own|chosen|known|taken|kept|whose|every|least|most|largest|smallest|longest"
+    r"|shortest|farthest|\w+_share|(LEAST|MOST|LARGEST|SMALLEST|LONGEST|SHORTEST|FARTHEST)_\w+"
+)
+BANNED_OPENINGS = set(
+    "a an the this that these those its all each every no one only same what which whether how "
+    "where when who if as at by for from in of on with without".split()
+)
+NOT_YET_PLAIN = (  # files and folders that are still to be rewritten
+    "data/",
+    "depth/",
+    "dynamic_objects/",
+    "forecasting/",
+    "geometry/",
+    "inpainters/",
+    "metrics/",
+    "observation/",
+    "odometry/",
+    "pose_refinement/",
+    "pose_sources/",
+    "predictors/",
+    "renderers/",
+    "rendering/",
+    "types/",
+    "parallel.py",
+)
+
+
+def bound_names(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield (line, name) of each function, class, argument and variable."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.lineno, node.name
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
+
+
+def offences(source: str) -> list[str]:
+    """Return the banned names and openings of docstrings in a source file, with their lines."""
+    tree = ast.parse(source)
+    names = [
+        f"{line}: {name}"
+        for line, name in bound_names(tree)
+        if BANNED_NAMES.fullmatch(name.lstrip("_"))
+    ]
+    openings = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            docstring = ast.get_docstring(node) or "-"
+            opening = docstring.split()[0].strip(".,:;").lower()
+            if opening in BANNED_OPENINGS:
+                openings.append(f"{node.lineno}: {docstring.splitlines()[0]}")
+    return names + openings
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=str)
+def test_names_and_docstrings_are_plain(path: Path) -> None:
+    if not str(path.relative_to(PACKAGE)).startswith(NOT_YET_PLAIN):
+        assert offences(path.read_text()) == []
+
+
+def test_offences_are_noticed() -> None:
+    source = '''
+MOST_TIES = 3
+def largest_one(known, ones):
+    """The largest of them."""
+    for one in ones:
+        sky_share = one
+'''
+    assert [offence.split(": ")[1] for offence in offences(source)] == [
+        "MOST_TIES",
+        "known",
+        "one",
+        "sky_share",
+        "The largest of them.",
+    ]
