@@ -20,6 +20,7 @@ from geovp_benchmarks.scoring import ScoringContext, check, score
 from geovp_benchmarks.store import Part, Results, Rows
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset
+from geovp_classic.observation import Observed
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import Clip, Context, Motion, Prediction, PrivilegedInput, Trajectory
@@ -201,7 +202,9 @@ def _predict_and_score(
 ) -> None:
     context, _ = scoring.clip.split(scoring.num_past, built.needs(plan))
     try:
-        prediction = _predict(built.components_of(plan), plan, context, cache, output.profiler)
+        prediction = _predict(
+            built.components_of(plan), plan, context, scoring, cache, output.profiler
+        )
         check(scoring, prediction)
     except Exception as error:  # the clip's failure is recorded and the cell goes on
         output.failures[scoring.clip.name] = Failure.of(error)
@@ -217,6 +220,7 @@ def _predict(
     components: Mapping[str, Any],
     plan: CellPlan,
     context: Context,
+    scoring: ScoringContext,
     cache: Cache,
     profiler: StageProfiler,
 ) -> Prediction:
@@ -228,13 +232,16 @@ def _predict(
             prediction: Prediction = components["predictor"].predict(context, plan.num_samples)
         return prediction
     predictor = GeometricPredictor(**components)
+    observed: Observed = cache.get_or_compute(
+        ("observed",), lambda: predictor.observer.observe(scoring.truth[0]), profiler, "observe"
+    )
     motion_key = ("motion", plan.pose_source, plan.num_samples)
     motion: Motion = cache.get_or_compute(
-        motion_key, lambda: predictor.estimate(context, plan.num_samples), profiler, "motion"
+        motion_key, lambda: predictor.estimate(observed, plan.num_samples), profiler, "motion"
     )
     key = scene_key(str(plan.renderer), motion.past)
     scene = cache.get_or_compute(
-        key, lambda: predictor.reconstruct(context, motion.past), profiler, "reconstruct"
+        key, lambda: predictor.reconstruct(observed, motion.past), profiler, "reconstruct"
     )
     with profiler.measure("view"):
         return show(scene, motion, context)

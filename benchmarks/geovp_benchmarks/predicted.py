@@ -18,7 +18,7 @@ from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.interfaces import FramePredictor
-from geovp_classic.observation.masking import hidden_mask
+from geovp_classic.observation import Observer
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -87,7 +87,9 @@ class Predicted:
         """The share of the frame that shows no scene: black bars, the vehicle's own parts, one that
         it follows.
         """
-        return round(float(hidden_mask(self.context).mean()), 4)
+        return round(
+            float(Observer().observe(self.context).hidden_mask(self.predictor.needs).mean()), 4
+        )
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:

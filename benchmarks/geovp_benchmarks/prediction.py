@@ -55,9 +55,10 @@ def _run(
         prediction = predictor.predict(context.only(predictor.needs), num_samples)
         progress(4, NUM_STAGES)
         return prediction, None
-    motion = predictor.estimate(context, num_samples)
+    observed = predictor.observe(context)
+    motion = predictor.estimate(observed, num_samples)
     progress(2, NUM_STAGES)
-    scene: Scene = predictor.reconstruct(context, motion.past)
+    scene: Scene = predictor.reconstruct(observed, motion.past)
     progress(3, NUM_STAGES)
     past_s, future_s = np.split(context.times_s, [context.num_past])
     samples = [scene.view(future, future_s, context.intrinsics) for future in motion.futures]

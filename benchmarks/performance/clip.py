@@ -16,9 +16,9 @@ import numpy as np
 
 from geovp_benchmarks.profiling import peak_mb
 from geovp_classic import registry
-from geovp_classic.depth import multiview
 from geovp_classic.errors import GeovpError
-from geovp_classic.observation import uncropped
+from geovp_classic.observation import Observer
+from geovp_classic.observation import recent as recent_frames
 from geovp_classic.pose_refinement.nonholonomic import NonholonomicConstraint
 from geovp_classic.pose_refinement.registration import Registration
 from geovp_classic.pose_refinement.rotation_drift import RotationDrift
@@ -31,7 +31,7 @@ from geovp_classic.types import Context, FloatArray, Motion, Views
 from performance import Seconds, rounds_parser, timed
 
 NUM_PAST = 10
-STAGES = ("odometry", "forecast", "refinements", "depth", "fusion", "views")
+STAGES = ("observation", "odometry", "forecast", "refinements", "depth", "fusion", "views")
 
 
 def lines(
@@ -66,27 +66,30 @@ def one_clip(
 ) -> tuple[Views, list[Seconds]]:
     """Predict with `parts`; the views and the times of STAGES."""
     (refined, renderer), source = parts(frames), Chained()
-    multiview.forget()
+    observed, observation = timed(lambda: Observer().observe(context))
     (past, tracked), odometry = timed(
-        lambda: source.odometry.track(context.only(source.odometry.needs))
+        lambda: source.odometry.track(observed.only(source.odometry.needs))
     )
     futures, forecast = timed(lambda: source.forecaster.forecast(past, context.times_s[NUM_PAST:]))
     given_motion: Any = SimpleNamespace(
         needs=source.needs, estimate=lambda *_: Motion(past, futures, tracked)
     )
-    motion, refinement = timed(lambda: replace(refined, source=given_motion).estimate(context))
-    needs, recent = renderer.depth.needs, uncropped.select(context, frames)
-    estimate, depth = timed(lambda: renderer.depth.inverse_depths(recent.only(needs), motion.past))
+    motion, refinement = timed(
+        lambda: replace(refined, source=given_motion).estimate(observed.context)
+    )
+    needs = renderer.depth.needs
+    recent, past = recent_frames(observed.context, motion.past, frames, renderer.num_frames)
+    estimate, depth = timed(lambda: renderer.depth.inverse_depths(recent.only(needs), past))
     given: Any = SimpleNamespace(needs=needs, inverse_depths=lambda *_: estimate)
     scene, fusion = timed(
         lambda: replace(renderer, depth=given).reconstruct(
-            context.only(renderer.needs), motion.past
+            observed.only(renderer.needs), motion.past
         )
     )
     views, view = timed(
         lambda: scene.view(motion.futures[0], context.times_s[NUM_PAST:], context.intrinsics)
     )
-    return views, [odometry, forecast, refinement, depth, fusion, view]
+    return views, [observation, odometry, forecast, refinement, depth, fusion, view]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -4,7 +4,6 @@ Forward motion leaves no parallax around its own direction, the epipole: the lon
 decides there, the neighbours help, and pixels without any evidence come out far and uncertain.
 """
 
-import functools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,9 +11,9 @@ import numpy as np
 from geovp_classic.depth import viewpoints
 from geovp_classic.depth.sweep import TALL_PX, GroundPrior, sweep
 from geovp_classic.errors import BadData, Incompatible
-from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.ground_plane import GroundPlane
-from geovp_classic.types import Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
+from geovp_classic.observation import stream
+from geovp_classic.types import Context, FloatArray, Observations, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
@@ -67,50 +66,37 @@ class Multiview:
 
         BadData when a wanted frame was not observed.
         """
-        count, camera = len(context.frames), context.intrinsics
+        count = len(context.frames)
         if not all(-count <= frame < count for frame in self.frames):
             raise BadData(
                 f"multiview: frames {self.frames} of {count} observed ones: choose from "
                 f"-{count} to -1"
             )
         still = None if self.level_road is None else self.level_road.inverse_depth(context, past)
+        observations = stream(context, "crop")
         inverse_depths, confidence = np.zeros((2, *context.frames.shape[:3]), np.float32)
         for step in {frame % count for frame in self.frames}:
-            used = [step, *viewpoints.choose_sources(past.world_from_cam, step, camera)]
-            pixels, poses = context.frames[used].tobytes(), past.world_from_cam[used].tobytes()
-            found = (
-                _swept(pixels, poses, camera, self.num_planes, self.ground)
-                if len(used) > 1
-                else None
-            )
-            if found is not None:
-                inverse_depths[step], confidence[step] = found
+            depth_map = self._depth_map(observations, past.world_from_cam, step)
+            if depth_map is not None:
+                inverse_depths[step], confidence[step] = depth_map
             elif still is not None:
                 inverse_depths[step] = still
         return inverse_depths, confidence
 
-
-@functools.lru_cache(
-    maxsize=2
-)  # the scene asks again for the depth that the road's height was measured with
-def _swept(
-    pixels: bytes, poses: bytes, camera: Intrinsics, num_planes: int, ground: GroundPrior | None
-) -> tuple[FloatArray, FloatArray] | None:
-    """Inverse depth and confidence [H, W] of the first frame; None where none of the others shows
-    parallax.
-    """
-    frames = np.frombuffer(pixels, np.uint8).reshape(-1, camera.height_px, camera.width_px, 3)
-    images = np.stack([pinhole.grey(frame) for frame in frames])
-    num_planes = round(num_planes * max(1, camera.height_px / TALL_PX))
-    return sweep(
-        images,
-        camera,
-        np.frombuffer(poses).reshape(-1, 4, 4),
-        0,
-        range(1, len(frames)),
-        num_planes,
-        ground,
-    )
-
-
-forget = _swept.cache_clear  # for measurements of time
+    def _depth_map(
+        self, observations: Observations, world_from_cam: FloatArray, step: int
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return inverse depth and confidence [H, W] of a frame; None without any parallax."""
+        camera = observations.intrinsics
+        used = [step, *viewpoints.choose_sources(world_from_cam, step, camera)]
+        if len(used) == 1:
+            return None
+        poses = world_from_cam[used]
+        key = (self, tuple(used), len(world_from_cam), *poses.ravel().tolist())
+        if key not in observations.depth_maps:
+            images = observations.greys[used].astype(np.float32)
+            num_planes = round(self.num_planes * max(1, camera.height_px / TALL_PX))
+            observations.depth_maps[key] = sweep(
+                images, camera, poses, 0, range(1, len(used)), num_planes, self.ground
+            )
+        return observations.depth_maps[key]

@@ -1,4 +1,4 @@
-"""Robust estimation: one iteratively reweighted Gauss-Newton for all fits (Holland & Welsch 1977)."""
+"""Robust estimation: one iteratively reweighted Gauss-Newton (Holland & Welsch 1977)."""
 
 from collections.abc import Callable
 from typing import TypeVar

@@ -1,1 +1,12 @@
-"""What several steps need to know about the observed frames, computed once."""
+"""Observation: what several steps need to know about the observed frames, computed once."""
+
+from geovp_classic.observation.observe import (
+    Observed,
+    Observer,
+    Stream,
+    recent,
+    scene_window_of,
+    stream,
+)
+
+__all__ = ["Observed", "Observer", "Stream", "recent", "scene_window_of", "stream"]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geovp_classic.observation.static_regions import scene_window, static_mask
+from geovp_classic.observation import scene_window_of
 from geovp_classic.odometry.bundle import adjusted_focal
 from geovp_classic.odometry.features import CornerTracker, all_corners
 from geovp_classic.odometry.lens import Lens
@@ -75,10 +75,8 @@ def _root(greys: Sequence[ByteArray]) -> tuple[float, float] | None:
     """
     if len(greys) < MIN_IMAGES:
         return None
-    shape, seen = (
-        greys[0].shape,
-        scene_window(static_mask(np.repeat(np.stack(greys)[..., None], 3, axis=-1))),
-    )
+    shape = greys[0].shape
+    seen = scene_window_of(np.stack(greys))
     greys = [
         grey[seen] for grey in greys
     ]  # a hood stands still in the image, whatever the focal length

@@ -10,10 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
-from geovp_classic.observation import frame_screening
+from geovp_classic.observation import frame_screening, stream
 from geovp_classic.odometry import consistency
 from geovp_classic.odometry.features import CornerTracker, all_corners
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
@@ -24,7 +24,6 @@ from geovp_classic.types import (
     BoolArray,
     ByteArray,
     Context,
-    ExtraView,
     FloatArray,
     Intrinsics,
     PrivilegedInput,
@@ -88,10 +87,11 @@ class Monocular:
         The trajectory is metric when the scale is and could be found or assumed, or when the camera
         never moved; its `scale_uncertainty` says how well it is known.
         """
-        view, all_times_s = _view(context, self.frames), context.times_s[: context.num_past]
-        kept = frame_screening.usable(view.frames)
-        view, times_s = view[kept], all_times_s[kept]
-        greys = [pinhole.grey8(frame) for frame in view.frames]
+        view = stream(context, self.frames)
+        all_times_s = context.times_s[: context.num_past]
+        kept = view.is_usable
+        times_s = all_times_s[kept]
+        greys = list(view.greys[kept])
         if consistency.is_standing(greys):
             greys = greys[-1:] * len(greys)  # whatever crosses or covers the street
         poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
@@ -276,17 +276,6 @@ class _Path:
             self.world_from_cam = se3.orthonormalised(self.world_from_cam @ step)
         self.last = pose
         return self.world_from_cam
-
-
-def _view(context: Context, which: str) -> ExtraView:
-    if which == "crop":
-        return ExtraView(context.frames, context.intrinsics, np.eye(4))
-    if context.full is None:
-        raise Incompatible(
-            "the odometry wants wide frames, the clip has none: use frames = 'crop' or another "
-            "data set"
-        )
-    return context.full
 
 
 def _step_lengths(poses: FloatArray) -> FloatArray:

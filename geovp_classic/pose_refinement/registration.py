@@ -14,10 +14,10 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from geovp_classic import observation
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.optical_flow import track_points
-from geovp_classic.observation import frame_screening, uncropped
 from geovp_classic.pose_refinement.local_bundle import Corners, adjust
 from geovp_classic.types import (
     BoolArray,
@@ -66,13 +66,12 @@ class Registration:
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with registered past poses, its futures turned about the last one."""
-        recent = uncropped.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        kept = np.flatnonzero(frame_screening.usable(recent.frames)) - len(
-            recent.frames
-        )  # steps from the end
-        images = np.stack([pinhole.grey8(recent.frames[step]) for step in kept])
-        given, first = motion.past.world_from_cam, kept[0]
-        found = registered(images, recent.intrinsics, given[kept], len(kept) - 1)
+        stream = observation.stream(context.only(self.needs), self.frames)
+        steps = np.flatnonzero(stream.is_usable)
+        steps = steps[steps >= len(stream.is_usable) - self.num_frames]
+        given, first = motion.past.world_from_cam, steps[0]
+        images, kept = stream.greys[steps], steps
+        found = registered(images, stream.intrinsics, given[kept], len(kept) - 1)
         past = given.copy()
         past[:first] = found.world_from_cam[0] @ se3.inverse(given[first]) @ given[:first]
         past[kept] = found.world_from_cam

@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
+from geovp_classic import observation
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.ground_plane import fit_ground
 from geovp_classic.interfaces import DepthSource
-from geovp_classic.observation import frame_screening, uncropped
 from geovp_classic.pose_refinement.road_height import RoadProfile
 from geovp_classic.types import Context, Motion, PrivilegedInput
 
@@ -37,8 +37,9 @@ class RoadHeight:
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """The motion with other future heights; unchanged where no road is visible."""
-        recent = uncropped.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        recent, past = frame_screening.screened(recent, motion.past[-self.num_frames :])
+        recent, past = observation.recent(
+            context.only(self.needs), motion.past, self.frames, self.num_frames
+        )
         inverse_depth = self.depth.inverse_depths(recent, past)[0][-1]
         ground = fit_ground(inverse_depth, recent.intrinsics)
         if ground is None:

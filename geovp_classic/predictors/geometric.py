@@ -1,57 +1,61 @@
 """The geometric predictor: a pose source and a renderer, which meet only here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
-from geovp_classic.observation.masking import behind_static_regions, without_static_regions
+from geovp_classic.observation import Observed, Observer
+from geovp_classic.rendering.masked_scene import MaskedScene
 from geovp_classic.types import Context, Motion, Prediction, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
 class GeometricPredictor:
-    """A pose source says where the camera will be, and a renderer shows the scene from there.
+    """A pose source estimates where the camera will be; a renderer shows the scene from there.
 
-    `predict` runs three steps; a caller with many predictors runs them one by one and caches their
-    results: a motion per pose source, a scene per past. Parts of the vehicle in the image are shown
-    to neither and stay where they are.
+    Callers with many predictors run the steps one by one: observe a clip once, estimate a motion
+    per pose source, reconstruct a scene per past.
     """
 
     pose_source: PoseSource
     renderer: Renderer
+    observer: Observer = field(default_factory=Observer)
 
     @property
     def needs(self) -> PrivilegedInput:
-        """The needs of both parts; each part is shown only what it needs itself."""
+        """The needs of both components; each sees only its own."""
         return self.pose_source.needs | self.renderer.needs
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        """Frames [S, F, H, W, 3] with coverage and motion; S = 1 when the pose source is
-        deterministic.
-        """
-        motion = self.estimate(context, num_samples)
-        return show(self.reconstruct(context, motion.past), motion, context)
+        """Predict frames [S, F, H, W, 3]; S = 1 if the pose source is deterministic."""
+        observed = self.observe(context)
+        motion = self.estimate(observed, num_samples)
+        scene = self.reconstruct(observed, motion.past)
+        return show(scene, motion, context)
 
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """Step 1: the motion."""
-        return self.pose_source.estimate(
-            without_static_regions(context.only(self.pose_source.needs)), num_samples
-        )
+    def observe(self, context: Context) -> Observed:
+        """Reduce the context to the scene and compute its observations."""
+        return self.observer.observe(context.only(self.needs))
 
-    def reconstruct(self, context: Context, past: Trajectory) -> Scene:
-        """Step 2: the scene, which depends on the past alone."""
-        seen = context.only(self.renderer.needs)
-        return behind_static_regions(
-            self.renderer.reconstruct(without_static_regions(seen), past), seen
-        )
+    def estimate(self, observed: Observed, num_samples: int = 1) -> Motion:
+        """Estimate the past and future motion of the camera."""
+        return self.pose_source.estimate(observed.only(self.pose_source.needs), num_samples)
+
+    def reconstruct(self, observed: Observed, past: Trajectory) -> Scene:
+        """Reconstruct the scene, which depends on the past alone."""
+        needs = self.renderer.needs
+        scene = self.renderer.reconstruct(observed.only(needs), past)
+        mask = observed.crop_mask(needs)
+        if not mask.any() and observed.vehicle is None:
+            return scene
+        return MaskedScene(scene, observed.original, mask, observed.vehicle)
 
 
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
-    """Step 3: the views of the scene from every sampled future of the motion, at the
-    future times.
-    """
+    """Render the scene from all sampled futures of the motion, at the future times."""
     times_s = context.times_s[context.num_past :]
     samples = [scene.view(future, times_s, context.intrinsics) for future in motion.futures]
+    frames = np.stack([views.frames for views in samples])
     covered = np.stack([views.covered for views in samples])
-    return Prediction(np.stack([views.frames for views in samples]), covered, motion)
+    return Prediction(frames, covered, motion)

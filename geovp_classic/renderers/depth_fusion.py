@@ -11,11 +11,11 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.dynamic_objects import sprites as moving_sprites
 from geovp_classic.dynamic_objects.detection import DynamicObjects
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.ground_plane import fit_ground
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
-from geovp_classic.observation import frame_screening, uncropped
+from geovp_classic.observation import recent as recent_frames
+from geovp_classic.observation import stream
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.rendering import fusion, patches
 from geovp_classic.rendering.exposure import ExposedScene, Exposure, ExposureControl
@@ -107,15 +107,14 @@ class DepthFusion:
         return self._sprites(recent, past, self.depth.inverse_depths(recent, past)[0][-1])
 
     def _recent(self, context: Context, past: Trajectory) -> tuple[Context, Trajectory]:
-        recent = uncropped.select(context.only(self.needs), self.frames).recent(self.num_frames)
-        return frame_screening.screened(recent, past[-self.num_frames :])
+        return recent_frames(context.only(self.needs), past, self.frames, self.num_frames)
 
     def _sprites(
         self, recent: Context, past: Trajectory, inverse_depth: FloatArray
     ) -> tuple[moving_sprites.Sprite, ...]:
         if self.dynamic_objects is None:
             return ()
-        images = np.stack([pinhole.grey(frame) for frame in recent.frames])
+        images = stream(recent, "crop").greys.astype(np.float32)
         camera, ground = recent.intrinsics, fit_ground(inverse_depth, recent.intrinsics)
         found = self.dynamic_objects.find(images, camera, past, inverse_depth, ground)
         taken = camera, past.world_from_cam[-1]

@@ -13,7 +13,7 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import Inpainter
-from geovp_classic.observation import frame_screening
+from geovp_classic.observation import recent
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.image_sampler import resampled, warp
 from geovp_classic.rendering.standing import StandingScene
@@ -50,7 +50,7 @@ class GroundFarPlane:
 
     def reconstruct(self, context: Context, past: Trajectory) -> StandingScene:
         """The two planes; Incompatible without a camera height or without metric poses."""
-        context, past = frame_screening.screened(context, past)
+        context, past = recent(context, past, "crop", len(past))
         if context.camera_height_m is None:
             raise Incompatible(
                 "ground-far-plane needs the camera's height, the clip has none: set camera_height_m"

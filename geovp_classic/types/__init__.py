@@ -24,6 +24,7 @@ Conventions, stated once and kept everywhere:
 from geovp_classic.types.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from geovp_classic.types.clips import Clip, Context, ExtraView, PrivilegedInput, Target
 from geovp_classic.types.motion import Intrinsics, Motion, Trajectory
+from geovp_classic.types.observations import Observations
 from geovp_classic.types.predictions import Prediction, Views
 
 __all__ = [
@@ -37,4 +38,4 @@ __all__ = [
     "Intrinsics",
     "PrivilegedInput",
 ]
-__all__ += ["Motion", "Prediction", "Target", "Trajectory", "Views"]
+__all__ += ["Motion", "Observations", "Prediction", "Target", "Trajectory", "Views"]

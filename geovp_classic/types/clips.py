@@ -21,6 +21,7 @@ from geovp_classic.types.arrays import (
     store,
 )
 from geovp_classic.types.motion import Intrinsics, Trajectory
+from geovp_classic.types.observations import Observations
 
 
 class PrivilegedInput(enum.Flag):
@@ -41,8 +42,20 @@ _GRANTED_BY = {  # fields of a context
     "past_depths": PrivilegedInput.PAST_DEPTHS,
     "camera_height_m": PrivilegedInput.CAMERA_HEIGHT,
     "full": PrivilegedInput.FULL_FRAMES,
+    "full_observations": PrivilegedInput.FULL_FRAMES,
     "right": PrivilegedInput.RIGHT_FRAMES,
 }
+
+
+_OF_PAST = (  # fields of a context with a value for each observed frame
+    "frames",
+    "past",
+    "past_depths",
+    "full",
+    "right",
+    "observations",
+    "full_observations",
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -149,6 +162,8 @@ class Context(ShortRepr):
     full: ExtraView | None = None  # [P], PrivilegedInput.FULL_FRAMES
     right: ExtraView | None = None  # [P], PrivilegedInput.RIGHT_FRAMES
     name: str = ""  # the clip's, by which recorded predictions are found
+    observations: Observations | None = None  # [P], of the frames
+    full_observations: Observations | None = None  # [P], PrivilegedInput.FULL_FRAMES
 
     def __post_init__(self) -> None:
         store(self, frames=_frames("context", self.frames, self.intrinsics))
@@ -179,10 +194,7 @@ class Context(ShortRepr):
         """The same context with only some of the observed frames, as a mask [P] says."""
         if kept.all():
             return self
-        fewer = {
-            field: cut(getattr(self, field), kept)
-            for field in ("frames", "past", "past_depths", "full", "right")
-        }
+        fewer = {field: cut(getattr(self, field), kept) for field in _OF_PAST}
         times_s = np.concatenate(
             [self.times_s[: self.num_past][kept], self.times_s[self.num_past :]]
         )

@@ -25,7 +25,7 @@ def test_the_stages_give_what_the_predictor_gives() -> None:
 def test_medians_of_stages_and_of_their_sum() -> None:
     # after the warm-up three rounds; by the clock the stages take 0.1 s each, in the last 0.3 s:
     # sums 0.6, 0.6, 1.8
-    taken_s = np.full((4, 6, 2), 0.1)
+    taken_s = np.full((4, 7, 2), 0.1)
     taken_s[3, :, 0] = 0.3
     taken_s[..., 1] = 0.2
     taken_s[0] = 1.5

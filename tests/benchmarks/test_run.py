@@ -66,7 +66,7 @@ class TestRows:
         assert [cell.status for cell in cells.values()] == ["done"] * 4
         # two sources, two renderers, four cells, and both sources have the same past
         assert sorted(log.read_text().split()) == ["estimate"] * 2 + ["reconstruct"] * 2
-        assert set(cells["a--r"].seconds) == {"motion", "reconstruct", "view", "metrics"}
+        assert set(cells["a--r"].seconds) == {"observe", "motion", "reconstruct", "view", "metrics"}
 
     @pytest.mark.skipif(sys.platform != "linux", reason="only Linux forgets the peak of a process")
     def test_a_small_cell_is_not_charged_with_the_large_one_before_it(self, tmp_path: Path) -> None:

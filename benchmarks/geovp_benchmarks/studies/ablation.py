@@ -214,8 +214,9 @@ def predict(context: Context, source: PoseSource, renderer: Renderer) -> ByteArr
     from geovp_classic.predictors.geometric import GeometricPredictor
 
     predictor, steps = GeometricPredictor(source, renderer), np.array(SCORED)
-    motion = predictor.estimate(context)
-    scene = predictor.reconstruct(context, motion.past)
+    observed = predictor.observe(context)
+    motion = predictor.estimate(observed)
+    scene = predictor.reconstruct(observed, motion.past)
     return scene.view(
         motion.futures[0, steps], context.times_s[NUM_PAST + steps], context.intrinsics
     ).frames

@@ -14,7 +14,7 @@ def test_weights_at_zero_and_at_the_scale() -> None:
 
 @pytest.mark.parametrize("weight", [robust.cauchy_weight, robust.geman_mcclure_weight])
 def test_a_line_is_found_among_outliers(weight: robust.Weight) -> None:
-    """y = 2 x + 1 with noise 0.01; a fifth of the points is 10 too high."""
+    """Y = 2 x + 1 with noise 0.01; a fifth of the points is 10 too high."""
     rng = np.random.default_rng(0)
     x = np.linspace(0, 1, 100)
     y = 2 * x + 1 + rng.normal(0, 0.01, 100)

@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.observation.followed_vehicle import followed_vehicle
-from geovp_classic.observation.masking import (
-    MaskedScene,
-    behind_static_regions,
-    hidden_mask,
-    without_static_regions,
-)
+from geovp_classic.geometry import pinhole
+from geovp_classic.observation import Observer
+from geovp_classic.observation.followed_vehicle import FollowedVehicle, FollowedVehicleDetector
 from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.pose_sources.ground_truth import GroundTruth
+from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.rendering.masked_scene import MaskedScene
 from geovp_classic.types import BoolArray, ByteArray, Clip, ExtraView, Intrinsics
-from tests.geovp_classic.observation.test_static_regions import Noted
+from tests.geovp_classic.observation.test_scene_mask import Noted
 
 SIDE, PAST = 160, 10
 NEAR = np.array([-0.13, -0.12, 0.13, 0.11])  # on the plane z = 1: left, top, right, bottom
@@ -63,6 +62,10 @@ def followed(frames: ByteArray, camera: Intrinsics, growth: float = 0.0) -> Byte
         )[..., None]
         shown.append(back)
     return np.stack(shown)
+
+
+def followed_vehicle(frames: ByteArray) -> FollowedVehicle | None:
+    return FollowedVehicleDetector().detect(np.stack([pinhole.grey8(frame) for frame in frames]))
 
 
 def outline_found(frames: ByteArray) -> BoolArray:
@@ -117,7 +120,8 @@ def test_it_is_shown_where_it_was_and_to_no_pose_source_or_renderer(clip: Clip) 
     context, _ = replace(clip, frames=followed(clip.frames, clip.intrinsics), full=wide).split(
         PAST, Noted.needs
     )
-    seen = without_static_regions(context)
+    observed = Observer().observe(context)
+    seen = observed.context
     assert seen.full is not None
     for before, after in ((context.frames, seen.frames), (wide.frames[:PAST], seen.full.frames)):
         camera = context.intrinsics if after is seen.frames else seen.full.intrinsics
@@ -128,8 +132,8 @@ def test_it_is_shown_where_it_was_and_to_no_pose_source_or_renderer(clip: Clip) 
         ]
         assert texture[1] < texture[0] / 2
         np.testing.assert_array_equal(after[:, ~around(camera)], before[:, ~around(camera)])
-    mask = hidden_mask(context)
-    scene = behind_static_regions(Noted(), context)
+    mask = observed.hidden_mask(Noted.needs)
+    scene = GeometricPredictor(GroundTruth(), Noted()).reconstruct(observed, context.past)
     assert isinstance(scene, MaskedScene)
     views = scene.view(np.eye(4)[None], context.times_s[PAST - 1 : PAST], context.intrinsics)
     np.testing.assert_array_equal(
@@ -144,7 +148,7 @@ def test_odometry_is_not_stopped_by_it(clip: Clip) -> None:
     )
     free, _ = clip.split(PAST, Monocular().needs)
     lengths = []
-    for one in (free, context, without_static_regions(context)):
+    for one in (free, context, Observer().observe(context).context):
         poses = Monocular().track(one)[0].world_from_cam
         lengths.append(np.linalg.norm(poses[-1, :3, 3] - poses[0, :3, 3]))
     assert abs(lengths[1] / lengths[0] - 1) > 0.5  # taken for a street that stands still

@@ -1,15 +1,18 @@
-"""Frames that say nothing are found, and poses without a frame lie on the way between their
-neighbours.
-"""
+"""Frame screening, and the interpolation of poses without a usable frame."""
 
 import cv2
 import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.geometry import se3
-from geovp_classic.observation.frame_screening import bridged, screened, usable
-from geovp_classic.types import ByteArray, Context, Intrinsics, Trajectory
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.observation import recent
+from geovp_classic.observation.frame_screening import FrameScreening, bridged
+from geovp_classic.types import BoolArray, ByteArray, Context, Intrinsics, Trajectory
+
+
+def usable(frames: ByteArray) -> BoolArray:
+    return FrameScreening().usable(np.stack([pinhole.grey8(frame) for frame in frames]))
 
 
 @pytest.fixture
@@ -22,25 +25,25 @@ def film() -> ByteArray:
 
 
 @pytest.mark.parametrize(("value", "steps"), [(0, [3]), (255, [0, 7]), (90, [4, 5])])
-def test_frames_without_texture(film: ByteArray, value: int, steps: list[int]) -> None:
+def test_blank_frames_are_unusable(film: ByteArray, value: int, steps: list[int]) -> None:
     film[steps] = value
     assert np.flatnonzero(~usable(film)).tolist() == steps
 
 
 @pytest.mark.parametrize("steps", [[3], [7], [4, 5]])
-def test_a_repetition_while_the_camera_moves(film: ByteArray, steps: list[int]) -> None:
+def test_duplicates_are_unusable_while_the_camera_moves(film: ByteArray, steps: list[int]) -> None:
     film[steps] = film[steps[0] - 1]
     assert np.flatnonzero(~usable(film)).tolist() == steps
 
 
-def test_a_camera_that_stands_starts_or_stops_repeats_nothing(film: ByteArray) -> None:
+def test_a_stationary_starting_or_stopping_camera_has_no_duplicates(film: ByteArray) -> None:
     assert usable(np.repeat(film[:1], 8, axis=0)).all()
     assert usable(np.concatenate([film[:1], film[:1], film[:6]])).all()
     rolling_out = np.concatenate([film[:5], np.clip(film[4:5], 1, 254), np.clip(film[4:5], 1, 254)])
     assert usable(rolling_out)[:5].all()
 
 
-def test_nothing_is_left_out_where_nothing_would_remain(film: ByteArray) -> None:
+def test_all_frames_are_usable_if_fewer_than_two_would_remain(film: ByteArray) -> None:
     film[1:] = 7
     assert usable(film).all()
 
@@ -50,8 +53,14 @@ def test_context_and_past_lose_the_same_steps(film: ByteArray) -> None:
     poses = se3.exp(np.arange(8.0)[:, None] * [0, 0, 1.0, 0, 0.1, 0])
     past = Trajectory(poses, np.arange(8.0), True)
     camera = Intrinsics(30.0, 30.0, 15.5, 15.5, 32, 32)
-    context, kept = screened(Context(film, np.arange(10.0), camera, past=past), past)
-    assert context.times_s.tolist() == [*kept.times_s.tolist(), 8, 9] == [0, 1, 3, 4, 5, 6, 7, 8, 9]
+    context, recent_past = recent(
+        Context(film, np.arange(10.0), camera, past=past), past, "crop", 8
+    )
+    assert (
+        context.times_s.tolist()
+        == [*recent_past.times_s.tolist(), 8, 9]
+        == [0, 1, 3, 4, 5, 6, 7, 8, 9]
+    )
     np.testing.assert_array_equal(context.frames[2], film[3])
     assert context.past is not None
     np.testing.assert_array_equal(context.past.world_from_cam, poses[[0, 1, 3, 4, 5, 6, 7]])
@@ -65,34 +74,34 @@ def test_bridges_follow_the_screw_motion_between_and_beyond() -> None:
     np.testing.assert_array_equal(bridged(broken, np.arange(6.0), known & False), broken)
 
 
-@pytest.mark.parametrize(("apart", "says_something"), [(7, False), (8, False), (9, True)])
-def test_a_frame_shows_something_from_a_contrast_of_four_grey_values_on(
-    apart: int, says_something: bool, film: ByteArray
+@pytest.mark.parametrize(("apart", "is_usable"), [(7, False), (8, False), (9, True)])
+def test_a_frame_is_blank_below_a_contrast_of_four_grey_values(
+    apart: int, is_usable: bool, film: ByteArray
 ) -> None:
     film[2, :, :16], film[2, :, 16:] = 100, 100 + apart  # a standard deviation of half of it
-    assert usable(film)[2] == says_something
+    assert usable(film)[2] == is_usable
 
 
-@pytest.mark.parametrize(("moved_grey", "kept"), [(2, True), (4, False)])
-def test_only_after_a_movement_is_the_same_image_a_repetition(
-    moved_grey: int, kept: bool, film: ByteArray
+@pytest.mark.parametrize(("moved_grey", "is_kept"), [(2, True), (4, False)])
+def test_an_equal_image_is_a_duplicate_only_after_motion(
+    moved_grey: int, is_kept: bool, film: ByteArray
 ) -> None:
     half = film[:1] // 2
     assert usable(np.concatenate([half, half + moved_grey, half + moved_grey])).tolist() == [
         True,
         True,
-        kept,
+        is_kept,
     ]
 
 
-@pytest.mark.parametrize(("share", "kept"), [(0.2, False), (0.4, True)])
-def test_a_change_of_less_than_a_third_of_a_grey_value_is_none(
-    share: float, kept: bool, film: ByteArray
+@pytest.mark.parametrize(("fraction", "is_kept"), [(0.2, False), (0.4, True)])
+def test_a_change_below_a_third_of_a_grey_value_is_a_duplicate(
+    fraction: float, is_kept: bool, film: ByteArray
 ) -> None:
     again = film[1:2] // 2
     changed = again.copy()
-    changed.reshape(-1, 3)[: int(share * 1024)] += 1
-    assert usable(np.concatenate([film[:1] // 2, again, changed])).tolist() == [True, True, kept]
+    changed.reshape(-1, 3)[: int(fraction * 1024)] += 1
+    assert usable(np.concatenate([film[:1] // 2, again, changed])).tolist() == [True, True, is_kept]
 
 
 def test_two_frames_are_enough(film: ByteArray) -> None:
@@ -102,13 +111,7 @@ def test_two_frames_are_enough(film: ByteArray) -> None:
     assert usable(film).all()
 
 
-def test_nothing_changes_where_all_frames_say_something(film: ByteArray) -> None:
-    past = Trajectory(se3.exp(np.zeros((8, 6))), np.arange(8.0), True)
-    context = Context(film, np.arange(10.0), Intrinsics(30.0, 30.0, 15.5, 15.5, 32, 32))
-    assert screened(context, past) == (context, past)
-
-
-def test_two_known_poses_are_a_motion_and_times_are_not_steps() -> None:
+def test_poses_are_interpolated_by_time() -> None:
     times_s = np.array([0.0, 1.0, 4.0, 5.0])
     poses = se3.exp(times_s[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
     known = np.array([True, False, False, True])
@@ -126,7 +129,7 @@ def street() -> ByteArray:
 
 
 @pytest.mark.parametrize("cut", [2, 5, 8])
-def test_what_lies_before_a_cut_to_another_scene_says_nothing(street: ByteArray, cut: int) -> None:
+def test_frames_before_a_cut_are_unusable(street: ByteArray, cut: int) -> None:
     frames = street.copy()
     frames[:cut] = frames[:cut, :, ::-1]
     np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
@@ -134,7 +137,7 @@ def test_what_lies_before_a_cut_to_another_scene_says_nothing(street: ByteArray,
     np.testing.assert_array_equal(usable(frames), np.arange(10) >= cut)
 
 
-def test_of_two_cuts_the_last_one_counts(street: ByteArray) -> None:
+def test_the_last_of_two_cuts_counts(street: ByteArray) -> None:
     frames = street.copy()
     frames[3:6] = frames[3:6, :, ::-1]
     np.testing.assert_array_equal(usable(frames), np.arange(10) >= 6)
@@ -151,7 +154,7 @@ def test_a_turn_one_bad_frame_and_a_jump_of_the_exposure_are_no_cuts(street: Byt
     assert usable(dim).all()
 
 
-def test_with_one_frame_of_a_new_scene_nothing_is_left_out(street: ByteArray) -> None:
+def test_a_single_frame_of_a_new_scene_is_no_cut(street: ByteArray) -> None:
     frames = street.copy()
     frames[9] = frames[9, :, ::-1]
     assert usable(frames).all()

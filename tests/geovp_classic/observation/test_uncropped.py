@@ -11,9 +11,16 @@ from geovp_classic.depth.given import Given
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.inpainters.blank import Blank
-from geovp_classic.observation.uncropped import uncropped
+from geovp_classic.observation import recent, stream
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from geovp_classic.types import Context, ExtraView, Intrinsics, PrivilegedInput, Trajectory
+from geovp_classic.types import (
+    Context,
+    ExtraView,
+    Intrinsics,
+    Observations,
+    PrivilegedInput,
+    Trajectory,
+)
 
 NATIVE = Intrinsics(120, 120, 99.5, 39.5, 200, 80)
 
@@ -24,6 +31,10 @@ def noise_context(side_px: int = 40) -> Context:
     window, camera = pinhole.centre_crop(NATIVE, (side_px, side_px))
     square = np.stack([pinhole.resize(frame[window], (side_px, side_px)) for frame in native])
     return Context(square, np.arange(3.0), camera, full=ExtraView(native, NATIVE, np.eye(4)))
+
+
+def uncropped(context: Context) -> Observations:
+    return stream(context, "full")
 
 
 @pytest.mark.parametrize(
@@ -51,8 +62,10 @@ def test_what_cannot_be_done_is_refused() -> None:
     context = noise_context()
     with pytest.raises(Incompatible, match="the clip has none"):
         uncropped(dataclasses.replace(context, full=None))
-    with pytest.raises(Incompatible, match="the square only"):
-        uncropped(dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32)))
+    with_depths = dataclasses.replace(context, past_depths=np.ones((2, 40, 40), np.float32))
+    past = Trajectory(np.tile(np.eye(4), (2, 1, 1)), np.arange(2.0), True)
+    with pytest.raises(Incompatible, match="the crop only"):
+        recent(with_depths, past, "full", 2)
     with pytest.raises(BadData, match="frames is 'all'"):
         DepthFusion(frames="all")  # type: ignore[arg-type]
 

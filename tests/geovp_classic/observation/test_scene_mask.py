@@ -1,6 +1,4 @@
-"""Parts of the vehicle in the image: found where they stay in place behind an edge, and shown as
-they are.
-"""
+"""The scene mask: letterbox bars and the ego vehicle, detected, hidden from components, and shown."""
 
 from dataclasses import replace
 
@@ -8,14 +6,10 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
-from geovp_classic.observation import masking
-from geovp_classic.observation.static_regions import (
-    scene_window,
-    static_mask,
-    top_row,
-    vehicle_mask,
-)
+from geovp_classic.observation import Observer
+from geovp_classic.observation.scene_mask import SceneMasking, scene_window, top_row
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.ground_far_plane import GroundFarPlane
@@ -35,16 +29,30 @@ from geovp_classic.types import (
 SIDE = 96
 
 
+def greys_of(frames: ByteArray) -> ByteArray:
+    return np.stack([pinhole.grey8(frame) for frame in frames])
+
+
+def scene_mask(frames: ByteArray) -> BoolArray:
+    return Observer().scene(frames, greys_of(frames))[0]
+
+
+def vehicle_mask(frames: ByteArray) -> BoolArray:
+    return SceneMasking().ego_vehicle(greys_of(frames))
+
+
 @pytest.fixture(scope="module")
 def clip() -> Clip:
     """Twelve frames of a street."""
     return Synthetic(seed=3, num_clips=1, num_frames=12, size_px=(SIDE, SIDE), with_full=True)[0]
 
 
-def arched(height: int, width: int, share: float = 0.2) -> BoolArray:
-    """A hood [H, W] that covers this share of the middle column and half as much of the outer ones."""
+def arched(height: int, width: int, fraction: float = 0.2) -> BoolArray:
+    """A hood [H, W] that covers this fraction of the middle column and half as much of the outer ones."""
     row, column = np.mgrid[:height, :width]
-    return np.asarray(row >= height * (1 - share * (1 - 0.5 * (2 * column / (width - 1) - 1) ** 2)))
+    return np.asarray(
+        row >= height * (1 - fraction * (1 - 0.5 * (2 * column / (width - 1) - 1) ** 2))
+    )
 
 
 def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray:
@@ -55,15 +63,15 @@ def painted(frames: ByteArray, mask: BoolArray, noise: float = 1.0) -> ByteArray
     return np.where(mask[..., None], noisy, frames).astype(np.uint8)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.2, 0.3])
-def test_a_hood_is_found_to_within_two_pixels_of_its_border(clip: Clip, share: float) -> None:
-    mask = arched(SIDE, SIDE, share)
+@pytest.mark.parametrize("fraction", [0.1, 0.2, 0.3])
+def test_a_hood_is_detected_to_within_two_pixels_of_its_border(clip: Clip, fraction: float) -> None:
+    mask = arched(SIDE, SIDE, fraction)
     found = vehicle_mask(painted(clip.frames[:10], mask))
     assert np.abs(found.sum(axis=0) - mask.sum(axis=0)).max() <= 2
-    assert abs(top_row(found) - SIDE * (1 - share)) <= 3
+    assert abs(top_row(found) - SIDE * (1 - fraction)) <= 3
 
 
-def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip) -> None:
+def test_a_street_a_stationary_camera_and_few_frames_show_no_vehicle(clip: Clip) -> None:
     hooded = painted(clip.frames[:10], arched(SIDE, SIDE))
     assert vehicle_mask(hooded).any()
     assert not vehicle_mask(clip.frames[:10]).any()
@@ -71,7 +79,7 @@ def test_a_street_alone_a_camera_that_stands_and_few_frames_show_none(clip: Clip
     assert not vehicle_mask(hooded[:2]).any()
 
 
-def test_it_ends_where_it_goes_on_into_a_road_without_texture(clip: Clip) -> None:
+def test_a_hood_does_not_leak_into_a_road_without_texture(clip: Clip) -> None:
     """Left of the middle the road is as smooth as the hood, and so still that both are one region."""
     mask, smooth = arched(SIDE, SIDE), np.zeros((SIDE, SIDE), bool)
     smooth[SIDE * 6 // 10 :, 10 : SIDE // 3] = True
@@ -96,14 +104,12 @@ def test_a_shadow_on_a_road_without_texture_is_no_hood(clip: Clip) -> None:
 @pytest.mark.parametrize(
     "bars", [(12, 12, 0, 0), (0, 15, 0, 0), (0, 0, 20, 9), (5, 6, 7, 8), (0, 0, 0, 0)]
 )
-def test_black_bars_are_static_and_the_image_between_them_is_not(
-    clip: Clip, bars: tuple[int, ...]
-) -> None:
+def test_letterbox_bars_are_masked(clip: Clip, bars: tuple[int, ...]) -> None:
     top, bottom, left, right = bars
     frames = np.zeros_like(clip.frames[:10])
     image = slice(top, SIDE - bottom), slice(left, SIDE - right)
     frames[:, *image] = clip.frames[:10, *image]
-    mask = static_mask(frames)
+    mask = scene_mask(frames)
     (rows, columns) = scene_window(mask)
     found = rows.start, SIDE - rows.stop, columns.start, SIDE - columns.stop
     assert found == tuple(
@@ -112,14 +118,14 @@ def test_black_bars_are_static_and_the_image_between_them_is_not(
     assert not mask[rows, columns].any()
 
 
-def test_the_night_a_black_and_a_dim_clip_have_no_bars(clip: Clip) -> None:
+def test_dark_footage_is_not_letterboxing(clip: Clip) -> None:
     dark = clip.frames[:10].copy()
     dark[:, : SIDE // 2 + 1] = 3
-    assert not static_mask(dark).any()
-    assert not static_mask(np.zeros_like(dark)).any()
+    assert not scene_mask(dark).any()
+    assert not scene_mask(np.zeros_like(dark)).any()
     dim = clip.frames[:10] // 12
     assert dim.max() > 20 >= dim[:, 0].max()  # the sky's upper edge would be a bar
-    assert not static_mask(dim).any()
+    assert not scene_mask(dim).any()
 
 
 class Noted:
@@ -153,7 +159,7 @@ def hooded(clip: Clip, mask: BoolArray) -> Clip:
     )
 
 
-def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
+def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -> None:
     mask = arched(SIDE, SIDE)
     renderer = Noted()
     context, _ = hooded(clip, mask).split(10, renderer.needs)
@@ -175,8 +181,10 @@ def test_it_is_shown_to_no_renderer_and_in_every_view(clip: Clip) -> None:
 
 
 def test_a_camera_of_another_size_sees_the_scene_alone(clip: Clip) -> None:
-    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
-    scene = masking.behind_static_regions(Noted(), context)
+    predictor = GeometricPredictor(GroundTruth(), Noted())
+    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, predictor.needs)
+    observed = predictor.observe(context)
+    scene = predictor.reconstruct(observed, predictor.estimate(observed).past)
     other = context.intrinsics.resized(50, 40)
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
 
@@ -192,20 +200,13 @@ def test_a_hood_costs_the_plane_nothing_above_it(clip: Clip) -> None:
     np.testing.assert_array_equal(behind[:, -4:], np.tile(obscured.frames[-1, -4:], (2, 1, 1, 1)))
 
 
-def test_with_right_frames_all_stays_as_it_is(clip: Clip) -> None:
-    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, GroundTruth.needs)
-    right = ExtraView(context.frames, context.intrinsics, np.eye(4))
-    context = replace(context, right=right)
-    assert masking.without_static_regions(context) is context
-    scene = Noted()
-    assert masking.behind_static_regions(scene, context) is scene
-
-
-def test_a_hood_that_only_uncropped_frames_show_is_hidden_in_the_crop(clip: Clip) -> None:
+def test_a_hood_that_only_uncropped_frames_show_is_hidden_with_these_alone(clip: Clip) -> None:
     context, _ = hooded(clip, np.zeros((SIDE, SIDE), bool)).split(10, Noted.needs)
     assert not vehicle_mask(context.frames).any()
     assert context.full is not None
     top = top_row(vehicle_mask(context.full.frames))
     assert top < SIDE
     assert context.full.intrinsics.cropped(111, 0, SIDE, SIDE) == context.intrinsics
-    assert abs(masking.without_static_regions(context).intrinsics.height_px - top) <= 1
+    observed = Observer().observe(context)
+    assert not observed.crop_mask(PrivilegedInput.NONE).any()
+    assert abs(top_row(observed.crop_mask(PrivilegedInput.FULL_FRAMES)) - top) <= 1

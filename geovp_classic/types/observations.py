@@ -1,0 +1,49 @@
+"""Observations: what several steps need to know about the observed frames, computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from geovp_classic.types.arrays import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    ShortRepr,
+    array_of,
+    store,
+)
+from geovp_classic.types.motion import Intrinsics
+
+
+@dataclass(frozen=True, repr=False)
+class Observations(ShortRepr):
+    """The observed frames of one image stream, reduced to the scene, in grey, and screened."""
+
+    frames: ByteArray  # [P, H, W, 3]
+    greys: ByteArray  # [P, H, W]
+    is_usable: BoolArray  # [P]; False for blank or duplicate frames, and for those before a cut
+    intrinsics: Intrinsics
+    # Depth maps by source and poses: a refinement and the renderer ask for the same ones.
+    depth_maps: dict[Hashable, tuple[FloatArray, FloatArray] | None] = field(
+        default_factory=dict, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.frames)[:3]
+        store(self, frames=array_of("observations: frames", self.frames, np.uint8, (*shape, 3)))
+        store(self, greys=array_of("observations: greys", self.greys, np.uint8, shape))
+        usable = array_of("observations: is_usable", self.is_usable, bool, shape[:1])
+        store(self, is_usable=usable)
+
+    def __getitem__(self, steps: slice | BoolArray) -> Observations:
+        """Return the observations of the steps of a slice or a mask [P]."""
+        return Observations(
+            self.frames[steps],
+            self.greys[steps],
+            self.is_usable[steps],
+            self.intrinsics,
+            self.depth_maps,
+        )
