@@ -37,7 +37,10 @@ def leaked_fields(context: Context, needs: PrivilegedInput) -> list[str]:
     """Return the fields that are set although they are not needed."""
     return [
         field
-        for needed, field in FIELD_OF_INPUT.items()
+        for needed, field in (
+            *FIELD_OF_INPUT.items(),
+            (PrivilegedInput.FULL_FRAMES, "full_observations"),
+        )
         if needed not in needs and getattr(context, field) is not None
     ]
 
@@ -197,6 +200,7 @@ def test_the_memory_of_the_context_does_not_hold_the_future() -> None:
 def test_all_privileged_inputs_and_roles_are_tested() -> None:
     assert set(FIELD_OF_INPUT) == set(PrivilegedInput)
     fields = {field.name for field in dataclasses.fields(Context)}
-    assert fields == {"name", "frames", "times_s", "intrinsics", *FIELD_OF_INPUT.values()}
+    always = {"name", "frames", "times_s", "intrinsics", "observations"}
+    assert fields == always | {"full_observations", *FIELD_OF_INPUT.values()}
     with_needs = {role for role, p in registry.PROTOCOL_OF_ROLE.items() if hasattr(p, "needs")}
     assert set(ROLES) == with_needs - {"scales"}  # a scale gets numbers from its odometry
