@@ -20,7 +20,8 @@ CLASSIC_LAYERS = [
     {"interfaces", "observation"},
     {"odometry", "forecasting", "pose_refinement", "depth", "dynamic_objects", "rendering"}
     | {"metrics", "data", "registry"},
-    {"pose_sources", "renderers", "inpainters"},
+    {"pose_sources", "inpainters"},
+    {"renderers"},  # a renderer has an inpainter by default
     {"predictors"},
     {"api"},
 ]
