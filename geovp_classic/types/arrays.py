@@ -1,6 +1,4 @@
-"""Names for kinds of arrays, and what the types check of theirs: BadData unless shape, dtype and
-values are right.
-"""
+"""Array types, and the checks of shapes and values with which data types are constructed."""
 
 from dataclasses import fields
 from typing import Any
@@ -15,93 +13,95 @@ ByteArray = npt.NDArray[np.uint8]
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.integer[Any]]
 
-RIGID_TOLERANCE = 1e-4  # KITTI writes seven digits, other tools six
-
 
 class ShortRepr:
-    """Prints the fields that are set, arrays by their shapes."""
+    """Base class that prints the fields that are set, and arrays by their shapes."""
 
     def __repr__(self) -> str:
-        """As Trajectory(world_from_cam=[10, 4, 4], times_s=[10], is_metric=True)."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        texts = {
-            name: list(one.shape) if isinstance(one, np.ndarray) else one
-            for name, one in values.items()
-        }
-        given = ", ".join(f"{name}={text!r}" for name, text in texts.items() if text is not None)
-        return f"{type(self).__name__}({given})"
+        """Return text as Trajectory(world_from_cam=[10, 4, 4], times_s=[10], is_metric=True)."""
+        texts = []
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value = list(value.shape)
+            if value is not None:
+                texts.append(f"{field.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(texts)})"
 
 
-def store(owner: object, **values: npt.NDArray[Any]) -> None:
-    """Set fields of a frozen dataclass while it is being made, read-only."""
-    for field, value in values.items():
-        view = value.view()
-        view.flags.writeable = False
-        object.__setattr__(owner, field, view)
+def store(owner: object, field: str, array: npt.NDArray[Any]) -> None:
+    """Set a field of a frozen dataclass during construction to a read-only view of an array."""
+    view = array.view()
+    view.flags.writeable = False
+    object.__setattr__(owner, field, view)
 
 
-def cut(value: Any, steps: slice | BoolArray) -> Any:
-    """value[steps], or None; arrays are copied, because the base of a slice would show the other
-    steps.
-    """
+def store_checked(owner: object, field: str, dtype: Any, shape: tuple[int, ...]) -> None:
+    """Check dtype and shape of an array field and make it read-only; skip None."""
+    value = getattr(owner, field)
+    if value is None:
+        return
+    array = np.asarray(value)
+    if array.dtype != np.dtype(dtype) or array.shape != shape:
+        raise BadData(
+            f"{_name(owner)}: {field} is a {array.dtype} array of shape {array.shape}, expected "
+            f"{np.dtype(dtype)} of shape {shape}"
+        )
+    store(owner, field, array)
+
+
+def store_times(owner: object, field: str, count: int | None = None) -> None:
+    """Check that a field holds increasing times [count], and make it read-only."""
+    times_s = np.asarray(getattr(owner, field), dtype=np.float64)
+    expected = (times_s.size if count is None else count,)
+    if times_s.shape != expected:
+        raise BadData(f"{_name(owner)}: {field} has shape {times_s.shape}, expected {expected}")
+    is_valid = np.isfinite(times_s)
+    is_valid[1:] &= np.diff(times_s) > 0
+    if not is_valid.all():
+        raise BadData(
+            f"{_name(owner)}: {field} must be finite and increase, but step "
+            f"{np.argmin(is_valid)} does not"
+        )
+    store(owner, field, times_s)
+
+
+def store_rigid(
+    owner: object,
+    field: str,
+    num_axes: int,
+    tolerance: float = 1e-4,  # KITTI writes 7 digits
+) -> None:
+    """Check that a field holds rigid, finite transforms [..., 4, 4], and make it read-only."""
+    poses = np.asarray(getattr(owner, field), dtype=np.float64)
+    if poses.ndim != num_axes or poses.shape[-2:] != (4, 4):
+        raise BadData(
+            f"{_name(owner)}: {field} has shape {poses.shape}, expected {num_axes} axes, the last "
+            "two of 4"
+        )
+    rotation = poses[..., :3, :3]
+    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    is_rigid = (
+        (defect < tolerance)
+        & (np.linalg.det(rotation) > 0)
+        & np.isfinite(poses[..., :3, 3]).all(axis=-1)
+        & (poses[..., 3, :] == [0, 0, 0, 1]).all(axis=-1)
+    )
+    if not is_rigid.all():
+        index = np.argwhere(~is_rigid)[0].tolist()
+        raise BadData(
+            f"{_name(owner)}: pose {index} of {field} is not rigid and finite: expected a rotation "
+            "matrix, a translation and a last row 0 0 0 1"
+        )
+    store(owner, field, poses)
+
+
+def take(value: Any, steps: slice | BoolArray) -> Any:
+    """Return a copy of value[steps], or None; a slice of an array would lead to its other steps."""
     part = None if value is None else value[steps]
     return part.copy() if isinstance(part, np.ndarray) else part
 
 
-def array_of(what: str, value: Any, kind: Any, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    """An array of that kind and shape."""
-    array = np.asarray(value)
-    if array.dtype != np.dtype(kind) or array.shape != tuple(shape):
-        raise BadData(
-            f"{what}: {array.dtype} array of shape {array.shape}, expected {np.dtype(kind)} of "
-            f"shape {tuple(shape)}"
-        )
-    return array
-
-
-def times(what: str, value: Any, count: int | None) -> FloatArray:
-    """Increasing times [count]; of any number for None."""
-    times_s = np.asarray(value, dtype=np.float64)
-    if times_s.ndim != 1 or (count is not None and len(times_s) != count):
-        raise BadData(
-            f"{what} has shape {times_s.shape}, expected ({'T' if count is None else count},)"
-        )
-    if not np.isfinite(times_s).all():
-        raise BadData(f"{what}: a time is not finite: every step needs its time in seconds")
-    if (np.diff(times_s) <= 0).any():
-        step = int(np.argmax(np.diff(times_s) <= 0)) + 1
-        raise BadData(
-            f"{what}: step {step} is not later than the step before it: times must increase"
-        )
-    return times_s
-
-
-def rigid(what: str, value: Any) -> FloatArray:
-    """Rigid, finite transforms [..., 4, 4]."""
-    poses = np.asarray(value, dtype=np.float64)
-    if poses.ndim < 3 or poses.shape[-2:] != (4, 4):
-        raise BadData(f"{what} has shape {poses.shape}, expected [..., 4, 4]")
-    finite = np.isfinite(poses).all(axis=(-2, -1))
-    if not finite.all():
-        raise BadData(
-            f"{what}: pose {_first(~finite)} has a number that is not finite: remove or mend it"
-        )
-    rotation = poses[..., :3, :3]
-    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    good = (
-        (defect < RIGID_TOLERANCE)
-        & (np.linalg.det(rotation) > 0)
-        & (poses[..., 3, :] == [0, 0, 0, 1]).all(-1)
-    )
-    if not good.all():
-        raise BadData(
-            f"{what}: pose {_first(~good)} is not rigid: expected a rotation matrix and a last "
-            "row 0 0 0 1"
-        )
-    return poses
-
-
-def _first(bad: Any) -> int | tuple[int, ...]:
-    """The index of the first True."""
-    index = tuple(np.argwhere(bad)[0].tolist())
-    return index[0] if len(index) == 1 else index
+def _name(owner: object) -> str:
+    """Return the name of a clip, or else of the class."""
+    return getattr(owner, "name", "") or type(owner).__name__

@@ -12,8 +12,7 @@ from geovp_classic.types.arrays import (
     ByteArray,
     FloatArray,
     ShortRepr,
-    array_of,
-    store,
+    store_checked,
 )
 from geovp_classic.types.motion import Intrinsics
 
@@ -33,10 +32,9 @@ class Observations(ShortRepr):
 
     def __post_init__(self) -> None:
         shape = np.shape(self.frames)[:3]
-        store(self, frames=array_of("observations: frames", self.frames, np.uint8, (*shape, 3)))
-        store(self, greys=array_of("observations: greys", self.greys, np.uint8, shape))
-        usable = array_of("observations: is_usable", self.is_usable, bool, shape[:1])
-        store(self, is_usable=usable)
+        store_checked(self, "frames", np.uint8, (*shape, 3))
+        store_checked(self, "greys", np.uint8, shape)
+        store_checked(self, "is_usable", bool, shape[:1])
 
     def __getitem__(self, steps: slice | BoolArray) -> Observations:
         """Return the observations of the steps of a slice or a mask [P]."""

@@ -1,10 +1,12 @@
-"""The nouns are checked at the door and read-only inside."""
+"""Data types check their arrays at construction and are read-only afterwards."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import geovp_classic as geovp
 from geovp_classic.errors import BadData
 from geovp_classic.types import (
     Clip,
@@ -18,151 +20,155 @@ from geovp_classic.types import (
 )
 
 CAMERA = Intrinsics(50, 50, 15.5, 11.5, 32, 24)
+IDENTITY = np.eye(4)
 
 
-def trajectory(steps: int, is_metric: bool = True) -> Trajectory:
-    poses = np.tile(np.eye(4), (steps, 1, 1))
-    poses[:, 2, 3] = np.arange(steps)
-    return Trajectory(poses, np.arange(steps) * 0.1, is_metric)
+def trajectory(num_steps: int, is_metric: bool = True) -> Trajectory:
+    poses = np.tile(IDENTITY, (num_steps, 1, 1))
+    poses[:, 2, 3] = np.arange(num_steps)
+    return Trajectory(poses, np.arange(num_steps) * 0.1, is_metric)
 
 
-def full_clip(steps: int = 6) -> Clip:
-    frames = np.arange(steps, dtype=np.uint8)[:, None, None, None] * np.ones(
-        (1, 24, 32, 3), np.uint8
-    )
-    extra = ExtraView(
-        np.zeros((steps, 24, 48, 3), np.uint8), Intrinsics(50, 50, 23.5, 11.5, 48, 24), np.eye(4)
-    )
-    depths, moving = np.ones((steps, 24, 32), np.float32), np.zeros((steps, 24, 32), bool)
+def full_clip(num_steps: int = 6) -> Clip:
+    levels = np.arange(num_steps, dtype=np.uint8)[:, None, None, None]
+    view = ExtraView(np.zeros((num_steps, 24, 32, 3), np.uint8), CAMERA, IDENTITY)
     return Clip(
         "street/000",
-        frames,
-        np.arange(steps) * 0.1,
-        CAMERA,
-        trajectory(steps),
-        depths,
-        moving,
-        extra,
-        extra,
-        1.65,
+        frames=np.tile(levels, (1, 24, 32, 3)),
+        times_s=np.arange(num_steps) * 0.1,
+        intrinsics=CAMERA,
+        trajectory=trajectory(num_steps),
+        depths=np.ones((num_steps, 24, 32), np.float32),
+        moving=np.zeros((num_steps, 24, 32), bool),
+        full=view,
+        right=view,
+        camera_height_m=1.65,
     )
 
 
-def test_trajectories_refuse_what_is_not_a_motion() -> None:
-    good = trajectory(3)
-    nan, bent, mirrored = (good.world_from_cam.copy() for _ in range(3))
-    nan[1, 0, 3] = np.nan
-    bent[2, 0, 0] = 1.01
-    mirrored[0, 0, 0] = -1
-    for poses, message in (
-        (nan, "pose 1 has a number that is not finite"),
-        (bent, "pose 2 is not rigid"),
-        (mirrored, "pose 0 is not rigid"),
-        (np.eye(3)[None], r"expected \[..., 4, 4\]"),
-    ):
-        with pytest.raises(BadData, match=message):
-            Trajectory(poses, good.times_s[: len(poses)], True)
-    for times_s, message in (
-        (np.array([0, 0.1]), r"expected \(3,\)"),
-        (np.array([0, 0.2, 0.2]), "step 2 is not later"),
-        (np.array([0, np.nan, 1]), "not finite"),
-    ):
-        with pytest.raises(BadData, match=message):
-            Trajectory(good.world_from_cam, times_s, True)
+@pytest.mark.parametrize(
+    ("row", "column", "value"),
+    [(0, 3, np.nan), (0, 3, np.inf), (0, 0, np.nan), (0, 0, 1.01), (0, 0, -1), (3, 0, 1)],
+)
+def test_poses_are_rigid_and_finite(row: int, column: int, value: float) -> None:
+    poses = np.tile(IDENTITY, (2, 3, 1, 1))
+    poses[1, 2, row, column] = value
+    with pytest.raises(BadData, match=r"pose \[2\] of world_from_cam is not rigid"):
+        Trajectory(poses[1], np.arange(3.0), True)
+    with pytest.raises(BadData, match=r"pose \[1, 2\] of futures is not rigid"):
+        Motion(trajectory(2), poses, np.ones(2, bool))
 
 
-def test_arrays_are_read_only_inside_and_the_giver_keeps_his_own() -> None:
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    held = Trajectory(poses, np.array([0.0, 1]), True)
-    with pytest.raises(ValueError, match="read-only"):
-        held.world_from_cam[0, 0, 0] = 2
-    poses[0, 0, 3] = 1.0  # the array that was given stays writeable
-    with pytest.raises(ValueError, match="read-only"):
-        full_clip().frames[0] = 0
+@pytest.mark.parametrize("times_s", [[0, 0.1], [0, 0.2, 0.2], [0, 1, 0.5], [np.nan, 1, 2]])
+def test_each_pose_has_a_later_time_than_the_last(times_s: list[float]) -> None:
+    with pytest.raises(BadData, match="times_s"):
+        Trajectory(trajectory(3).world_from_cam, np.array(times_s), True)
 
 
-def test_slices_and_joins_keep_the_frame() -> None:
-    whole = trajectory(6)
-    assert len(whole[2:5]) == 3
-    np.testing.assert_array_equal(whole[:2].then(whole[2:]).world_from_cam, whole.world_from_cam)
+def test_stored_arrays_are_read_only_and_given_arrays_stay_writeable() -> None:
+    poses = np.tile(IDENTITY, (2, 1, 1))
+    stored = Trajectory(poses, np.array([0.0, 1]), True)
+    for array in (stored.world_from_cam, full_clip().frames):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    poses[0, 0, 3] = 1.0
+
+
+def test_slices_of_a_trajectory_can_be_joined_again() -> None:
+    path = replace(trajectory(6), scale_uncertainty=0.5)
+    joined = path[:2].then(path[2:])
+    np.testing.assert_array_equal(joined.world_from_cam, path.world_from_cam)
+    assert joined.scale_uncertainty == 0.5
     with pytest.raises(BadData, match="cannot be joined"):
-        whole[:2].then(Trajectory(whole.world_from_cam[2:], whole.times_s[2:], False))
-    with pytest.raises(BadData, match="not later"):
-        whole[3:].then(whole[:3])
+        path[:2].then(trajectory(6, is_metric=False)[2:])
+    with pytest.raises(BadData, match="increase"):
+        path[3:].then(path[:3])
 
 
-def test_only_metres_have_an_uncertainty_and_slices_keep_it() -> None:
-    whole = replace(trajectory(4), scale_uncertainty=0.5)
-    assert whole[:2].then(whole[2:]).scale_uncertainty == 0.5
-    for wrong in (-0.1, np.nan, np.inf):
+def test_only_metric_lengths_have_an_uncertainty() -> None:
+    for uncertainty in (-0.1, np.nan, np.inf):
         with pytest.raises(BadData, match="scale_uncertainty"):
-            replace(whole, scale_uncertainty=wrong)
+            replace(trajectory(4), scale_uncertainty=uncertainty)
     with pytest.raises(BadData, match="of a metric trajectory"):
-        replace(whole, is_metric=False)
+        replace(trajectory(4, is_metric=False), scale_uncertainty=0.5)
 
 
 def test_a_split_gives_the_past_to_the_context_and_the_future_to_the_target() -> None:
     clip = full_clip(6)
-    context, target = clip.split(
-        4, PrivilegedInput.PAST_POSES | PrivilegedInput.FULL_FRAMES | PrivilegedInput.PAST_DEPTHS
-    )
+    context, target = clip.split(4, PrivilegedInput.PAST_POSES | PrivilegedInput.FULL_FRAMES)
     assert (context.num_past, context.num_future) == (4, 2)
-    np.testing.assert_array_equal(context.frames[:, 0, 0, 0], [0, 1, 2, 3])
-    np.testing.assert_array_equal(target.frames[:, 0, 0, 0], [4, 5])
-    assert (len(context.past), len(context.full.frames), len(context.times_s)) == (4, 4, 6)
-    np.testing.assert_array_equal(target.trajectory.world_from_cam[:, 2, 3], [4, 5])
+    assert context.frames[:, 0, 0, 0].tolist() == [0, 1, 2, 3]
+    assert target.frames[:, 0, 0, 0].tolist() == [4, 5]
+    assert (len(context.past), len(context.full), len(context.times_s)) == (4, 4, 6)
+    assert target.trajectory.world_from_cam[:, 2, 3].tolist() == [4, 5]
+    assert context.past_depths is None
     for num_past in (0, 6):
         with pytest.raises(BadData, match="expected 1 to 5"):
             clip.split(num_past, PrivilegedInput.NONE)
 
 
-def test_clips_refuse_parts_that_do_not_fit() -> None:
-    clip = full_clip(3)
-    with pytest.raises(BadData, match="2 poses for 3 frames"):
-        Clip("a", clip.frames, clip.times_s, CAMERA, trajectory(2))
-    with pytest.raises(BadData, match="frames: uint8 array of shape"):
-        Clip("a", clip.frames[:, :-1], clip.times_s, CAMERA)
-    with pytest.raises(BadData, match="frames: float64"):
-        Clip("a", clip.frames.astype(float), clip.times_s, CAMERA)
-    with pytest.raises(BadData, match="depths: float64"):
-        Clip("a", clip.frames, clip.times_s, CAMERA, depths=np.ones((3, 24, 32)))
-    extra = ExtraView(np.zeros((2, 24, 32, 3), np.uint8), CAMERA, np.eye(4))
-    with pytest.raises(BadData, match="2 wide frames for 3"):
-        Clip("a", clip.frames, clip.times_s, CAMERA, full=extra)
+def test_a_context_can_be_reduced_to_some_frames() -> None:
+    context, _ = full_clip(6).split(4, ~PrivilegedInput.NONE)
+    recent = context.recent(2)
+    assert recent.frames[:, 0, 0, 0].tolist() == [2, 3]
+    assert recent.past.world_from_cam[:, 2, 3].tolist() == [2, 3]
+    np.testing.assert_allclose(recent.times_s, [0.2, 0.3, 0.4, 0.5])
+    assert context.recent(9) is context
 
 
-def test_intrinsics_must_be_positive_and_finite() -> None:
-    for wrong in ((0, 50, 1, 1, 4, 4), (50, 50, float("nan"), 1, 4, 4), (50, 50, 1, 1, 0, 4)):
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"trajectory": trajectory(2)},
+        {"frames": full_clip(3).frames[:, :-1]},
+        {"frames": full_clip(3).frames.astype(float)},
+        {"depths": np.ones((3, 24, 32))},
+        {"moving": np.ones((3, 24, 31), bool)},
+        {"full": full_clip(2).full},
+        {"times_s": np.arange(2)},
+    ],
+)
+def test_a_clip_refuses_fields_that_do_not_fit(fields: dict[str, Any]) -> None:
+    with pytest.raises(BadData, match=f"street/000: {next(iter(fields))}"):
+        replace(full_clip(3), **fields)
+
+
+def test_intrinsics_are_positive_and_finite() -> None:
+    for numbers in ((0, 50, 1, 1, 4, 4), (50, 50, float("nan"), 1, 4, 4), (50, 50, 1, 1, 0, 4)):
         with pytest.raises(BadData, match="positive"):
-            Intrinsics(*wrong)
+            Intrinsics(*numbers)
 
 
-def test_motions_views_and_predictions_are_checked() -> None:
+def test_outputs_have_the_expected_shapes_and_types() -> None:
     past = trajectory(2)
-    with pytest.raises(BadData, match=r"expected \[S, F, 4, 4\]"):
-        Motion(past, np.tile(np.eye(4), (3, 1, 1)), np.ones(2, bool))
-    bad = np.tile(np.eye(4), (2, 3, 1, 1))
-    bad[1, 2, 0, 0] = 5
-    with pytest.raises(BadData, match=r"pose \(1, 2\) is not rigid"):
-        Motion(past, bad, np.ones(2, bool))
-    with pytest.raises(BadData, match="tracked"):
-        Motion(past, bad[:1], np.ones(3, bool))
+    frames = np.zeros((2, 4, 4, 3), np.uint8)
     covered = np.ones((2, 4, 4), bool)
-    with pytest.raises(BadData, match="depths: float64"):
-        Views(np.zeros((2, 4, 4, 3), np.uint8), covered, np.ones((2, 4, 4)))
+    with pytest.raises(BadData, match="futures has shape"):
+        Motion(past, np.tile(IDENTITY, (3, 1, 1)), np.ones(2, bool))
+    with pytest.raises(BadData, match="tracked"):
+        Motion(past, np.tile(IDENTITY, (1, 3, 1, 1)), np.ones(3, bool))
+    with pytest.raises(BadData, match="depths is a float64 array"):
+        Views(frames, covered, np.ones((2, 4, 4)))
     with pytest.raises(BadData, match=r"expected \[S, F, H, W, 3\]"):
-        Prediction(np.zeros((2, 4, 4, 3), np.uint8))
-    with pytest.raises(BadData, match="coverage"):
-        Prediction(np.zeros((1, 2, 4, 4, 3), np.uint8), covered)
+        Prediction(frames)
+    with pytest.raises(BadData, match="covered"):
+        Prediction(frames[None], covered)
 
 
-def test_confidence_is_what_was_seen_and_tracked_of_all_frames_until_then() -> None:
+def test_confidence_is_the_fraction_of_covered_pixels_times_that_of_tracked_frames() -> None:
     covered = np.ones((2, 3, 4, 4), bool)
-    covered[1, 2, :, 0] = False  # a quarter of the second sample's third frame is invented
-    motion = Motion(
-        trajectory(4), np.tile(np.eye(4), (1, 3, 1, 1)), np.array([True, True, False, True])
-    )
+    covered[1, 2, :, 0] = False  # a quarter of the second sample's third frame
+    tracked = np.array([True, True, False, True])
+    motion = Motion(trajectory(4), np.tile(IDENTITY, (1, 3, 1, 1)), tracked)
     frames = np.zeros((2, 3, 4, 4, 3), np.uint8)
     confidence = Prediction(frames, covered, motion).confidence
     np.testing.assert_allclose(confidence, [[3 / 5, 3 / 6, 3 / 7], [3 / 5, 3 / 6, 0.75 * 3 / 7]])
     assert Prediction(frames).confidence is Prediction(frames, covered).confidence is None
+
+
+def test_reprs_show_shapes() -> None:
+    assert repr(trajectory(6)) == (
+        "Trajectory(world_from_cam=[6, 4, 4], times_s=[6], is_metric=True)"
+    )
+    frames = np.zeros((1, 2, 64, 64, 3), np.uint8)
+    assert repr(geovp.Prediction(frames)) == "Prediction(frames=[1, 2, 64, 64, 3])"
