@@ -90,9 +90,9 @@ def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) ->
         labels = [f"+{step + 1}" for step in range(rows.shape[1])]
     steps = np.linspace(0, rows.shape[1] - 1, num_frames)
     steps = np.unique(steps.round().astype(int))
-    margins_px = ((0, 0), (0, 0), (14, 2), (2, 2), (0, 0))  # labels above, gaps between
-    tiles = np.pad(rows[:, steps], margins_px, constant_values=255)  # [S, K, H + 16, W + 4, 3]
-    columns = np.concatenate(list(tiles), axis=1)  # [K, S * (H + 16), W + 4, 3]
+    margins_px = ((0, 0), (0, 0), (14, 0), (2, 2), (0, 0))  # labels above, gaps between
+    tiles = np.pad(rows[:, steps], margins_px, constant_values=255)  # [S, K, H + 14, W + 4, 3]
+    columns = np.concatenate(list(tiles), axis=1)  # [K, S * (H + 14), W + 4, 3]
     strip = Image.fromarray(np.concatenate(list(columns), axis=1))
     pen = ImageDraw.Draw(strip)
     for column, step in enumerate(steps):

@@ -1,14 +1,12 @@
-"""Settings of the whole suite: property tests never fail for slowness, only for being wrong. A
-drive of KITTI raw.
+"""Settings of the suite, registered components, and clips written in the layouts of data sets.
 
-Where CI is set, they try the same examples every time, so that a checkout passes or fails whenever
-it is run; on a developer's machine they go on looking for new ones.
+The writers compute all numbers of the files independently of the readers. If CI is set, property
+tests try the same examples each time; on a developer's machine they look for new ones.
 """
 
-import gc
 import math
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,47 +29,20 @@ settings.load_profile("geovp")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Prepare in the process that starts the workers, where there are any."""
+    """Prepare the process that starts the workers, if there are any."""
     if hasattr(config, "workerinput"):
         return
-    _forget_outdated_code()
-    if config.getoption(
-        "numprocesses", default=None
-    ):  # workers and what they start fill the cores; see parallel.py
+    _remove_outdated_code()
+    if config.getoption("numprocesses", default=None):  # the workers already use all cores
         os.environ.setdefault("OMP_NUM_THREADS", "1")
-        os.environ.setdefault(
-            "NUMBA_THREADING_LAYER", "workqueue"
-        )  # that of OpenMP gives torch all cores again
+        os.environ.setdefault("NUMBA_THREADING_LAYER", "workqueue")
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
-    """Modules and tests stay to the end: the search for garbage among them took a quarter of the
-    time of collecting.
-    """
-    gc.disable()
-    try:
-        return (yield)
-    finally:
-        gc.freeze()
-        gc.set_threshold(50_000, 20, 20)  # and of the search in what tests make themselves
-        gc.enable()
-
-
-def pytest_unconfigure() -> None:
-    """Let everything go."""
-    gc.unfreeze()
-
-
-def _forget_outdated_code() -> None:
-    """Forget compiled code that is older than any compiled source: numba's cache only knows a
-    function's own file.
-    """
+def _remove_outdated_code() -> None:
+    """Remove compiled code older than any compiled source; numba checks a function's file only."""
     package = Path(geovp_classic.__file__).parent
-    sources = [
-        path for path in package.rglob("*.py") if "numba" in path.read_text(encoding="utf-8")
-    ]
-    newest = max(path.stat().st_mtime for path in sources)
+    sources = [path for path in package.rglob("*.py") if "numba" in path.read_text()]
+    newest = max((path.stat().st_mtime for path in sources), default=0)
     for index in package.rglob("*.nbi"):
         if index.stat().st_mtime < newest:
             index.unlink()
@@ -135,99 +106,82 @@ def _write_kitti(root: Path, clip: Clip) -> None:
     pose_files.write_kitti(root / "poses/00.txt", clip.trajectory)
 
 
-# KITTI raw as a drive of it lies on disk, written from a clip; everything is worked out here anew.
-
-LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M, EARTH_RADIUS_M = 49.0, 8.4, 115.0, 6378137.0
-DATE, STAMP = "2011_09_26", np.datetime64("2011-09-26T13:02:25.964389445")
-FROM_CAMERA = np.array(
-    [[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]
-)  # forward, left, up from right, down, forward
-IMU_TO_VELO_T, VELO_TO_CAM_T = (-0.8, 0.3, -0.8), (0.0, -0.07, -0.27)
-OFFSET_M = {0: 0.0, 2: 0.06}  # x of camera 0 as camera K sees it
-RECT_RAD = (0.01, -0.02, 0.005)  # from camera 0 as it is mounted to the rectified one
+LATITUDE_DEG = 49.0
+LONGITUDE_DEG = 8.4
+ALTITUDE_M = 115.0
+EARTH_RADIUS_M = 6378137.0
+DATE = "2011_09_26"
+START = np.datetime64("2011-09-26T13:02:25.964389445")
+OFFSET_M = 0.06  # x of camera 0 in the frame of camera 2
+FORWARD_LEFT_UP = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # from right, down, forward
+RECT_FROM_CAM = Rotation.from_euler("xyz", (0.01, -0.02, 0.005)).as_matrix()
+IMU_TO_VELO_T = (-0.8, 0.3, -0.8)
+VELO_TO_CAM_T = (0.0, -0.07, -0.27)
 
 
 @pytest.fixture(scope="session")
 def write_kitti_raw() -> Callable[..., Path]:
-    """A function that writes a clip as drive NNNN of a root and returns the drive's folder; see
-    `_write_kitti_raw`.
-    """
+    """Return a function that writes a clip as drive NNNN of a root and returns its folder."""
     return _write_kitti_raw
 
 
-def _write_kitti_raw(
-    root: Path, number: int, clip: Clip, camera: int = 2, with_poses: bool = True
-) -> Path:
-    """The clip's frames as `image_0K`, its poses as readings of GPS and IMU, with the date's
-    calibration beside it.
-    """
+def _write_kitti_raw(root: Path, number: int, clip: Clip, with_poses: bool = True) -> Path:
+    """Write frames as `image_02`, poses as GPS and IMU readings, and the date's calibration."""
     drive = root / DATE / f"{DATE}_drive_{number:04d}_sync"
-    images = drive / f"image_0{camera}"
+    images = drive / "image_02"
     (images / "data").mkdir(parents=True)
     for step, frame in enumerate(clip.frames):
-        cv2.imwrite(str(images / "data" / f"{step:010d}.png"), frame[..., ::-1])
-    whole_ns = np.round((clip.times_s - clip.times_s[0]) * 1e9).astype("timedelta64[ns]")
-    (images / "timestamps.txt").write_text(
-        "".join(f"{str(STAMP + ns).replace('T', ' ')}\n" for ns in whole_ns)
-    )
-    rect_from_cam = Rotation.from_euler("xyz", RECT_RAD).as_matrix()
-    _write_calibration(root / DATE, clip, camera, rect_from_cam)
-    if not with_poses:
-        return drive
-    (drive / "oxts" / "data").mkdir(parents=True)
-    cam_from_velo = _rigid(FROM_CAMERA.T, VELO_TO_CAM_T)
-    rect_from_imu = (
-        _rigid(rect_from_cam, (0, 0, 0)) @ cam_from_velo @ _rigid(np.eye(3), IMU_TO_VELO_T)
-    )
-    camera_from_rect = _rigid(np.eye(3), (OFFSET_M[camera], 0, 0))
-    axes = _rigid(
-        FROM_CAMERA, (0, 0, 0)
-    )  # the clip's world has the camera's axes, the earth's x east, y north, z up
-    for step, world_from_cam in enumerate(clip.trajectory.world_from_cam):
-        earth_from_imu = axes @ world_from_cam @ camera_from_rect @ rect_from_imu
-        numbers = [*_reading(earth_from_imu), *np.zeros(24)]
-        (drive / "oxts" / "data" / f"{step:010d}.txt").write_text(
-            " ".join(f"{n:.12g}" for n in numbers) + "\n"
-        )
+        cv2.imwrite(str(images / f"data/{step:010d}.png"), frame[..., ::-1])
+    times_ns = np.round((clip.times_s - clip.times_s[0]) * 1e9).astype("timedelta64[ns]")
+    stamps = [str(START + time_ns).replace("T", " ") for time_ns in times_ns]
+    _write_lines(images / "timestamps.txt", stamps)
+    _write_calibration(root / DATE, clip)
+    if with_poses:
+        (drive / "oxts/data").mkdir(parents=True)
+        cam_from_velo = _rigid(FORWARD_LEFT_UP.T, VELO_TO_CAM_T)
+        velo_from_imu = _rigid(np.eye(3), IMU_TO_VELO_T)
+        rect_from_imu = _rigid(RECT_FROM_CAM, (0, 0, 0)) @ cam_from_velo @ velo_from_imu
+        camera_from_imu = _rigid(np.eye(3), (OFFSET_M, 0, 0)) @ rect_from_imu
+        earth_from_world = _rigid(FORWARD_LEFT_UP, (0, 0, 0))  # x east, y north, z up
+        for step, world_from_camera in enumerate(clip.trajectory.world_from_cam):
+            reading = _reading(earth_from_world @ world_from_camera @ camera_from_imu)
+            _write_lines(drive / f"oxts/data/{step:010d}.txt", [_text([*reading, *np.zeros(24)])])
     return drive
 
 
 def _reading(earth_from_imu: np.ndarray) -> list[float]:
-    """Latitude, longitude, altitude, roll, pitch, yaw on the Mercator plane whose scale is that of
-    LATITUDE_DEG.
-    """
+    """Return latitude, longitude, altitude, roll, pitch and yaw; the plane is Mercator's."""
     scale_m = EARTH_RADIUS_M * math.cos(math.radians(LATITUDE_DEG))
     east_m, north_m, up_m = earth_from_imu[:3, 3]
     north_m += scale_m * math.atanh(math.sin(math.radians(LATITUDE_DEG)))
     latitude = math.degrees(math.asin(math.tanh(north_m / scale_m)))  # the Gudermann function
-    r = earth_from_imu[:3, :3]
-    angles = math.atan2(r[2, 1], r[2, 2]), -math.asin(r[2, 0]), math.atan2(r[1, 0], r[0, 0])
-    return [latitude, LONGITUDE_DEG + math.degrees(east_m / scale_m), ALTITUDE_M + up_m, *angles]
+    longitude = LONGITUDE_DEG + math.degrees(east_m / scale_m)
+    yaw, pitch, roll = Rotation.from_matrix(earth_from_imu[:3, :3]).as_euler("ZYX")
+    return [latitude, longitude, ALTITUDE_M + up_m, roll, pitch, yaw]
 
 
-def _write_calibration(date: Path, clip: Clip, camera: int, rect_from_cam: np.ndarray) -> None:
-    projection = np.hstack(
-        [clip.intrinsics.matrix, clip.intrinsics.matrix @ [[OFFSET_M[camera]], [0], [0]]]
-    )
-    size = f"{clip.intrinsics.width_px} {clip.intrinsics.height_px}"
-    lines = {
-        "calib_time": "09-Jan-2012 13:57:47",
-        "corner_dist": "9.95e-02",
-        "R_rect_00": _text(rect_from_cam),
-    }
-    lines |= {f"S_rect_0{camera}": size, f"P_rect_0{camera}": _text(projection)}
-    (date / "calib_cam_to_cam.txt").write_text(
-        "".join(f"{name}: {text}\n" for name, text in lines.items())
-    )
-    velo = f"calib_time: 25-May-2012 16:47:16\nR: {_text(np.eye(3))}\nT: {_text(IMU_TO_VELO_T)}\n"
-    (date / "calib_imu_to_velo.txt").write_text(velo)
-    cam = f"calib_time: 15-Mar-2012 11:37:16\nR: {_text(FROM_CAMERA.T)}\nT: {_text(VELO_TO_CAM_T)}\ndelta_f: 0 0\n"
-    (date / "calib_velo_to_cam.txt").write_text(cam)
+def _write_calibration(date: Path, clip: Clip) -> None:
+    matrix = clip.intrinsics.matrix
+    projection = np.column_stack([matrix, matrix @ [OFFSET_M, 0, 0]])
+    cameras = [
+        "calib_time: 09-Jan-2012 13:57:47",
+        "corner_dist: 9.95e-02",
+        f"R_rect_00: {_text(RECT_FROM_CAM)}",
+        f"S_rect_02: {clip.intrinsics.width_px} {clip.intrinsics.height_px}",
+        f"P_rect_02: {_text(projection)}",
+    ]
+    _write_lines(date / "calib_cam_to_cam.txt", cameras)
+    imu = ["calib_time: 25-May-2012 16:47:16", f"R: {_text(np.eye(3))}"]
+    _write_lines(date / "calib_imu_to_velo.txt", [*imu, f"T: {_text(IMU_TO_VELO_T)}"])
+    velo = ["calib_time: 15-Mar-2012 11:37:16", f"R: {_text(FORWARD_LEFT_UP.T)}"]
+    velo += [f"T: {_text(VELO_TO_CAM_T)}", "delta_f: 0 0"]
+    _write_lines(date / "calib_velo_to_cam.txt", velo)
 
 
 def _rigid(rotation: np.ndarray, translation: Sequence[float]) -> np.ndarray:
     matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, translation
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = translation
     return matrix
 
 
@@ -235,51 +189,44 @@ def _text(numbers: ArrayLike) -> str:
     return " ".join(f"{number:.12g}" for number in np.ravel(numbers))
 
 
-# TUM RGB-D, EuRoC and COLMAP as their files lie on disk, written from a clip; numbers are worked
-# out here anew.
-
-EUROC_START_NS = 1403636579763555584
-BODY_FROM_CAM = np.array([[0.0, -1, 0, -0.02], [1, 0, 0, -0.06], [0, 0, 1, 0.01], [0, 0, 0, 1]])
+def _write_lines(path: Path, lines: Sequence[str], end: str = "\n") -> None:
+    path.write_text(end.join([*lines, ""]))
 
 
 def _quaternion(pose: np.ndarray) -> list[float]:
-    """As x, y, z, w."""
+    """Return x, y, z, w."""
     return Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
 
 
 @pytest.fixture(scope="session")
 def write_tum() -> Callable[..., Path]:
-    """A function that writes a clip as the sequence `root/name`, depths 6 ms before and poses 4 ms
-    after the images.
+    """Return a function that writes a clip as the TUM RGB-D sequence `root/name`.
+
+    Depths are 6 ms before, and poses 4 ms after the images.
     """
 
     def write(root: Path, name: str, clip: Clip) -> Path:
         folder = root / name
-        lists: dict[str, list[str]] = {
-            "rgb": ["# timestamp filename"],
-            "depth": [],
-            "groundtruth": [],
-        }
-        for kind in ("rgb", "depth"):
-            (folder / kind).mkdir(parents=True)
+        (folder / "rgb").mkdir(parents=True)
+        (folder / "depth").mkdir()
+        images = ["# timestamp filename"]
+        depths = []
+        poses = []
         for step, time_s in enumerate(100 + clip.times_s):
-            lists["rgb"].append(f"{time_s:.6f} rgb/{step}.png")
-            cv2.imwrite(str(folder / "rgb" / f"{step}.png"), clip.frames[step][..., ::-1])
+            images.append(f"{time_s:.6f} rgb/{step}.png")
+            cv2.imwrite(str(folder / f"rgb/{step}.png"), clip.frames[step][..., ::-1])
             if clip.depths is not None:
-                lists["depth"].append(f"{time_s - 0.006:.6f} depth/{step}.png")
-                depth = np.where(
-                    clip.depths[step] < 13, clip.depths[step], 0
-                )  # 16 bits end at 13.1 m
-                cv2.imwrite(
-                    str(folder / "depth" / f"{step}.png"), np.rint(5000 * depth).astype(np.uint16)
-                )
+                depths.append(f"{time_s - 0.006:.6f} depth/{step}.png")
+                depth = np.where(clip.depths[step] < 13, clip.depths[step], 0)  # up to 13.1 m
+                values = np.rint(5000 * depth).astype(np.uint16)
+                cv2.imwrite(str(folder / f"depth/{step}.png"), values)
             if clip.trajectory is not None:
                 pose = clip.trajectory.world_from_cam[step]
                 numbers = [time_s + 0.004, *pose[:3, 3], *_quaternion(pose)]
-                lists["groundtruth"].append(" ".join(f"{number:.9f}" for number in numbers))
-        for kind, lines in lists.items():
+                poses.append(" ".join(f"{number:.9f}" for number in numbers))
+        for kind, lines in (("rgb", images), ("depth", depths), ("groundtruth", poses)):
             if lines:
-                (folder / f"{kind}.txt").write_text("\n".join(lines) + "\n")
+                _write_lines(folder / f"{kind}.txt", lines)
         return folder
 
     return write
@@ -287,9 +234,11 @@ def write_tum() -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def write_euroc() -> Callable[..., Path]:
-    """A function that writes a clip as the sequence `root/name`, poses at the images' times and 2
-    ms later.
+    """Return a function that writes a clip as the EuRoC sequence `root/name`.
+
+    Poses are at the images' times and 2 ms later.
     """
+    body_from_cam = _rigid(np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]]), (-0.02, -0.06, 0.01))
 
     def write(
         root: Path,
@@ -298,40 +247,39 @@ def write_euroc() -> Callable[..., Path]:
         model: str = "radial-tangential",
         lens: Sequence[float] = (0,) * 4,
     ) -> Path:
-        cam, truth = (
-            root / name / "mav0" / "cam0",
-            root / name / "mav0" / "state_groundtruth_estimate0",
-        )
-        (cam / "data").mkdir(parents=True)
-        images, poses = (
-            ["#timestamp [ns],filename"],
-            ["#timestamp, p_RS_R_x [m], ..., q_RS_w [], q_RS_x [], ..."],
-        )
+        mav = root / name / "mav0"
+        (mav / "cam0/data").mkdir(parents=True)
+        images = ["#timestamp [ns],filename"]
+        poses = ["#timestamp, p_RS_R_x [m], ..., q_RS_w [], q_RS_x [], ..."]
         for step, time_s in enumerate(clip.times_s):
-            stamp = EUROC_START_NS + round(float(time_s) * 1e9)
+            stamp = 1403636579763555584 + round(float(time_s) * 1e9)
             images.append(f"{stamp},{stamp}.png")
-            cv2.imwrite(str(cam / "data" / f"{stamp}.png"), clip.frames[step][..., 0])
+            cv2.imwrite(str(mav / f"cam0/data/{stamp}.png"), clip.frames[step][..., 0])
             if clip.trajectory is not None:
-                world_from_body = clip.trajectory.world_from_cam[step] @ np.linalg.inv(
-                    BODY_FROM_CAM
-                )
-                x, y, z, w = _quaternion(world_from_body)
-                numbers = ",".join(
-                    f"{number:.9f}" for number in [*world_from_body[:3, 3], w, x, y, z, *[0] * 9]
-                )
+                pose = clip.trajectory.world_from_cam[step] @ np.linalg.inv(body_from_cam)
+                x, y, z, w = _quaternion(pose)
+                values = [*pose[:3, 3], w, x, y, z, *[0] * 9]
+                numbers = ",".join(f"{value:.9f}" for value in values)
                 poses += [f"{stamp},{numbers}", f"{stamp + 2_000_000},{numbers}"]
-        (cam / "data.csv").write_text("\r\n".join(images) + "\r\n")
+        _write_lines(mav / "cam0/data.csv", images, "\r\n")
         if clip.trajectory is not None:
-            truth.mkdir()
-            (truth / "data.csv").write_text("\r\n".join(poses) + "\r\n")
+            (mav / "state_groundtruth_estimate0").mkdir()
+            _write_lines(mav / "state_groundtruth_estimate0/data.csv", poses, "\r\n")
         camera = clip.intrinsics
-        numbers = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
-        transform = ", ".join(str(number) for number in BODY_FROM_CAM.ravel())
-        (cam / "sensor.yaml").write_text(
-            f"sensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n  data: [{transform}]\nrate_hz: 20\n"
-            f"resolution: [{camera.width_px}, {camera.height_px}]\ncamera_model: pinhole\nintrinsics: {numbers}\n"
-            f"distortion_model: {model}\ndistortion_coefficients: {list(lens)}\n"
-        )
+        sensor = [
+            "sensor_type: camera",
+            "T_BS:",
+            "  cols: 4",
+            "  rows: 4",
+            f"  data: {body_from_cam.ravel().tolist()}",
+            "rate_hz: 20",
+            f"resolution: [{camera.width_px}, {camera.height_px}]",
+            "camera_model: pinhole",
+            f"intrinsics: [{camera.fx_px}, {camera.fy_px}, {camera.cx_px}, {camera.cy_px}]",
+            f"distortion_model: {model}",
+            f"distortion_coefficients: {list(lens)}",
+        ]
+        _write_lines(mav / "cam0/sensor.yaml", sensor)
         return root / name
 
     return write
@@ -339,36 +287,30 @@ def write_euroc() -> Callable[..., Path]:
 
 @pytest.fixture(scope="session")
 def write_colmap() -> Callable[..., Path]:
-    """A function that writes a clip as images and model of `root/name`, some images not registered."""
+    """Return a function that writes a clip as images and model; `lost` images have no pose."""
 
     def write(
-        root: Path,
-        name: str,
-        clip: Clip,
-        lost: Sequence[int] = (),
-        distortion: float = 0.0,
-        text: bool = False,
+        root: Path, name: str, clip: Clip, lost: Sequence[int] = (), text: bool = False
     ) -> Path:
         import pycolmap
 
-        folder, camera, model = root / name, clip.intrinsics, pycolmap.Reconstruction()
+        folder = root / name
         (folder / "images").mkdir(parents=True)
-        params = [camera.fx_px, camera.cx_px + 0.5, camera.cy_px + 0.5, distortion]
+        camera = clip.intrinsics
+        params = [camera.fx_px, camera.cx_px + 0.5, camera.cy_px + 0.5, 0.0]
         size = {"width": camera.width_px, "height": camera.height_px}
         lens = pycolmap.Camera(model="SIMPLE_RADIAL", params=params, camera_id=1, **size)
+        model = pycolmap.Reconstruction()
         model.add_camera_with_trivial_rig(lens)
-        assert clip.trajectory is not None
         for step, frame in enumerate(clip.frames):
-            cv2.imwrite(str(folder / "images" / f"im{step}.png"), frame[..., ::-1])
+            cv2.imwrite(str(folder / f"images/im{step}.png"), frame[..., ::-1])
             if step not in lost:
                 cam_from_world = np.linalg.inv(clip.trajectory.world_from_cam[step])
-                pose = pycolmap.Rigid3d(
-                    pycolmap.Rotation3d(cam_from_world[:3, :3]), cam_from_world[:3, 3]
-                )
                 image = pycolmap.Image(name=f"im{step}.png", camera_id=1, image_id=100 - step)
-                model.add_image_with_trivial_frame(image, pose)
-        (folder / "sparse" / "0").mkdir(parents=True)
-        (model.write_text if text else model.write_binary)(str(folder / "sparse" / "0"))
+                model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(cam_from_world[:3]))
+        sparse = folder / "sparse/0"
+        sparse.mkdir(parents=True)
+        (model.write_text if text else model.write_binary)(str(sparse))
         return folder
 
     return write
