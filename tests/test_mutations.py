@@ -32,13 +32,13 @@ from geovp_classic.data import (
     colmap,
     euroc,
     frames,
-    kitti_layout,
-    kitti_raw_layout,
+    kitti,
+    kitti_raw,
     pose_files,
-    posed_sequences,
+    scan,
     splits,
 )
-from geovp_classic.data.findings import raise_first
+from geovp_classic.data.findings import Findings
 from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths
 from geovp_classic.errors import GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
@@ -47,7 +47,7 @@ NUM_MUTATIONS = 100
 MAX_SECONDS = 10.0
 MAX_MIB = 1024
 CAMERA = Intrinsics(60.0, 60.0, 23.5, 15.5, 48, 32)
-LENS = DistortedCamera.of("OPENCV", (60.0, 60.0, 23.5, 15.5), (0, 0, 0, 0), (48, 32))
+LENS = DistortedCamera(CAMERA, "OPENCV", (0, 0, 0, 0))
 NOISE = np.random.default_rng(0).integers(0, 2**16, (32, 48, 3), dtype=np.uint16)
 IMAGE = cv2.GaussianBlur((NOISE >> 8).astype(np.uint8), (0, 0), 1.5)
 POSES = np.tile(np.eye(4), (8, 1, 1))
@@ -94,9 +94,12 @@ def with_sums(write: Write) -> Write:
     return write_both
 
 
-def first_error(scanned: tuple[Any, ...]) -> Any:
-    raise_first(scanned[-1])
-    return scanned[:-1]
+def first_error(scan_file: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the result of a scanning function; BadData for its first error."""
+    findings = Findings()
+    scanned = scan_file(*arguments, findings)
+    findings.raise_first()
+    return scanned
 
 
 def video(name: str, codec: str) -> Write:
@@ -171,7 +174,7 @@ def colmap_model(file: str) -> Write:
 
 def read_colmap(path: Path) -> Any:
     scanned = colmap.scan(path.parents[1])
-    raise_first(scanned.findings)
+    scanned.findings.raise_first()
     return scanned.world_from_cam, [dataclasses.astuple(camera) for camera in scanned.cameras]
 
 
@@ -247,23 +250,21 @@ READERS: dict[str, Reader] = {
     "kitti poses": Reader(poses(pose_files.write_kitti), pose_files.read_kitti),
     "tum poses": Reader(poses(pose_files.write_tum), pose_files.read_tum),
     "asl poses": Reader(
-        text("data.csv", ASL), lambda path: first_error(pose_files.scan_asl(path, 1e18))
+        text("data.csv", ASL), lambda path: first_error(pose_files.scan_asl, path, 1e18)
     ),
     "times": Reader(text("times.txt", TIMES), pose_files.read_times),
     "calib.txt": Reader(
         text("calib.txt", KITTI_CALIBRATION),
-        lambda path: first_error(kitti_layout.scan_calibration(path)),
+        lambda path: first_error(kitti.scan_projection, path, "P1"),
     ),
     "raw timestamps": Reader(
         text("timestamps.txt", STAMPS),
-        lambda path: first_error(kitti_raw_layout.scan_timestamps(path)),
+        lambda path: first_error(kitti_raw.scan_timestamps, path),
     ),
     "cameras.txt": Reader(text("cameras.txt", COLMAP_CALIBRATION), read_calibration),
     "ros yaml": Reader(text("c.yaml", ROS_YAML), read_calibration),
     "sensor.yaml": Reader(text("sensor.yaml", SENSOR_YAML), euroc.read_sensor),
-    "rgb.txt": Reader(
-        rgb_list, lambda path: first_error(posed_sequences.scan_list(path, path.parent))
-    ),
+    "rgb.txt": Reader(rgb_list, lambda path: first_error(scan.scan_list, path, path.parent)),
     "split": Reader(
         text("s.toml", 'ranges = ["06", "03[180:360)"]\n'), lambda path: splits.load(str(path))
     ),

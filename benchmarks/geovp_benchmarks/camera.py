@@ -10,7 +10,7 @@ import numpy as np
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic.data.calibration_files import Calibration, exif_focal_px, read_calibration
 from geovp_classic.data.frames import FrameFiles
-from geovp_classic.data.undistortion import UndistortedVideo, common_pinhole
+from geovp_classic.data.undistortion import UndistortedFrames, common_pinhole
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
@@ -98,7 +98,7 @@ def _undistorted(
     if (lens := read.lens(camera)) is None:
         return Camera(camera, source), replace(recording, intrinsics=camera)
     view = common_pinhole([lens], file)
-    frames = UndistortedVideo(recording.frames, lens, view)
+    frames = UndistortedFrames(recording.frames, (lens,) * len(recording.frames), view)
     return Camera(view, source, read.distortion), replace(recording, frames=frames, intrinsics=view)
 
 

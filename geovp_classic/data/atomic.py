@@ -1,6 +1,4 @@
-"""Files and folders that appear only when they are complete, whatever kills the process that writes
-them.
-"""
+"""Files and folders that appear only when they are complete, even if the writer is killed."""
 
 import os
 import shutil
@@ -11,10 +9,10 @@ from pathlib import Path
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """A scratch path beside `path` for a file or a folder, renamed to `path` at the end and removed
-    after an error.
+    """Yield a scratch path that becomes the file or folder `path` at the end.
 
-    Folders above `path` are made; an existing file or empty folder is replaced.
+    The scratch is removed after an error. Parent folders are created; an existing file or empty
+    folder is replaced.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.{os.getpid()}.part")

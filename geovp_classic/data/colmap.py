@@ -7,37 +7,35 @@ registered breaks the sequence, as does another sub-folder.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from geovp_classic.data import colmap_sizes, posed_sequences
-from geovp_classic.data.findings import Finding, error
-from geovp_classic.data.frames import SUFFIXES, natural_order
-from geovp_classic.data.pose_files import FARTHEST
-from geovp_classic.data.posed_sequences import PosedSequences, Scanned
+from geovp_classic import files
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.frames import is_image, natural_order
+from geovp_classic.data.scan import Scan, sequence_folders
+from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
-MODELS = ("sparse/0", "sparse", ".")
-RATE_HZ = 10.0  # as KITTI; a model does not say when images were taken
+Registered = dict[str, tuple[FloatArray, DistortedCamera]]
 
 
 @dataclass(frozen=True)
 class Colmap(PosedSequences):
-    """Images in the order of their names (2 before 10) with the poses of a COLMAP model; settings
-    as `PosedSequences`'.
+    """Images in the order of their names (2 before 10) with the poses of a COLMAP model.
 
-    Images are taken `rate_hz` times a second, those that the model lacks included. A model's unit
-    is not the metre unless `is_metric` says so. Images of several cameras are all shown as one
-    pinhole camera sees them.
+    Settings are `PosedSequences`'. Images are taken `rate_hz` times a second, those that the model
+    lacks included. A model's unit is not the metre unless `is_metric` says so. Images of several
+    cameras are all shown as one pinhole camera sees them.
     """
 
     name: ClassVar[str] = "colmap"
 
-    rate_hz: float = RATE_HZ
+    rate_hz: float = 10.0  # as KITTI; a model does not say when images were taken
     is_metric: bool = False
 
     def __post_init__(self) -> None:
@@ -47,109 +45,122 @@ class Colmap(PosedSequences):
             )
         super().__post_init__()
 
-    def _folders(self) -> dict[str, Path]:
-        return folders(self.root)
+    @staticmethod
+    def folders(root: Path) -> dict[str, Path]:
+        """Return the sequences of a root by name."""
+        return sequence_folders(
+            root, lambda path: _model(path) is not None, "a folder with images and sparse/0"
+        )
 
-    def _scan(self, folder: Path) -> Scanned:
+    @staticmethod
+    def scans(folder: Path) -> dict[str, Scan]:
+        """Scan a sequence as the default settings see it."""
+        return {"": scan(folder)}
+
+    def _scan(self, folder: Path) -> Scan:
         return scan(folder, self.rate_hz, self.is_metric)
 
 
-def folders(root: Path) -> dict[str, Path]:
-    """The sequences of a root by name."""
-    return posed_sequences.folders(
-        root, lambda path: _model(path) is not None, "a folder with images and sparse/0"
+def scan(folder: Path, rate_hz: float = Colmap.rate_hz, is_metric: bool = False) -> Scan:
+    """Scan a sequence; it has images alone if the model cannot be used."""
+    findings = Findings()
+    root = folder / "images" if (folder / "images").is_dir() else folder
+    images = sorted(
+        filter(is_image, root.rglob("*")), key=lambda path: (path.parent, natural_order(path))
     )
-
-
-def scan(folder: Path, rate_hz: float = RATE_HZ, is_metric: bool = False) -> Scanned:
-    """A sequence as its model describes it; without a model of that folder there are
-    images alone.
-    """
-    model, images = _model(folder), folder / "images" if (folder / "images").is_dir() else folder
-    files = sorted(
-        (
-            path
-            for path in images.rglob("*")
-            if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-        ),
-        key=lambda path: (path.parent, natural_order(path)),
-    )
-    found = {} if model is None else _registered(model)
-    findings = _lacking(images, files, found)
-    if model is None or findings:
-        return Scanned(tuple(files), np.arange(len(files)) / rate_hz, (), tuple(findings))
-    first = next(iter(found.values()))[1]
-    poses, cameras = np.full((len(files), 4, 4), np.nan), [first] * len(files)
-    for number, path in enumerate(files):
-        name = path.relative_to(images).as_posix()
-        if name in found:
-            poses[number], cameras[number] = found[name]
-    starts = frozenset(i for i in range(1, len(files)) if files[i].parent != files[i - 1].parent)
-    times_s = np.arange(len(files)) / rate_hz
-    return Scanned(
-        tuple(files), times_s, tuple(cameras), (), poses, is_metric=is_metric, starts=starts
+    times_s = np.arange(len(images)) / rate_hz
+    names = [path.relative_to(root).as_posix() for path in images]
+    model = _model(folder)
+    registered: Registered = {}
+    try:
+        registered = {} if model is None else _read_model(model)
+    except BadData as problem:
+        findings.add(folder, problem)
+    missing = sorted(registered.keys() - set(names))
+    if missing:
+        message = (
+            f"lacks {len(missing)} of {len(registered)} images of the model, the first being "
+            f"{missing[0][:200]}: put the folder that COLMAP was given as --image_path here"
+        )
+        findings.error(root, message)
+    if not registered and not findings:
+        findings.error(root, "has a model without a registered image: rerun COLMAP's mapper")
+    if findings:
+        return Scan(tuple(images), times_s, (), findings)
+    world_from_cam = np.full((len(images), 4, 4), np.nan)
+    _, any_camera = next(iter(registered.values()))
+    cameras = [any_camera] * len(images)
+    starts = set()
+    for number, name in enumerate(names):
+        if name in registered:
+            world_from_cam[number], cameras[number] = registered[name]
+        if images[number].parent != images[number - 1].parent:
+            starts.add(number)
+    return Scan(
+        tuple(images),
+        times_s,
+        tuple(cameras),
+        findings,
+        world_from_cam,
+        is_metric=is_metric,
+        starts=frozenset(starts),
     )
 
 
 def _model(folder: Path) -> Path | None:
-    """The folder of a sequence's model."""
-    tried = [folder / name for name in MODELS]
-    return next(
-        (
-            path
-            for path in tried
-            if any((path / f"images.{kind}").is_file() for kind in ("bin", "txt"))
-        ),
-        None,
-    )
+    """Return the folder of a sequence's model."""
+    for name in ("sparse/0", "sparse", "."):
+        if any((folder / name / f"images.{suffix}").is_file() for suffix in ("bin", "txt")):
+            return folder / name
+    return None
 
 
-def _lacking(images: Path, files: list[Path], registered: dict[str, Any]) -> list[Finding]:
-    """What keeps a model from being used with these files."""
-    if not registered:
-        return [
-            error(images, None, "has a model without a registered image: run COLMAP's mapper again")
-        ]
-    there = {path.relative_to(images).as_posix() for path in files}
-    lacking = sorted(registered.keys() - there)
-    if not lacking:
-        return []
-    message = (
-        f"lacks {len(lacking)} of {len(registered)} images of the model, the first being "
-        f"{lacking[0]}"
-    )
-    return [
-        error(images, None, f"{message}: put the folder that COLMAP was given as --image_path here")
-    ]
-
-
-def _registered(model: Path) -> dict[str, tuple[FloatArray, DistortedCamera]]:
-    """world_from_cam [4, 4] and camera of every registered image by its name; BadData when the
-    files are damaged.
-    """
+def _read_model(model: Path) -> Registered:
+    """Read world_from_cam [4, 4] and camera of every registered image by its name."""
     from geovp_classic.colmap_library import pycolmap
 
-    colmap_sizes.check(model)
+    _check_counts(model / "images.bin", 64, True, 8, 24)
+    _check_counts(model / "points3D.bin", 43, False, 8, 8)
+    _check_counts(model / "frames.bin", 64, False, 4, 16)
+    registered: Registered = {}
     try:
-        return _posed(model, pycolmap.Reconstruction(str(model)))
+        reconstruction = pycolmap.Reconstruction(str(model))
+        for image in reconstruction.images.values():
+            if image.has_pose:
+                lens = DistortedCamera.from_colmap(reconstruction.cameras[image.camera_id])
+                cam_from_world = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
+                registered[image.name] = (se3.inverse(cam_from_world), lens)
     except (ValueError, RuntimeError, LookupError, MemoryError, OverflowError) as problem:
         reason = str(problem).strip().partition("\n")[0]
         raise BadData(
             f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one"
         ) from problem
+    for name, (world_from_cam, lens) in registered.items():
+        if not np.isfinite([*world_from_cam.ravel(), *lens.distortion]).all():
+            raise BadData(f"{model}: image {name} has a pose or camera that is not finite")
+    return registered
 
 
-def _posed(model: Path, read: Any) -> dict[str, tuple[FloatArray, DistortedCamera]]:
-    found = {}
-    for image in (each for each in read.images.values() if each.has_pose):
-        camera = read.cameras[image.camera_id]
-        params = tuple(float(value) for value in camera.params)
-        lens = DistortedCamera(camera.model.name, params, camera.width, camera.height)
-        cam_from_world = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
-        if not (np.abs([*cam_from_world.ravel(), *params]) <= FARTHEST).all():
-            raise BadData(
-                f"{model}: image {image.name} has a pose or camera that is not finite: run "
-                "COLMAP again"
-            )
-        found[image.name] = (se3.inverse(cam_from_world), lens)
-    return found
+def _check_counts(
+    path: Path, fixed_bytes: int, has_name: bool, count_bytes: int, item_bytes: int
+) -> None:
+    """Raise BadData for a binary file of a model that is not as long as its counts say.
+
+    A record holds fixed bytes, perhaps a name, and a count of items. pycolmap 4.2 reads points,
+    images and frames beyond the end of a file, for hours or until memory is full; it refuses other
+    damage.
+    """
+    if not path.exists():
+        return
+    content = files.read_bytes(path, 4096 * files.MIB)
+    end = 8
+    for _ in range(int.from_bytes(content[:8], "little")):
+        end += fixed_bytes
+        if has_name:
+            end = content.find(b"\0", end) + 1 or len(content)
+        count = int.from_bytes(content[end : end + count_bytes], "little")
+        end += count_bytes + count * item_bytes
+        if end > len(content):
+            break
+    if end != len(content):
+        raise BadData(f"{path} has {len(content)} bytes, not as its counts say: rerun COLMAP")

@@ -1,44 +1,27 @@
-"""Check the folder of a data set: list everything that is there and all that is wrong, by file and
-line.
+"""Check of a data set's folder: all of its sequences, and all that is wrong, by file and line.
 
-The loader stops at the first error of what it needs; the doctor reads every sequence, camera and
-pose.
+A loader stops at the first error of what it needs; the doctor reads every sequence, camera and
+pose, and warns of content that no car or camera produces.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from geovp_classic.data import (
-    kitti_layout,
-    kitti_raw_layout,
-    layouts,
-    plausibility,
-    pose_files,
-    posed_doctor,
-    splits,
-)
-from geovp_classic.data.findings import Finding, error
-from geovp_classic.data.frames import scan_numbered
-from geovp_classic.data.pose_files import IndexArray, PoseTable
+from geovp_classic.data import layouts, splits
+from geovp_classic.data.findings import Finding, Findings
+from geovp_classic.data.frames import image_size
+from geovp_classic.data.scan import Scan
+from geovp_classic.data.undistortion import common_pinhole
 from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
-NO_POSES = "does not exist: the sequence serves for prediction without ground truth"
-ScanTimes = Callable[[Path], tuple[FloatArray, tuple[int, ...], list[Finding]]]
-ExamineOne = Callable[[Path, str, bool, list[Finding]], tuple[dict[str, str], int]]
-
-
-@dataclass(frozen=True)
-class Camera:
-    """The contents of one folder image_K."""
-
-    number: int
-    num_frames: int
-    sizes_px: tuple[tuple[int, int], ...]  # every (width, height) that occurs
+NO_POSES = "has no recorded poses: it serves for prediction without ground truth"
+Size = tuple[int, int]  # (width, height)
 
 
 @dataclass(frozen=True)
@@ -51,205 +34,193 @@ class Examination:
 
     @property
     def is_sound(self) -> bool:
-        """Whether there is no error; there may be warnings and notes."""
+        """Return whether there is no error; there may be warnings and notes."""
         return not any(finding.severity == "error" for finding in self.findings)
 
 
-def examine(
-    root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter
-) -> Examination:
-    """Everything under a root; headers and ends of images are read, with `deep` every image is
-    decoded.
+@dataclass(frozen=True)
+class Doctor:
+    """An examination of data sets with the limits of plausible content."""
 
-    The sequences' names go through `watch` one by one, which may show a progress bar (tqdm does).
-    BadData only when the root holds no sequences at all.
-    """
-    names, examine_one = _sequences(root)
-    rows, findings, num_frames = [], [], {}
-    for name in watch(names):
-        found: list[Finding] = []
-        row, num_frames[name] = examine_one(root, name, deep, found)
-        rows.append(row)
-        findings += found
-    for path in sorted((root / "poses").glob("*.txt")):
-        if path.stem not in names:
-            message = f"there is no sequence {path.stem!r} with images for these poses"
-            findings.append(Finding(path, None, "note", message))
-    return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
+    max_speed_m_s: float = 60.0  # 216 km/h; 26 m/s at most in KITTI
+    max_turn_deg: float = 20.0  # between two frames; 5 degrees at most in KITTI
+    max_step_ratio: float = 1.8  # a longer time step, in medians, is a dropped frame
+    max_off_centre_ratio: float = 0.2  # of the principal point, in widths and heights
 
+    def examine(
+        self, root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter
+    ) -> Examination:
+        """Examine everything under a root; with `deep` every image is decoded.
 
-def _sequences(root: Path) -> tuple[list[str], ExamineOne]:
-    """The names of a root's sequences, and what examines one."""
-    kind = layouts.name_of(root)
-    if kind == "kitti-raw":
-        names, expected = (
-            kitti_raw_layout.sequence_names(root),
-            "a date's folder with folders *_drive_*_sync",
-        )
-    elif kind == "kitti":
-        names, expected = (
-            kitti_layout.sequence_names(root),
-            "folders such as 00 with image_2, calib.txt",
-        )
-    else:
-        return list(posed_doctor.folders(root, kind)), posed_doctor.sequence
-    if not names:
-        raise BadData(
-            f"{root if kind == 'kitti-raw' else root / 'sequences'} holds no sequence: expected "
-            f"{expected}"
-        )
-    return names, _drive if kind == "kitti-raw" else _sequence
+        The sequences' names go through `watch` one by one, which may show a progress bar (tqdm
+        does). BadData only if the root holds no sequences at all.
+        """
+        layout = layouts.LAYOUTS[layouts.name_of(root)]
+        folders = layout.folders(root)
+        if not folders:
+            raise BadData(f"{root} holds no sequence: give a folder with sequences in it")
+        rows = []
+        findings: list[Finding] = []
+        num_frames = {}
+        for name in watch(list(folders)):
+            scans = layout.scans(folders[name])
+            row, found = self._sequence(name, folders[name], scans, deep=deep)
+            rows.append(row)
+            findings += dict.fromkeys(found)  # cameras share files
+            num_frames[name] = min((len(scan.images) for scan in scans.values()), default=0)
+        for path in sorted((root / "poses").glob("*.txt")):
+            if path.stem not in folders:
+                message = f"there is no sequence {path.stem!r} with images for these poses"
+                findings.append(Finding(path, None, "note", message))
+        return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
 
+    def _sequence(
+        self, name: str, folder: Path, scans: dict[str, Scan], *, deep: bool
+    ) -> tuple[dict[str, str], Findings]:
+        """Return the table row of a sequence with its cameras, and its findings."""
+        findings = Findings()
+        sizes_px: set[Size] = set()
+        focals = set()
+        for scan in scans.values():
+            findings += scan.findings
+            camera_sizes_px = _image_sizes(scan.images, findings, deep=deep)
+            sizes_px |= camera_sizes_px
+            focals.add(self._calibration(folder, scan, camera_sizes_px, findings))
+        counts = {camera: len(scan.images) for camera, scan in scans.items()}
+        frames = ", ".join(f"{camera}: {count}".lstrip(": ") for camera, count in counts.items())
+        if len(set(counts.values())) > 1:
+            findings.error(folder, f"cameras have different numbers of frames: {frames}")
+        if not scans:
+            findings.error(folder, "holds no images: expected a folder image_0 to image_3")
+        first = next(iter(scans.values()), Scan((), np.zeros(0), (), Findings()))
+        times_s = first.times_s[np.isfinite(first.times_s)]
+        self._times(first, findings)
+        if first.world_from_cam is None and first.images and not first.findings:
+            findings.note(folder, NO_POSES)
+        row = {
+            "sequence": name,
+            "frames": frames or "none",
+            "size_px": ", ".join(map(_text, sorted(sizes_px))) or "-",
+            "calibrated": ", ".join(sorted(focals)) or "none",
+            "times": str(len(times_s)),
+            "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
+            "poses": "none" if first.world_from_cam is None else str(len(first.posed)),
+            "length_m": self._poses(folder, first, findings),
+        }
+        for severity in ("error", "warning"):
+            count = sum(finding.severity == severity for finding in set(findings))
+            row[f"{severity}s"] = str(count)
+        return row, findings
 
-def _sequence(
-    root: Path, name: str, deep: bool, findings: list[Finding]
-) -> tuple[dict[str, str], int]:
-    """The table row of a sequence, and the number of frames that all its cameras have."""
-    folder = root / "sequences" / name
-    cameras = [
-        _camera(folder / f"image_{camera}", camera, deep, findings)
-        for camera in kitti_layout.cameras(folder)
-    ]
-    calibrated = _calibration(folder / "calib.txt", cameras, findings)
-    num_frames = _same_length(folder, cameras, findings)
-    times_s = _times(folder / "times.txt", num_frames, findings)
-    table = _poses(root / "poses" / f"{name}.txt", num_frames, times_s, findings)
-    return _row(name, cameras, calibrated, times_s, table, findings)
-
-
-def _drive(
-    root: Path, name: str, deep: bool, findings: list[Finding]
-) -> tuple[dict[str, str], int]:
-    """The same of a drive of KITTI raw, whose cameras have times of their own."""
-    folder, prefix = kitti_raw_layout.drive_folder(root, name), kitti_raw_layout.PREFIX
-    numbers = kitti_layout.cameras(folder, prefix)
-    cameras = [
-        _camera(folder / f"{prefix}{camera}" / "data", camera, deep, findings) for camera in numbers
-    ]
-    calibration = folder.parent / kitti_raw_layout.CAM_TO_CAM
-    calibrated = _calibration(calibration, cameras, findings)
-    for camera in cameras:
-        for size_px in camera.sizes_px[:1]:
-            findings += kitti_raw_layout.scan_sizes(calibration, camera.number, size_px)
-    num_frames, scan = _same_length(folder, cameras, findings), kitti_raw_layout.scan_timestamps
-    stamps = {camera: folder / f"{prefix}{camera.number}" / "timestamps.txt" for camera in cameras}
-    times_s = [
-        _times(path, camera.num_frames, findings, scan) for camera, path in stamps.items()
-    ] or [np.zeros(0)]
-    if not (folder / "oxts").is_dir():
-        findings.append(Finding(folder / "oxts", None, "note", NO_POSES))
-        return _row(name, cameras, calibrated, times_s[0], None, findings)
-    table, found = kitti_raw_layout.scan_poses(folder, num_frames)
-    findings += found
-    if len(table.lines) == len(times_s[0]):
-        for jump in plausibility.jumps(
-            folder / "oxts" / "data", table, times_s[0]
-        ):  # its line is the number of the file, from 1
-            findings.append(
-                replace(jump, path=jump.path / f"{(jump.line or 1) - 1:010d}.txt", line=1)
+    def _calibration(
+        self, folder: Path, scan: Scan, sizes_px: set[Size], findings: Findings
+    ) -> str:
+        """Check that cameras fit their images; return the focal length as text."""
+        if not scan.cameras:
+            if scan.images and not scan.findings:
+                message = "has no known calibration: give intrinsics = [fx, fy, cx, cy] to the data"
+                findings.note(folder, message)
+            return "none"
+        calibrated = {camera.size_px for camera in scan.cameras}
+        if unknown := sizes_px - calibrated:
+            expected = ", ".join(map(_text, sorted(calibrated)))
+            message = f"has images of {_text(min(unknown))}, calibrated for {expected}"
+            findings.error(folder, message)
+        try:
+            view = common_pinhole(scan.cameras, folder)
+        except BadData as problem:
+            findings.add(folder, problem)
+            return "none"
+        right, down = view.cx_px / view.width_px, view.cy_px / view.height_px
+        if max(abs(right - 0.5), abs(down - 0.5)) > self.max_off_centre_ratio:
+            message = (
+                f"has the principal point at {right:.0%} of the width, {down:.0%} of the height: "
+                "were images resized or cropped without the calibration?"
             )
-    return _row(name, cameras, calibrated, times_s[0], table, findings)
+            findings.warn(folder, message)
+        return f"f {view.fx_px:.0f} px"
+
+    def _times(self, scan: Scan, findings: Findings) -> None:
+        """Warn of images much later than the one before."""
+        if len(scan.times_s) != len(scan.images) or len(scan.images) < 2:
+            return
+        steps_s = np.diff(scan.times_s)
+        usual_s = np.nanmedian(steps_s)
+        message = f"{{:.3f}} s after the image before, {usual_s:.3f} s is usual: frames are missing"
+        _warn_beyond(self.max_step_ratio * float(usual_s), steps_s, scan.images, message, findings)
+
+    def _poses(self, folder: Path, scan: Scan, findings: Findings) -> str:
+        """Warn of missing poses and implausible motion; return the length in metres as text."""
+        if scan.world_from_cam is None:
+            return "-"
+        numbers = scan.posed
+        count = len(scan.images)
+        if len(numbers) < count and not scan.findings:
+            num_pieces = len(scan.breaks) + 1 if len(numbers) else 0
+            message = (
+                f"{count - len(numbers)} of {count} images have no pose, leaving {num_pieces} "
+                "unbroken pieces"
+            )
+            findings.warn(folder, message)
+        if scan.depths is not None and (missing := scan.depths.count(None)):
+            findings.warn(folder, f"{missing} of {count} images have no depth image")
+        poses = scan.world_from_cam[numbers]
+        if len(poses) < 2:
+            return "-"
+        images = [scan.images[number] for number in numbers]
+        turns_rad = se3.rotation_angle_rad(se3.inverse(poses[:-1]) @ poses[1:])
+        message = "turned by {:.0f} degrees from the pose before: more than a car turns"
+        _warn_beyond(self.max_turn_deg, np.degrees(turns_rad), images, message, findings)
+        if not scan.is_metric:
+            return "-"
+        steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        if len(scan.times_s) == count:
+            speeds_m_s = steps_m / np.diff(scan.times_s[numbers])
+            message = "{:.0f} m/s from the pose before: more than a car drives"
+            _warn_beyond(self.max_speed_m_s, speeds_m_s, images, message, findings)
+        return f"{steps_m.sum():.0f}"
 
 
-def _same_length(folder: Path, cameras: list[Camera], findings: list[Finding]) -> int:
-    """The most frames that a camera has; an error where there is no camera or they differ."""
-    if not cameras:
-        findings.append(error(folder, None, kitti_layout.NO_IMAGES))
-    counts = {camera.num_frames for camera in cameras} or {0}
-    if len(counts) > 1:
-        message = ", ".join(f"image_{camera.number} has {camera.num_frames}" for camera in cameras)
-        findings.append(error(folder, None, f"cameras have different numbers of frames: {message}"))
-    return max(counts)
+def _warn_beyond(
+    limit: float,
+    steps: FloatArray,  # [N - 1]
+    images: Sequence[Path],  # N
+    message: str,
+    findings: Findings,
+) -> None:
+    """Warn of the images at the end of steps beyond a limit."""
+    for step in np.flatnonzero(steps > limit):
+        findings.warn(images[int(step) + 1], message.format(steps[step]))
 
 
-def _row(
-    name: str,
-    cameras: list[Camera],
-    calibrated: tuple[int, ...],
-    times_s: FloatArray,
-    table: PoseTable | None,
-    findings: list[Finding],
-) -> tuple[dict[str, str], int]:
-    sizes_px = sorted({size_px for camera in cameras for size_px in camera.sizes_px})
-    frames = (
-        ", ".join(f"image_{camera.number}: {camera.num_frames}" for camera in cameras) or "none"
-    )
-    projections = ", ".join(f"P{camera}" for camera in calibrated) or "none"
-    row = plausibility.table_row(name, frames, sizes_px, projections, times_s, table, findings)
-    return row, min((camera.num_frames for camera in cameras), default=0)
+def _text(size_px: Size) -> str:
+    return f"{size_px[0]}x{size_px[1]}"
 
 
-def _camera(images: Path, camera: int, deep: bool, findings: list[Finding]) -> Camera:
-    """The images of one camera: numbering, sizes, damage."""
-    paths, found = scan_numbered(images)
-    findings += found
-    return Camera(camera, len(paths), plausibility.image_sizes(paths, deep, findings))
+def _image_sizes(images: tuple[Path, ...], findings: Findings, *, deep: bool) -> set[Size]:
+    """Return every size that occurs; report damaged images and those of another size.
 
-
-def _calibration(path: Path, cameras: list[Camera], findings: list[Finding]) -> tuple[int, ...]:
-    """The cameras with a projection; each camera with images must have one that fits them."""
-    projections, found = kitti_layout.scan_calibration(path)
-    findings += found
-    for camera in cameras:
-        projection = projections.get(camera.number)
-        if projection is None:
-            findings += [] if found else [kitti_layout.missing_projection(path, camera.number)]
-            continue
-        for size_px in camera.sizes_px[:1]:
-            if odd := plausibility.off_centre(projection.matrix[:2, 2], size_px):
-                hint = (
-                    f"of {size_px[0]}x{size_px[1]} images: were they resized or cropped without it?"
-                )
-                findings.append(
-                    Finding(path, projection.line, "warning", f"P{camera.number} puts {odd} {hint}")
-                )
-    return tuple(sorted(projections))
-
-
-def _times(
-    path: Path, num_frames: int, findings: list[Finding], scan: ScanTimes = pose_files.scan_times
-) -> FloatArray:
-    times_s, lines, found = scan(path)
-    findings += found
-    numbers, num_rows = _row_numbers(lines, found)
-    if num_rows and num_rows != num_frames:
-        findings.append(
-            error(path, None, f"{num_rows} times for {num_frames} frames, expected one each")
-        )
-    findings += plausibility.late_frames(path, times_s, numbers, lines)
-    return times_s
-
-
-def _poses(
-    path: Path, num_frames: int, times_s: FloatArray, findings: list[Finding]
-) -> PoseTable | None:
-    if not path.exists():
-        findings.append(Finding(path, None, "note", NO_POSES))
-        return None
-    table, found = pose_files.scan_kitti(path)
-    findings += found
-    numbers, num_rows = _row_numbers(table.lines, found)
-    problem = kitti_layout.pose_count_problem(table.keys, num_rows, num_frames) if num_rows else ""
-    findings += [error(path, None, problem)] if problem else []
-    if len(times_s) == num_frames and not problem:
-        findings += plausibility.jumps(
-            path, table, times_s[numbers if table.keys is None else table.keys.astype(np.int64)]
-        )
-    return table
-
-
-def _row_numbers(good_lines: tuple[int, ...], findings: list[Finding]) -> tuple[IndexArray, int]:
-    """The number of every good row, the first row being 0, and the number of all rows, bad ones
-    included.
+    The first image, or with `deep` every one, is decoded.
     """
-    all_lines = sorted({*good_lines, *(finding.line for finding in findings if finding.line)})
-    return np.searchsorted(all_lines, good_lines).astype(np.int64), len(all_lines)
+    sizes_px: list[Size] = []
+    for path in images:
+        try:
+            size_px = image_size(path, deep=deep or not sizes_px)
+        except BadData as problem:
+            findings.add(path, problem)
+            continue
+        if sizes_px and size_px not in sizes_px:
+            message = f"is {_text(size_px)} pixels, but those before are {_text(sizes_px[0])}"
+            findings.error(path, message)
+        sizes_px.append(size_px)
+    return set(sizes_px)
 
 
 def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:
-    """The named splits whose frames are all among the sequences' first `num_frames`."""
+    """Return the named splits whose frames are all among the sequences' first `num_frames`."""
 
-    def is_here(frames: FrameRange) -> bool:
-        return num_frames.get(frames.sequence, 0) >= max(frames.last or 1, frames.first + 1)
+    def is_present(frames: FrameRange) -> bool:
+        needed = frames.last or frames.first + 1
+        return num_frames.get(frames.sequence, 0) >= needed
 
-    return tuple(name for name in splits.names() if all(map(is_here, splits.load(name))))
+    return tuple(name for name in splits.names() if all(map(is_present, splits.load(name))))

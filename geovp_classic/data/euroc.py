@@ -11,18 +11,20 @@ from typing import ClassVar
 
 import numpy as np
 
-from geovp_classic.data import calibration_files, pose_files, posed_sequences
-from geovp_classic.data.findings import error
-from geovp_classic.data.posed_sequences import PosedSequences, Scanned, matched, scan_list
+from geovp_classic.data import calibration_files, pose_files
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.scan import Scan, matched, scan_list, sequence_folders
+from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
-POSES = ("state_groundtruth_estimate0", "mocap0")
-MAX_DIFFERENCE_S = 0.005  # poses come at 100 to 200 Hz
-MODELS = dict.fromkeys(("radial-tangential", "radtan", "plumb_bob"), "OPENCV") | {
-    "equidistant": "OPENCV_FISHEYE"
+MODELS = {  # COLMAP's by the names in use
+    "radial-tangential": "OPENCV",
+    "radtan": "OPENCV",
+    "plumb_bob": "OPENCV",
+    "equidistant": "OPENCV_FISHEYE",
 }
 
 
@@ -38,72 +40,70 @@ class Euroc(PosedSequences):
     name: ClassVar[str] = "euroc"
 
     camera: int = 0
-    max_difference_s: float = MAX_DIFFERENCE_S
+    max_difference_s: float = 0.005  # poses come at 100 to 200 Hz
 
-    def _folders(self) -> dict[str, Path]:
-        return folders(self.root)
+    @staticmethod
+    def folders(root: Path) -> dict[str, Path]:
+        """Return the sequences of a root by name."""
+        return sequence_folders(
+            root, lambda path: any(path.glob("mav0/cam*/data.csv")), "a folder with mav0/cam0"
+        )
 
-    def _scan(self, folder: Path) -> Scanned:
+    @staticmethod
+    def scans(folder: Path) -> dict[str, Scan]:
+        """Scan a sequence as the default settings see it."""
+        return {"": scan(folder)}
+
+    def _scan(self, folder: Path) -> Scan:
         return scan(folder, self.camera, self.max_difference_s)
 
 
-def folders(root: Path) -> dict[str, Path]:
-    """The sequences of a root by name."""
-    return posed_sequences.folders(
-        root, lambda path: any(path.glob("mav0/cam*/data.csv")), "a folder with mav0/cam0"
-    )
-
-
-def scan(folder: Path, camera: int = 0, max_difference_s: float = MAX_DIFFERENCE_S) -> Scanned:
-    """A sequence as its files describe it, seen by one camera."""
+def scan(folder: Path, camera: int = 0, max_difference_s: float = Euroc.max_difference_s) -> Scan:
+    """Scan a sequence with one of its cameras."""
+    findings = Findings()
     cam = folder / "mav0" / f"cam{camera}"
     if not cam.is_dir():
-        there = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
-        return Scanned(
-            (), np.zeros(0), (), (error(cam, None, f"does not exist: mav0 has {there}"),)
-        )
-    stamps_ns, images, findings = scan_list(cam / "data.csv", cam / "data", ",")
+        present = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
+        findings.error(cam, f"does not exist: mav0 has {present}")
+        return Scan((), np.zeros(0), (), findings)
+    stamps_ns, images = scan_list(cam / "data.csv", cam / "data", findings, ",")
     start_ns = float(stamps_ns[0]) if images else 0.0
     times_s = (stamps_ns - start_ns) / 1e9
     try:
         lens, body_from_cam = read_sensor(cam / "sensor.yaml")
     except BadData as problem:
-        found = error(
-            cam / "sensor.yaml", None, str(problem).removeprefix(f"{cam / 'sensor.yaml'} ")
-        )
-        return Scanned(images, times_s, (), (*findings, found))
+        findings.add(cam / "sensor.yaml", problem)
+        return Scan(images, times_s, (), findings)
     poses = None
-    for path in (folder / "mav0" / name / "data.csv" for name in POSES):
+    for name in ("state_groundtruth_estimate0", "mocap0"):
+        path = folder / "mav0" / name / "data.csv"
         if poses is None and path.exists():
-            table, found_poses = pose_files.scan_asl(path, start_ns)
-            findings += found_poses
-            keys = np.zeros(0) if table.keys is None else table.keys
-            poses = matched(times_s, keys, table.world_from_cam @ body_from_cam, max_difference_s)
-    return Scanned(images, times_s, (lens,) * len(images), tuple(findings), poses)
+            table = pose_files.scan_asl(path, start_ns, findings)
+            poses = matched(times_s, table, max_difference_s) @ body_from_cam
+    return Scan(images, times_s, (lens,) * len(images), findings, poses)
 
 
 def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
-    """The camera of a sensor.yaml, and its body_from_cam [4, 4]; BadData says what it lacks."""
-    content = calibration_files.load_yaml(path)
-    calibration = calibration_files.from_yaml(path, content)
-    model = MODELS.get(str(content.get("distortion_model")))
-    if model is None:
+    """Read the camera of a sensor.yaml, and its body_from_cam [4, 4]."""
+    table = calibration_files.load_yaml(path)
+    calibration = calibration_files.from_yaml(path, table)
+    distortion_model = str(table.get("distortion_model"))
+    if distortion_model not in MODELS:
         raise BadData(
-            f"{path} has the distortion_model {content.get('distortion_model')!r}: expected "
-            f"{list(MODELS)}"
+            f"{path} has the distortion_model {distortion_model!r}: expected {list(MODELS)}"
         )
     if calibration.size_px is None or len(calibration.distortion) != 4:
         raise BadData(
             f"{path} needs resolution: [width, height] and 4 distortion_coefficients: complete it"
         )
-    Intrinsics(*calibration.numbers, *calibration.size_px)
+    view = Intrinsics(*calibration.numbers, *calibration.size_px)
     try:
-        numbers = np.array(calibration_files.data_of(content["T_BS"]), np.float64)
-        body_from_cam = se3.orthonormalised(numbers.reshape(4, 4), pose_files.ROTATION_TOLERANCE)
+        numbers = np.array(calibration_files.matrix_data(table["T_BS"]), np.float64)
+        transform = numbers.reshape(4, 4)
+        body_from_cam = se3.orthonormalised(transform, pose_files.ROTATION_TOLERANCE)
     except (KeyError, TypeError, ValueError, BadData) as problem:
         raise BadData(
             f"{path} has no T_BS of 16 numbers that is a rigid motion ({problem}): complete it"
         ) from problem
-    return DistortedCamera.of(
-        model, calibration.numbers, calibration.distortion, calibration.size_px
-    ), body_from_cam
+    camera = DistortedCamera(view, MODELS[distortion_model], calibration.distortion)
+    return camera, body_from_cam

@@ -1,6 +1,5 @@
 """Findings about files: a loader raises the first error, the doctor lists all of them."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -10,7 +9,7 @@ from geovp_classic.errors import BadData
 
 @dataclass(frozen=True)
 class Finding:
-    """What was found where; an error stops a loader, a warning and a note do not."""
+    """An observation about a file; an error stops a loader, a warning or a note does not."""
 
     path: Path
     line: int | None  # the first line of a file is 1
@@ -18,20 +17,31 @@ class Finding:
     message: str
 
     def __str__(self) -> str:
-        return (
-            f"{self.path} line {self.line}: {self.message}"
-            if self.line
-            else f"{self.path}: {self.message}"
-        )
+        place = f"{self.path} line {self.line}" if self.line else str(self.path)
+        return f"{place}: {self.message}"
 
 
-def error(path: Path, line: int | None, message: str) -> Finding:
-    """A finding that stops a loader."""
-    return Finding(path, line, "error", message)
+class Findings(list[Finding]):
+    """A list that scanning functions add their findings to."""
 
+    def error(self, path: Path, message: str, line: int | None = None) -> None:
+        """Add an error in a line of a file, or in the file as a whole."""
+        self.append(Finding(path, line, "error", message))
 
-def raise_first(findings: Iterable[Finding]) -> None:
-    """Raise BadData for the first error, if there is one."""
-    for finding in findings:
-        if finding.severity == "error":
-            raise BadData(str(finding))
+    def warn(self, path: Path, message: str) -> None:
+        """Add a warning about a file or folder."""
+        self.append(Finding(path, None, "warning", message))
+
+    def note(self, path: Path, message: str) -> None:
+        """Add a note about a file or folder."""
+        self.append(Finding(path, None, "note", message))
+
+    def add(self, path: Path, problem: BadData) -> None:
+        """Add an exception about a file as an error."""
+        self.error(path, str(problem).removeprefix(str(path)).lstrip(": "))
+
+    def raise_first(self) -> None:
+        """Raise BadData for the first error, if there is one."""
+        for finding in self:
+            if finding.severity == "error":
+                raise BadData(str(finding))

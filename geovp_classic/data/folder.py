@@ -9,14 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from geovp_classic.data import pose_files
-from geovp_classic.data.frames import FrameFiles, FrameReader, VideoFrames, image_files, read_image
-from geovp_classic.data.sequences import Load, SequenceDataset
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.frames import (
+    FrameFiles,
+    FrameReader,
+    Load,
+    VideoFrames,
+    image_files,
+)
+from geovp_classic.data.scan import Scan
+from geovp_classic.data.sequences import SequenceDataset
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import FloatArray, Intrinsics, Trajectory
 
-LEAST_RATE_HZ = 0.02  # a frame in 50 s
-FOLDER_RATE_HZ = 10.0  # as KITTI; images don't say when they were taken
+DEFAULT_RATE_HZ = 10.0  # as KITTI; images do not state when they were taken
 
 
 @dataclass(frozen=True)
@@ -27,12 +34,12 @@ class Folder(SequenceDataset):
     `sequences` names some of them ("city", "city[100:400)"), and `times` and `trajectory` are files
     in each.
 
-    `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored, (0, 0) the
-    top-left one's centre. Times come from the file `times` (one number a line) or from
+    `intrinsics` are (fx, fy, cx, cy) in pixels of the images as they are stored; (0, 0) is the
+    centre of the top-left one. Times come from the file `times` (one number a line) or from
     `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else from the video's own
-    rate, else 10 Hz is taken. `trajectory` is a KITTI or TUM file with one pose a frame;
+    rate, else 10 Hz are assumed. `trajectory` is a KITTI or TUM file with one pose a frame;
     `is_metric` says whether its unit is the metre. `frames` limits the clips of one sequence to
-    [first, last). `image_bits` says how many bits of 16-bit images are used.
+    [first, last). `image_bits` is the number of used bits of 16-bit images.
     """
 
     path: Path
@@ -54,10 +61,9 @@ class Folder(SequenceDataset):
         for name in ("path", "times", "trajectory"):  # scripts give text
             given = getattr(self, name)
             object.__setattr__(self, name, None if given is None else Path(given))
-        if self.frame_rate_hz is not None and not LEAST_RATE_HZ <= self.frame_rate_hz < np.inf:
+        if self.frame_rate_hz is not None and not 0.02 <= self.frame_rate_hz < np.inf:
             raise BadData(
-                f"frame_rate_hz is {self.frame_rate_hz}, expected a number of at least "
-                f"{LEAST_RATE_HZ}"
+                f"frame_rate_hz is {self.frame_rate_hz}, expected a number of at least 0.02"
             )
         if self.frame_rate_hz is not None and self.times is not None:
             raise BadData("both frame_rate_hz and times are given: keep one of them")
@@ -65,18 +71,18 @@ class Folder(SequenceDataset):
 
     @property
     def name(self) -> str:
-        """The data set's name in results: that of the folder or the video."""
+        """Return the data set's name in results: that of the folder or the video."""
         path = self.path.resolve()
         return path.name if path.is_dir() else path.stem
 
     @property
     def split_hash(self) -> str:
-        """The hash of `ranges` of several sequences; "" for one, which the settings determine."""
+        """Return the hash of `ranges` of several sequences; "" for one."""
         return super().split_hash if self._is_root else ""
 
     @property
     def recording(self) -> Recording:
-        """All frames of the first sequence with their times, camera and poses."""
+        """Return all frames of the first sequence with their times, camera and poses."""
         return next(iter(self.recordings.values()))
 
     @cached_property
@@ -85,10 +91,7 @@ class Folder(SequenceDataset):
             return super()._wanted
         first, last = self.frames
         if not 0 <= first < last:
-            raise BadData(
-                f"frames is [{first}, {last}], expected first < last, both from 0, the last one "
-                "exclusive"
-            )
+            raise BadData(f"frames is [{first}, {last}], expected 0 <= first < last")
         if self._is_root or self.sequences is not None:
             raise BadData(
                 f'frames is of one sequence: give sequences = ["NAME[{first}:{last})"] in its place'
@@ -96,37 +99,32 @@ class Folder(SequenceDataset):
         return (FrameRange(self.name, first, last),)
 
     @cached_property
-    def _paths(self) -> dict[str, Path]:
-        if not self.path.exists():
-            raise BadData(f"{self.path} does not exist: give a folder of images or a video file")
-        found = {self.name: self.path} if self.path.is_file() else paths_below(self.path)
-        if not found:
-            raise BadData(
-                f"{self.path} holds no images (png, jpg, webp, bmp, tif, ppm, jp2), nor do its "
-                "folders"
-            )
-        return found
+    def _folders(self) -> dict[str, Path]:
+        if self.path.is_file():
+            return {self.name: self.path}
+        return self.folders(self.path)
 
     @property
     def _is_root(self) -> bool:
-        return self.path not in self._paths.values()
-
-    def _names(self) -> list[str]:
-        return list(self._paths)
-
-    def _load(self, path: Path) -> ByteArray:
-        return read_image(path, self.image_bits)
+        return self.path not in self._folders.values()
 
     def _read(self, name: str, load: Load) -> Recording:
-        if name not in self._paths:
-            raise BadData(
-                f"sequence {name!r} is not in {self.path}, which holds {', '.join(self._paths)}"
-            )
-        reader, size_px, rate_hz = _open(self._paths[name], load)
-        trajectory, times_s = self._timed(self._paths[name], len(reader), rate_hz)
-        return Recording(
-            name, reader, times_s, self._camera(size_px), trajectory, self.camera_height_m
-        )
+        path = self._folder(name)
+        reader: FrameReader
+        if path.is_file():
+            reader = VideoFrames.open(path)
+            size_px = reader.size_px
+            rate_hz = reader.rate_hz
+        else:
+            images = tuple(image_files(path))
+            size_px = load(images[0]).shape[1::-1]
+            reader = FrameFiles(images, (size_px,) * len(images), load)
+            rate_hz = DEFAULT_RATE_HZ
+        rate_hz = self.frame_rate_hz or rate_hz
+        folder = path if self._is_root else Path()
+        trajectory, times_s = self._timed(folder, name, len(reader), rate_hz)
+        camera = self._camera(size_px)
+        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
 
     def _camera(self, size_px: tuple[int, int]) -> Intrinsics:
         camera = Intrinsics(*self.intrinsics, *size_px)
@@ -139,54 +137,45 @@ class Folder(SequenceDataset):
         return camera
 
     def _timed(
-        self, path: Path, num_frames: int, rate_hz: float | None
+        self, folder: Path, name: str, num_frames: int, rate_hz: float | None
     ) -> tuple[Trajectory | None, FloatArray]:
-        """The trajectory, if there is one, and the times of all frames of a sequence."""
-        own = path if self._is_root else Path()
-        times, poses = (
-            None if file is None else own / file for file in (self.times, self.trajectory)
-        )
-        times_s = None if times is None else pose_files.read_times(times)
-        if times_s is not None and len(times_s) != num_frames:
-            raise BadData(
-                f"{times}: {len(times_s)} times for {num_frames} frames, expected one each"
-            )
-        has_own_times = poses is not None and pose_files.has_times(poses)
-        if times_s is None and (self.frame_rate_hz is not None or not has_own_times):
-            rate_hz = self.frame_rate_hz or rate_hz
+        """Return the trajectory of a sequence, if there is one, and the times of its frames."""
+        poses = None if self.trajectory is None else folder / self.trajectory
+        times_s = None
+        if self.times is not None:
+            times_s = pose_files.read_times(folder / self.times)
+        elif self.frame_rate_hz is not None or poses is None or not pose_files.has_times(poses):
             if rate_hz is None:
-                raise BadData(
-                    f"{path} does not say how many frames a second it has: give frame_rate_hz"
-                )
+                raise BadData(f"{name} does not state its frame rate: give frame_rate_hz")
             times_s = np.arange(num_frames) / rate_hz
-        if poses is None:
-            assert times_s is not None
-            return None, times_s
-        trajectory = pose_files.read_trajectory(poses, times_s, is_metric=self.is_metric)
-        if len(trajectory) != num_frames:
+        trajectory = None
+        if poses is not None:
+            trajectory = pose_files.read_trajectory(poses, times_s, is_metric=self.is_metric)
+            if times_s is None:
+                times_s = trajectory.times_s
+            if len(trajectory) == len(times_s):
+                trajectory = Trajectory(trajectory.world_from_cam, times_s, self.is_metric)
+        assert times_s is not None
+        return trajectory, times_s
+
+    @staticmethod
+    def folders(root: Path) -> dict[str, Path]:
+        """Return the folders of images by name: the root, or those in it if it has no images."""
+        if not root.is_dir():
+            raise BadData(f"{root} does not exist: give a folder of images or a video file")
+        if image_files(root):
+            return {root.resolve().name: root}
+        inside = sorted(path for path in root.iterdir() if path.is_dir())
+        sequences = {path.name: path for path in inside if image_files(path)}
+        if not sequences:
             raise BadData(
-                f"{poses}: {len(trajectory)} poses for {num_frames} frames, expected one each"
+                f"{root} holds no images (png, jpg, webp, bmp, tif, ppm, jp2), nor do its folders"
             )
-        if times_s is not None:
-            trajectory = Trajectory(trajectory.world_from_cam, times_s, self.is_metric)
-        return trajectory, trajectory.times_s
+        return sequences
 
-
-def paths_below(root: Path) -> dict[str, Path]:
-    """The folders of images by name: the root, or where it holds none itself, those in it."""
-    if image_files(root):
-        return {root.resolve().name: root}
-    inside = sorted(
-        path for path in root.iterdir() if path.is_dir() and not path.name.startswith(".")
-    )
-    return {path.name: path for path in inside if image_files(path)}
-
-
-def _open(path: Path, load: Load) -> tuple[FrameReader, tuple[int, int], float | None]:
-    """The frames of a sequence, their size, and their rate in Hz where it is known."""
-    if path.is_file():
-        video = VideoFrames.open(path)
-        return video, video.size_px, video.rate_hz
-    paths = tuple(image_files(path))
-    height_px, width_px = load(paths[0]).shape[:2]
-    return FrameFiles(paths, (width_px, height_px), load), (width_px, height_px), FOLDER_RATE_HZ
+    @staticmethod
+    def scans(folder: Path) -> dict[str, Scan]:
+        """Scan a folder of images, which has neither calibration nor poses."""
+        images = tuple(image_files(folder))
+        times_s = np.arange(len(images)) / DEFAULT_RATE_HZ
+        return {"": Scan(images, times_s, (), Findings())}

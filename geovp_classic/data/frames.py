@@ -14,111 +14,111 @@ import numpy.typing as npt
 
 from geovp_classic import files
 from geovp_classic.data import decoding
-from geovp_classic.data.findings import Finding, error
+from geovp_classic.data.findings import Findings
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 
 SUFFIXES = frozenset(
     {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"}
 )
-CACHE_LIMIT_BYTES = 2**27  # 128 MiB: 96 frames of KITTI
+Load = Callable[[Path], ByteArray]
 
 
 class FrameReader(Protocol):
     """Frames by number, all of one size; the same number gives the same image."""
 
     def __len__(self) -> int:
-        """The number of frames."""
+        """Return the number of frames."""
 
     def read(self, index: int) -> ByteArray:
-        """One frame [H, W, 3]; BadData names the file that is wrong."""
+        """Return one frame [H, W, 3]; BadData names the file that is wrong."""
 
 
 def read_image(path: Path, bits: int | None = None) -> ByteArray:
-    """The image [H, W, 3] in RGB, grey ones with three equal channels; BadData when the file is
-    damaged.
+    """Return the RGB image [H, W, 3], grey ones with three equal channels.
 
-    `bits` says how many bits of an image of 16 bits a channel are used; the upper 8 of them are
-    kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
-    alike.
+    `bits` is the number of used bits of an image with 16 bits per channel, of which the upper 8
+    are kept. Without it, such an image is refused: 12 bits in 16 and a dark image of 16 bits look
+    alike. BadData if the file is damaged.
     """
     image = decoding.decoded(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    image = _eight_bits(path, image, bits)
+    if image.dtype != np.uint8:
+        image = _eight_bits(path, image, bits)
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def _eight_bits(path: Path, image: npt.NDArray[Any], bits: int | None) -> ByteArray:
-    """The image as it is, or the upper 8 of the used bits."""
-    if image.dtype == np.uint8:
-        return image
+    """Return the upper 8 of the used bits."""
     if image.dtype != np.uint16 or bits is None:
         raise BadData(
             f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "
-            "or where they are "
-            "uint16 and the data set has the setting image_bits, say how many bits are used "
-            "(image_bits = 12 or 16)"
+            "or set image_bits to the number of used bits (12 or 16) if they are uint16"
         )
     if not 8 <= bits <= 16:
-        raise BadData(f"image_bits is {bits}, expected 8 to 16, the number of bits that images use")
-    if int(image.max()) >= 2**bits:
+        raise BadData(f"image_bits is {bits}, expected 8 to 16: give the number of used bits")
+    max_value = int(image.max())
+    if max_value >= 2**bits:
         raise BadData(
-            f"{path} has the value {int(image.max())}, more than {bits} bits hold: give a "
-            "larger image_bits"
+            f"{path} has the value {max_value}, more than {bits} bits hold: give a larger "
+            "image_bits"
         )
     return (image >> (bits - 8)).astype(np.uint8)
 
 
 def image_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
-    """(width, height) from the header, or of the decoded image when `deep`.
+    """Return (width, height) of a file that is complete, or with `deep` of the decoded image.
 
-    BadData when the file is damaged; without `deep`, damage in the middle is not found.
+    BadData if the file is damaged.
     """
     if deep:
         height_px, width_px = read_image(path).shape[:2]
         return width_px, height_px
     with files.opened(path) as file:
-        return decoding.header_size(path, file)
+        return decoding.checked_size(path, file)
 
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """One image file a frame."""
+    """One image file per frame."""
 
-    paths: tuple[Path, ...]
-    size_px: tuple[int, int]  # (width, height) that every file must have
-    load: Callable[[Path], ByteArray] = read_image
+    paths: tuple[Path, ...]  # N
+    sizes_px: tuple[tuple[int, int], ...]  # N, (width, height) that a file must have
+    load: Load = read_image
 
     def __len__(self) -> int:
         return len(self.paths)
 
     def read(self, index: int) -> ByteArray:
-        """One frame; BadData when its file is damaged or of another size."""
-        image = self.load(self.paths[index])
-        height_px, width_px = image.shape[:2]
-        if (width_px, height_px) != self.size_px:
-            expected = f"{self.size_px[0]}x{self.size_px[1]} as the first frame"
-            raise BadData(
-                f"{self.paths[index]} is {width_px}x{height_px} pixels, expected {expected}"
-            )
-        return image
+        """Return one frame; BadData if its file is damaged or of another size."""
+        return load_sized(self.paths[index], self.sizes_px[index], self.load)
+
+
+def load_sized(path: Path, size_px: tuple[int, int], load: Callable[[Path], Any]) -> Any:
+    """Return the array [H, W, ...] of an image file; BadData if its size is not the given one."""
+    image = load(path)
+    height_px, width_px = image.shape[:2]
+    if (width_px, height_px) != size_px:
+        raise BadData(
+            f"{path} is {width_px}x{height_px} pixels, expected {size_px[0]}x{size_px[1]} as the "
+            "first frame or the calibration: restore the file"
+        )
+    return image
 
 
 class FrameCache:
-    """The frames decoded last, up to a number of bytes, so that overlapping clips decode each frame
-    once.
-    """
+    """The latest decoded frames up to a number of bytes: overlapping clips decode a frame once."""
 
     def __init__(
-        self, load: Callable[[Any], ByteArray], limit_bytes: int = CACHE_LIMIT_BYTES
+        self, load: Callable[[Any], ByteArray], limit_bytes: int = 128 * files.MIB
     ) -> None:
-        self._load, self._limit_bytes, self._held_bytes = load, limit_bytes, 0
+        self._load = load
+        self._limit_bytes = limit_bytes
+        self._num_bytes = 0
         self._frames: OrderedDict[Any, ByteArray] = OrderedDict()
         self._lock = threading.Lock()
 
     def __call__(self, key: Any) -> ByteArray:
-        """The frame of a key, decoded only when it is not in the cache; read-only, because it is
-        shared.
-        """
+        """Return the frame of a key, which is shared and therefore read-only."""
         with self._lock:
             if key in self._frames:
                 self._frames.move_to_end(key)
@@ -128,16 +128,16 @@ class FrameCache:
         with self._lock:
             if key not in self._frames:
                 self._frames[key] = frame
-                self._held_bytes += frame.nbytes
-            while self._held_bytes > self._limit_bytes:
-                self._held_bytes -= self._frames.popitem(last=False)[1].nbytes
+                self._num_bytes += frame.nbytes
+            while self._num_bytes > self._limit_bytes:
+                _, oldest = self._frames.popitem(last=False)
+                self._num_bytes -= oldest.nbytes
         return frame
 
 
 @dataclass
 class VideoFrames:
-    """The frames of a video, decoded from its start up to the frame that is read; the last ones are
-    cached.
+    """The frames of a video, decoded from its start up to the frame that is read.
 
     Seeking by number is not used, because the index of many containers is wrong.
     """
@@ -151,29 +151,21 @@ class VideoFrames:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """The video of a file; BadData when it cannot be decoded. Frames are counted where the
-        container is silent.
+        """Open a video file; BadData if it cannot be decoded.
+
+        Frames are counted if the container does not state their number.
         """
         files.check_file(path)
         capture = cv2.VideoCapture(str(path))
-        size_px = (
-            int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
-            int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)),
-        )
-        if not capture.isOpened() or min(size_px) < 1:
+        width_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
+        height_px = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        if not capture.isOpened() or not 0 < width_px * height_px <= decoding.MAX_PIXELS:
             raise BadData(
-                f"{path} cannot be decoded as a video: give a folder of images or another video "
-                "file"
+                f"{path} cannot be decoded as a video of at most {decoding.MAX_PIXELS:,} pixels: "
+                "give a folder of images or another video file"
             )
-        if size_px[0] * size_px[1] > decoding.MAX_PIXELS:
-            raise BadData(
-                f"{path} is {size_px[0]}x{size_px[1]} pixels, more than "
-                f"{decoding.MAX_PIXELS:,}: shrink it"
-            )
-        count, rate_hz = (
-            int(capture.get(cv2.CAP_PROP_FRAME_COUNT)),
-            float(capture.get(cv2.CAP_PROP_FPS)),
-        )
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        rate_hz = float(capture.get(cv2.CAP_PROP_FPS))
         if count < 1:
             count = 0
             while capture.grab():
@@ -181,11 +173,10 @@ class VideoFrames:
             capture = cv2.VideoCapture(str(path))
         if not 0 < count <= path.stat().st_size:  # a frame takes at least a byte
             raise BadData(
-                f"{path} says that it has {count} frames, which its size cannot hold: restore "
-                "the file"
+                f"{path} claims {count} frames, which its size cannot hold: restore the file"
             )
-        known = np.isfinite(rate_hz) and 0 < rate_hz < 1000
-        return cls(path, count, size_px, rate_hz if known else None, capture)
+        is_plausible = 0 < rate_hz < 1000
+        return cls(path, count, (width_px, height_px), rate_hz if is_plausible else None, capture)
 
     def __post_init__(self) -> None:
         self._cached = FrameCache(self._decode)
@@ -194,83 +185,68 @@ class VideoFrames:
         return self.count
 
     def read(self, index: int) -> ByteArray:
-        """One frame; BadData when the video ends before it or is damaged there."""
+        """Return one frame; BadData if the video ends before it or is damaged there."""
         return self._cached(index)
 
     def _decode(self, index: int) -> ByteArray:
         if index < self._next:
-            self._capture, self._next = cv2.VideoCapture(str(self.path)), 0
+            self._capture = cv2.VideoCapture(str(self.path))
+            self._next = 0
         while self._next < index and self._capture.grab():
             self._next += 1
-        good, image = self._capture.read() if self._next == index else (False, None)
-        if not good or image is None or image.shape[1::-1] != self.size_px:
+        image = self._capture.read()[1] if self._next == index else None
+        if image is None or image.shape[1::-1] != self.size_px:
             raise BadData(
-                f"{self.path}: frame {index} of {self.count} cannot be decoded: leave it out of "
+                f"{self.path}: frame {index} of {self.count} cannot be decoded: exclude it from "
                 "the range"
             )
         self._next += 1
         return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
+def is_image(path: Path) -> bool:
+    """Return whether a file has the name of a visible image."""
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+
+
 def image_files(folder: Path) -> list[Path]:
-    """The images of a folder by name, numbers in names counted as numbers (2 before 10)."""
+    """Return the images of a folder by name, numbers in names counted as numbers (2 before 10)."""
     try:
-        found = [
-            path
-            for path in folder.iterdir()
-            if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-        ]
+        images = filter(is_image, folder.iterdir())
+        return sorted(images, key=natural_order)
     except OSError as problem:
         raise BadData(
             f"{folder} cannot be listed ({problem.strerror}): give a folder of images"
         ) from problem
-    return sorted(found, key=natural_order)
-
-
-def scan_numbered(folder: Path) -> tuple[tuple[Path, ...], list[Finding]]:
-    """The images 000000, 000001, ... of a folder, and a finding for every gap, duplicate and
-    foreign file.
-    """
-    found: dict[int, Path] = {}
-    findings = []
-    for path in sorted(path for path in folder.iterdir() if not path.name.startswith(".")):
-        if path.suffix.lower() not in SUFFIXES or not path.stem.isdecimal():
-            findings.append(Finding(path, None, "note", "is not a numbered image and is left out"))
-            continue
-        first = found.setdefault(int(path.stem), path)
-        if first is not path:
-            findings.append(
-                error(path, None, f"is frame {int(path.stem)} as {first.name} is: keep one")
-            )
-    if not found:
-        findings.append(
-            error(
-                folder, None, "holds no images, expected 000000.png (or jpg, webp, ...) and so on"
-            )
-        )
-    numbers = sorted(found)
-    for before, number in zip([-1, *numbers], numbers, strict=False):
-        if number > before + 1:
-            one = number == before + 2
-            gap = (
-                f"frame {before + 1:06d} is"
-                if one
-                else f"frames {before + 1:06d} to {number - 1:06d} are"
-            )
-            findings.append(
-                error(
-                    folder,
-                    None,
-                    f"{gap} missing: frames must be numbered from 000000 without a gap",
-                )
-            )
-    return tuple(found[number] for number in numbers), findings
 
 
 def natural_order(path: Path) -> list[tuple[int, str]]:
-    """A key that sorts file names with numbers in them counted as numbers."""
-    return [
-        (int(part), "") if part.isdecimal() else (-1, part)
-        for part in re.split(r"(\d+)", path.name)
-        if part
-    ]
+    """Return a key that sorts file names with numbers in them counted as numbers."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]
+
+
+def scan_numbered(folder: Path, findings: Findings) -> tuple[Path, ...]:
+    """Return the images 000000, 000001, ... of a folder; report gaps, duplicates, other files."""
+    images: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):
+            continue
+        if not is_image(path) or not path.stem.isdecimal():
+            findings.note(path, "is not a numbered image: ignored")
+            continue
+        first = images.setdefault(int(path.stem), path)
+        if first is not path:
+            message = f"is frame {int(path.stem)} as {first.name} is: keep one of them"
+            findings.error(path, message)
+    if not images:
+        message = "holds no images, expected 000000.png (or jpg, webp, ...) and so on"
+        findings.error(folder, message)
+    next_number = 0
+    for number in sorted(images):
+        if number > next_number:
+            gap = f"{next_number:06d} to {number - 1:06d}"
+            message = f"lacks frames {gap}: number the frames from 000000 without a gap"
+            findings.error(folder, message)
+        next_number = number + 1
+    return tuple(images[number] for number in sorted(images))

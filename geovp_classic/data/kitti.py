@@ -1,14 +1,31 @@
-"""Clips of KITTI odometry, or of anything laid out like it (see `kitti_layout`)."""
+"""Clips of KITTI odometry, or of anything laid out like it (Geiger et al. 2012).
 
-from dataclasses import dataclass
+A root holds `sequences/NN/{image_K/000000.png, calib.txt, times.txt}` and `poses/NN.txt`; any image
+type, any name NN. P_k of calib.txt is K_k [I | t] with cam_k_from_cam0 = (I, t): all cameras are
+rectified to look the same way, and poses are camera 0's, so world_from_camk = world_from_cam0 @
+cam0_from_camk.
+"""
+
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from geovp_classic.data import kitti_layout, splits
-from geovp_classic.data.sequences import Load, SequenceDataset
-from geovp_classic.data.windows import Fit, FrameRange, Recording
+import numpy as np
+
+from geovp_classic.data import pose_files, splits
+from geovp_classic.data.findings import Findings
+from geovp_classic.data.frames import Load, image_size, scan_numbered
+from geovp_classic.data.scan import Scan
+from geovp_classic.data.sequences import SequenceDataset
+from geovp_classic.data.undistortion import DistortedCamera
+from geovp_classic.data.windows import Fit, FrameRange, Recording, SideCamera
 from geovp_classic.errors import BadData
+from geovp_classic.geometry import se3
+from geovp_classic.types import FloatArray, Intrinsics
+
+PREFERRED_CAMERAS = (2, 0, 1, 3)  # left colour, left grey, then the others
+RIGHT_OF = {0: 1, 2: 3}
 
 
 @dataclass(frozen=True)
@@ -24,7 +41,7 @@ class Kitti(SequenceDataset):
     """
 
     name: ClassVar[str] = "kitti"  # in results
-    layout: ClassVar[Any] = kitti_layout  # the module that knows the files
+    prefix: ClassVar[str] = "image_"  # of the folders of images
 
     root: Path
     split: str | None = None
@@ -45,7 +62,7 @@ class Kitti(SequenceDataset):
                 f"both split {self.split!r} and sequences {list(self.sequences)} are given: "
                 "keep one of them"
             )
-        if self.camera is not None and self.camera not in kitti_layout.PREFERRED_CAMERAS:
+        if self.camera is not None and self.camera not in PREFERRED_CAMERAS:
             raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
         self._check()
 
@@ -53,9 +70,134 @@ class Kitti(SequenceDataset):
     def _wanted(self) -> tuple[FrameRange, ...]:
         return super()._wanted if self.split is None else splits.load(self.split)
 
-    def _names(self) -> list[str]:
-        return list(self.layout.sequence_names(self.root))
+    @cached_property
+    def _folders(self) -> dict[str, Path]:
+        return self.folders(self.root)
+
+    @staticmethod
+    def folders(root: Path) -> dict[str, Path]:
+        """Return the sequences of a root by name; BadData if it is not KITTI odometry."""
+        if not (root / "sequences").is_dir():
+            inside = root / "dataset"
+            hint = f"{inside}" if (inside / "sequences").is_dir() else "KITTI odometry's folder"
+            raise BadData(f"{root} holds no folder 'sequences': give {hint}")
+        paths = sorted((root / "sequences").iterdir())
+        return {path.name: path for path in paths if path.is_dir() and path.name[0] != "."}
+
+    @staticmethod
+    def scan(folder: Path, camera: int) -> Scan:
+        """Scan a sequence with one of its cameras."""
+        findings = Findings()
+        images = scan_numbered(folder / f"image_{camera}", findings)
+        projection = scan_projection(folder / "calib.txt", f"P{camera}", findings)
+        times_s = pose_files.scan_times(folder / "times.txt", findings)
+        check_count(folder / "times.txt", "times", len(times_s), len(images), findings)
+        poses = folder.parents[1] / "poses" / f"{folder.name}.txt"
+        world_from_cam0 = _scan_poses(poses, len(images), findings) if poses.exists() else None
+        return rectified(images, times_s, projection, world_from_cam0, findings)
+
+    @classmethod
+    def scans(cls, folder: Path) -> dict[str, Scan]:
+        """Scan a sequence with each of its cameras."""
+        return {f"image_{camera}": cls.scan(folder, camera) for camera in cls._cameras(folder)}
+
+    @classmethod
+    def _cameras(cls, folder: Path) -> list[int]:
+        """Return the cameras of a sequence that have a folder, the preferred one first."""
+        cameras = PREFERRED_CAMERAS
+        return [camera for camera in cameras if (folder / f"{cls.prefix}{camera}").is_dir()]
 
     def _read(self, name: str, load: Load) -> Recording:
-        settings = (self.camera, load, self.camera_height_m)
-        return self.layout.read_recording(self.root, name, *settings, with_right=self.with_right)
+        folder = self._folder(name)
+        cameras = self._cameras(folder)
+        if not cameras:
+            raise BadData(f"{folder} holds no images: expected a folder {self.prefix}0 to 3")
+        camera = cameras[0] if self.camera is None else self.camera
+        if camera not in cameras:
+            present = ", ".join(f"{self.prefix}{number}" for number in cameras)
+            raise BadData(f"{folder} has no {self.prefix}{camera}: it has {present}")
+        left = self.scan(folder, camera)
+        recording = left.recording(name, folder, load, self.camera_height_m)
+        right_camera = RIGHT_OF.get(camera)
+        if not self.with_right or right_camera not in cameras:
+            return recording
+        right = self.scan(folder, right_camera)
+        side = right.recording(name, folder, load, self.camera_height_m)
+        right_from_left = right.cam_from_rig @ se3.inverse(left.cam_from_rig)
+        return replace(recording, right=SideCamera(side.frames, side.intrinsics, right_from_left))
+
+
+def check_count(path: Path, what: str, count: int, num_frames: int, findings: Findings) -> None:
+    """Report a file without exactly one row per frame."""
+    if count not in (0, num_frames):
+        message = f"{count} {what} for {num_frames} frames, expected one each"
+        findings.error(path, message)
+
+
+def _scan_poses(path: Path, num_frames: int, findings: Findings) -> FloatArray:
+    """Scan world_from_cam0 [N, 4, 4], one pose per frame; all are NaN if their numbers differ."""
+    table = pose_files.scan_kitti(path, findings)
+    if table.keys is not None:
+        missing = np.setdiff1d(np.arange(num_frames), table.keys)
+        if len(missing):
+            findings.error(path, f"expected a pose of every frame, frames {missing} have none")
+    check_count(path, "poses", len(table.world_from_cam), num_frames, findings)
+    if len(table.world_from_cam) == num_frames:
+        return table.world_from_cam
+    return np.full((num_frames, 4, 4), np.nan)
+
+
+def scan_entry(path: Path, name: str, count: int, findings: Findings) -> FloatArray | None:
+    """Scan the numbers of the line `name: ...` of a calibration file."""
+    for line, text in pose_files.read_lines(path, findings, "calibration"):
+        key, _, numbers = text.partition(":")
+        if key == name:
+            return pose_files.parse_numbers(path, line, numbers.split(), (count,), findings)
+    findings.error(path, f"has no line '{name}:'")
+    return None
+
+
+def scan_projection(path: Path, name: str, findings: Findings) -> FloatArray | None:
+    """Scan the projection K [I | t] [3, 4] of a camera."""
+    numbers = scan_entry(path, name, 12, findings)
+    if numbers is None:
+        return None
+    projection = numbers.reshape(3, 4)
+    camera_matrix = projection[:, :3]
+    expected = np.triu(camera_matrix)
+    expected[0, 1] = 0
+    expected[2, 2] = 1
+    if np.allclose(camera_matrix, expected) and min(np.diag(camera_matrix)) > 0:
+        return projection
+    findings.error(
+        path,
+        f"{name} is not K [I | t] of a rectified camera: expected positive focal lengths, zeros "
+        "beside them, and 0 0 1 below",
+    )
+    return None
+
+
+def rectified(
+    images: tuple[Path, ...],  # N
+    times_s: FloatArray,  # [N]
+    projection: FloatArray | None,  # K [I | t], [3, 4]
+    world_from_cam0: FloatArray | None,  # [N, 4, 4]
+    findings: Findings,
+) -> Scan:
+    """Return the scan of a rectified camera."""
+    if projection is None or not images:
+        return Scan(images, times_s, (), findings)
+    try:
+        size_px = image_size(images[0])
+    except BadData as problem:
+        findings.add(images[0], problem)
+        return Scan(images, times_s, (), findings)
+    camera_matrix = projection[:, :3]
+    (fx, _, cx), (_, fy, cy), _ = camera_matrix.tolist()
+    lens = DistortedCamera(Intrinsics(fx, fy, cx, cy, *size_px))
+    cam_from_cam0 = se3.compose(np.eye(3), np.linalg.solve(camera_matrix, projection[:, 3]))
+    world_from_cam = None
+    if world_from_cam0 is not None:
+        world_from_cam = world_from_cam0 @ se3.inverse(cam_from_cam0)
+    cameras = (lens,) * len(images)
+    return Scan(images, times_s, cameras, findings, world_from_cam, cam_from_rig=cam_from_cam0)

@@ -1,41 +1,45 @@
-"""Which data set a folder holds, by what lies in it."""
+"""The data set that a folder holds, by what lies in it."""
 
 from pathlib import Path
 from typing import Any
 
-from geovp_classic.data import colmap, euroc, folder, kitti_raw_layout, tum
+from geovp_classic.data.colmap import Colmap
+from geovp_classic.data.euroc import Euroc
+from geovp_classic.data.folder import Folder
+from geovp_classic.data.kitti import Kitti
+from geovp_classic.data.kitti_raw import KittiRaw
+from geovp_classic.data.tum import Tum
 from geovp_classic.errors import BadData
 
-POSED = {"tum": tum, "euroc": euroc, "colmap": colmap}
-EXPECTED = (
-    "KITTI odometry or raw, TUM RGB-D, EuRoC, a COLMAP model with its images, or a folder of images"
-)
+LAYOUTS: dict[str, Any] = {
+    "kitti-raw": KittiRaw,
+    "kitti": Kitti,
+    "tum": Tum,
+    "euroc": Euroc,
+    "colmap": Colmap,
+    "folder": Folder,
+}
 
 
 def name_of(root: Path) -> str:
-    """The data set of a folder; BadData when it looks like none."""
-    if not root.is_dir():
-        raise BadData(f"{root} does not exist: give a folder of {EXPECTED}")
-    if kitti_raw_layout.is_raw(root):
-        return "kitti-raw"
-    if (root / "sequences").is_dir() or (root / "dataset" / "sequences").is_dir():
-        return "kitti"
-    for name, layout in POSED.items():
+    """Return the data set of a folder; BadData if it looks like none."""
+    for name, layout in LAYOUTS.items():
         try:
             layout.folders(root)
         except BadData:
             continue
         return name
-    if folder.paths_below(root):
-        return "folder"
+    state = "holds no known data set" if root.is_dir() else "does not exist"
     raise BadData(
-        f"{root} is laid out as no data set that is known here: give a folder of {EXPECTED}"
+        f"{root} {state}: give a folder of KITTI odometry or raw, TUM RGB-D, EuRoC, a COLMAP "
+        "model with its images, or a folder of images"
     )
 
 
 def spec(root: Path) -> dict[str, Any]:
-    """The table of the data set in a folder, as `registry.build` takes it; a folder of images needs
-    intrinsics, too.
+    """Return the table of the data set in a folder, as `registry.build` takes it.
+
+    A folder of images needs intrinsics, too.
     """
     name = name_of(root)
     return {"name": name, ("path" if name == "folder" else "root"): root}

@@ -1,27 +1,24 @@
-"""Data sets of several recordings below one root: which frames of which recording clips are cut
-from.
-"""
+"""Data sets of several sequences below one root, and the frames that their clips are cut from."""
 
 import dataclasses
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from geovp_classic import files
 from geovp_classic.data import splits, windows
-from geovp_classic.data.frames import FrameCache, read_image
+from geovp_classic.data.frames import FrameCache, Load, read_image
+from geovp_classic.data.scan import Scan
 from geovp_classic.data.windows import Fit, FrameRange, Recording
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Clip
 
-Load = Callable[[Path], ByteArray]
-
 
 class SequenceDataset(ABC):
-    """What such data sets share; each is a frozen dataclass with these settings.
+    """The common behaviour of such data sets; each is a frozen dataclass with these settings.
 
     `sequences` names sequences or frames of them ("06", "03[180:360)"); without it, all are used.
     """
@@ -31,10 +28,12 @@ class SequenceDataset(ABC):
     stride: int
     size_px: tuple[int, int]
     with_full: bool
+    camera_height_m: float | None
     fit: Fit = "crop"
+    image_bits: int | None = None
 
     def _check(self) -> None:
-        """Raise BadData unless every sequence that is named can be used."""
+        """Raise BadData unless all named sequences can be used."""
         windows.check_protocol(self.num_frames, self.stride, self.size_px, self.fit)
         for name, count in Counter(self.clip_names).items():
             files.check_name(name, "the clip")
@@ -42,48 +41,44 @@ class SequenceDataset(ABC):
                 raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
 
     def __getstate__(self) -> dict[str, Any]:
-        """The settings alone, so that a copy in another process reads its own files."""
+        """Return the settings alone, so that a copy in another process reads its own files."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
 
     @cached_property
     def ranges(self) -> tuple[FrameRange, ...]:
-        """The frames that clips are cut from, every end spelled out; broken where the
-        recording is.
+        """Return the frames that clips are cut from, every end spelled out.
+
+        They are broken where the recording is.
         """
-        pieces = []
+        pieces: list[FrameRange] = []
         for frames in self._wanted:
             recording = self.recordings[frames.sequence]
-            pieces += windows.pieces(
-                frames.within(len(recording.frames)), recording.breaks, self.num_frames
-            )
+            complete = frames.within(len(recording.frames))
+            pieces += windows.pieces(complete, recording.breaks, self.num_frames)
         return tuple(pieces)
 
     @property
     def split_hash(self) -> str:
-        """The hash of `ranges`: two people have the same one when their clips come from the same
-        frames.
-        """
+        """Return the hash of `ranges`, which is the same for clips from the same frames."""
         return splits.content_hash(self.ranges)
 
     @property
     def clip_names(self) -> tuple[str, ...]:
-        """The clips' names in order, without reading the clips."""
+        """Return the clips' names in order, without reading the clips."""
         return tuple(windows.clip_name(sequence, first) for sequence, first in self._starts)
 
     @cached_property
     def recordings(self) -> dict[str, Recording]:
-        """The sequences in use, by name."""
+        """Return the sequences in use, by name."""
         load = FrameCache(self._load)
-        return {
-            name: self._read(name, load)
-            for name in dict.fromkeys(frames.sequence for frames in self._wanted)
-        }
+        names = dict.fromkeys(frames.sequence for frames in self._wanted)
+        return {name: self._read(name, load) for name in names}
 
     def __len__(self) -> int:
         return len(self._starts)
 
     def __getitem__(self, index: int) -> Clip:
-        """One clip; BadData names the image that is wrong."""
+        """Return one clip; BadData names the image that is wrong."""
         sequence, first = self._starts[index]
         recording = self.recordings[sequence]
         return windows.cut(
@@ -93,27 +88,79 @@ class SequenceDataset(ABC):
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
         if self.sequences is None:
-            found = tuple(FrameRange(name) for name in self._names())
+            ranges = tuple(FrameRange(name) for name in self._folders)
         else:
-            found = tuple(FrameRange.parse(text) for text in self.sequences)
-        if not found:
+            ranges = tuple(FrameRange.parse(text) for text in self.sequences)
+        if not ranges:
             raise BadData("no sequence is named: name some that the data set's folder holds")
-        return found
+        return ranges
 
+    @cached_property
     @abstractmethod
-    def _names(self) -> list[str]:
-        """All sequences of the root."""
+    def _folders(self) -> dict[str, Path]:
+        """Return the sequences of the root by name."""
 
     @abstractmethod
     def _read(self, name: str, load: Load) -> Recording:
-        """One sequence."""
+        """Read a sequence, whose images are loaded later."""
+
+    def _folder(self, name: str) -> Path:
+        """Return the folder of a sequence; BadData lists the others."""
+        if name not in self._folders:
+            raise BadData(
+                f"there is no sequence {name!r}: name one of {', '.join(self._folders) or 'none'}"
+            )
+        return self._folders[name]
 
     def _load(self, path: Path) -> ByteArray:
-        return read_image(path)
+        return read_image(path, self.image_bits)
 
     @cached_property
     def _starts(self) -> list[tuple[str, int]]:
-        cuts = (
-            (frames, windows.starts(frames, self.num_frames, self.stride)) for frames in self.ranges
-        )
-        return [(frames.sequence, first) for frames, firsts in cuts for first in firsts]
+        starts = []
+        for frames in self.ranges:
+            for first in windows.starts(frames, self.num_frames, self.stride):
+                starts.append((frames.sequence, first))
+        return starts
+
+
+@dataclass(frozen=True)
+class PosedSequences(SequenceDataset):
+    """Sequences below one root, or a root that is one itself; one clip every `stride` frames.
+
+    `sequences` names them ("office", "office[100:400)"; frames are counted among those with a
+    pose). Frames are undistorted, then cropped to their central square at `size_px`, or with `fit =
+    "stretch"` resized whole. `image_bits` is the number of used bits of 16-bit images. Everything
+    but the images is checked on construction.
+    """
+
+    root: Path
+    sequences: tuple[str, ...] | None = None
+    num_frames: int = 30
+    stride: int = 10
+    size_px: tuple[int, int] = (256, 256)
+    fit: Fit = "crop"
+    camera_height_m: float | None = None
+    image_bits: int | None = None
+    with_full: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "root", Path(self.root))  # scripts give text
+        self._check()
+
+    @staticmethod
+    @abstractmethod
+    def folders(root: Path) -> dict[str, Path]:
+        """Return the sequences of a root by name; BadData if it has another layout."""
+
+    @abstractmethod
+    def _scan(self, folder: Path) -> Scan:
+        """Scan a sequence."""
+
+    @cached_property
+    def _folders(self) -> dict[str, Path]:
+        return self.folders(self.root)
+
+    def _read(self, name: str, load: Load) -> Recording:
+        folder = self._folder(name)
+        return self._scan(folder).recording(name, folder, load, self.camera_height_m)

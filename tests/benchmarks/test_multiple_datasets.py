@@ -125,7 +125,7 @@ def test_what_stored_results_depend_on_has_not_changed(
         "with_right": False,
     }
     assert registry.describe(raw) == {**kitti, **shared}
-    images = raw.recordings["2011_09_26_drive_0060"].frames.paths[0].parent
+    images = raw.recordings["2011_09_26_drive_0060"].frames.frames.paths[0].parent
     folder = registry.build(
         "datasets", {"name": "folder", "path": images, "intrinsics": [40, 40, 15, 15], **shared}
     )

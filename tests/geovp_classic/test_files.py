@@ -69,10 +69,11 @@ def test_a_record_holds_utf8_only() -> None:
 
 def test_python_notation_is_not_a_number_in_a_pose_file(tmp_path: Path) -> None:
     for word in ("1_0", "\uff11\uff10", "0x10", "1e999", "nan", "9" * 400):
-        assert isinstance(pose_files.parse_row(tmp_path, 1, word), pose_files.Finding), word
-    row = pose_files.parse_row(tmp_path, 1, "-.5 1. 2E+3 7")
-    assert isinstance(row, pose_files.Row)
-    assert row.numbers == (-0.5, 1.0, 2000.0, 7.0)
+        (tmp_path / "times.txt").write_text(word)
+        with pytest.raises(BadData, match="line 1"):
+            pose_files.read_times(tmp_path / "times.txt")
+    (tmp_path / "times.txt").write_text("-.5\n1.\n2E+3\n7000\n")
+    assert pose_files.read_times(tmp_path / "times.txt").tolist() == [-0.5, 1.0, 2000.0, 7000.0]
 
 
 @given(st.text(max_size=60))

@@ -25,10 +25,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Print a table of the sequences, the findings, and the splits that can be used."""
     from geovp_benchmarks.formats import columns
-    from geovp_classic.data import doctor
+    from geovp_classic.data.doctor import Doctor
 
     with progress_bar("doctor", "sequences") as progress:
-        found = doctor.examine(
+        found = Doctor().examine(
             chosen.root, deep=chosen.deep, watch=lambda names: tracked(names, len(names), progress)
         )
     if chosen.json:

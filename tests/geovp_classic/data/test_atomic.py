@@ -1,6 +1,4 @@
-"""A file or folder is there when it is complete; an error leaves what was there before, and no
-scratch.
-"""
+"""A file or folder appears when it is complete; an error leaves the old one and no scratch."""
 
 from pathlib import Path
 
@@ -9,7 +7,7 @@ import pytest
 from geovp_classic.data.atomic import atomic_write, write_bytes
 
 
-def test_a_file_replaces_the_one_before(tmp_path: Path) -> None:
+def test_a_file_replaces_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "new" / "file.txt"
     for content in (b"first", b"second"):
         write_bytes(path, content)
@@ -17,7 +15,7 @@ def test_a_file_replaces_the_one_before(tmp_path: Path) -> None:
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_an_error_leaves_what_was_there(tmp_path: Path) -> None:
+def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "file.txt"
     path.write_bytes(b"whole")
 
@@ -45,7 +43,7 @@ def test_a_folder_replaces_an_empty_one(tmp_path: Path, exists: bool) -> None:
     assert list(tmp_path.iterdir()) == [folder]
 
 
-def test_half_a_folder_is_removed(tmp_path: Path) -> None:
+def test_an_incomplete_folder_is_removed(tmp_path: Path) -> None:
     def write() -> None:
         with atomic_write(tmp_path / "folder") as scratch:
             scratch.mkdir()

@@ -1,4 +1,4 @@
-"""Every file with the same camera, written as its program writes it, gives the same numbers."""
+"""Files with the same camera, written as their programs write it, give the same numbers."""
 
 from pathlib import Path
 
@@ -25,28 +25,31 @@ KALIBR = """cam0:
   distortion_coeffs: [0, 0, 0, 0]
   resolution: [640, 480]
 """
-FILES = [
-    ("calib.txt", KITTI),
-    ("cameras.txt", COLMAP),
-    ("info.yaml", ROS),
-    ("topic.yml", TOPIC),
-    ("cam.yaml", KALIBR),
-]
 
 
-@pytest.mark.parametrize(("name", "text"), FILES)
-def test_one_camera_from_five_files(tmp_path: Path, name: str, text: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("calib.txt", KITTI),
+        ("calib_cam_to_cam.txt", KITTI.replace("P", "P_rect_0")),
+        ("cameras.txt", COLMAP),
+        ("info.yaml", ROS),
+        ("topic.yml", TOPIC),
+        ("cam.yaml", KALIBR),
+    ],
+)
+def test_all_formats_give_the_same_camera(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     read = read_calibration(tmp_path / name, tmp_path / "image_2")
     assert read.numbers == (500.0, 510.0, 319.5, 239.5)
-    assert read.size_px == (None if name == "calib.txt" else (640, 480))
+    assert read.size_px == (None if name.startswith("calib") else (640, 480))
     assert bool(np.any(read.distortion)) == (text is ROS)
 
 
-def test_kittis_camera_is_that_of_the_folder(tmp_path: Path) -> None:
+def test_kitti_camera_is_that_of_the_folder(tmp_path: Path) -> None:
     (tmp_path / "calib.txt").write_text(KITTI)
     assert read_calibration(tmp_path / "calib.txt", tmp_path / "image_0").numbers[0] == 1
-    with pytest.raises(BadData, match="no line of the camera"):
+    with pytest.raises(BadData, match="no line 'P3:'"):
         read_calibration(tmp_path / "calib.txt", tmp_path / "image_3")
 
 
@@ -67,40 +70,35 @@ def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "text"),
     [
-        ("a.yaml", "just a word", "is not a calibration"),
-        ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}", "expected pinhole"),
-        ("a.yaml", "K: [1, 2]", "is not a calibration"),
-        ("a.yaml", "a: [", "is not a calibration"),
-        ("cameras.txt", "1 PINHOLE 640 480 500 510", "is not a camera"),
-        ("cameras.txt", "1 NOTHING 640 480 500 510", "is not a camera"),
-        ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240", "its images are 640x0"),
-        (
-            "cameras.txt",
-            "1 PINHOLE 640 4000000000000 500 510 320 240",
-            "its images are 640x4000000000000",
-        ),
-        ("cameras.txt", "", "0 lines of cameras"),
-        ("calib.txt", "P2: 1 2 3", "3 numbers"),
+        ("a.yaml", "just a word"),
+        ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}"),
+        ("a.yaml", "K: [1, 2]"),
+        ("a.yaml", "a: ["),
+        ("cameras.txt", "1 PINHOLE 640 480 500 510"),
+        ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240"),
+        ("cameras.txt", "1 PINHOLE 640 4000000000000 500 510 320 240"),
+        ("cameras.txt", ""),
+        ("calib.txt", "P2: 1 2 3"),
     ],
 )
-def test_a_wrong_file_gets_one_sentence(tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_a_wrong_file_gives_a_one_line_error(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(BadData, match=message) as caught:
+    with pytest.raises(BadData, match=name) as caught:
         read_calibration(tmp_path / name, tmp_path)
     assert "\n" not in str(caught.value)
 
 
-def test_unknown_models_are_refused_however_many(tmp_path: Path) -> None:
-    """Pycolmap loses a level of recursion at every name that it does not know."""
+def test_unknown_models_are_refused_any_number_of_times(tmp_path: Path) -> None:
+    """Pycolmap loses a level of recursion for each unknown name."""
     (tmp_path / "cameras.txt").write_text("1 NOTHING 640 480 500 510\n")
     for _ in range(1100):
         with pytest.raises(BadData, match="is not a camera"):
             read_calibration(tmp_path / "cameras.txt", tmp_path)
 
 
-def test_a_photos_equivalent_focal_length_refers_to_the_diagonal(tmp_path: Path) -> None:
+def test_the_equivalent_focal_length_of_a_photo_refers_to_the_diagonal(tmp_path: Path) -> None:
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0xA405] = 26  # FocalLengthIn35mmFilm
     Image.new("RGB", (400, 300)).save(tmp_path / "a.jpg", exif=exif)

@@ -1,4 +1,4 @@
-"""Images and videos are read as they are, or the file that is not whole is named."""
+"""Images and videos are read as they are; incomplete files are refused."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames import (
     FrameCache,
     FrameFiles,
@@ -38,14 +39,11 @@ def scene(height_px: int = 37, width_px: int = 53) -> np.ndarray:
     return np.clip(smooth + rng.normal(0, 3, smooth.shape), 0, 255).astype(np.uint8)
 
 
-def test_channels_come_as_red_green_blue(tmp_path: Path) -> None:
+def test_images_have_red_green_and_blue_channels(tmp_path: Path) -> None:
     bgr = np.zeros((2, 3, 3), np.uint8)
     bgr[..., 2] = 200  # red
     cv2.imwrite(str(tmp_path / "red.png"), bgr)
     assert read_image(tmp_path / "red.png")[0, 0].tolist() == [200, 0, 0]
-
-
-def test_grey_images_get_three_equal_channels(tmp_path: Path) -> None:
     grey = scene()[..., 0]
     cv2.imwrite(str(tmp_path / "grey.png"), grey)
     image = read_image(tmp_path / "grey.png")
@@ -59,21 +57,19 @@ def test_sizes_are_read_from_headers(tmp_path: Path, name: str) -> None:
     assert image_size(tmp_path / name) == image_size(tmp_path / name, deep=True) == (53, 37)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in ENCODINGS if name.endswith((".png", ".jpg", ".webp"))]
-)
-@pytest.mark.parametrize("share", [0.0, 0.005, 0.3, 0.7, 0.98])
-def test_an_image_that_was_cut_short_is_named(tmp_path: Path, name: str, share: float) -> None:
+@pytest.mark.parametrize("name", ENCODINGS)
+@pytest.mark.parametrize("fraction", [0.0, 0.005, 0.3, 0.7, 0.98])
+def test_a_truncated_image_is_refused(tmp_path: Path, name: str, fraction: float) -> None:
     path = tmp_path / name
     cv2.imwrite(str(path), scene(), ENCODINGS[name])
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
+    path.write_bytes(whole[: int(fraction * len(whole))])
     for read in (read_image, image_size):
         with pytest.raises(BadData, match=name):
             read(path)
 
 
-def test_an_image_that_is_none_is_named(tmp_path: Path) -> None:
+def test_files_without_an_image_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_text("this is not an image")
     with pytest.raises(BadData, match=r"a\.png cannot be decoded as an image"):
         read_image(tmp_path / "a.png")
@@ -81,10 +77,10 @@ def test_an_image_that_is_none_is_named(tmp_path: Path) -> None:
         read_image(tmp_path / "b.png")
 
 
-def test_a_frame_of_another_size_is_named(tmp_path: Path) -> None:
+def test_a_frame_of_another_size_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "0.png"), scene())
     cv2.imwrite(str(tmp_path / "1.png"), scene(20, 30))
-    frames = FrameFiles((tmp_path / "0.png", tmp_path / "1.png"), (53, 37))
+    frames = FrameFiles((tmp_path / "0.png", tmp_path / "1.png"), ((53, 37),) * 2)
     assert len(frames) == 2
     assert frames.read(0).shape == (37, 53, 3)
     with pytest.raises(BadData, match=r"1\.png is 30x20 pixels, expected 53x37"):
@@ -104,53 +100,41 @@ def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> Non
         image_files(tmp_path / "none")
 
 
-@pytest.mark.parametrize("trailer", [bytes(100), b"film" * 10_000])
-def test_something_may_follow_the_end_of_an_image(tmp_path: Path, trailer: bytes) -> None:
+def test_other_content_may_follow_an_image(tmp_path: Path) -> None:
     for name in ("a.png", "a.jpg"):
         cv2.imwrite(str(tmp_path / name), scene())
         with (tmp_path / name).open("ab") as file:
-            file.write(trailer)
+            file.write(b"film" * 10_000)
         assert read_image(tmp_path / name).shape == (37, 53, 3)
         assert image_size(tmp_path / name) == (53, 37)
 
 
-def test_the_end_of_a_thumbnail_is_not_the_end_of_the_image(tmp_path: Path) -> None:
-    data = cv2.imencode(".jpg", scene())[1].tobytes()
-    thumbnail = (
-        b"\xff\xe9" + (2 + 100).to_bytes(2, "big") + bytes(98) + b"\xff\xd9"
-    )  # in an APP9 segment
-    for name, content in (("whole.jpg", data), ("cut.jpg", data[: 3 * len(data) // 4])):
-        (tmp_path / name).write_bytes(content[:2] + thumbnail + content[2:])
-    assert image_size(tmp_path / "whole.jpg") == (53, 37)
-    with pytest.raises(BadData, match=r"cut\.jpg is cut short: its end is missing"):
-        image_size(tmp_path / "cut.jpg")
-
-
-def test_gaps_duplicates_and_foreign_files_are_found(tmp_path: Path) -> None:
+def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
     for name in ("000001.png", "000002.png", "000002.jpg", "000006.png", "readme.txt"):
         (tmp_path / name).touch()
-    paths, findings = scan_numbered(tmp_path)
+    findings = Findings()
+    paths = scan_numbered(tmp_path, findings)
     assert [path.name for path in paths] == ["000001.png", "000002.jpg", "000006.png"]
-    told = [(finding.severity, finding.path.name, finding.message) for finding in findings]
-    assert ("error", "000002.png", "is frame 2 as 000002.jpg is: keep one") in told
-    assert ("note", "readme.txt", "is not a numbered image and is left out") in told
-    gaps = [message for _, name, message in told if name == tmp_path.name]
-    assert gaps[0].startswith("frame 000000 is missing")
-    assert gaps[1].startswith("frames 000003 to 000005 are missing")
-    assert len(told) == 4
+    assert [(finding.severity, finding.path.name) for finding in findings] == [
+        ("error", "000002.png"),
+        ("note", "readme.txt"),
+        ("error", tmp_path.name),
+        ("error", tmp_path.name),
+    ]
+    assert "lacks frames 000003 to 000005" in findings[-1].message
 
 
-def test_the_cache_is_bounded_and_forgets_the_oldest() -> None:
-    asked: list[int] = []
+def test_the_cache_drops_the_oldest_frames() -> None:
+    loaded: list[int] = []
 
     def load(key: int) -> np.ndarray:
-        asked.append(key)
+        loaded.append(key)
         return np.full(100, key, np.uint8)
 
     cache = FrameCache(load, limit_bytes=250)  # two frames
     for key in (1, 2, 1, 3, 1, 2):
         assert cache(key)[0] == key
-    assert asked == [1, 2, 3, 2]  # 2 was the oldest when 3 came
+    assert loaded == [1, 2, 3, 2]  # 2 was the oldest when 3 came
     with pytest.raises(ValueError, match="read-only"):
         cache(1)[0] = 0
 
@@ -175,20 +159,14 @@ def test_video_frames_come_by_number_in_any_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
-def test_images_of_16_bits_are_refused_or_read_by_the_bits_they_use(
+def test_images_of_16_bits_need_the_number_of_used_bits(
     tmp_path: Path, shape: tuple[int, ...]
 ) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full(shape, 3000, np.uint16))
-    with pytest.raises(
-        BadData,
-        match=r"a\.png holds uint16 values, expected 8 bits a channel: convert the images, or",
-    ):
+    with pytest.raises(BadData, match=r"a\.png holds uint16 values, expected 8 bits a channel"):
         read_image(tmp_path / "a.png")
     assert np.unique(read_image(tmp_path / "a.png", bits=12)).tolist() == [3000 // 16]
     assert np.unique(read_image(tmp_path / "a.png", bits=16)).tolist() == [3000 // 256]
-    with pytest.raises(
-        BadData, match="has the value 3000, more than 10 bits hold: give a larger image_bits"
-    ):
-        read_image(tmp_path / "a.png", bits=10)
-    with pytest.raises(BadData, match="image_bits is 17, expected 8 to 16"):
-        read_image(tmp_path / "a.png", bits=17)
+    for bits, message in ((10, "has the value 3000, more than 10 bits"), (17, "expected 8 to 16")):
+        with pytest.raises(BadData, match=message):
+            read_image(tmp_path / "a.png", bits=bits)

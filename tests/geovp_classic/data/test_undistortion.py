@@ -1,17 +1,17 @@
-"""Undistorted images show a point where a pinhole camera sees it; distortion formulas are written
-out here anew.
-"""
+"""Undistorted images show a point where a pinhole camera sees it."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 
 from geovp_classic.data import undistortion
-from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths, UndistortedFrames
+from geovp_classic.data.undistortion import DistortedCamera, UndistortedDepths
 from geovp_classic.errors import BadData
+from geovp_classic.types import Intrinsics
 
 F, CX, CY, SIZE_PX = 200.0, 158.0, 121.0, (320, 240)
 RAY = (0.45, -0.3)  # 90 px to the right of the centre and 60 px up
@@ -27,6 +27,16 @@ def radtan(
         x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
         y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
     )
+
+
+def camera_of(
+    model: str = "PINHOLE",
+    distortion: tuple[float, ...] = (),
+    focal_px: float = F,
+    centre_px: tuple[float, float] = (CX, CY),
+) -> DistortedCamera:
+    """Return a camera of images of 320x240 pixels."""
+    return DistortedCamera(Intrinsics(focal_px, focal_px, *centre_px, *SIZE_PX), model, distortion)
 
 
 def equidistant(
@@ -69,7 +79,7 @@ CASES = [
 def test_a_point_comes_to_where_a_pinhole_camera_sees_it(
     model: str, numbers: tuple[float, ...], distort: Distort
 ) -> None:
-    camera = DistortedCamera.of(model, (F, F, CX, CY), numbers, SIZE_PX)
+    camera = camera_of(model, numbers)
     view = undistortion.common_pinhole([camera], Path("here"))
     x, y = distort(*RAY, *numbers)
     image = undistortion.undistorted(spot(F * x + CX, F * y + CY), camera, view)
@@ -82,9 +92,13 @@ def test_a_point_comes_to_where_a_pinhole_camera_sees_it(
 
 
 def test_colmap_counts_pixels_from_the_corner() -> None:
-    camera = DistortedCamera("SIMPLE_PINHOLE", (F, CX + 0.5, CY + 0.5), *SIZE_PX)
-    assert (camera.pinhole.fx_px, camera.pinhole.fy_px) == (F, F)
-    np.testing.assert_allclose(camera.pixels(np.array([[0.0, 0.0, 1.0]])), [[CX, CY]])
+    params = [F, CX + 0.5, CY + 0.5, 0.25]
+    given = pycolmap.Camera(model="SIMPLE_RADIAL", width=320, height=240, params=params)
+    assert DistortedCamera.from_colmap(given) == camera_of("SIMPLE_RADIAL", (0.25,))
+    ray = np.array([[0.3, 0.4, 1.0]])
+    distorted = DistortedCamera.from_colmap(given).pixels(ray)
+    np.testing.assert_allclose(distorted, given.img_from_cam(ray) - 0.5)
+    camera = camera_of()
     image = spot(100, 50)
     assert undistortion.undistorted(image, camera, camera.pinhole) is image
 
@@ -93,7 +107,7 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
     """A corner at radius r of the view comes from r (1 + 0.1 r^2) of the image, which ends 160 px
     off the centre.
     """
-    camera = DistortedCamera.of("OPENCV", (F, F, 159.5, 119.5), (0.1, 0.0, 0.0, 0.0), SIZE_PX)
+    camera = camera_of("OPENCV", (0.1, 0.0, 0.0, 0.0), centre_px=(159.5, 119.5))
     view = undistortion.common_pinhole([camera], Path("here"))
 
     def source_px(focal_px: float) -> float:
@@ -110,7 +124,7 @@ def test_images_of_several_cameras_are_shown_as_one_sees_them() -> None:
     """The second camera's lens is 5 % longer: the first's view is zoomed by as much, and shows a
     ray at one pixel.
     """
-    cameras = [DistortedCamera.of("PINHOLE", (f, f, CX, CY), (), SIZE_PX) for f in (F, 1.05 * F)]
+    cameras = [camera_of(focal_px=focal_px) for focal_px in (F, 1.05 * F)]
     view = undistortion.common_pinhole(cameras, Path("here"))
     assert 1.04 < view.fx_px / F < 1.06
     expected = view.fx_px * RAY[0] + CX, view.fy_px * RAY[1] + CY
@@ -120,20 +134,20 @@ def test_images_of_several_cameras_are_shown_as_one_sees_them() -> None:
 
 
 def test_cameras_that_see_no_common_image_are_refused() -> None:
-    near = DistortedCamera.of("PINHOLE", (F, F, CX, CY), (), SIZE_PX)
-    far = DistortedCamera.of("PINHOLE", (5 * F, 5 * F, CX, CY), (), SIZE_PX)
+    near = camera_of()
+    far = camera_of(focal_px=5 * F)
     with pytest.raises(
         BadData,
         match=r"model: no pinhole camera, up to a zoom of 2, .* all its 2 cameras see: check",
     ):
         undistortion.common_pinhole([near, far], Path("model"))
-    broken = DistortedCamera.of("OPENCV", (F, F, CX, CY), (np.nan, 0.0, 0.0, 0.0), SIZE_PX)
+    broken = camera_of("OPENCV", (np.nan, 0.0, 0.0, 0.0))
     with pytest.raises(BadData, match="check focal lengths"):
         undistortion.common_pinhole([broken], Path("model"))
 
 
 def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
-    camera = DistortedCamera.of("OPENCV", (F, F, CX, CY), (-0.28, 0.07, 0.0, 0.0), SIZE_PX)
+    camera = camera_of("OPENCV", (-0.28, 0.07, 0.0, 0.0))
     x, y = radtan(*RAY, -0.28, 0.07, 0.0, 0.0)
     values = np.full((240, 320), 10000, np.uint16)
     u, v = round(F * x + CX), round(F * y + CY)
@@ -151,14 +165,3 @@ def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
         BadData, match=r"depth\.png holds uint8 in 2 dimensions, expected .* 16 bits"
     ):
         depths(0)
-
-
-def test_an_image_of_another_size_is_refused(tmp_path: Path) -> None:
-    camera = DistortedCamera.of("PINHOLE", (F, F, CX, CY), (), SIZE_PX)
-    frames = UndistortedFrames(
-        (tmp_path / "a.png",), (camera,), camera.pinhole, lambda _: np.zeros((24, 32, 3), np.uint8)
-    )
-    with pytest.raises(
-        BadData, match=r"a\.png is 32x24 pixels, expected 320x240 as its calibration says"
-    ):
-        frames.read(0)

@@ -1,6 +1,6 @@
 """Frame ranges, the starts of clips, and crops whose intrinsics agree with their pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from geovp_classic.types import Intrinsics, Trajectory
 
 @dataclass(frozen=True)
 class Images:
-    """Frames held in memory."""
+    """Frames in memory."""
 
     frames: np.ndarray
 
@@ -30,6 +30,7 @@ class Images:
 def recording_of(
     frames: np.ndarray, camera: Intrinsics, right: SideCamera | None = None
 ) -> Recording:
+    """Return frames at 10 Hz of a camera that moves along z, 1 m a frame."""
     count = len(frames)
     world_from_cam = np.eye(4)[None].repeat(count, axis=0)
     world_from_cam[:, 2, 3] = np.arange(count)
@@ -38,7 +39,7 @@ def recording_of(
     return Recording("a", Images(frames), times_s, camera, trajectory, 1.65, right)
 
 
-def test_a_range_says_first_inclusive_and_last_exclusive() -> None:
+def test_ranges_include_the_first_and_exclude_the_last_frame() -> None:
     assert FrameRange.parse("03[180:360)") == FrameRange("03", 180, 360)
     assert FrameRange.parse(" raw0095 ") == FrameRange("raw0095", 0, None)
     assert str(FrameRange("06").within(51)) == "06[0:51)"
@@ -58,7 +59,7 @@ def test_a_range_is_read_as_it_is_written(name: str, first: int, count: int) -> 
     "text",
     ["03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03[9:5)", "03 [0:4)"],
 )
-def test_other_ways_to_write_a_range_are_refused(text: str) -> None:
+def test_other_notations_of_a_range_are_refused(text: str) -> None:
     with pytest.raises(BadData, match=r"first|expected"):
         FrameRange.parse(text)
 
@@ -72,9 +73,7 @@ def test_clips_start_every_stride_and_end_inside() -> None:
 
 
 @given(st.integers(0, 50), st.integers(2, 60), st.integers(2, 20), st.integers(1, 9))
-def test_no_clip_leaves_its_range_and_none_is_forgotten(
-    first: int, count: int, num_frames: int, stride: int
-) -> None:
+def test_clips_fill_their_range(first: int, count: int, num_frames: int, stride: int) -> None:
     if count < num_frames:
         return
     begun = windows.starts(FrameRange("a", first, first + count), num_frames, stride)
@@ -82,20 +81,15 @@ def test_no_clip_leaves_its_range_and_none_is_forgotten(
     assert begun[-1] + num_frames <= first + count < begun[-1] + stride + num_frames
 
 
-@pytest.mark.parametrize(
-    ("num_frames", "stride", "size_px", "message"),
-    [
+def test_settings_without_clips_are_refused() -> None:
+    for num_frames, stride, size_px, message in (
         (1, 1, (8, 8), "num_frames is 1"),
         (2, 0, (8, 8), "stride is 0"),
         (2, 1, (8, 9), "a square"),
         (2, 1, (0, 0), "a square"),
-    ],
-)
-def test_settings_that_make_no_clip_are_refused(
-    num_frames: int, stride: int, size_px: tuple[int, int], message: str
-) -> None:
-    with pytest.raises(BadData, match=message):
-        windows.check_protocol(num_frames, stride, size_px)
+    ):
+        with pytest.raises(BadData, match=message):
+            windows.check_protocol(num_frames, stride, size_px)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +121,7 @@ def test_a_corner_lands_where_the_intrinsics_say(
     np.testing.assert_allclose(found, expected, atol=tolerance_px)
 
 
-def test_a_clip_takes_its_own_frames_times_poses_and_views() -> None:
+def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
     camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
     frames = np.arange(6, dtype=np.uint8)[:, None, None, None] * np.ones((1, 4, 8, 3), np.uint8)
     right_from_cam = np.eye(4)
@@ -160,6 +154,16 @@ def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
         recording_of(frames, camera, SideCamera(Images(frames[:3]), camera, np.eye(4)))
 
 
+def test_times_in_milliseconds_and_impossible_cameras_are_refused() -> None:
+    camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
+    frames = Images(np.zeros((5, 4, 8, 3), np.uint8))
+    with pytest.raises(BadData, match="give times in seconds"):
+        Recording("a", frames, 100 * np.arange(5.0), camera)
+    for wrong in ({"fx_px": 0.1}, {"cx_px": 100.0}):
+        with pytest.raises(BadData, match="check the calibration"):
+            Recording("a", frames, np.arange(5.0), replace(camera, **wrong))
+
+
 def test_no_piece_crosses_a_break() -> None:
     whole = FrameRange("a", 2, 20)
     assert windows.pieces(whole, (), 5) == [whole]
@@ -173,21 +177,11 @@ def test_no_piece_crosses_a_break() -> None:
 
 
 def test_depths_are_cropped_and_resized_with_the_frames() -> None:
-    """Frames of 8x4 pixels whose depth is the column: the middle 4 columns, 2 to 5, at half the
-    size.
-    """
-
-    class Frames:
-        def __len__(self) -> int:
-            return 3
-
-        def read(self, index: int) -> np.ndarray:
-            return np.zeros((4, 8, 3), np.uint8)
-
-    camera, column = Intrinsics(5, 5, 3.5, 1.5, 8, 4), np.tile(np.arange(8.0), (4, 1))
-    recording = windows.Recording(
-        "a", Frames(), np.arange(3.0), camera, depths=lambda index: column + 10 * index
-    )
+    """The depth of frames of 8x4 pixels is the column: the middle 4 columns are 2 to 5."""
+    frames = np.zeros((3, 4, 8, 3), np.uint8)
+    camera = Intrinsics(5, 5, 3.5, 1.5, 8, 4)
+    column = np.tile(np.arange(8.0), (4, 1))
+    recording = replace(recording_of(frames, camera), depths=lambda index: column + 10 * index)
     cropped = windows.cut(recording, 1, 2, (4, 4)).depths
     assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
     whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths
