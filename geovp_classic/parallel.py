@@ -1,15 +1,15 @@
-"""Work on several images at once, in threads: OpenCV and numpy release the GIL, so each core takes
-an image.
+"""Work on several images at once in threads, since OpenCV and NumPy release the GIL.
 
 BLAS gains nothing from more threads on small matrices: OpenBLAS's threads wait busily for the next
-product, for some hundredths of a second, and hold the cores that other threads need.
+product, and hold the cores that other threads need.
 """
 
 import functools
 import os
+import threading
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, ParamSpec, TypeVar
+from concurrent.futures import ThreadPoolExecutor
+from typing import ParamSpec, TypeVar
 
 import numba
 from threadpoolctl import ThreadpoolController
@@ -25,45 +25,22 @@ Parameters = ParamSpec("Parameters")
 
 
 def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
-    """The results in the order of the tasks.
-
-    The calling thread works beside those of a pool, so that nested calls cannot deadlock. After an
-    error no further task is started.
-    """
+    """Return the results in the order of the tasks; nested calls work in the calling thread."""
     todo = list(tasks)
-    results: list[Any] = [None] * len(todo)
-    numbers = iter(range(len(todo)))  # shared: each thread takes the next one
-
-    def work_on() -> None:
-        try:
-            for number in numbers:
-                results[number] = work(todo[number])
-        except BaseException:
-            list(numbers)  # leaves none for the other threads
-            raise
-
-    num_others = max(0, min(numba.get_num_threads(), len(todo)) - 1)
-    others = [_pool(os.getpid()).submit(work_on) for _ in range(num_others)]
-    try:
-        work_on()
-    finally:
-        started = [
-            other for other in others if not other.cancel()
-        ]  # the pool may be busy with other calls
-        wait(started)
-    for other in started:
-        other.result()
-    return results
+    is_nested = threading.current_thread().name.startswith("geovp")
+    if is_nested or len(todo) < 2:
+        return [work(task) for task in todo]
+    return list(_pool(os.getpid(), numba.get_num_threads()).map(work, todo))
 
 
 @functools.cache
-def _pool(process: int) -> ThreadPoolExecutor:
-    """The threads of this process; a fork of it needs its own."""
-    return ThreadPoolExecutor(os.cpu_count())
+def _pool(process: int, num_threads: int) -> ThreadPoolExecutor:
+    """Return the threads of this process; a fork needs other ones."""
+    return ThreadPoolExecutor(num_threads, thread_name_prefix="geovp")
 
 
 def single_threaded_blas(work: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """The same function with BLAS limited to one thread while it runs (in the whole process)."""
+    """Limit BLAS to one thread in the whole process while the function runs."""
 
     @functools.wraps(work)
     def limited(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:

@@ -8,7 +8,6 @@ import contextvars
 import dataclasses
 import difflib
 import functools
-import logging
 import types
 import typing
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,8 +17,6 @@ from typing import Any, Literal, Union
 
 from geovp_classic import interfaces
 from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
-
-logger = logging.getLogger(__name__)
 
 PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
@@ -63,24 +60,15 @@ def load(role: str, name: str) -> type:
     Raises UnknownComponent with the nearest name, or MissingExtra if the import fails.
     """
     entry_points = _entry_points(role)
-    kind = _singular(role)
     if name not in entry_points:
-        raise UnknownComponent(f"no {kind} is called {name!r}{nearest(name, entry_points)}")
-    entry_point = entry_points[name]
-    logger.info("importing %s %r from %s", kind, name, entry_point.value)
+        raise UnknownComponent(f"{role} have no {name!r}{nearest(name, entry_points)}")
     try:
-        return typing.cast(type, entry_point.load())
-    except ModuleNotFoundError as error:
-        module = (error.name or "").partition(".")[0]
-        extra = EXTRA_OF_MODULE.get(module)
-        remedy = install_command(extra) if extra else f"install {module or 'the missing module'}"
-        raise MissingExtra(
-            f"{kind} {name!r} needs {module}, which is not installed: {remedy}"
-        ) from error
+        return typing.cast(type, entry_points[name].load())
     except (ImportError, AttributeError, OSError) as error:
-        raise MissingExtra(
-            f"{kind} {name!r} cannot be loaded ({error}): fix or reinstall its package"
-        ) from error
+        module = str(getattr(error, "name", "")).partition(".")[0]
+        extra = EXTRA_OF_MODULE.get(module)
+        remedy = install_command(extra) if extra else "fix or reinstall its package"
+        raise MissingExtra(f"{name!r} of {role} cannot be loaded ({error}): {remedy}") from error
 
 
 def install_command(extra: str) -> str:
@@ -140,8 +128,6 @@ def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "
 
 def describe(component: Any) -> dict[str, Any]:
     """Return the table from which `build` makes this component, with all of its fields."""
-    if not dataclasses.is_dataclass(component):
-        raise BadData(f"{component!r} is not a dataclass, so its settings cannot be described")
     return {"name": name_of(component), **_settings(component)}
 
 
@@ -171,12 +157,6 @@ def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
         raise UnknownComponent(f"there is no role {role!r}{nearest(role, ROLES)}")
     group = metadata.entry_points(group=f"geovp.{role}")
     return {entry_point.name: entry_point for entry_point in group}
-
-
-def _singular(role: str) -> str:
-    if role.endswith("ies"):
-        return role.removesuffix("ies") + "y"
-    return role.removesuffix("s").replace("_", " ")
 
 
 def _field_types(kind: type) -> dict[str, Any]:
@@ -219,9 +199,7 @@ def _value(value: Any, kind: Any, where: str) -> Any:
     options = typing.get_args(kind)
     if origin in (Union, types.UnionType):
         return _union(value, options, where)
-    if origin is Literal:
-        if value in options:
-            return value
+    if origin is Literal and value not in options:
         raise BadData(f"{where} is {value!r}{nearest(str(value), map(str, options))}")
     if origin is tuple and isinstance(value, (list, tuple)):
         return _tuple(value, options, where)
@@ -234,10 +212,10 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         return Path(value).expanduser()
     if kind is float and type(value) is int:
         return float(value)
-    is_bool = isinstance(value, bool)
-    if isinstance(kind, type) and isinstance(value, kind) and is_bool == (kind is bool):
+    if origin is Literal or type(value) is kind:
         return value
-    raise BadData(f"{where} is {value!r}, expected {_type_name(kind)}")
+    texts = {float: "a number", int: "a whole number", bool: "true or false", Path: "a path"}
+    raise BadData(f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}")
 
 
 def _union(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
@@ -256,16 +234,5 @@ def _tuple(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
         kinds = kinds[:1] * len(values)
     if len(values) != len(kinds):
         raise BadData(f"{where} has {len(values)} values, expected {len(kinds)}")
-    pairs = zip(values, kinds, strict=True)
-    return tuple(_value(item, kind, f"{where}[{i}]") for i, (item, kind) in enumerate(pairs))
-
-
-def _type_name(kind: Any) -> str:
-    texts = {
-        float: "a number",
-        int: "a whole number",
-        str: "a text",
-        bool: "true or false",
-        Path: "a path",
-    }
-    return texts.get(kind, str(kind))
+    items = zip(values, kinds, strict=True)
+    return tuple(_value(item, kind, f"{where}[{i}]") for i, (item, kind) in enumerate(items))

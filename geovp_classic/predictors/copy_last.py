@@ -10,10 +10,10 @@ from geovp_classic.types import Context, Prediction, PrivilegedInput
 
 @dataclass(frozen=True)
 class CopyLast:
-    """The last observed frame, repeated."""
+    """Prediction of the last observed frame."""
 
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
-        """The last frame F times, one sample."""
+        """Repeat the last frame F times, as one sample."""
         return Prediction(np.tile(context.frames[-1], (1, context.num_future, 1, 1, 1)))

@@ -12,7 +12,7 @@ from geovp_classic.types import Context, Motion, Prediction, PrivilegedInput, Tr
 
 @dataclass(frozen=True)
 class GeometricPredictor:
-    """A pose source estimates where the camera will be; a renderer shows the scene from there.
+    """Predictor that renders the scene from the poses of a pose source.
 
     Callers with many predictors run the steps one by one: observe a clip once, estimate a motion
     per pose source, reconstruct a scene per past.
@@ -24,7 +24,7 @@ class GeometricPredictor:
 
     @property
     def needs(self) -> PrivilegedInput:
-        """The needs of both components; each sees only its own."""
+        """Return the needs of both components; each sees only its own."""
         return self.pose_source.needs | self.renderer.needs
 
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:

@@ -10,7 +10,6 @@ from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.types import (
-    BoolArray,
     ByteArray,
     Context,
     Motion,
@@ -44,35 +43,35 @@ class Recorded:
     def predict(self, context: Context, num_samples: int = 1) -> Prediction:
         """Read the recorded frames; raise BadData if they are missing or do not fit the clip."""
         path = self._find(context.name)
-        images, covered = _read_npz(path) if path.suffix == ".npz" else (_read_images(path), None)
+        covered = None
+        if path.suffix == ".npz":
+            arrays = files.read_npz(path)
+            images = arrays.get("frames", np.empty(0))
+            covered = arrays.get("covered")
+        else:
+            images = _read_images(path)
         if images.ndim == 4:
             images = images[None]
             covered = None if covered is None else covered[None]
-        samples = num_samples if len(images) > 1 else 1
-        expected = (samples, context.num_future, *context.frames.shape[1:])
-        if len(images) < samples or images.shape[1:] != expected[1:]:
+        samples = slice(num_samples if len(images) > 1 else 1)
+        expected = (samples.stop, context.num_future, *context.frames.shape[1:])
+        if images[samples].shape != expected:
             raise BadData(f"{path}: frames of shape {images.shape}, expected {expected}")
-        covered = None if covered is None else covered[:samples]
+        covered = None if covered is None else covered[samples]
         motion = self._motion(context)
         try:
-            return Prediction(images[:samples], covered, motion)
+            return Prediction(images[samples], covered, motion)
         except BadData as error:
             raise BadData(f"{path}: {error}") from error
 
     def _find(self, name: str) -> Path:
-        if not name:
-            raise BadData("this clip has no name, by which recorded predictions are found: give it")
         suffixes = (".npz", ".mp4", ".avi", ".mkv", ".mov", ".webm", "")
         paths = [self.path / f"{name}{suffix}" for suffix in suffixes]
         paths = [path for path in paths if path.exists()]
-        if not paths:
+        if not name or len(paths) != 1:
             raise BadData(
-                f"{self.path / name} is missing, as .npz, video or folder of images: predict "
-                "this clip as well"
-            )
-        if len(paths) > 1:
-            raise BadData(
-                f"{paths[0]} and {paths[1]} both hold predictions of clip {name}: remove one"
+                f"{self.path} has {len(paths)} predictions of clip {name!r}, expected one .npz, "
+                f"video or folder of images at {self.path / name}"
             )
         return paths[0]
 
@@ -80,8 +79,6 @@ class Recorded:
         if self.poses is None:
             return None
         path = self.poses / f"{context.name}.txt"
-        if not path.is_file():
-            raise BadData(f"{path} is missing: give the poses of this clip, or leave out `poses`")
         times_s = context.times_s
         recorded = pose_files.read_trajectory(path, times_s, is_metric=self.poses_are_metric)
         if len(recorded) != len(times_s):
@@ -90,15 +87,6 @@ class Recorded:
         poses = recorded.world_from_cam
         past = Trajectory(poses[:num_past], times_s[:num_past], self.poses_are_metric)
         return Motion(past, poses[None, num_past:], np.ones(num_past, dtype=bool))
-
-
-def _read_npz(path: Path) -> tuple[ByteArray, BoolArray | None]:
-    """Read the arrays `frames` and, if present, `covered`."""
-    arrays = files.read_npz(path)
-    if "frames" not in arrays:
-        names = ", ".join(arrays) or "nothing"
-        raise BadData(f"{path} holds {names}: expected an npz file with an array 'frames'")
-    return arrays["frames"], arrays.get("covered")
 
 
 def _read_images(path: Path) -> ByteArray:
@@ -113,10 +101,9 @@ def _read_images(path: Path) -> ByteArray:
 
 
 def _stack(path: Path, images: list[ByteArray]) -> ByteArray:
-    shapes = {image.shape for image in images}
-    if len(shapes) != 1:
-        content = " and ".join(map(str, sorted(shapes))) or "nothing"
+    try:
+        return np.stack(images)
+    except ValueError as error:
         raise BadData(
-            f"{path} holds {content}, expected images of one size, as many in each sample"
-        )
-    return np.stack(images)
+            f"{path} holds {len(images)} images or samples, expected one or more of one size"
+        ) from error

@@ -178,7 +178,7 @@ def test_labels_are_names_or_given() -> None:
         (
             {"datasets": ["syntetic"]},
             None,
-            "data set 'syntetic': no dataset is called 'syntetic': did you mean",
+            "data set 'syntetic': datasets have no 'syntetic': did you mean",
         ),
         (
             {"datasets": {"a": {"name": "tum", "root": "/no"}}},

@@ -166,7 +166,7 @@ def test_a_variant_changes_what_it_names_alone_and_a_seed_only_the_seed(
 ) -> None:
     file = written(tmp_path, VARIED)
     plain = training_config.load("deepvo", file, kitti, Changes("plain"))
-    wide = training_config.load("deepvo", file, kitti, Changes("full", seed=7))
+    wide = training_config.load("deepvo", file, kitti, Changes("wide", seed=7))
     assert isinstance(plain.method, DeepVoTraining)
     assert plain.method == training_config.load("deepvo", file, kitti).method
     architecture = dataclasses.replace(plain.method.architecture, lstm_size=16)
@@ -178,7 +178,7 @@ def test_a_variant_has_a_folder_of_its_own_and_its_card_its_command(
     tmp_path: Path, kitti: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    file, chosen = written(tmp_path, VARIED), ["--variant", "full", "--seed", "7"]
+    file, chosen = written(tmp_path, VARIED), ["--variant", "wide", "--seed", "7"]
     assert main(["train", "deepvo", str(file), "--root", str(kitti), *chosen]) == 0
     weights = tmp_path / "runs" / "config-wide-7" / "weights.safetensors"
     assert main(["card", str(weights), "--config", str(file), *chosen]) == 0
