@@ -16,7 +16,8 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.parallel import single_threaded_blas
-from geovp_classic.rendering import patches
+from geovp_classic.rendering.patches import Patches, PatchModel, concatenate
+from geovp_classic.rendering.source import Source
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 from performance import Seconds, rounds_parser, timed
 
@@ -29,8 +30,8 @@ HEIGHT_M, HALF_WIDTH_M, FARTHEST_M = 1.65, 6.0, 80.0
 class Street:
     """A cloud in the forms that the three renderers need."""
 
-    cloud: patches.Patches
-    sources: list[patches.Source]
+    cloud: Patches
+    sources: list[Source]
     points_world: FloatArray  # [N, 3]
     colours: ByteArray  # [N, 3]
 
@@ -59,10 +60,11 @@ def street() -> tuple[Street, FloatArray]:
     road, wall = rays[..., 1] / HEIGHT_M, np.abs(rays[..., 0]) / HALF_WIDTH_M
     inverse_depth = np.maximum(np.maximum(road, wall), 1 / FARTHEST_M).astype(np.float32)
     colours = np.random.default_rng(0).integers(0, 256, (*inverse_depth.shape, 3), dtype=np.uint8)
-    sources = [patches.Source(colours, CAMERA, pose) for pose in track[:NUM_SOURCES]]
+    sources = [Source(colours, CAMERA, pose) for pose in track[:NUM_SOURCES]]
     known = np.ones(inverse_depth.shape, dtype=bool)
-    cloud = patches.concatenate(
-        [patches.from_depth_map(inverse_depth, known, number) for number in range(NUM_SOURCES)]
+    model = PatchModel()
+    cloud = concatenate(
+        [model.from_depth_map(inverse_depth, known, number) for number in range(NUM_SOURCES)]
     )
     points_cam = (rays / inverse_depth[..., None]).reshape(-1, 3)
     points_world = np.concatenate([se3.transform(pose, points_cam) for pose in track[:NUM_SOURCES]])
@@ -73,7 +75,7 @@ def street() -> tuple[Street, FloatArray]:
 
 def draw_splat(scene: Street, world_from_cam: FloatArray) -> FloatArray:
     """Inverse depth [F, H, W] by our splat."""
-    return patches.rasterise(scene.cloud, scene.sources, world_from_cam, CAMERA)[0]
+    return PatchModel().rasterise(scene.cloud, scene.sources, world_from_cam, CAMERA)[0]
 
 
 def draw_numpy(scene: Street, world_from_cam: FloatArray) -> FloatArray:

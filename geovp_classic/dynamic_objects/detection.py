@@ -2,31 +2,18 @@
 estimated.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
-from geovp_classic.dynamic_objects import epipolar_residual, segmentation, velocity
-from geovp_classic.dynamic_objects.segmentation import Observations
+from geovp_classic.dynamic_objects.epipolar_residual import EpipolarResidual
+from geovp_classic.dynamic_objects.posed_images import PosedImages
+from geovp_classic.dynamic_objects.segmentation import MotionSegmentation, bounding_box
+from geovp_classic.dynamic_objects.velocity import VelocityEstimator, image_slopes
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.ground_plane import GroundPlane
-from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Trajectory
-
-JOIN_SHARE = 1 / 20  # of the image's height: evidence this close belongs to one object
-SMALLEST_SHARE = 4e-4  # of the image's pixels that must be evidence, or the object is rejected
-SAME_SHARE = 0.5  # of a cluster on the mask of an object found before: it is the same object
-FARTHEST_HEIGHTS = 40.0  # camera heights: largest distance of the foot of an object on the road
-SPEEDS_HEIGHTS_HZ = (
-    0.7,
-    25.0,
-)  # camera heights per second; of cars and cyclists between 1.2 and 40 m/s
-SMALLEST_HEIGHTS = (0.4, 0.2)  # height and width of objects on the road, in camera heights
-LARGEST_HEIGHTS = (2.0, 5.0)
-MAX_PHOTOMETRIC_ERROR = 25.0  # grey values; larger errors are chance matches of sky and leaves
-FOOT_PERCENT = 90  # of the rows of an object's pixels are above its foot; below is its shadow
-SHADOW_SHARE = 0.25  # of the mask's height is shadow and road that the object has just left
+from geovp_classic.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -41,13 +28,26 @@ class DynamicObject:
 
 @dataclass(frozen=True)
 class DynamicObjects:
-    """Detects dynamic objects where flow and images contradict every static point on or above the
-    road.
+    """Detection of vehicles, where the images contradict all static points on or above the road.
+
+    Lengths are in heights of the camera above the road. Limits are those of cars and cyclists.
     """
 
     steps: tuple[int, ...] = (1, 2, 3)  # how many frames back the last one is compared with
-    min_strength: float = 0.7  # of the evidence, see epipolar_residual
-    min_shift_px: float = 1.0
+    residual: EpipolarResidual = field(default_factory=EpipolarResidual)
+    segmentation: MotionSegmentation = field(default_factory=MotionSegmentation)
+    velocity: VelocityEstimator = field(default_factory=VelocityEstimator)
+    join_fraction: float = 1 / 20  # of the image's height; evidence this close is one object
+    min_evidence_fraction: float = 4e-4  # of the image's pixels, per object
+    duplicate_fraction: float = 0.5  # of evidence on the mask of a larger object: it is the same
+    max_distance: float = 40.0  # of the foot of an object
+    min_speed_hz: float = 0.7  # heights per second; 1.2 m/s for a camera at 1.65 m
+    max_speed_hz: float = 25.0  # 40 m/s
+    min_size: tuple[float, float] = (0.4, 0.2)  # height and width
+    max_size: tuple[float, float] = (2.0, 5.0)
+    max_photometric_error: float = 25.0  # grey values; sky and leaves match by chance
+    foot_percentile: float = 90.0  # of an object's rows; its shadow is below
+    shadow_fraction: float = 0.25  # of the mask's height: shadow and road that was just left
 
     def __post_init__(self) -> None:
         if not self.steps or min(self.steps) < 1:
@@ -56,123 +56,86 @@ class DynamicObjects:
                 "the last one"
             )
 
-    def find(
-        self,
-        images: FloatArray,  # [P, H, W] float32 grey 0..255
-        camera: Intrinsics,
-        past: Trajectory,  # [P]
-        inverse_depth: FloatArray,  # [H, W] of the last frame
-        road: GroundPlane | None,
-    ) -> list[DynamicObject]:
-        """The dynamic objects of the last frame; none without a road or without frames that far
-        back.
-        """
-        steps = tuple(step for step in self.steps if step < len(past))
-        if not steps or road is None:
+    def detect(self, observed: PosedImages) -> list[DynamicObject]:
+        """Return the dynamic objects of the last frame; none without earlier frames."""
+        steps = tuple(step for step in self.steps if step < len(observed.past))
+        if not steps:
             return []
-        poses = past.world_from_cam
-        equal = epipolar_residual.equalise_exposure(images, camera, poses, inverse_depth, steps)
-        found = epipolar_residual.residual_evidence(
-            equal, camera, poses, inverse_depth, road, steps
-        )
-        clusters = _clusters(
-            (found.strength > self.min_strength) & (found.shift_px > self.min_shift_px)
-        )
-        if not clusters:
-            return []
-        others = tuple(step for step in range(1, len(past)) if step not in steps)
-        equal = epipolar_residual.equalise_exposure(equal, camera, poses, inverse_depth, others)
-        observed = Observations(equal, camera, past, inverse_depth, road)
+        evidence = self.residual.evidence(observed, steps)
         objects: list[DynamicObject] = []
-        for cluster in clusters:
-            if not any(found_object.mask[cluster].mean() > SAME_SHARE for found_object in objects):
-                found_object = _dynamic_object(cluster, found.flow_pixels, steps, observed)
-                objects += [] if found_object is None else [found_object]
+        for cluster in self._clusters(evidence.is_moving):
+            overlaps = [other.mask[cluster].mean() for other in objects]
+            if max(overlaps, default=0) > self.duplicate_fraction:
+                continue
+            candidate = self._dynamic_object(cluster, evidence.flow_pixels, steps, observed)
+            if candidate is not None:
+                objects.append(candidate)
         return objects
 
+    def _clusters(self, evidence: BoolArray) -> list[BoolArray]:
+        """Return connected parts of the evidence [H, W], large ones first; gaps are bridged."""
+        join_px = max(3, int(self.join_fraction * evidence.shape[0]))
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (join_px, join_px))
+        count, labels = cv2.connectedComponents(cv2.dilate(evidence.astype(np.uint8), kernel))
+        parts = [evidence & (labels == label) for label in range(1, count)]
+        min_pixels = self.min_evidence_fraction * evidence.size
+        large = [part for part in parts if part.sum() >= min_pixels]
+        return sorted(large, key=np.sum, reverse=True)
 
-def _clusters(evidence: BoolArray) -> list[BoolArray]:
-    """Evidence [H, W] by connected parts, gaps of JOIN_SHARE bridged, large ones first; small ones
-    are dropped.
-    """
-    join_px = max(3, int(JOIN_SHARE * evidence.shape[0]))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (join_px, join_px))
-    bridged = cv2.dilate(evidence.astype(np.uint8), kernel)
-    count, labels = cv2.connectedComponents(bridged)
-    parts = [evidence & (labels == label) for label in range(1, count)]
-    large = [part for part in parts if part.sum() >= SMALLEST_SHARE * evidence.size]
-    return sorted(large, key=np.sum, reverse=True)
+    def _dynamic_object(
+        self,
+        evidence: BoolArray,
+        flow_pixels: FloatArray,
+        steps: tuple[int, ...],
+        observed: PosedImages,
+    ) -> DynamicObject | None:
+        """Return the object of a cluster; None when it is unlike a vehicle on the road."""
+        depth = self._foot_depth(evidence, observed)
+        if depth is None:
+            return None
+        velocity = self.velocity.from_flow(evidence, depth, flow_pixels, steps, observed)
+        mask = self.segmentation.segment(evidence, depth, velocity, steps, observed)
+        if mask is None or not self._has_vehicle_size(mask, depth, observed):
+            return None
+        depth = self._foot_depth(mask, observed)
+        if depth is None:
+            return None
+        body = self._body(mask, observed)
+        velocity = self.velocity.from_flow(body, depth, flow_pixels, steps, observed)
+        velocity = self.velocity.track(velocity, body, depth, observed)
+        error = self.segmentation.photometric_error(body, depth, velocity, steps, observed)
+        speed_hz = np.linalg.norm(velocity) / observed.road.height
+        is_vehicle = self.min_speed_hz < speed_hz < self.max_speed_hz
+        if error >= self.max_photometric_error or not is_vehicle:
+            return None
+        return DynamicObject(mask, depth, velocity)
 
+    def _foot_depth(self, mask: BoolArray, observed: PosedImages) -> float | None:
+        """Return the depth of the road at the mask's lowest pixels; None beyond the limit."""
+        rows, columns = np.nonzero(mask)
+        foot = np.array([np.median(columns), np.percentile(rows, self.foot_percentile)])
+        ray = pinhole.unproject(foot, np.array(1.0), observed.camera)
+        inverse_depth = float(ray @ observed.road.normal / observed.road.height)
+        if inverse_depth * observed.road.height <= 1 / self.max_distance:
+            return None
+        return 1 / inverse_depth
 
-def _dynamic_object(
-    evidence: BoolArray, flow_pixels: FloatArray, steps: tuple[int, ...], observed: Observations
-) -> DynamicObject | None:
-    """The object that a cluster of evidence belongs to; None when it is unlike a vehicle on the
-    road.
-    """
-    depth = _foot_depth(evidence, observed)
-    if depth is None:
-        return None
-    own = velocity.from_flow(evidence, depth, flow_pixels, steps, observed)
-    mask = segmentation.segment(evidence, depth, own, steps, observed)
-    if mask is None or not _has_vehicle_size(mask, depth, observed):
-        return None
-    depth = _foot_depth(mask, observed)
-    if depth is None:
-        return None
-    body = _body(mask, observed)
-    own = velocity.tracked(
-        velocity.from_flow(body, depth, flow_pixels, steps, observed), body, depth, observed
-    )
-    slowest, fastest = np.array(SPEEDS_HEIGHTS_HZ) * observed.road.height
-    accepted = (
-        segmentation.photometric_error(body, depth, own, steps, observed) < MAX_PHOTOMETRIC_ERROR
-    )
-    return (
-        DynamicObject(mask, depth, own)
-        if accepted and slowest < np.linalg.norm(own) < fastest
-        else None
-    )
+    def _has_vehicle_size(self, mask: BoolArray, depth: float, observed: PosedImages) -> bool:
+        """Return whether the mask is as large as vehicles, and not cut by the image's border."""
+        rows, columns = bounding_box(mask)
+        is_whole = columns.start > 0 and columns.stop < mask.shape[1] and rows.stop < mask.shape[0]
+        camera = observed.camera
+        height_px = rows.stop - rows.start
+        width_px = columns.stop - columns.start
+        metric = np.array([height_px / camera.fy_px, width_px / camera.fx_px]) * depth
+        size = metric / observed.road.height
+        return is_whole and bool((size > self.min_size).all() and (size < self.max_size).all())
 
-
-def _body(mask: BoolArray, observed: Observations) -> BoolArray:
-    """The pixels [H, W] of the mask with the object's own flow: those with texture, above its
-    shadow.
-    """
-    rows = np.flatnonzero(mask.any(axis=1))
-    above = np.arange(len(mask)) < rows[-1] - SHADOW_SHARE * len(rows)
-    steps = [
-        np.abs(cv2.Sobel(observed.images[-1].astype(np.float32), -1, *axis, scale=1 / 8))
-        for axis in ((1, 0), (0, 1))
-    ]
-    texture = np.maximum(*steps)
-    body: BoolArray = mask & above[:, None]
-    return body & (texture >= np.median(texture[body]))
-
-
-def _has_vehicle_size(mask: BoolArray, depth: float, observed: Observations) -> bool:
-    """Whether the mask is as high and wide as vehicles are, and whole: not cut by the image's sides
-    or its foot.
-    """
-    rows, columns = np.nonzero(mask)
-    heights_px = (
-        observed.road.height / depth * np.array([observed.camera.fy_px, observed.camera.fx_px])
-    )
-    size = (np.array([np.ptp(rows), np.ptp(columns)]) + 1) / heights_px
-    whole = (
-        columns.min() > 0 and columns.max() < mask.shape[1] - 1 and rows.max() < mask.shape[0] - 1
-    )
-    return bool(whole and (size > SMALLEST_HEIGHTS).all() and (size < LARGEST_HEIGHTS).all())
-
-
-def _foot_depth(mask: BoolArray, observed: Observations) -> float | None:
-    """The depth of the road at the mask's lowest pixels; None when that is beyond FARTHEST_HEIGHTS
-    or the horizon.
-    """
-    rows, columns = np.nonzero(mask)
-    foot = np.array([np.median(columns), np.percentile(rows, FOOT_PERCENT)])
-    road = observed.road
-    inverse_depth = float(
-        pinhole.unproject(foot, np.array(1.0), observed.camera) @ road.normal / road.height
-    )
-    return 1 / inverse_depth if inverse_depth * road.height > 1 / FARTHEST_HEIGHTS else None
+    def _body(self, mask: BoolArray, observed: PosedImages) -> BoolArray:
+        """Return the pixels [H, W] with the object's own flow: textured, and above its shadow."""
+        rows, _ = bounding_box(mask)
+        shadow_top = rows.stop - 1 - self.shadow_fraction * (rows.stop - rows.start)
+        is_above = np.arange(len(mask)) < shadow_top
+        body: BoolArray = mask & is_above[:, None]
+        texture = np.abs(image_slopes(observed.images[-1])).max(axis=-1)
+        return body & (texture >= np.median(texture[body]))

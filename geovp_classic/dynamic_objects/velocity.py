@@ -1,147 +1,144 @@
-"""The velocity of an object on the road: from optical flow first, then by tracking it through all
-frames.
+"""Velocity of an object on the road: first from optical flow, then by tracking through all frames.
 
 A point p of the last frame was at R (p - v t) + c in the frame t seconds earlier, with R and c the
 camera's own motion.
 """
 
+import functools
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
-from geovp_classic.dynamic_objects import epipolar_residual
-from geovp_classic.dynamic_objects.segmentation import Observations
+from geovp_classic.dynamic_objects.posed_images import PosedImages
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.epipolar import IN_FRONT, inside
+from geovp_classic.geometry.epipolar import inside
+from geovp_classic.geometry.robust import geman_mcclure_weight, irls, median
 from geovp_classic.types import BoolArray, FloatArray
 
-NUM_ROUNDS = 3
-OUTLIER = 2.5  # times the median residual
-STAGES = (3, 6, 9)  # frames before the last one that an object is followed through, near ones first
-ROUNDS_PER_STAGE = 3
-BLUR_PX = 1.0
-MAX_PIXELS = 400
-ROBUST_GREY = 8.0  # grey values; differences of this size count half
-HOLD = 1e-6  # regularisation, relative to the normal equations
+
+@dataclass(frozen=True)
+class VelocityEstimator:
+    """Robust estimation of a constant velocity along the road."""
+
+    outlier_ratio: float = 2.5  # scale of the flow's residuals over their median
+    stages: tuple[int, ...] = (3, 6, 9)  # frames back that an object is tracked through
+    rounds_per_stage: int = 3
+    blur_px: float = 1.0  # of the images
+    max_pixels: int = 400
+    grey_scale: float = 8.0  # of Cauchy's weights: a grey difference of this size counts half
+
+    def from_flow(
+        self,
+        body: BoolArray,  # [H, W]
+        depth: float,
+        flow_pixels: FloatArray,  # [K, H, W, 2] in the earlier frames
+        steps: tuple[int, ...],  # K
+        observed: PosedImages,
+    ) -> FloatArray:
+        """Return the velocity [3] that explains the flow of the body best, at one depth.
+
+        With z the third coordinate of a point there, the equation x z - X = 0 is linear in v.
+        """
+        camera = observed.camera
+        directions = along_road(observed.road.normal)
+        points = depth * pinhole.rays(camera)[body]  # [N, 3]
+        jacobians = []
+        constants = []
+        for pixels, step in zip(flow_pixels, steps, strict=True):
+            motion = observed.cam_from_last(step)
+            x = (pixels[body] - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
+            static = points @ motion[:3, :3].T + motion[:3, 3]
+            shift = observed.seconds(step) * motion[:3, :3] @ directions  # [3, 2] per velocity
+            jacobians.append(shift[None, :2] - x[..., None] * shift[2])  # [N, 2, 2]
+            constants.append(x * static[:, 2:] - static[:, :2])
+        jacobian = np.concatenate(jacobians).reshape(-1, 2)
+        constant = np.concatenate(constants).ravel()
+        speeds = irls(
+            np.zeros(2),
+            lambda speeds: (jacobian @ speeds + constant, jacobian),
+            np.add,
+            scale=lambda residual: self.outlier_ratio * median(np.abs(residual)) + 1e-12,
+            weight=geman_mcclure_weight,
+        )
+        return np.asarray(directions @ speeds)
+
+    def track(
+        self,
+        velocity: FloatArray,  # [3], nearly right
+        body: BoolArray,  # [H, W]
+        depth: float,
+        observed: PosedImages,
+    ) -> FloatArray:
+        """Return the velocity [3] of least photometric error (Lucas & Kanade 1981)."""
+        rows, columns = np.nonzero(body)
+        stride = -(-len(rows) // self.max_pixels)
+        rows = rows[::stride]
+        columns = columns[::stride]
+        points = depth * pinhole.rays(observed.camera)[rows, columns]
+        directions = along_road(observed.road.normal)
+        images = [cv2.GaussianBlur(image, (0, 0), self.blur_px) for image in observed.images]
+        slopes = [image_slopes(image) for image in images]
+        greys = images[-1][rows, columns]
+
+        def linearise(velocity: FloatArray, steps: range) -> tuple[FloatArray, FloatArray]:
+            parts = [
+                _residuals(velocity, points, greys, images[-1 - k], slopes[-1 - k], k, observed)
+                for k in steps
+            ]
+            residuals, jacobians = (np.concatenate(part) for part in zip(*parts, strict=True))
+            return residuals, jacobians @ directions
+
+        for max_step in self.stages:
+            steps = range(1, min(max_step, len(images) - 1) + 1)
+            velocity = irls(
+                velocity,
+                functools.partial(linearise, steps=steps),
+                lambda velocity, step: velocity + directions @ step,
+                self.grey_scale,
+                num_rounds=self.rounds_per_stage,
+            )
+        return velocity
 
 
 def along_road(normal: FloatArray) -> FloatArray:
-    """Two directions [3, 2] along the road."""
+    """Return two orthogonal directions [3, 2] along the road."""
     return np.asarray(np.linalg.svd(normal[None])[2][1:].T)
 
 
-def from_flow(
-    body: BoolArray,  # [H, W]
-    depth: float,
-    flow_pixels: FloatArray,  # [K, H, W, 2] in the earlier frames
-    steps: tuple[int, ...],  # K
-    observed: Observations,
-) -> FloatArray:
-    """The velocity [3] along the road that explains the flow of the body best, at one depth.
-
-    With z the third coordinate of a point there, its pixel's equation x z - X = 0 is linear in v.
-    """
-    camera, directions = observed.camera, along_road(observed.road.normal)
-    rays = pinhole.rays(camera)[body]
-    rows, missing = [], []
-    for place, step in zip(flow_pixels, steps, strict=True):
-        other_from_last = epipolar_residual.cam_from_last(observed.past.world_from_cam, step)
-        x = (place[body] - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
-        point = depth * rays @ other_from_last[:3, :3].T + other_from_last[:3, 3]
-        turned = observed.seconds(step) * other_from_last[:3, :3] @ directions  # [3, 2]
-        rows.append(turned[None, :2] - x[..., None] * turned[2])  # [N, 2, 2]
-        missing.append(point[:, :2] - x * point[:, 2:])
-    return np.asarray(
-        directions @ _robust(np.concatenate(rows).reshape(-1, 2), np.concatenate(missing).ravel())
-    )
+def image_slopes(image: FloatArray) -> FloatArray:
+    """Return the derivatives [H, W, 2] of a grey image along u and v."""
+    along_u = cv2.Sobel(image, -1, 1, 0, scale=1 / 8)
+    along_v = cv2.Sobel(image, -1, 0, 1, scale=1 / 8)
+    return np.stack([along_u, along_v], axis=-1)
 
 
-def _robust(rows: FloatArray, values: FloatArray) -> FloatArray:
-    """Least squares with outliers removed."""
-    kept = np.ones(len(rows), dtype=bool)
-    solution: FloatArray = np.zeros(rows.shape[1])
-    for _ in range(NUM_ROUNDS):
-        solution = np.linalg.lstsq(rows[kept], values[kept], rcond=None)[0]
-        residual = np.abs(rows @ solution - values)
-        kept = residual <= OUTLIER * np.median(residual) + 1e-12
-    return solution
-
-
-def tracked(
-    velocity: FloatArray,  # [3], nearly right
-    body: BoolArray,  # [H, W]
-    depth: float,
-    observed: Observations,
-) -> FloatArray:
-    """The velocity [3] along the road of least photometric error in all frames (Lucas & Kanade
-    1981).
-    """
-    rows, columns = np.nonzero(body)
-    some = slice(None, None, -(-len(rows) // MAX_PIXELS))
-    rows, columns = rows[some], columns[some]
-    images = [cv2.GaussianBlur(image, (0, 0), BLUR_PX) for image in observed.images]
-    slopes = [
-        np.stack([cv2.Sobel(one, -1, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))], -1)
-        for one in images
-    ]
-    points, directions = (
-        depth * pinhole.rays(observed.camera)[rows, columns],
-        along_road(observed.road.normal),
-    )
-    for farthest in STAGES:
-        steps = range(1, min(farthest, len(images) - 1) + 1)
-        for _ in range(ROUNDS_PER_STAGE):
-            parts = [
-                _equations(
-                    velocity,
-                    points,
-                    images[-1][rows, columns],
-                    (images[-1 - k], slopes[-1 - k]),
-                    k,
-                    observed,
-                )
-                for k in steps
-            ]
-            derivative, missing = (np.concatenate(part) for part in zip(*parts, strict=True))
-            velocity = velocity + directions @ _weighted(derivative @ directions, missing)
-    return velocity
-
-
-def _equations(
+def _residuals(
     velocity: FloatArray,
     points: FloatArray,  # [N, 3] of the object, in the last camera's frame
-    seen: FloatArray,  # [N] grey values of them in the last image
-    earlier: tuple[FloatArray, FloatArray],  # image [H, W] and its slopes [H, W, 2]
+    greys: FloatArray,  # [N], theirs in the last image
+    image: FloatArray,  # [H, W], an earlier one
+    slopes: FloatArray,  # [H, W, 2], its own
     step: int,
-    observed: Observations,
+    observed: PosedImages,
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives [N, 3] of the earlier image's grey values by the velocity, and residuals [N]; 0
-    outside.
+    """Return grey differences [N] to an earlier image and their derivatives [N, 3] by the velocity.
+
+    Both are 0 outside of the image.
     """
-    camera, other_from_last = (
-        observed.camera,
-        epipolar_residual.cam_from_last(observed.past.world_from_cam, step),
-    )
-    rotation, seconds = other_from_last[:3, :3], observed.seconds(step)
-    moved = (points - seconds * velocity) @ rotation.T + other_from_last[:3, 3]
-    moved[:, 2] = np.maximum(moved[:, 2], IN_FRONT)
-    place, _ = pinhole.project(moved, camera)
-    shown = inside(place, camera)
-    u, v = place.T[:, None].astype(np.float32)
-    grey, slope = (
-        cv2.remap(one, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
-        for one in earlier
-    )
-    along = slope * [camera.fx_px, camera.fy_px] / moved[:, 2:]
-    by_point = np.concatenate(
-        [along, -(along * moved[:, :2]).sum(axis=1, keepdims=True) / moved[:, 2:]], axis=1
-    )
-    derivative = -seconds * by_point @ rotation
-    return np.where(shown[:, None], derivative, 0), np.where(shown, seen - grey, 0)
-
-
-def _weighted(rows: FloatArray, missing: FloatArray) -> FloatArray:
-    """Least squares with Cauchy weights of scale ROBUST_GREY."""
-    weight = 1 / (1 + (missing / ROBUST_GREY) ** 2)
-    normal = (rows * weight[:, None]).T @ rows
-    normal += (HOLD * np.trace(normal) + 1e-12) * np.eye(len(normal))
-    return np.linalg.solve(normal, rows.T @ (weight * missing))
+    camera = observed.camera
+    motion = observed.cam_from_last(step)
+    rotation = motion[:3, :3]
+    seconds = observed.seconds(step)
+    moved = (points - seconds * velocity) @ rotation.T + motion[:3, 3]
+    moved[:, 2] = np.maximum(moved[:, 2], 1e-3)
+    pixels, _ = pinhole.project(moved, camera)
+    is_shown = inside(pixels, camera)
+    u, v = pixels.T[:, None].astype(np.float32)
+    border = cv2.BORDER_REPLICATE
+    grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=border)[0]
+    slope = cv2.remap(slopes, u, v, cv2.INTER_LINEAR, borderMode=border)[0]
+    by_xy = slope * [camera.fx_px, camera.fy_px] / moved[:, 2:]
+    by_z = -(by_xy * moved[:, :2]).sum(axis=1, keepdims=True) / moved[:, 2:]
+    by_velocity = -seconds * np.concatenate([by_xy, by_z], axis=1) @ rotation
+    return np.where(is_shown, grey - greys, 0), np.where(is_shown[:, None], by_velocity, 0)

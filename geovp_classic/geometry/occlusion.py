@@ -1,6 +1,4 @@
-"""The background beside a hole: what a moving camera uncovers lies behind the
-surface that hid it.
-"""
+"""The background beside a hole: a moving camera uncovers what the surface in front hid."""
 
 import numba
 import numpy as np
@@ -12,11 +10,11 @@ def background_pixels(
     known: BoolArray,  # [H, W]
     depth: FloatArray,  # [H, W], larger = farther; any order will do
 ) -> IntArray:
-    """For every pixel the flat index [H, W] of the pixel to copy; known pixels name themselves.
+    """Return the flat index [H, W] of the pixel that each pixel is copied from.
 
-    An unknown pixel names the farther one of the known pixels left and right of it in its row, of
-    equally far ones the nearer. Rows without any known pixel name the row above or below in the
-    same manner.
+    Known pixels are copied from themselves. An unknown pixel is copied from the farther one of the
+    known pixels left and right in its row, of equally far ones from the nearer. Rows without any
+    known pixel are copied from the row above or below in the same manner.
     """
     index = np.arange(known.size).reshape(known.shape)
     _copy_farther(np.ascontiguousarray(known), np.ascontiguousarray(depth), index)
@@ -32,12 +30,12 @@ def background_pixels(
 def _copy_farther(
     known: BoolArray,  # [H, W]
     depth: FloatArray,  # [H, W]
-    # [H, W], changed: unknown pixels take that of the known pixel at their left or right
-    index: IntArray,
+    index: IntArray,  # [H, W]; unknown pixels take that of the known pixel left or right
 ) -> None:
     height, width = known.shape
     for row in range(height):
-        left, right = -1, 0  # the known columns beside the current one
+        left = -1  # the known columns beside the current one
+        right = 0
         for column in range(width):
             if known[row, column]:
                 left = column
@@ -50,8 +48,8 @@ def _copy_farther(
                 break
             is_left = right == width
             if left >= 0 and right < width:
-                at_left, at_right = depth[row, left], depth[row, right]
-                is_left = at_left > at_right or (
-                    at_left == at_right and column - left <= right - column
-                )
+                left_depth = depth[row, left]
+                right_depth = depth[row, right]
+                is_nearer = column - left <= right - column
+                is_left = left_depth > right_depth or (left_depth == right_depth and is_nearer)
             index[row, column] = index[row, left if is_left else right]

@@ -9,8 +9,8 @@ from geovp_classic.types import ByteArray, Views
 
 @dataclass(frozen=True)
 class Blank:
-    """Uncovered pixels stay black."""
+    """No inpainting: uncovered pixels are black."""
 
     def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
-        """Frames [F, H, W, 3], black where nothing is known."""
+        """Return frames [F, H, W, 3], black where they are not covered."""
         return np.where(views.covered[..., None], views.frames, np.uint8(0))

@@ -9,16 +9,15 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, View
 
 @dataclass(frozen=True)
 class NearestBackground:
-    """An uncovered pixel takes the colour of the farther one of the covered pixels left and right
-    of it in its row.
+    """Inpainting from the farther one of the covered pixels left and right in the same row.
 
-    A moving camera uncovers background. Of equally far pixels it is the nearer one. Rows without
-    any covered pixel take the row above or below in the same manner; a frame without any is the
-    last observed one.
+    A moving camera uncovers background. Of equally far pixels the nearer one is copied. Rows
+    without any covered pixel are copied from the row above or below in the same manner; a frame
+    without any becomes the last observed one.
     """
 
     def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
-        """Frames [F, H, W, 3]."""
+        """Return frames [F, H, W, 3]."""
         return inpaint_each(views, last, self._inpaint_frame)
 
     def _inpaint_frame(

@@ -12,21 +12,22 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, View
 
 @dataclass(frozen=True)
 class Telea:
-    """Fast marching inpainting (Telea 2004); `radius_px` is the neighbourhood it averages."""
+    """Fast marching inpainting (Telea 2004)."""
 
-    radius_px: float = 3.0
+    radius_px: float = 3.0  # of the neighbourhood that is averaged
 
     def __post_init__(self) -> None:
         if not self.radius_px > 0:
             raise BadData(f"radius_px is {self.radius_px}, expected a positive number of pixels")
 
     def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
-        """Frames [F, H, W, 3]; a frame without any covered pixel is the last observed one."""
+        """Return frames [F, H, W, 3]; a frame without covered pixels becomes the last one."""
         return inpaint_each(views, last, self._inpaint_frame)
 
     def _inpaint_frame(
         self, frame: ByteArray, covered: BoolArray, depth: FloatArray, hidden: IntArray
     ) -> ByteArray:
-        known, hole = np.where(covered[..., None], frame, np.uint8(0)), (~covered).astype(np.uint8)
+        known = np.where(covered[..., None], frame, np.uint8(0))
+        hole = (~covered).astype(np.uint8)
         inpainted = cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA)
         return np.asarray(inpainted, np.uint8).reshape(-1, 3)[hidden]

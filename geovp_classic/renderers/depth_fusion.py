@@ -1,6 +1,4 @@
-"""Renderers with a depth source: packages `depth`, `dynamic_objects` and `render` meet here and
-only here.
-"""
+"""Depth fusion: `depth`, `dynamic_objects` and `rendering` meet here and only here."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -8,8 +6,9 @@ from typing import Literal
 import numpy as np
 
 from geovp_classic.depth.multiview import Multiview
-from geovp_classic.dynamic_objects import sprites as moving_sprites
 from geovp_classic.dynamic_objects.detection import DynamicObjects
+from geovp_classic.dynamic_objects.posed_images import PosedImages
+from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, mask_out
 from geovp_classic.errors import BadData
 from geovp_classic.geometry.ground_plane import fit_ground
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
@@ -17,108 +16,135 @@ from geovp_classic.interfaces import DepthSource, Inpainter, Scene
 from geovp_classic.observation import recent as recent_frames
 from geovp_classic.observation import stream
 from geovp_classic.parallel import single_threaded_blas
-from geovp_classic.rendering import fusion, patches
-from geovp_classic.rendering.exposure import ExposedScene, Exposure, ExposureControl
-from geovp_classic.rendering.standing import StandingScene
+from geovp_classic.rendering import fusion
+from geovp_classic.rendering.detail_transfer import MagnifiedDetail
+from geovp_classic.rendering.exposure import (
+    ExposedScene,
+    Exposure,
+    ExposureControl,
+    ExposureEstimator,
+)
+from geovp_classic.rendering.patches import PatchModel
+from geovp_classic.rendering.source import Source
+from geovp_classic.rendering.stationary import StationaryScene
 from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
 class DepthFusion:
-    """All observed frames as one cloud of patches; holes are filled, detail is transferred to
-    magnified surfaces.
+    """All observed frames as one cloud of patches; holes are inpainted, and detail is transferred
+    to magnified surfaces.
     """
 
     depth: DepthSource = field(default_factory=Multiview)
     inpainter: Inpainter = field(default_factory=DetailTransfer)
-    frames: Literal["crop", "full"] = "crop"  # wide: the uncropped ones, in full resolution
-    num_frames: int = 10  # how many of the last observed frames are used
-    crack_px: int = 3  # gaps between surfaces up to about twice this width are closed, not filled
-    agreement: float = 0.1  # largest relative difference of inverse depths of one surface
-    detail_strength: float = 1.0  # of the transferred detail; 0 leaves magnified surfaces blurred
-    dynamic_objects: DynamicObjects | None = field(
-        default_factory=DynamicObjects
-    )  # None: they are rendered as static
-    exposure: ExposureControl | None = field(
-        default_factory=ExposureControl
-    )  # None: it stays as it was last
+    frames: Literal["crop", "full"] = "crop"  # full: the uncropped ones, with all their detail
+    num_frames: int = 10  # the last observed frames are used
+    crack_px: int = 3  # gaps up to twice this width between surfaces are closed, not inpainted
+    max_depth_difference: float = 0.1  # relative, of inverse depths of one surface in two frames
+    patch_model: PatchModel = field(default_factory=PatchModel)
+    # None: magnified surfaces stay blurred.
+    detail: MagnifiedDetail | None = field(default_factory=MagnifiedDetail)
+    # None: dynamic objects are rendered as static.
+    dynamic_objects: DynamicObjects | None = field(default_factory=DynamicObjects)
+    exposure_estimator: ExposureEstimator = field(default_factory=ExposureEstimator)
+    # None: the exposure stays that of the last frame.
+    exposure: ExposureControl | None = field(default_factory=ExposureControl)
 
     def __post_init__(self) -> None:
         if self.frames not in ("crop", "full"):
             raise BadData(f"frames is {self.frames!r}, expected 'crop' or 'full'")
         if self.num_frames < 1:
+            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
+        if not (0 < self.max_depth_difference < 1 and self.crack_px >= 0):
             raise BadData(
-                f"num_frames is {self.num_frames}, expected 1 or more observed frames to use"
-            )
-        if not (0 < self.agreement < 1 and self.crack_px >= 0 and self.detail_strength >= 0):
-            raise BadData(
-                "agreement must lie between 0 and 1, crack_px and detail_strength must not be "
-                "negative"
+                f"max_depth_difference is {self.max_depth_difference} and crack_px "
+                f"{self.crack_px}, expected a fraction between 0 and 1 and pixels of 0 or more"
             )
 
     @property
     def needs(self) -> PrivilegedInput:
-        """What the depth source needs, and the uncropped frames when they are asked for."""
-        return self.depth.needs | (
-            PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
-        )
+        """Return the privileged inputs of the depth source, and uncropped frames if used."""
+        if self.frames == "full":
+            return self.depth.needs | PrivilegedInput.FULL_FRAMES
+        return self.depth.needs
 
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
-        """The fused cloud of the last `num_frames` frames, in the world frame and the unit of the
-        past.
-        """
+        """Return the fused cloud of the last frames, in the world frame and unit of the past."""
         recent, past = self._recent(context, past)
-        inverse_depths, confidence = self.depth.inverse_depths(recent, past)
-        since_s, last_s = past.times_s - past.times_s[-1], float(past.times_s[-1])
-        moving = self._sprites(recent, past, inverse_depths[-1])
-        inverse_depths, confidence, cut = moving_sprites.mask_out(
-            moving, inverse_depths, confidence, past.world_from_cam, since_s
-        )
-        details = [None] * len(past) if recent.full is None else recent.full.frames
-        sources = [
-            patches.Source(frame, recent.intrinsics, pose, detail)
-            for frame, pose, detail in zip(recent.frames, past.world_from_cam, details, strict=True)
-        ]
-        exposure = Exposure.of(sources, inverse_depths[-1], since_s)
-        cloud, used = fusion.fuse(
-            exposure.match(sources), inverse_depths, confidence, self.agreement
-        )
-        static = fusion.remove_masked(cloud, 0, cut[-1])
-        scene: Scene = fusion.CloudScene(
-            static, used, self.inpainter, self.crack_px, self.detail_strength
-        )
-        if self.frames == "full" and not moving:
-            crop = context.frames[np.abs(context.times_s[: context.num_past] - last_s).argmin()]
-            place = patches.Source(crop, context.intrinsics, past.world_from_cam[-1])
-            scene = StandingScene(scene, place, float(np.max(inverse_depths[-1])))
-        scene = moving_sprites.DynamicScene(scene, moving, last_s) if moving else scene
-        if self.exposure is None:
-            return scene
-        return ExposedScene(
-            scene, sources[-1], exposure, self.exposure, last_s, whole=self.frames == "full"
-        )
+        last_s = float(past.times_s[-1])
+        since_s = past.times_s - last_s
 
-    def sprites(self, context: Context, past: Trajectory) -> tuple[moving_sprites.Sprite, ...]:
-        """The dynamic objects of the last frame, as the scene renders them; in the unit of the
-        past.
-        """
+        depths, confidence = self.depth.inverse_depths(recent, past)
+        exposure = self._exposure(recent, past, depths[-1])
+        sprites = self._sprites(recent, past, depths[-1], exposure)
+        depths, is_dynamic = mask_out(sprites, depths, past.world_from_cam, since_s)
+
+        is_known = confidence > 0
+        is_known[-1] = True  # the last frame's depth map has no holes
+        sources = self._sources(recent, past)
+        cloud, used = fusion.fuse(
+            sources, depths, is_known & ~is_dynamic, self.max_depth_difference, self.patch_model
+        )
+        matched = [exposure.match(sources[step], step) for step in used]
+
+        scene: Scene = fusion.CloudScene(
+            cloud, matched, self.patch_model, self.inpainter, self.detail, self.crack_px
+        )
+        if self.frames == "full" and not sprites:
+            step = np.abs(context.times_s[: context.num_past] - last_s).argmin()
+            last = Source(context.frames[step], context.intrinsics, past.world_from_cam[-1])
+            scene = StationaryScene(scene, last, float(np.max(depths[-1])))
+        if sprites:
+            scene = DynamicScene(scene, sprites, last_s)
+        if self.exposure is not None:
+            is_whole = self.frames == "full"
+            scene = ExposedScene(scene, sources[-1], exposure, self.exposure, last_s, is_whole)
+        return scene
+
+    def sprites(self, context: Context, past: Trajectory) -> list[Sprite]:
+        """Return the dynamic objects of the last frame, in the unit of the past."""
         recent, past = self._recent(context, past)
-        return self._sprites(recent, past, self.depth.inverse_depths(recent, past)[0][-1])
+        depths, _ = self.depth.inverse_depths(recent, past)
+        exposure = self._exposure(recent, past, depths[-1])
+        return self._sprites(recent, past, depths[-1], exposure)
 
     def _recent(self, context: Context, past: Trajectory) -> tuple[Context, Trajectory]:
+        """Return the last usable frames, cropped or uncropped, and their poses."""
         return recent_frames(context.only(self.needs), past, self.frames, self.num_frames)
 
-    def _sprites(
-        self, recent: Context, past: Trajectory, inverse_depth: FloatArray
-    ) -> tuple[moving_sprites.Sprite, ...]:
-        if self.dynamic_objects is None:
-            return ()
-        images = stream(recent, "crop").greys.astype(np.float32)
-        camera, ground = recent.intrinsics, fit_ground(inverse_depth, recent.intrinsics)
-        found = self.dynamic_objects.find(images, camera, past, inverse_depth, ground)
-        taken = camera, past.world_from_cam[-1]
-        return tuple(
-            moving_sprites.Sprite(recent.frames[-1], one.mask, *taken, one.depth, one.velocity)
-            for one in found
+    def _exposure(self, recent: Context, past: Trajectory, inverse_depth: FloatArray) -> Exposure:
+        """Return the exposure of the frames relative to the last one."""
+        return self.exposure_estimator.estimate(
+            stream(recent, "crop").greys,
+            recent.intrinsics,
+            past.world_from_cam,
+            inverse_depth,
+            past.times_s - past.times_s[-1],
         )
+
+    def _sprites(
+        self, recent: Context, past: Trajectory, inverse_depth: FloatArray, exposure: Exposure
+    ) -> list[Sprite]:
+        """Return the dynamic objects of the last frame; none where there is no road."""
+        camera = recent.intrinsics
+        road = fit_ground(inverse_depth, camera)
+        if self.dynamic_objects is None or road is None:
+            return []
+        gains = np.exp(exposure.log_gains).astype(np.float32)
+        images = stream(recent, "crop").greys * gains[:, None, None]
+        observed = PosedImages(images, camera, past, inverse_depth.astype(np.float32), road)
+        pose = past.world_from_cam[-1]
+        return [
+            Sprite(recent.frames[-1], found.mask, camera, pose, found.depth, found.velocity)
+            for found in self.dynamic_objects.detect(observed)
+        ]
+
+    def _sources(self, recent: Context, past: Trajectory) -> list[Source]:
+        """Return the posed frames, uncropped ones at their own resolution."""
+        frames = recent.frames if recent.full is None else recent.full.frames
+        return [
+            Source(frame, recent.intrinsics, pose)
+            for frame, pose in zip(frames, past.world_from_cam, strict=True)
+        ]

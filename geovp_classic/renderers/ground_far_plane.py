@@ -15,8 +15,9 @@ from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.observation import recent
 from geovp_classic.rendering import patches
-from geovp_classic.rendering.image_sampler import resampled, warp
-from geovp_classic.rendering.standing import StandingScene
+from geovp_classic.rendering.inpainting import inpainted_views
+from geovp_classic.rendering.source import Source, resampled, warp
+from geovp_classic.rendering.stationary import StationaryScene
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -28,28 +29,25 @@ from geovp_classic.types import (
     Views,
 )
 
-MOVED_M = 0.1  # a shorter path does not tell the direction of travel
-
 
 @dataclass(frozen=True)
 class GroundFarPlane:
     """Ground plane and far plane of the last observed frame, from the camera's height and the
     horizon.
-
-    `pitch_deg` says how far the camera looks above the ground, `roll_deg` how far it is rolled
-    clockwise. Without `pitch_deg` the pitch is that of the direction of travel, averaged over the
-    past, and 0 where the camera did not move: a vehicle travels along its road. A pitch known from
-    the mounting is better than one second of noisy heights.
     """
 
     inpainter: Inpainter = field(default_factory=DetailTransfer)
+    # How far the camera looks above the ground. None: above the direction of travel, averaged over
+    # the past, because a vehicle travels along its road. A pitch known from the mounting is better
+    # than one second of noisy heights.
     pitch_deg: float | None = None
-    roll_deg: float = 0.0
+    roll_deg: float = 0.0  # clockwise
+    min_path_m: float = 0.1  # a shorter path has no direction of travel: the pitch is 0
 
-    needs = PrivilegedInput.CAMERA_HEIGHT  # the camera's height above the ground
+    needs = PrivilegedInput.CAMERA_HEIGHT
 
-    def reconstruct(self, context: Context, past: Trajectory) -> StandingScene:
-        """The two planes; Incompatible without a camera height or without metric poses."""
+    def reconstruct(self, context: Context, past: Trajectory) -> StationaryScene:
+        """Return the two planes; raise Incompatible without a camera height or metric poses."""
         context, past = recent(context, past, "crop", len(past))
         if context.camera_height_m is None:
             raise Incompatible(
@@ -59,26 +57,37 @@ class GroundFarPlane:
             raise Incompatible(
                 "the camera's height is in metres, the poses are not: give the odometry a scale"
             )
-        roll_rad = float(np.deg2rad(self.roll_deg))
-        pitch_rad = (
-            _travel_pitch_rad(past, roll_rad)
-            if self.pitch_deg is None
-            else float(np.deg2rad(self.pitch_deg))
-        )
-        last = patches.Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
-        normal_last = planar.level_vehicle_from_cam(pitch_rad, roll_rad)[1, :3]
+        level_from_cam = planar.level_vehicle_from_cam(self._pitch_rad(past), self._roll_rad)
+        normal_last = level_from_cam[1, :3]
+        last = Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
         scene = GroundFarScene(last, normal_last, context.camera_height_m, self.inpainter)
-        largest_inverse_depth = (
-            float((pinhole.rays(context.intrinsics) @ normal_last).max()) / context.camera_height_m
-        )
-        return StandingScene(scene, last, largest_inverse_depth)
+        below_horizon = pinhole.rays(context.intrinsics) @ normal_last
+        max_inverse_depth = float(below_horizon.max()) / context.camera_height_m
+        return StationaryScene(scene, last, max_inverse_depth)
+
+    @property
+    def _roll_rad(self) -> float:
+        return float(np.deg2rad(self.roll_deg))
+
+    def _pitch_rad(self, past: Trajectory) -> float:
+        """Return how far the camera looks above the ground."""
+        if self.pitch_deg is not None:
+            return float(np.deg2rad(self.pitch_deg))
+        rotations = past.world_from_cam[1:, :3, :3]
+        steps = np.diff(past.world_from_cam[:, :3, 3], axis=0)
+        steps_cam = np.einsum("nji,nj->ni", rotations, steps)
+        level_from_rolled = planar.level_vehicle_from_cam(0.0, self._roll_rad)[:3, :3]
+        unrolled = steps_cam @ level_from_rolled.T
+        if np.abs(unrolled[:, 2]).sum() <= self.min_path_m:
+            return 0.0
+        return planar.travel_pitch_rad(unrolled)
 
 
 @dataclass(frozen=True)
 class GroundFarScene:
     """The last observed frame, laid on the ground below the horizon and on infinity above it."""
 
-    last: patches.Source
+    last: Source
     normal_last: FloatArray  # [3], unit normal of the ground, downwards, in the last camera's frame
     height_m: float
     inpainter: Inpainter
@@ -86,46 +95,26 @@ class GroundFarScene:
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
     ) -> Views:
-        """The two planes from the poses [F, 4, 4]; uncovered where the last frame shows nothing of
-        them.
-        """
-        views = [self._view_one(pose, intrinsics) for pose in world_from_cam]
-        frames, covered, depths = (np.stack(maps) for maps in zip(*views, strict=True))
-        return Views(
-            self.inpainter.inpaint(
-                Views(frames, covered, depths), resampled(self.last, intrinsics)
-            ),
-            covered,
-            depths,
-        )
+        """Return the views from the poses [F, 4, 4]; uncovered beside the last frame."""
+        views = [self._view(pose, intrinsics) for pose in world_from_cam]
+        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
 
-    def _view_one(
+    def _view(
         self, world_from_cam: FloatArray, intrinsics: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
-        """Frame [H, W, 3], coverage and depth [H, W] from one pose."""
+        """Return frame [H, W, 3], coverage and depth [H, W] from one pose."""
         inverse_depth = self._inverse_depth(world_from_cam, intrinsics)
         frame, covered, _, _ = warp(self.last, inverse_depth, world_from_cam, intrinsics)
         return frame, covered, patches.depths(inverse_depth, covered)
 
     def _inverse_depth(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> FloatArray:
-        """[H, W]: of the ground below this view's horizon, 0 above it; NaN when the camera is below
-        the ground.
+        """Return the inverse depth [H, W]: of the ground below this view's horizon, 0 above it.
+
+        It is NaN on the ground when the camera is below the ground.
         """
         last_from_cam = se3.inverse(self.last.world_from_source) @ world_from_cam
         normal_cam = self.normal_last @ last_from_cam[:3, :3]
         height_m = self.height_m - self.normal_last @ last_from_cam[:3, 3]
         below_horizon = pinhole.rays(intrinsics) @ normal_cam
-        ground = below_horizon / height_m if height_m > 0 else np.full(below_horizon.shape, np.nan)
+        ground = below_horizon / height_m if height_m > 0 else np.nan
         return np.where(below_horizon > 0, ground, 0.0)
-
-
-def _travel_pitch_rad(past: Trajectory, roll_rad: float) -> float:
-    """How far the camera looks above its direction of travel, over all past steps; 0 when it stood
-    still.
-    """
-    rotations, positions = past.world_from_cam[:, :3, :3], past.world_from_cam[:, :3, 3]
-    steps_cam = np.einsum(
-        "nji,nj->ni", rotations[1:], np.diff(positions, axis=0)
-    )  # each in its own camera's frame
-    unrolled = steps_cam @ planar.level_vehicle_from_cam(0.0, roll_rad)[:3, :3].T
-    return planar.travel_pitch_rad(unrolled) if np.abs(unrolled[:, 2]).sum() > MOVED_M else 0.0

@@ -3,221 +3,217 @@ Levoy 1996).
 
 Open3D's sparse voxel blocks hold the volume. Its unit is the median depth of the last observed
 frame, its frame that frame's camera, so that neither the poses' unit nor a far-off world frame
-matters. Whatever is farther than the volume reaches lies on a far plane and keeps the last frame's
-image.
+matters. Surfaces beyond its reach lie on a far plane, which shows the last frame.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
 import open3d as o3d
 
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.rendering import patches
-from geovp_classic.rendering.image_sampler import resampled, warp
-from geovp_classic.rendering.patches import Source
+from geovp_classic.rendering.inpainting import inpainted_views
+from geovp_classic.rendering.source import Source, resampled, warp
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
-
-BLOCK_VOXELS = 8  # along each side of a block
-FIRST_BLOCKS = 8192  # the volume grows beyond by itself
-TRUNCATION_VOXELS = (
-    16.0  # along a ray that grazes the road the distance to it grows by so much from voxel to voxel
-)
-GAP_PX = 16
-LEAST_WEIGHT = 0.5  # one frame that saw a surface is enough
-NEAREST = 0.01  # median depths; surfaces nearer than this are not cast
-FRAGMENT_STEP = 8  # pixels per cell of the map of ranges along which rays are cast
-WARM_UP_STEP = 2  # see Volume.warmed_up
-# farther than the volume reaches from the last frame, that rays reach from a pose that backs up
-BEHIND = 2.0
 
 
 @dataclass(frozen=True)
 class Volume:
-    """A filled volume; `reach` and the grid are in units of `unit`, which is in the poses' own."""
+    """A filled volume in its own unit of length."""
 
     grid: Any  # open3d.t.geometry.VoxelBlockGrid
     world_from_volume: FloatArray  # [4, 4]
-    unit: float
-    reach: float
-
-    def warmed_up(self, camera: Intrinsics) -> Self:
-        """This volume, once Open3D has made room for its map of ranges.
-
-        Whenever a cast needs more room than all before it, Open3D 0.20 makes that room but leaves
-        the image full of holes. A cast with far more cells than later ones need is thrown away
-        here, so that these are whole.
-        """
-        self.cast(self.world_from_volume, camera, WARM_UP_STEP)
-        return self
+    unit: float  # in the poses' unit
+    settings: "VolumeSettings"
 
     def cast(
         self,
         world_from_cam: FloatArray,  # [4, 4]
         camera: Intrinsics,
-        step_px: int = FRAGMENT_STEP,
+        cell_px: int = 8,  # of the map of depth ranges along which rays are cast
     ) -> tuple[FloatArray, FloatArray]:
-        """Colour [H, W, 3] in [0, 1], 0 for none, and inverse depth [H, W] of the nearest surface,
-        NaN for none.
+        """Cast rays and return colours [H, W, 3] in [0, 1] and inverse depth [H, W].
+
+        Where no surface is hit, colours are 0 and the inverse depth is NaN.
         """
-        volume_from_cam = _scaled(
-            se3.inverse(self.world_from_volume) @ world_from_cam, 1 / self.unit
-        )
+        settings = self.settings
+        hash_map = self.grid.hashmap()
+        blocks = hash_map.key_tensor()[hash_map.active_buf_indices().to(o3d.core.int64)]
+        cam_from_volume = se3.inverse(world_from_cam) @ self.world_from_volume
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-            seen = self.grid.ray_cast(
-                self.grid.hashmap().key_tensor()[
-                    self.grid.hashmap().active_buf_indices().to(o3d.core.int64)
-                ],
+            maps = self.grid.ray_cast(
+                blocks,
                 o3d.core.Tensor.from_numpy(camera.matrix),
-                o3d.core.Tensor.from_numpy(se3.inverse(volume_from_cam)),
+                o3d.core.Tensor.from_numpy(_scaled(cam_from_volume, 1 / self.unit)),
                 camera.width_px,
                 camera.height_px,
                 ["depth", "color"],
                 1.0,
-                NEAREST,
-                BEHIND * self.reach,
-                LEAST_WEIGHT,
-                TRUNCATION_VOXELS,
-                step_px,
+                settings.min_depth,
+                2 * settings.reach,  # a camera that backs up is farther from the volume
+                settings.min_weight,
+                settings.truncation_voxels,
+                cell_px,
             )
-        depth = seen["depth"].numpy()[..., 0]
-        return seen["color"].numpy(), np.where(
-            depth > 0, 1 / (self.unit * np.where(depth > 0, depth, 1)), np.nan
+        depth = maps["depth"].numpy()[..., 0]
+        is_hit = depth > 0
+        inverse_depth = 1 / (self.unit * np.where(is_hit, depth, 1))
+        return maps["color"].numpy(), np.where(is_hit, inverse_depth, np.nan)
+
+
+@dataclass(frozen=True)
+class VolumeSettings:
+    """Resolution and extent of a volume; lengths are in median depths of the last frame."""
+
+    voxel_px: float = 2.5  # edge of a voxel, as seen at the median depth
+    reach: float = 5.0  # surfaces farther away lie on a far plane
+    min_depth: float = 0.01  # of a surface that is cast
+    # On a ray that grazes the road, the distance to it changes by so many voxels from one to the
+    # next.
+    truncation_voxels: float = 16.0
+    min_weight: float = 0.5  # one frame that shows a surface is enough
+    block_voxels: int = 8  # along each side of a block
+    num_blocks: int = 8192  # at first; the volume grows
+
+    def __post_init__(self) -> None:
+        if not 0 < self.reach < 2 * self.voxel_px + 1:
+            raise BadData(
+                f"reach is {self.reach} and voxel_px {self.voxel_px}, expected a reach between 0 "
+                "and 2 voxel_px + 1"
+            )
+
+    def integrate(
+        self,
+        frames: ByteArray,  # [P, H, W, 3]
+        inverse_depths: FloatArray,  # [P, H, W]
+        is_known: BoolArray,  # [P, H, W]
+        camera: Intrinsics,
+        world_from_cam: FloatArray,  # [P, 4, 4]
+    ) -> Volume:
+        """Return the volume of all known pixels within reach."""
+        core = o3d.core
+        last = inverse_depths[-1]
+        is_near = is_known[-1] & (last > 0)
+        unit = 1 / float(np.median(last[is_near])) if is_near.any() else 1.0
+        channels = [core.SizeVector([count]) for count in (1, 1, 3)]
+        grid = o3d.t.geometry.VoxelBlockGrid(
+            ("tsdf", "weight", "color"),
+            (core.float32,) * 3,
+            channels,
+            self.voxel_px / camera.fx_px,
+            self.block_voxels,
+            self.num_blocks,
         )
+        matrix = core.Tensor.from_numpy(camera.matrix)
+        cam_from_last = se3.inverse(world_from_cam) @ world_from_cam[-1]
+        for step, frame in enumerate(frames):
+            is_used = is_known[step] & (inverse_depths[step] * unit > 1 / self.reach)
+            if not is_used.any():
+                continue
+            depth = 1 / (unit * np.where(is_used, inverse_depths[step], 1))
+            depth_map = _image(np.where(is_used, depth, 0)[..., None])
+            extrinsic = core.Tensor.from_numpy(_scaled(cam_from_last[step], 1 / unit))
+            limits = (1.0, self.reach, self.truncation_voxels)
+            blocks = grid.compute_unique_block_coordinates(depth_map, matrix, extrinsic, *limits)
+            image = _image(frame / 255)
+            grid.integrate(blocks, depth_map, image, matrix, matrix, extrinsic, *limits)
+        volume = Volume(grid, world_from_cam[-1], unit, self)
+        # Open3D 0.20 leaves holes in any cast that needs a larger map of ranges than all before
+        # it. A first cast with many more cells than later ones need is therefore thrown away.
+        volume.cast(world_from_cam[-1], camera, cell_px=2)
+        return volume
 
 
 @dataclass(frozen=True)
 class VolumeScene:
-    """A volume with the last observed frame, whose colours are read where it shows the volume's
-    surface.
-    """
+    """A volume with the last observed frame, whose colours replace those of the voxels it shows."""
 
     volume: Volume
     last: Source
-    # [H, W] float32, inverse, of the last frame; what is beyond the volume is a backdrop
-    last_depth: FloatArray
-    agreement: float
+    last_depth: FloatArray  # [H, W] float32, inverse, of the last frame
+    max_depth_difference: float  # relative, of the volume and the last frame
+    gap_px: int
     inpainter: Inpainter
 
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
     ) -> Views:
-        """The volume from the poses [F, 4, 4], behind it the far plane; uncovered where there is
-        neither.
-        """
-        seen = [self._view_one(pose, intrinsics) for pose in world_from_cam]
-        frames, covered, depths = (np.stack(maps) for maps in zip(*seen, strict=True))
-        return Views(
-            self.inpainter.inpaint(
-                Views(frames, covered, depths), resampled(self.last, intrinsics)
-            ),
-            covered,
-            depths,
-        )
+        """Return the views of the volume and the far plane from the poses [F, 4, 4]."""
+        views = [self._view(pose, intrinsics) for pose in world_from_cam]
+        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
 
-    def _view_one(
+    def _view(
         self, world_from_cam: FloatArray, camera: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
-        """Frame, coverage and depth from one pose."""
+        """Return frame, coverage and depth from one pose."""
         colours, inverse_depth = self.volume.cast(world_from_cam, camera)
-        inverse_depth = close_gaps(inverse_depth, GAP_PX)
-        solid, coloured = np.isfinite(inverse_depth), (colours > 0).any(axis=-1)
+        inverse_depth = close_gaps(inverse_depth, self.gap_px)
+        is_solid = np.isfinite(inverse_depth)
+        near, is_near_shown, _ = self._from_last(
+            np.where(is_solid, inverse_depth, 0), world_from_cam, camera
+        )
+        far, is_far_shown, last_depth = self._from_last(
+            np.zeros(is_solid.shape), world_from_cam, camera
+        )
+        is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
+        is_far = ~is_solid & is_far_shown & is_beyond
+        is_near = is_solid & is_near_shown
+        is_voxel = is_solid & (colours > 0).any(axis=-1)
+        covered = is_far | is_near | is_voxel
         frame = np.clip(255 * colours + 0.5, 0, 255).astype(np.uint8)
-        near, near_shown, _ = self._from_last(
-            np.where(solid, inverse_depth, 0), world_from_cam, camera
-        )
-        far, far_shown, there = self._from_last(np.zeros(solid.shape), world_from_cam, camera)
-        is_far = ~solid & far_shown & (there * self.volume.unit * self.volume.reach <= 1)
-        is_last = solid & near_shown
-        frame[is_last], frame[is_far] = near[is_last], far[is_far]
-        covered = is_far | (solid & (coloured | is_last))
-        depths = np.where(
-            covered, patches.depths(np.where(is_far, 0, inverse_depth), covered), np.float32(0)
-        )
-        return np.where(covered[..., None], frame, np.uint8(0)), covered, depths
+        frame[is_near] = near[is_near]
+        frame[is_far] = far[is_far]
+        frame[~covered] = 0
+        depths = patches.depths(np.where(is_far, 0, inverse_depth), covered)
+        return frame, covered, depths
 
     def _from_last(
         self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
-        """Colours [H, W, 3] of the last frame for surfaces at the view's inverse depth [H, W], and
-        its own depth there.
+        """Sample the last frame for surfaces at the view's inverse depth [H, W].
 
-        In between, where it shows them [H, W]: neither beside its image nor behind its own
-        surfaces.
+        Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither beside
+        its image nor behind its own surfaces, and its own inverse depth there [H, W].
         """
-        colours, shown, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
-        u, v = np.moveaxis(np.where(shown[..., None], pixels, np.float32(0)), -1, 0)
-        there = np.asarray(cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST), np.float32)
-        in_front = inverse_depth / np.where(shown, ratio, 1) >= there * (1 - self.agreement)
-        return colours, shown & (in_front | (inverse_depth == 0)), there
+        colours, is_shown, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
+        u, v = cv2.split(np.where(is_shown[..., None], pixels, np.float32(0)))
+        last_depth = np.asarray(cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST), np.float32)
+        depth_in_last = inverse_depth / np.where(is_shown, ratio, 1)
+        is_in_front = depth_in_last >= last_depth * (1 - self.max_depth_difference)
+        return colours, is_shown & (is_in_front | (inverse_depth == 0)), last_depth
 
 
 def close_gaps(
-    inverse_depth: FloatArray,  # [H, W], NaN where no surface was found
+    inverse_depth: FloatArray,  # [H, W], NaN where no surface was hit
     gap_px: int,
 ) -> FloatArray:
-    """Gaps of at most `gap_px` in a column become the plane between their upper and lower border.
+    """Close gaps of at most `gap_px` in a column with the plane between their borders.
 
     Rays that graze the road slip between the voxels that hold it; inverse depth is linear on a
     plane.
     """
-    known = np.isfinite(inverse_depth)
+    is_hit = np.isfinite(inverse_depth)
     row = np.arange(len(inverse_depth))[:, None]
-    above = np.maximum.accumulate(np.where(known, row, -1), axis=0)
-    below = np.minimum.accumulate(np.where(known, row, len(row))[::-1], axis=0)[::-1]
-    narrow = ~known & (above >= 0) & (below < len(row)) & (below - above - 1 <= gap_px)
-    above, below = np.where(narrow, above, 0), np.where(narrow, below, 1)
-    upper, lower = (
-        np.take_along_axis(inverse_depth, above, 0),
-        np.take_along_axis(inverse_depth, below, 0),
-    )
-    return np.where(
-        narrow, upper + (lower - upper) * (row - above) / (below - above), inverse_depth
-    )
+    above = np.maximum.accumulate(np.where(is_hit, row, -1), axis=0)
+    below = np.minimum.accumulate(np.where(is_hit, row, len(row))[::-1], axis=0)[::-1]
+    is_narrow = ~is_hit & (above >= 0) & (below < len(row)) & (below - above <= gap_px + 1)
+    above = np.where(is_narrow, above, 0)
+    below = np.where(is_narrow, below, 1)
+    upper = np.take_along_axis(inverse_depth, above, 0)
+    lower = np.take_along_axis(inverse_depth, below, 0)
+    plane = upper + (lower - upper) * (row - above) / (below - above)
+    return np.where(is_narrow, plane, inverse_depth)
 
 
-def integrate(
-    frames: ByteArray,  # [P, H, W, 3]
-    inverse_depths: FloatArray,  # [P, H, W]
-    known: BoolArray,  # [P, H, W]
-    camera: Intrinsics,
-    world_from_cam: FloatArray,  # [P, 4, 4]
-    voxel_px: float,  # its edge, in pixels at the last frame's median depth
-    reach: float,  # the farthest depth that goes into the volume, in median depths
-) -> Volume:
-    """The volume of all known pixels nearer than `reach`."""
-    core = o3d.core
-    near = inverse_depths[-1][known[-1] & (inverse_depths[-1] > 0)]
-    unit = 1 / float(np.median(near)) if len(near) else 1.0
-    voxel = voxel_px / camera.fx_px
-    kinds, channels = (core.float32,) * 3, [core.SizeVector([count]) for count in (1, 1, 3)]
-    grid = o3d.t.geometry.VoxelBlockGrid(
-        ("tsdf", "weight", "color"), kinds, channels, voxel, BLOCK_VOXELS, FIRST_BLOCKS
-    )
-    matrix = core.Tensor.from_numpy(camera.matrix)
-    cam_from_last = se3.inverse(world_from_cam) @ world_from_cam[-1]
-    for frame, inverse, good, pose in zip(
-        frames, inverse_depths, known, cam_from_last, strict=True
-    ):
-        used = good & (inverse * unit > 1 / reach)
-        if not used.any():
-            continue
-        depth = np.where(used, 1 / (unit * np.where(used, inverse, 1)), 0).astype(np.float32)
-        image = o3d.t.geometry.Image(np.ascontiguousarray(frame / np.float32(255)))
-        depth_map = o3d.t.geometry.Image(np.ascontiguousarray(depth[..., None]))
-        extrinsic = core.Tensor.from_numpy(_scaled(pose, 1 / unit))
-        blocks = grid.compute_unique_block_coordinates(
-            depth_map, matrix, extrinsic, 1.0, reach, TRUNCATION_VOXELS
-        )
-        grid.integrate(
-            blocks, depth_map, image, matrix, matrix, extrinsic, 1.0, reach, TRUNCATION_VOXELS
-        )
-    return Volume(grid, world_from_cam[-1], unit, reach).warmed_up(camera)
+def _image(values: FloatArray) -> Any:
+    return o3d.t.geometry.Image(np.ascontiguousarray(values, np.float32))
 
 
 def _scaled(b_from_a: FloatArray, factor: float) -> FloatArray:
-    """The same motion in another unit of length."""
+    """Return the same motion in another unit of length."""
     return se3.compose(b_from_a[..., :3, :3], factor * b_from_a[..., :3, 3])

@@ -94,7 +94,7 @@ def variants() -> list[Variant]:
         )
     add("ground prior", "geometry.ground_plane", depth={"name": "multiview", "ground": "none"})
     add("crack closing", "render.fusion", crack_px=0)
-    add("detail transfer", "render.detail_transfer", detail_strength=0.0)
+    add("detail transfer", "render.detail_transfer", detail="none")
     add("borrowed detail", inpainter={"name": "nearest-background"})
     add("dynamic objects", "dynamic_objects", dynamic_objects="none")
     add("exposure", "render.exposure", exposure="none")

@@ -1,11 +1,24 @@
-"""The car that drives ahead, and what is observed of it."""
+"""The car that drives ahead, and how it is observed."""
 
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from geovp_classic.dynamic_objects.segmentation import Observations
+from geovp_classic.dynamic_objects.posed_images import PosedImages
+
+
+@pytest.fixture(scope="session")
+def observe(drive_behind: Callable[..., Any]) -> Callable[..., tuple[PosedImages, Any]]:
+    """Return a function from the car's velocity to posed images and ground truth."""
+
+    def _observe(**street: Any) -> tuple[PosedImages, Any]:
+        traffic = drive_behind(**street)
+        depth = traffic.inverse_depth
+        observed = PosedImages(traffic.images, traffic.camera, traffic.past, depth, traffic.road)
+        return observed, traffic
+
+    return _observe
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +27,5 @@ def traffic(drive_behind: Callable[..., Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def observed(traffic: Any) -> Observations:
-    return Observations(
-        traffic.images, traffic.camera, traffic.past, traffic.inverse_depth, traffic.road
-    )
+def observed(observe: Callable[..., Any]) -> PosedImages:
+    return observe()[0]

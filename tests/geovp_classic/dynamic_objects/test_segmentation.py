@@ -1,20 +1,20 @@
-"""Outlines: the whole thing from a part of it, nothing where its motion explains nothing, no gaps
-inside.
-"""
+"""Masks: the whole object from a part of it, and none where its motion explains nothing."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
-from geovp_classic.dynamic_objects import segmentation
-from geovp_classic.types import BoolArray
+from geovp_classic.dynamic_objects.posed_images import PosedImages
+from geovp_classic.dynamic_objects.segmentation import MotionSegmentation, bounding_box
+from geovp_classic.types import BoolArray, FloatArray
 
 STEPS = (1, 2, 3)
+TRUE_VELOCITY = np.array([1.2, 0.0, 5.0])
 
 
 def half_of(mask: BoolArray) -> BoolArray:
-    """The lower half of a mask's rows, of which only every second pixel is known."""
+    """Return every second pixel of the lower half of a mask."""
     rows, _ = np.nonzero(mask)
     part = mask.copy()
     part[: int(rows.mean())] = False
@@ -22,63 +22,42 @@ def half_of(mask: BoolArray) -> BoolArray:
     return part
 
 
-def test_half_of_a_car_leads_to_the_whole(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    mask = segmentation.segment(
-        half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed
-    )
-    assert (mask & traffic.mask).sum() / traffic.mask.sum() > 0.9  # recall
-    assert (mask & traffic.mask).sum() / mask.sum() > 0.7  # precision
-
-
-def test_a_motion_that_explains_nothing_has_no_outline(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    assert (
-        segmentation.segment(
-            half_of(traffic.mask), 8.0, np.array([-3.0, 0.0, -6.0]), STEPS, observed
-        )
-        is None
-    )
-
-
-def test_the_street_has_no_outline(traffic: Any, observed: segmentation.Observations) -> None:
-    wall = np.zeros_like(traffic.mask)
-    wall[20:30, 60:80] = True  # 24 m away and standing
-    assert segmentation.segment(wall, 24.0, np.array([1.2, 0.0, 5.0]), STEPS, observed) is None
-
-
-def test_an_outline_has_no_gap_in_any_row_or_column(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    mask = segmentation.segment(
-        half_of(traffic.mask), 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed
-    )
-    for lines in (mask, mask.T):
+def test_half_of_a_car_leads_to_the_whole(traffic: Any, observed: PosedImages) -> None:
+    mask = MotionSegmentation().segment(half_of(traffic.mask), 8.0, TRUE_VELOCITY, STEPS, observed)
+    assert mask is not None
+    overlap = (mask & traffic.mask).sum()
+    assert overlap / traffic.mask.sum() > 0.9
+    assert overlap / mask.sum() > 0.7
+    for lines in (mask, mask.T):  # without gaps
         starts = (np.diff(lines.astype(int), axis=1, prepend=0) == 1).sum(axis=1)
         assert starts.max() == 1
 
 
-def test_seconds_count_back_from_the_last_frame(observed: segmentation.Observations) -> None:
-    assert observed.seconds(0) == 0
-    assert observed.seconds(3) == pytest.approx(0.3)
+def test_a_wrong_motion_has_no_mask(traffic: Any, observed: PosedImages) -> None:
+    velocity = np.array([-3.0, 0.0, -6.0])
+    evidence = half_of(traffic.mask)
+    assert MotionSegmentation().segment(evidence, 8.0, velocity, STEPS, observed) is None
 
 
-def test_a_thing_looks_the_same_where_its_motion_took_it_and_nowhere_else(
-    traffic: Any, observed: segmentation.Observations
+def test_a_static_wall_has_no_mask(traffic: Any, observed: PosedImages) -> None:
+    wall = np.zeros_like(traffic.mask)
+    wall[20:30, 60:80] = True  # 24 m away
+    assert MotionSegmentation().segment(wall, 24.0, TRUE_VELOCITY, STEPS, observed) is None
+
+
+@pytest.mark.parametrize(("velocity", "is_true"), [(TRUE_VELOCITY, True), ([1.2, 0, 0], False)])
+def test_photometric_error_is_small_for_the_true_motion(
+    traffic: Any, observed: PosedImages, velocity: FloatArray, is_true: bool
 ) -> None:
     # Images are rounded and sampled twice, which costs some grey values; the texture's own spread
     # is 60.
-    assert (
-        segmentation.photometric_error(
-            traffic.mask, 8.0, np.array([1.2, 0.0, 5.0]), STEPS, observed
-        )
-        < 8
+    error = MotionSegmentation().photometric_error(
+        traffic.mask, 8.0, np.array(velocity), STEPS, observed
     )
-    assert (
-        segmentation.photometric_error(
-            traffic.mask, 8.0, np.array([1.2, 0.0, 0.0]), STEPS, observed
-        )
-        > 20
-    )
+    assert error < 8 if is_true else error > 20
+
+
+def test_a_bounding_box_is_tight() -> None:
+    mask = np.zeros((6, 8), bool)
+    mask[2, 3] = mask[4, 5] = True
+    assert bounding_box(mask) == (slice(2, 5), slice(3, 6))

@@ -1,5 +1,5 @@
-"""Moving things: drawn where they have got to, hidden by what is nearer, and kept out of what
-stands.
+"""Sprites are rendered where they have moved to, hidden by nearer surfaces, and masked out of the
+static scene.
 """
 
 from dataclasses import dataclass, replace
@@ -9,28 +9,25 @@ import pytest
 
 from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, mask_out
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 CAMERA = Intrinsics(60.0, 60.0, 32.0, 24.0, 65, 49)
 DEPTH = 6.0
+Vector = tuple[float, float, float]
 
 
-def board(
-    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), source: FloatArray | None = None
-) -> Sprite:
-    """A red board over columns 30 to 34 and rows 22 to 26 of a grey image: 0.5 x 0.5 at z = 6."""
+def board(velocity: Vector = (0.0, 0.0, 0.0)) -> Sprite:
+    """Return a red board in columns 30 to 34 and rows 22 to 26: 0.5 x 0.5 at z = 6."""
     frame = np.full((49, 65, 3), 90, np.uint8)
-    mask = np.zeros((49, 65), dtype=bool)
+    mask = np.zeros((49, 65), bool)
     mask[22:27, 30:35] = True
     frame[mask] = [200, 10, 10]
-    return Sprite(
-        frame, mask, CAMERA, np.eye(4) if source is None else source, DEPTH, np.array(velocity)
-    )
+    return Sprite(frame, mask, CAMERA, np.eye(4), DEPTH, np.array(velocity))
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A blue wall that every camera sees at the same depth; covered as told."""
+    """A blue wall that all cameras see at the same depth."""
 
     depth: float
     covered: bool = True
@@ -44,124 +41,112 @@ class Wall:
         return Views(frames, np.full(size, self.covered), depths)
 
 
-def ahead(*shifts: tuple[float, float, float]) -> FloatArray:
-    return se3.compose(np.eye(3), np.array(shifts, dtype=float))
+def ahead(*shifts: Vector) -> FloatArray:
+    return se3.compose(np.eye(3), np.array(shifts, float))
 
 
-def red(frame: FloatArray) -> BoolArray:
+def view(wall: Wall, sprite: Sprite, poses: FloatArray, *times_s: float) -> Views:
+    return DynamicScene(wall, [sprite], 0.0).view(poses, np.array(times_s), CAMERA)
+
+
+def is_red(frame: ByteArray) -> BoolArray:
     return np.asarray((frame[..., 0] > 150) & (frame[..., 2] < 60))
 
 
-def test_a_board_is_seen_as_it_was_from_where_it_was_seen() -> None:
-    views = DynamicScene(Wall(10.0), (board(),), 0.0).view(np.eye(4)[None], np.array([0.1]), CAMERA)
-    np.testing.assert_array_equal(red(views.frames[0]), board().mask)
-    np.testing.assert_allclose(views.depths[0][board().mask], DEPTH, rtol=1e-6)
-    np.testing.assert_allclose(views.depths[0][~board().mask], 10.0)
-    assert (views.frames[0][~board().mask] == [0, 0, 250]).all()
+def test_the_last_pose_shows_the_board_as_observed() -> None:
+    views = view(Wall(10.0), board(), ahead((0, 0, 0)), 0.1)
+    mask = board().mask
+    np.testing.assert_array_equal(is_red(views.frames[0]), mask)
+    np.testing.assert_allclose(views.depths[0], np.where(mask, DEPTH, 10.0), rtol=1e-6)
+    assert (views.frames[0][~mask] == [0, 0, 250]).all()
 
 
-def test_it_moves_with_its_own_velocity() -> None:
-    # 1 m/s to the right for 0.5 s at z = 6 with f = 60: 5 pixels; twice the time, twice as far.
-    views = DynamicScene(Wall(10.0), (board((1.0, 0.0, 0.0)),), 0.0).view(
-        ahead((0, 0, 0), (0, 0, 0)), np.array([0.5, 1.0]), CAMERA
-    )
-    for frame, shift_px in zip(views.frames, (5, 10), strict=True):
-        np.testing.assert_array_equal(red(frame), np.roll(board().mask, shift_px, axis=1))
+@pytest.mark.parametrize(
+    ("velocity", "camera_z", "shifts_px"),
+    [
+        ((1.0, 0.0, 0.0), (0, 0), (5, 10)),  # 1 m/s at z = 6 with f = 60
+        ((0.0, 0.0, 8.0), (4, 8), (0, 0)),  # at the speed of the camera
+    ],
+)
+def test_a_board_moves_at_its_velocity(
+    velocity: Vector, camera_z: tuple[float, float], shifts_px: tuple[int, int]
+) -> None:
+    poses = ahead(*((0, 0, z) for z in camera_z))
+    views = view(Wall(30.0), board(velocity), poses, 0.5, 1.0)
+    for frame, shift_px in zip(views.frames, shifts_px, strict=True):
+        np.testing.assert_array_equal(is_red(frame), np.roll(board().mask, shift_px, axis=1))
 
 
-def test_it_grows_as_it_comes_nearer() -> None:
-    # The camera 2 m on and the board 1 m nearer within the second: from z = 6 to 3. Its outer
-    # pixels are 4 apart, and
-    # then 8: 9 x 9 pixels are more than half covered.
-    views = DynamicScene(Wall(10.0), (board((0.0, 0.0, -1.0)),), 0.0).view(
-        ahead((0, 0, 2)), np.array([1.0]), CAMERA
-    )
-    assert red(views.frames[0]).sum() == 81
-    np.testing.assert_allclose(views.depths[0][red(views.frames[0])], 3.0, rtol=1e-6)
+def test_a_board_grows_as_it_approaches() -> None:
+    # From z = 6 to 3: its outer pixels are 4 apart, and then 8, so that 9 x 9 are half covered.
+    views = view(Wall(10.0), board((0.0, 0.0, -1.0)), ahead((0, 0, 2)), 1.0)
+    mask = is_red(views.frames[0])
+    assert mask.sum() == 81
+    np.testing.assert_allclose(views.depths[0][mask], 3.0, rtol=1e-6)
 
 
-def test_a_board_that_keeps_the_cameras_speed_stays_in_its_place() -> None:
-    views = DynamicScene(Wall(30.0), (board((0.0, 0.0, 8.0)),), 0.0).view(
-        ahead((0, 0, 4), (0, 0, 8)), np.array([0.5, 1.0]), CAMERA
-    )
-    for frame in views.frames:
-        np.testing.assert_array_equal(red(frame), board().mask)
+@pytest.mark.parametrize(
+    ("wall", "is_visible"),
+    [
+        (Wall(5.0), False),
+        (Wall(5.95), True),  # the road at the foot of an object may be a little nearer
+        (Wall(5.0, covered=False), True),  # inpainted pixels hide nothing
+    ],
+)
+def test_nearer_surfaces_hide_the_board(wall: Wall, is_visible: bool) -> None:
+    views = view(wall, board(), ahead((0, 0, 0)), 0.1)
+    np.testing.assert_array_equal(is_red(views.frames[0]), board().mask & is_visible)
+    np.testing.assert_array_equal(views.covered[0], (board().mask & is_visible) | wall.covered)
 
 
-def test_what_stands_nearer_hides_it_and_what_was_invented_does_not() -> None:
-    now, times_s = np.eye(4)[None], np.array([0.1])
-    assert not red(
-        DynamicScene(Wall(5.0), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]
-    ).any()
-    # The road at its foot may be a little nearer than its flat image.
-    assert red(DynamicScene(Wall(5.95), (board(),), 0.0).view(now, times_s, CAMERA).frames[0]).any()
-    invented = DynamicScene(Wall(5.0, covered=False), (board(),), 0.0).view(now, times_s, CAMERA)
-    np.testing.assert_array_equal(red(invented.frames[0]), board().mask)
-    np.testing.assert_array_equal(invented.covered[0], board().mask)
-
-
-def test_the_nearer_of_two_boards_wins_in_any_order() -> None:
+def test_the_nearer_of_two_boards_is_in_front_in_any_order() -> None:
     far = replace(board(), depth=8.0, frame=np.full((49, 65, 3), 90, np.uint8))
-    for things in ((far, board()), (board(), far)):
-        views = DynamicScene(Wall(10.0), things, 0.0).view(np.eye(4)[None], np.array([0.1]), CAMERA)
-        np.testing.assert_array_equal(red(views.frames[0]), board().mask)
+    for sprites in ([far, board()], [board(), far]):
+        scene = DynamicScene(Wall(10.0), sprites, 0.0)
+        views = scene.view(ahead((0, 0, 0)), np.array([0.1]), CAMERA)
+        np.testing.assert_array_equal(is_red(views.frames[0]), board().mask)
 
 
-@pytest.mark.parametrize("shift", [(0, 0, 5.9), (0, 0, 20), (100, 0, 0), (0, -90, 0)])
-def test_too_near_behind_or_beside_it_is_not_drawn(shift: tuple[float, float, float]) -> None:
-    assert board().render(ahead(shift)[0], CAMERA, 0.0) is None
-    views = DynamicScene(Wall(10.0), (board(),), 0.0).view(ahead(shift), np.array([0.1]), CAMERA)
-    assert not red(views.frames[0]).any()
+@pytest.mark.parametrize(
+    "twist", [(0, 0, 5.9, 0), (0, 0, 20, 0), (100, 0, 0, 0), (0, -90, 0, 0), (0, 0, 0, np.pi)]
+)
+def test_boards_too_near_or_out_of_view_are_not_rendered(
+    twist: tuple[float, float, float, float],
+) -> None:
+    *shift, yaw = twist
+    pose = se3.exp(np.array([*shift, 0, yaw, 0]))
+    assert board().render(pose, CAMERA, 0.0) is None
+    assert not is_red(view(Wall(10.0), board(), pose[None], 0.1).frames).any()
 
 
-def test_looking_back_it_is_not_drawn() -> None:
-    about = se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))
-    assert board().render(about, CAMERA, 0.0) is None
-
-
-def test_the_window_changes_nothing() -> None:
-    # A turned camera of another size sees in its window what it sees in the whole image.
+def test_a_turned_camera_sees_the_corners_where_they_project() -> None:
     turned = se3.exp(np.array([0.3, -0.1, 0.5, 0.02, 0.15, 0.05]))
-    wide = Intrinsics(80.0, 70.0, 50.0, 30.0, 101, 61)
-    layer = board().render(turned, wide, 0.2)
-    whole = np.zeros((61, 101))
-    whole[layer.window] = layer.opacity
-    assert 0 < (layer.opacity > 0).sum() < layer.opacity.size < whole.size
-    points = DEPTH * np.stack(
-        [(np.array([30, 34]) - 32) / 60, (np.array([22, 26]) - 24) / 60, np.ones(2)], -1
-    )
-    cam = se3.transform(se3.inverse(turned), points)  # two opposite corners of the board
-    u, v = 80 * cam[:, 0] / cam[:, 2] + 50, 70 * cam[:, 1] / cam[:, 2] + 30
-    for column, row in zip(np.rint(u).astype(int), np.rint(v).astype(int), strict=True):
-        assert whole[row, column] > 0.1
-    rows, columns = np.nonzero(whole > 0.5)
+    camera = Intrinsics(80.0, 70.0, 50.0, 30.0, 101, 61)
+    layer = board().render(turned, camera, 0.2)
+    assert layer is not None
+    opacity = np.zeros((61, 101))
+    opacity[layer.window] = layer.opacity
+    assert 0 < (layer.opacity > 0).sum() < layer.opacity.size < opacity.size
+    x = (np.array([30, 34]) - 32) / 60
+    y = (np.array([22, 26]) - 24) / 60
+    corners = DEPTH * np.stack([x, y, np.ones(2)], axis=-1)
+    points = se3.transform(se3.inverse(turned), corners)
+    u = 80 * points[:, 0] / points[:, 2] + 50
+    v = 70 * points[:, 1] / points[:, 2] + 30
+    assert (opacity[np.rint(v).astype(int), np.rint(u).astype(int)] > 0.1).all()
+    rows, columns = np.nonzero(opacity > 0.5)
     assert abs(columns.mean() - u.mean()) < 0.5
     assert abs(rows.mean() - v.mean()) < 0.5
 
 
-def test_the_street_is_cut_where_things_were_then() -> None:
-    # Half a second earlier the board was 5 pixels further left; half-covered pixels go as well.
-    inverse_depths, confidence = np.full((2, 49, 65), 0.1), np.ones((2, 49, 65))
-    things = (board((1.0, 0.0, 0.0)),)
-    depths, trust, where = mask_out(
-        things, inverse_depths, confidence, ahead((0, 0, 0), (0, 0, 0)), np.array([-0.5, 0])
-    )
+def test_objects_are_masked_out_where_they_were() -> None:
+    # Half a second earlier the board was 5 pixels further left.
+    inverse_depths = np.full((2, 49, 65), 0.1)
+    poses = ahead((0, 0, 0), (0, 0, 0))
+    sprites = [board((1.0, 0.0, 0.0))]
+    depths, masks = mask_out(sprites, inverse_depths, poses, np.array([-0.5, 0]))
     for step, shift_px in enumerate((-5, 0)):
-        expected = np.zeros((49, 65), dtype=bool)
-        expected[22:27, 30 + shift_px : 35 + shift_px] = True
-        np.testing.assert_array_equal(where[step], expected)
-        np.testing.assert_array_equal(trust[step] == 0, expected)
-        np.testing.assert_allclose(depths[step][expected], 1 / DEPTH)  # it hid what was behind
-        np.testing.assert_allclose(depths[step][~expected], 0.1)
+        expected = np.roll(board().mask, shift_px, axis=1)
+        np.testing.assert_array_equal(masks[step], expected)
+        np.testing.assert_allclose(depths[step], np.where(expected, 1 / DEPTH, 0.1))
     assert (inverse_depths == 0.1).all()
-    assert (confidence == 1).all()
-
-
-def test_without_things_nothing_is_cut() -> None:
-    depths, confidence = np.full((2, 49, 65), 0.1), np.ones((2, 49, 65))
-    same, trust, where = mask_out(
-        (), depths, confidence, ahead((0, 0, 0), (0, 0, 1)), np.array([-0.1, 0])
-    )
-    np.testing.assert_array_equal(same, depths)
-    np.testing.assert_array_equal(trust, confidence)
-    assert not where.any()

@@ -1,30 +1,34 @@
-"""Own velocities: exact from exact flow, and found again from images when they begin a fifth wrong."""
+"""Velocities: exact from exact flow, and corrected by tracking when they are a fifth wrong."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 
-from geovp_classic.dynamic_objects import segmentation, velocity
+from geovp_classic.dynamic_objects.posed_images import PosedImages
+from geovp_classic.dynamic_objects.velocity import VelocityEstimator, along_road
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray
 
 STEPS = (1, 2, 3)
+TRUE_VELOCITY = np.array([1.2, 0.0, 5.0])
 
 
-def flow_pixels_of(
-    velocity: FloatArray, depth: float, observed: segmentation.Observations
-) -> FloatArray:
-    """Where a thing at the depth was in earlier frames, by walking it back in the world."""
-    points = depth * pinhole.rays(observed.camera)
-    poses, times_s = observed.past.world_from_cam, observed.past.times_s
-    back = [
-        se3.transform(
-            se3.inverse(poses[-1 - k]) @ poses[-1],
-            points - (times_s[-1] - times_s[-1 - k]) * velocity,
-        )
-        for k in STEPS
-    ]
-    return np.stack([pinhole.project(there, observed.camera)[0] for there in back])
+def exact_flow(observed: PosedImages) -> FloatArray:
+    """Return the pixels [K, H, W, 2] where an object at 8 m was in earlier frames."""
+    points = 8.0 * pinhole.rays(observed.camera)
+    return np.stack(
+        [
+            pinhole.project(
+                se3.transform(
+                    observed.cam_from_last(k), points - observed.seconds(k) * TRUE_VELOCITY
+                ),
+                observed.camera,
+            )[0]
+            for k in STEPS
+        ]
+    )
 
 
 def body_of(traffic: Any) -> BoolArray:
@@ -34,77 +38,51 @@ def body_of(traffic: Any) -> BoolArray:
     return np.asarray(inner)
 
 
-def test_exact_flow_gives_the_velocity_exactly(
-    traffic: Any, observed: segmentation.Observations
+# At half the depth everything relative to the camera, which drives at 4 m/s, is half.
+@pytest.mark.parametrize(("depth", "expected"), [(8.0, [1.2, 0, 5]), (4.0, [0.6, 0, 4.5])])
+def test_exact_flow_gives_the_exact_velocity(
+    traffic: Any, observed: PosedImages, depth: float, expected: list[float]
 ) -> None:
-    true = np.array([1.2, 0.0, 5.0])
-    flow_pixels = flow_pixels_of(true, 8.0, observed)
-    np.testing.assert_allclose(
-        velocity.from_flow(traffic.mask, 8.0, flow_pixels, STEPS, observed), true, atol=1e-9
+    velocity = VelocityEstimator().from_flow(
+        traffic.mask, depth, exact_flow(observed), STEPS, observed
     )
+    np.testing.assert_allclose(velocity, expected, atol=1e-6)
 
 
-def test_a_sixth_of_wrong_flow_is_outvoted(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    true = np.array([1.2, 0.0, 5.0])
-    flow_pixels = flow_pixels_of(true, 8.0, observed)
+def test_a_sixth_of_outliers_is_rejected(traffic: Any, observed: PosedImages) -> None:
+    flow_pixels = exact_flow(observed)
     rows = np.flatnonzero(traffic.mask.any(axis=1))
     flow_pixels[:, rows[: len(rows) // 6]] += 6.0
-    np.testing.assert_allclose(
-        velocity.from_flow(traffic.mask, 8.0, flow_pixels, STEPS, observed), true, atol=0.02
-    )
+    velocity = VelocityEstimator().from_flow(traffic.mask, 8.0, flow_pixels, STEPS, observed)
+    np.testing.assert_allclose(velocity, TRUE_VELOCITY, atol=0.02)
 
 
-def test_a_depth_wrong_by_a_factor_scales_the_velocity_against_the_camera(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    # The camera drives at 4 m/s; halved, everything against it is half: (0.6, 0, 0.5) + (0, 0, 4).
-    flow_pixels = flow_pixels_of(np.array([1.2, 0.0, 5.0]), 8.0, observed)
-    halved = velocity.from_flow(traffic.mask, 4.0, flow_pixels, STEPS, observed)
-    np.testing.assert_allclose(halved, [0.6, 0.0, 4.5], atol=1e-9)
+def test_seconds_count_back_from_the_last_frame(observed: PosedImages) -> None:
+    assert [observed.seconds(0), observed.seconds(3)] == pytest.approx([0, 0.3])
 
 
-def test_following_mends_a_velocity_that_is_a_fifth_wrong(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    found = velocity.tracked(np.array([1.0, 0.0, 4.8]), body_of(traffic), 8.0, observed)
-    np.testing.assert_allclose(found, [1.2, 0.0, 5.0], atol=0.03)
+def test_tracking_corrects_the_velocity(traffic: Any, observed: PosedImages) -> None:
+    start = np.array([1.0, 0.0, 4.8])
+    velocity = VelocityEstimator().track(start, body_of(traffic), 8.0, observed)
+    np.testing.assert_allclose(velocity, TRUE_VELOCITY, atol=0.03)
 
 
-def test_following_stays_where_nothing_is_to_be_seen(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    blank = segmentation.Observations(
-        np.full_like(traffic.images, 90.0),
-        observed.camera,
-        observed.past,
-        observed.inverse_depth,
-        observed.road,
-    )
+def test_tracking_with_one_earlier_frame(traffic: Any, observed: PosedImages) -> None:
+    two = replace(observed, images=observed.images[-2:], past=observed.past[-2:])
+    start = np.array([1.1, 0.0, 4.9])
+    velocity = VelocityEstimator().track(start, body_of(traffic), 8.0, two)
+    np.testing.assert_allclose(velocity, TRUE_VELOCITY, atol=0.3)
+
+
+def test_tracking_in_uniform_images_changes_nothing(traffic: Any, observed: PosedImages) -> None:
+    uniform = replace(observed, images=np.full_like(observed.images, 90.0))
     start = np.array([1.0, 0.0, 4.0])
-    np.testing.assert_allclose(
-        velocity.tracked(start, body_of(traffic), 8.0, blank), start, atol=1e-9
-    )
-
-
-def test_one_earlier_frame_is_enough_to_follow(
-    traffic: Any, observed: segmentation.Observations
-) -> None:
-    short = segmentation.Observations(
-        traffic.images[-2:],
-        observed.camera,
-        traffic.past[-2:],
-        observed.inverse_depth,
-        observed.road,
-    )
-    found = velocity.tracked(np.array([1.1, 0.0, 4.9]), body_of(traffic), 8.0, short)
-    np.testing.assert_allclose(found, [1.2, 0.0, 5.0], atol=0.3)
+    velocity = VelocityEstimator().track(start, body_of(traffic), 8.0, uniform)
+    np.testing.assert_allclose(velocity, start, atol=1e-9)
 
 
 def test_directions_lie_in_the_road() -> None:
     normal = np.array([0.1, 0.97, -0.2])
-    normal /= np.linalg.norm(normal)
-    directions = velocity.along_road(normal)
+    directions = along_road(normal / np.linalg.norm(normal))
     np.testing.assert_allclose(normal @ directions, 0, atol=1e-12)
     np.testing.assert_allclose(directions.T @ directions, np.eye(2), atol=1e-12)

@@ -1,4 +1,4 @@
-from __future__ import annotations
+"""Guarantees of all inpainters, and the pixels that each of them copies."""
 
 import numpy as np
 import pytest
@@ -10,129 +10,115 @@ from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.inpainters.telea import Telea
 from geovp_classic.interfaces import Inpainter
-from geovp_classic.types import ByteArray, Views
+from geovp_classic.types import ByteArray, FloatArray, Views
 
-FILLS = [
-    Blank(),
-    NearestBackground(),
-    Telea(),
-    DetailTransfer(strength=0.5),
-]
+INPAINTERS = [Blank(), NearestBackground(), Telea(), DetailTransfer(strength=0.5)]
 
 
-def views(covered: np.ndarray, depths: np.ndarray, frames: np.ndarray) -> Views:
+def views_of(covered: FloatArray, depths: FloatArray, greys: FloatArray) -> Views:
     depths = np.where(covered, depths, 0).astype(np.float32)
-    return Views(
-        np.repeat(frames[..., None], 3, axis=-1).astype(np.uint8), covered.astype(bool), depths
-    )
+    frames = np.repeat(np.asarray(greys)[..., None], 3, axis=-1).astype(np.uint8)
+    return Views(frames, np.asarray(covered, bool), depths)
 
 
-def fill_in(inpainter: Inpainter, given: Views, last: int = 7) -> ByteArray:
-    """The views filled, after a last frame that was of one grey."""
-    return inpainter.inpaint(given, np.full(given.frames.shape[1:], last, np.uint8))
+def random_views(fractions: list[float]) -> Views:
+    """Return views with those fractions of covered pixels."""
+    rng = np.random.default_rng(4)
+    size = (len(fractions), 9, 11)
+    covered = rng.random(size) < np.array(fractions)[:, None, None]
+    return views_of(covered, rng.uniform(1, 9, size), rng.integers(0, 255, size))
 
 
-def test_a_hole_takes_the_colour_of_the_farther_side() -> None:
-    frames = np.array([[[10, 99, 99, 99, 50]], [[10, 99, 99, 99, 50]]])
-    covered = np.array([[[1, 0, 0, 0, 1]]] * 2)
-    depths = np.array([[[5, 0, 0, 0, 20]], [[np.inf, 0, 0, 0, 20]]])
-    filled = fill_in(NearestBackground(), views(covered, depths, frames))[..., 0]
-    assert filled.tolist() == [[[10, 50, 50, 50, 50]], [[10, 10, 10, 10, 50]]]
-
-
-def test_equally_far_sides_share_the_hole_and_borders_have_one_side_only() -> None:
-    frames = np.array([[[0, 10, 0, 0, 0, 0, 50, 0]]])
-    covered = np.array([[[0, 1, 0, 0, 0, 0, 1, 0]]])
-    filled = fill_in(NearestBackground(), views(covered, np.full((1, 1, 8), 7.0), frames))[
-        0, 0, :, 0
-    ]
-    assert filled.tolist() == [10, 10, 10, 10, 50, 50, 50, 50]
-
-
-def test_an_empty_row_takes_the_farther_row() -> None:
-    frames = np.array([[[10], [0], [0], [50]]])
-    covered = np.array([[[1], [0], [0], [1]]])
-    filled = fill_in(NearestBackground(), views(covered, np.array([[[9], [0], [0], [3]]]), frames))[
-        0, :, 0, 0
-    ]
-    assert filled.tolist() == [10, 10, 10, 50]
-
-
-def test_inpainting_goes_on_with_what_surrounds_the_hole() -> None:
-    frames = np.tile(np.linspace(20, 200, 20), (1, 20, 1))
-    covered = np.ones((1, 20, 20))
-    covered[0, 8:12, 8:12] = 0
-    filled = fill_in(Telea(), views(covered, np.ones((1, 20, 20)), np.where(covered, frames, 0)))[
-        ..., 0
-    ]
-    assert np.abs(filled.astype(float) - frames).max() < 30
-
-
-def test_broad_colours_come_from_the_border_and_detail_from_the_last_frame() -> None:
-    # The view is dark and seen on the left only, the last observed frame is striped.
-    covered = np.ones((1, 64, 64))
-    covered[0, :, 32:] = 0
-    striped = np.tile((100 + 40 * (np.arange(64) % 2))[:, None], (64, 1, 3)).astype(np.uint8)
-    dark = views(covered, np.ones((1, 64, 64)), np.full((1, 64, 64), 50))
-    invented = DetailTransfer(strength=0.5).inpaint(dark, striped)[0, :, 34:, 0].astype(float)
-    assert invented.mean() == pytest.approx(50, abs=1)
-    assert np.abs(np.diff(invented, axis=1)).mean() == pytest.approx(0.5 * 40, abs=1)
+def inpaint(inpainter: Inpainter, views: Views) -> ByteArray:
+    """Return inpainted frames after a last frame of grey 7."""
+    return inpainter.inpaint(views, np.full(views.frames.shape[1:], 7, np.uint8))
 
 
 @pytest.mark.parametrize(
-    "settings", [{"coarse_share": 0.0}, {"coarse_share": 1.0}, {"strength": -0.1}]
+    ("greys", "covered", "depths", "expected"),
+    [
+        ([10, 99, 99, 99, 50], [1, 0, 0, 0, 1], [5, 0, 0, 0, 20], [10, 50, 50, 50, 50]),
+        ([10, 99, 99, 99, 50], [1, 0, 0, 0, 1], [np.inf, 0, 0, 0, 20], [10, 10, 10, 10, 50]),
+        ([0, 10, 0, 0, 0, 0, 50, 0], [0, 1, 0, 0, 0, 0, 1, 0], [7] * 8, [10] * 4 + [50] * 4),
+    ],
 )
-def test_settings_that_borrow_nothing_sensible_are_refused(settings: dict[str, float]) -> None:
-    with pytest.raises(BadData, match="expected a share between 0 and 1"):
+def test_a_hole_takes_the_farther_side_and_of_equal_ones_the_nearer(
+    greys: list[int], covered: list[int], depths: list[float], expected: list[int]
+) -> None:
+    row = [np.array(values, float)[None, None] for values in (covered, depths, greys)]
+    assert inpaint(NearestBackground(), views_of(*row))[0, 0, :, 0].tolist() == expected
+    column = [values.transpose(0, 2, 1) for values in row]
+    inpainted = inpaint(NearestBackground(), views_of(*column))[0, :, 0, 0]
+    assert inpainted.tolist() == expected
+
+
+def test_telea_continues_a_gradient() -> None:
+    gradient = np.tile(np.linspace(20, 200, 20), (1, 20, 1))
+    covered = np.ones((1, 20, 20))
+    covered[0, 8:12, 8:12] = 0
+    views = views_of(covered, covered, np.where(covered, gradient, 0))
+    assert np.abs(inpaint(Telea(), views)[..., 0] - gradient).max() < 30
+
+
+def test_colours_come_from_the_border_and_detail_from_the_last_frame() -> None:
+    # The view is dark and covered on the left only, the last observed frame is striped.
+    covered = np.ones((1, 64, 64))
+    covered[0, :, 32:] = 0
+    striped = np.tile((100 + 40 * (np.arange(64) % 2))[:, None], (64, 1, 3)).astype(np.uint8)
+    dark = views_of(covered, np.ones((1, 64, 64)), np.full((1, 64, 64), 50))
+    inpainted = DetailTransfer(strength=0.5).inpaint(dark, striped)[0, :, 34:, 0].astype(float)
+    assert inpainted.mean() == pytest.approx(50, abs=1)
+    assert np.abs(np.diff(inpainted, axis=1)).mean() == pytest.approx(0.5 * 40, abs=1)
+
+
+@pytest.mark.parametrize("settings", [{"coarse_fraction": 1.0}, {"strength": -0.1}])
+def test_bad_settings_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(BadData, match=next(iter(settings))):
         DetailTransfer(**settings)
 
 
-@pytest.mark.parametrize("inpainter", FILLS, ids=lambda inpainter: type(inpainter).__name__)
-class TestEveryFill:
-    def test_covered_pixels_stay_and_input_is_not_touched(self, inpainter: Inpainter) -> None:
-        rng = np.random.default_rng(4)
-        covered = rng.random((3, 9, 11)) < 0.6
-        given = views(
-            covered, rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape)
-        )
-        before = given.frames.copy()
-        filled = fill_in(inpainter, given)
-        assert filled.dtype == np.uint8
-        np.testing.assert_array_equal(filled[covered], given.frames[covered])
-        np.testing.assert_array_equal(given.frames, before)
+@pytest.mark.parametrize("inpainter", INPAINTERS, ids=lambda inpainter: type(inpainter).__name__)
+class TestAllInpainters:
+    def test_covered_pixels_and_the_input_stay(self, inpainter: Inpainter) -> None:
+        views = random_views([0.6, 0.6, 1.0])
+        before = views.frames.copy()
+        inpainted = inpaint(inpainter, views)
+        assert inpainted.dtype == np.uint8
+        np.testing.assert_array_equal(inpainted[views.covered], before[views.covered])
+        np.testing.assert_array_equal(views.frames, before)
 
-    def test_garbage_under_the_hole_makes_no_difference(self, inpainter: Inpainter) -> None:
-        rng = np.random.default_rng(5)
-        covered = rng.random((1, 9, 11)) < 0.6
-        depths, frames = rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape)
-        other = np.where(covered, frames, 255 - frames)
-        np.testing.assert_array_equal(
-            fill_in(inpainter, views(covered, depths, frames)),
-            fill_in(inpainter, views(covered, depths, other)),
-        )
+    def test_colours_of_uncovered_pixels_do_not_matter(self, inpainter: Inpainter) -> None:
+        views = random_views([0.6])
+        other = np.where(views.covered[..., None], views.frames, 255 - views.frames)
+        inpainted = inpaint(inpainter, Views(other, views.covered, views.depths))
+        np.testing.assert_array_equal(inpainted, inpaint(inpainter, views))
 
-    def test_with_nothing_covered_it_is_the_last_frame(self, inpainter: Inpainter) -> None:
-        nothing = np.zeros((2, 5, 6))
-        assert (
-            fill_in(inpainter, views(nothing, nothing, nothing + 77))
-            == (0 if inpainter == Blank() else 7)
-        ).all()
+    def test_a_view_without_covered_pixels_is_the_last_frame(self, inpainter: Inpainter) -> None:
+        zeros = np.zeros((2, 5, 6))
+        expected = 0 if inpainter == Blank() else 7
+        assert (inpaint(inpainter, views_of(zeros, zeros, zeros + 77)) == expected).all()
 
-    def test_everything_covered_is_left_alone(self, inpainter: Inpainter) -> None:
-        everything = np.ones((1, 5, 6))
-        assert (fill_in(inpainter, views(everything, everything, everything * 77)) == 77).all()
+    def test_views_are_independent(self, inpainter: Inpainter) -> None:
+        views = random_views([0.9, 0.5, 0.2])
+        together = inpaint(inpainter, views)
+        for k in range(3):
+            part = slice(k, k + 1)
+            alone = Views(views.frames[part], views.covered[part], views.depths[part])
+            np.testing.assert_array_equal(inpaint(inpainter, alone)[0], together[k])
 
-    def test_survives_the_registry(self, inpainter: Inpainter) -> None:
+    def test_the_registry_rebuilds_it(self, inpainter: Inpainter) -> None:
         assert isinstance(inpainter, Inpainter)
         assert registry.build("inpainters", registry.describe(inpainter)) == inpainter
 
 
-@pytest.mark.parametrize("inpainter", FILLS, ids=lambda inpainter: type(inpainter).__name__)
-def test_every_view_is_filled_from_itself_alone(inpainter: Inpainter) -> None:
-    rng = np.random.default_rng(6)
-    covered = rng.random((3, 9, 11)) < np.array([0.9, 0.5, 0.2])[:, None, None]
-    depths, frames = rng.uniform(1, 9, covered.shape), rng.integers(0, 255, covered.shape)
-    together = fill_in(inpainter, views(covered, depths, frames))
-    for k in range(3):
-        alone = fill_in(inpainter, views(covered[k : k + 1], depths[k : k + 1], frames[k : k + 1]))
-        np.testing.assert_array_equal(alone[0], together[k])
+@pytest.mark.parametrize("strength", [0.0, 0.5])
+def test_arrays_of_third_party_inpainters_are_not_changed(strength: float) -> None:
+    views = random_views([0.5])
+    kept = views.frames.copy()
+
+    class Aliasing:
+        def inpaint(self, views: Views, last: ByteArray) -> ByteArray:
+            return kept
+
+    inpaint(DetailTransfer(Aliasing(), strength=strength), views)
+    np.testing.assert_array_equal(kept, views.frames)

@@ -98,9 +98,9 @@ def test_beside_and_nearer_the_uncropped_frame_still_knows_the_image() -> None:
     beside = se3.exp(np.array([5.0, 0, 0, 0, 0, 0]))  # 30 of the 40 columns are not in the square
     views = {}
     for frames in ("crop", "full"):
-        scene = DepthFusion(
-            Wall(), Blank(), frames=frames, detail_strength=0.0, exposure=None
-        ).reconstruct(context, past)
+        scene = DepthFusion(Wall(), Blank(), frames=frames, detail=None, exposure=None).reconstruct(
+            context, past
+        )
         views[frames] = scene.view(
             np.stack([nearer, beside]), np.array([2.0, 3.0]), context.intrinsics
         )

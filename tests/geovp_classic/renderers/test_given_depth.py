@@ -1,4 +1,4 @@
-from __future__ import annotations
+"""Recorded depth of the last frame, on a plain with a wall whose views are known exactly."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import planar, se3
+from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.renderers.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, FloatArray, Intrinsics, Trajectory, Views
@@ -25,11 +26,8 @@ def predict(clip: Clip, renderer: GivenDepth | None = None) -> Views:
     context, past = split(clip)
     assert clip.trajectory is not None
     scene = (renderer or GivenDepth()).reconstruct(context, past)
-    return scene.view(
-        clip.trajectory.world_from_cam[NUM_PAST:],
-        np.zeros(len(clip.trajectory.world_from_cam[NUM_PAST:])),
-        clip.intrinsics,
-    )
+    future = clip.trajectory.world_from_cam[NUM_PAST:]
+    return scene.view(future, np.zeros(len(future)), clip.intrinsics)
 
 
 @pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(0.0, 0.0), (-5.0, 8.0)])
@@ -41,13 +39,12 @@ def test_the_future_of_a_walled_plain_is_reproduced(
     pitch_deg: float,
     roll_deg: float,
 ) -> None:
-    """Off the outlines of the wall, and where the pattern of the plain is not finer than the
-    pixels.
-    """
     mounting = planar.level_vehicle_from_cam(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
     clip = walled_plain.clip(drive @ mounting, camera)
-    views, depths = predict(clip), clip.depths[NUM_PAST:]
+    views = predict(clip)
+    depths = clip.depths[NUM_PAST:]
     assert views.covered.mean() > 0.9
+    # Away from the outlines of the wall, and where the plain's pattern is not finer than pixels.
     inner = ndimage.binary_erosion(np.isinf(depths) | (depths < 10), np.ones((1, 5, 5)))
     wall = depths != plain.clip(drive @ mounting, camera).depths[NUM_PAST:]
     outline = ndimage.maximum_filter(wall, (1, 7, 7)) != ndimage.minimum_filter(wall, (1, 7, 7))
@@ -57,61 +54,56 @@ def test_the_future_of_a_walled_plain_is_reproduced(
     np.testing.assert_allclose(views.depths[counts], depths[counts], rtol=1e-3)
 
 
-def test_the_wall_hides_the_plain_and_what_it_hid_is_uncovered(
-    walled_plain: Any, camera: Intrinsics
-) -> None:
-    """The camera steps 1 m aside: the wall at 12 m moves 10 pixels, and uncovers a strip on one
-    side.
-    """
+def test_plain_behind_the_wall_is_uncovered(walled_plain: Any, camera: Intrinsics) -> None:
+    # The camera steps 1 m aside: the wall at 12 m moves 10 pixels and uncovers a strip.
     poses = se3.compose(np.eye(3), np.array([[1.0 * (k >= NUM_PAST), 0, 0] for k in range(8)]))
     clip = walled_plain.clip(poses, camera)
     views = predict(clip)
-    edge_px = (
-        camera.cx_px + camera.fx_px * (1.5 - 1.0) / 12
-    )  # the wall's right edge, seen 1 m further right
-    seen = views.depths[0, 56:60] > 0  # of the wall's rows those above the horizon
-    for row in seen:
+    edge_px = camera.cx_px + camera.fx_px * (1.5 - 1.0) / 12  # the wall's right edge
+    is_seen = views.depths[0, 56:60] > 0  # rows of the wall above the horizon
+    for row in is_seen:
         np.testing.assert_allclose(np.flatnonzero(~row)[[0, -1]], [edge_px, edge_px + 10], atol=1.5)
         assert (~row).sum() in (9, 10, 11)
-    assert not views.covered[0, 56:60][~seen].any()
+    assert not views.covered[0, 56:60][~is_seen].any()
 
 
-def test_outlines_that_parted_are_drawn_but_not_vouched_for(
+def test_mixed_pixels_at_separated_edges_are_shown_but_uncovered(
     walled_plain: Any, camera: Intrinsics
 ) -> None:
-    """To the side by d metres, the wall at 12 m moves 10 d pixels and the sky none: a pixel is
-    mixed from 0.1 m on.
-    """
-    for step_m, parts in ((0.09, False), (0.11, True)):
+    # At a step of d metres the wall at 12 m moves 10 d pixels, and the sky does not move.
+    for step_m, is_separated in ((0.09, False), (0.11, True)):
         poses = se3.compose(
             np.eye(3), np.array([[step_m * (k >= NUM_PAST), 0, 0] for k in range(8)])
         )
         views = predict(walled_plain.clip(poses, camera))
-        seen, covered = views.depths[0, 57:60] > 0, views.covered[0, 57:60]
-        assert ((seen & ~covered).any(axis=1) == parts).all()
-        assert (seen & ~covered).sum(axis=1).max() <= 4  # two pixels on either edge
-        assert (views.frames[0, 57:60][seen & ~covered] > 0).all()
+        is_mixed = (views.depths[0, 57:60] > 0) & ~views.covered[0, 57:60]
+        assert (is_mixed.any(axis=1) == is_separated).all()
+        assert is_mixed.sum(axis=1).max() <= 4  # two pixels on either edge
+        assert (views.frames[0, 57:60][is_mixed] > 0).all()
 
 
-def test_a_camera_that_stays_sees_the_last_frame(walled_plain: Any, camera: Intrinsics) -> None:
+def test_a_stationary_camera_sees_the_last_frame(walled_plain: Any, camera: Intrinsics) -> None:
     clip = walled_plain.clip(np.tile(np.eye(4), (8, 1, 1)), camera)
     views = predict(clip)
     assert views.covered.all()
     np.testing.assert_array_equal(views.frames, clip.frames[NUM_PAST:])
 
 
-def test_another_camera_may_look(walled_plain: Any, camera: Intrinsics, drive: FloatArray) -> None:
+def test_another_camera_sees_the_same_wall(
+    walled_plain: Any, camera: Intrinsics, drive: FloatArray
+) -> None:
     clip = walled_plain.clip(drive, camera)
     scene = GivenDepth().reconstruct(*split(clip))
     zoomed = replace(camera, fx_px=240.0, fy_px=236.0)
-    views = scene.view(drive[NUM_PAST - 1][None], np.zeros(len(drive[NUM_PAST - 1][None])), zoomed)
-    expected, depth = walled_plain.draw(drive[NUM_PAST - 1], zoomed)
+    pose = drive[NUM_PAST - 1]
+    views = scene.view(pose[None], np.zeros(1), zoomed)
+    expected, depth = walled_plain.draw(pose, zoomed)
     near = ndimage.binary_erosion(depth < 8, np.ones((5, 5)))
     assert near.sum() > 500
     assert np.abs(views.frames[0] - expected)[near].max() < 8
 
 
-def test_pixels_of_unknown_depth_are_left_out(plain: Any, camera: Intrinsics) -> None:
+def test_pixels_of_unknown_depth_are_uncovered(plain: Any, camera: Intrinsics) -> None:
     clip = plain.clip(np.tile(np.eye(4), (8, 1, 1)), camera)
     depths = clip.depths.copy()
     depths[:, 80:90, 30:50] = 0
@@ -120,38 +112,41 @@ def test_pixels_of_unknown_depth_are_left_out(plain: Any, camera: Intrinsics) ->
     assert views.covered[:, :79].all()
 
 
-def test_nothing_is_known_at_all(plain: Any, camera: Intrinsics, drive: FloatArray) -> None:
+def test_without_any_depth_the_last_frame_is_shown(
+    plain: Any, camera: Intrinsics, drive: FloatArray
+) -> None:
     clip = plain.clip(drive, camera)
     views = predict(
         replace(clip, depths=np.zeros_like(clip.depths)), GivenDepth(NearestBackground())
     )
     assert not views.covered.any()
-    assert (views.frames == clip.frames[NUM_PAST - 1]).all()  # better than nothing
+    assert (views.frames == clip.frames[NUM_PAST - 1]).all()
 
 
-def test_looking_back_sees_nothing(plain: Any, camera: Intrinsics) -> None:
+def test_looking_back_covers_nothing(plain: Any, camera: Intrinsics) -> None:
     poses = se3.exp(np.outer(np.arange(8) >= NUM_PAST, [0, 0, 0, 0, np.pi, 0]))
     assert not predict(plain.clip(poses, camera)).covered.any()
 
 
-def test_the_fill_invents_and_leaves_covered_pixels_alone(
+def test_inpainting_keeps_covered_pixels(
     walled_plain: Any, camera: Intrinsics, drive: FloatArray
 ) -> None:
     clip = walled_plain.clip(drive, camera)
-    blank, filled = predict(clip), predict(clip, GivenDepth(NearestBackground()))
-    np.testing.assert_array_equal(filled.frames[blank.covered], blank.frames[blank.covered])
-    assert (filled.frames[~blank.covered] > 0).any(axis=-1).mean() > 0.9
-    np.testing.assert_array_equal(filled.covered, blank.covered)
+    blank = predict(clip, GivenDepth(Blank()))
+    inpainted = predict(clip, GivenDepth(NearestBackground()))
+    np.testing.assert_array_equal(inpainted.covered, blank.covered)
+    covered = blank.covered
+    np.testing.assert_array_equal(inpainted.frames[covered], blank.frames[covered])
+    assert (inpainted.frames[~covered] > 0).any(axis=-1).mean() > 0.9
 
 
-def test_it_says_what_it_lacks(plain: Any, camera: Intrinsics, drive: FloatArray) -> None:
+def test_missing_or_bad_inputs_are_refused(
+    plain: Any, camera: Intrinsics, drive: FloatArray
+) -> None:
     context, past = split(plain.clip(drive, camera))
     with pytest.raises(Incompatible, match="the clip has none"):
         GivenDepth().reconstruct(replace(context, past_depths=None), past)
-    with pytest.raises(
-        Incompatible,
-        match="recorded depth is in metres, the poses are not: give the odometry a scale",
-    ):
+    with pytest.raises(Incompatible, match="give the odometry a scale"):
         GivenDepth().reconstruct(context, replace(past, is_metric=False))
     assert context.past_depths is not None
     with pytest.raises(BadData, match="write 0 where it is unknown"):

@@ -1,35 +1,55 @@
-"""Wide blurs on smaller images equal those at full size."""
+"""Detail is transferred to magnified surfaces, at the contrast of the view."""
 
 import cv2
 import numpy as np
 import pytest
 
-from geovp_classic.rendering.detail_transfer import wide_blur
+from geovp_classic.geometry import pinhole
+from geovp_classic.rendering.detail_transfer import MagnifiedDetail, wide_blur
 
 
-def rng() -> np.random.Generator:
-    return np.random.default_rng(1)
-
-
-@pytest.mark.parametrize(("number", "sigma_px"), enumerate([1.0, 4.0, 6.0, 8.0, 20.0]))
-def test_nearly_equals_the_blur_at_full_size(number: int, sigma_px: float) -> None:
-    noise = rng().uniform(0, 255, (5, 96, 128, 3))[number].astype(np.float32)
+@pytest.mark.parametrize("sigma_px", [1.0, 4.0, 6.0, 8.0, 20.0])
+def test_wide_blur_nearly_equals_a_gaussian_blur(sigma_px: float) -> None:
+    noise = np.random.default_rng(1).uniform(0, 255, (96, 128, 3)).astype(np.float32)
     image = cv2.GaussianBlur(noise, (0, 0), 1.0)
-    exact = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
-    off = np.abs(wide_blur(image, sigma_px) - exact)  # grey levels of 255
-    assert off[8:-8, 8:-8].max() < 1.5
-    assert off.mean() < 0.3 * exact.std() + 0.1
+    expected = np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
+    difference = np.abs(wide_blur(image, sigma_px) - expected)  # grey levels of 255
+    assert difference[8:-8, 8:-8].max() < 1.5
+    assert difference.mean() < 0.3 * expected.std() + 0.1
 
 
-def test_keeps_what_is_even_and_how_wide_a_dot_becomes() -> None:
-    assert (wide_blur(np.full((50, 70), 7.0, np.float32), 9.0) == pytest.approx(7.0)) is True
+def test_wide_blur_keeps_the_sum_and_has_the_given_width() -> None:
     dot = np.zeros((129, 129), np.float32)
     dot[64, 64] = 1.0
     blurred = wide_blur(dot, 8.0)
     assert blurred.sum() == pytest.approx(1.0, abs=0.01)
-    away = np.arange(129) - 64
-    assert np.sqrt((blurred * away**2).sum()) == pytest.approx(8.0, rel=0.03)
+    distance = np.arange(129) - 64
+    assert np.sqrt((blurred * distance**2).sum()) == pytest.approx(8.0, rel=0.03)
 
 
-def test_tiny_images_are_no_trouble() -> None:
+def test_wide_blur_of_a_tiny_image() -> None:
     assert wide_blur(np.ones((1, 3), np.float32), 8.0).shape == (1, 3)
+
+
+def test_detail_is_added_only_where_magnification_removed_it() -> None:
+    observed = np.random.default_rng(1).integers(60, 200, (48, 64, 3), dtype=np.uint8)
+    magnification = np.ones((1, 48, 64), np.float32)
+    detail = MagnifiedDetail()
+    same = detail.transfer(observed[None], magnification, observed)
+    np.testing.assert_array_equal(same[0], observed)
+
+    magnification[..., 32:] = 3.0
+    blurred = pinhole.resize(pinhole.resize(observed, (16, 12)), (64, 48))
+    transferred = detail.transfer(blurred[None], magnification, observed)[0]
+    before = np.abs(np.diff(blurred.astype(int), axis=1)).mean(axis=(0, 2))
+    roughness = np.abs(np.diff(transferred.astype(int), axis=1)).mean(axis=(0, 2))
+    assert roughness[36:].mean() > 1.5 * before[36:].mean()
+    np.testing.assert_allclose(roughness[:28], before[:28])
+
+
+def test_uniform_views_stay_uniform() -> None:
+    observed = np.random.default_rng(1).integers(60, 200, (48, 64, 3), dtype=np.uint8)
+    uniform = np.full((1, 48, 64, 3), 128, np.uint8)
+    magnification = np.full((1, 48, 64), 3.0, np.float32)
+    transferred = MagnifiedDetail().transfer(uniform, magnification, observed)
+    assert np.abs(transferred.astype(int) - 128).mean() < 5

@@ -14,7 +14,7 @@ from geovp_classic.depth.stereo import Stereo
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import DepthSource, Renderer, Scene
-from geovp_classic.rendering.exposure import BRIGHTEST, DARKEST, apply_log_gain
+from geovp_classic.rendering.exposure import ExposureEstimator, ToneCurve
 from geovp_classic.types import BoolArray, ByteArray, Clip, Context, Target, Views
 
 DEPTH, HOLES, MOVING, EXPOSURE = "depth", "holes", "dynamic objects", "exposure"
@@ -59,7 +59,7 @@ class ClipImages:
         if EXPOSURE in oracles:
             pairs = zip(frames, real, views.covered[counted], strict=True)
             frames = np.stack(
-                [apply_log_gain(frame, log_gain(frame, *others)) for frame, *others in pairs]
+                [ToneCurve().apply(frame, log_gain(frame, *others)) for frame, *others in pairs]
             )
         if HOLES in oracles:
             frames = np.where(seen[counted][..., None], frames, real)
@@ -98,9 +98,10 @@ def log_gain(
         np.asarray(cv2.resize(image.astype(np.float32), size_px, interpolation=cv2.INTER_AREA))
         for image in (pinhole.grey(predicted), pinhole.grey(real), covered)
     ]
+    limits = ExposureEstimator()
     good = small[2] > 0.99
     for image in small[:2]:
-        good &= (image > DARKEST) & (image < BRIGHTEST)
+        good &= (image > limits.min_grey) & (image < limits.max_grey)
     return (
         float(np.median(np.log(small[1][good] / small[0][good])))
         if good.sum() >= MIN_CELLS

@@ -26,8 +26,7 @@ from geovp_benchmarks.studies.disturbance.kinds import (
 )
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
-from geovp_classic.rendering.image_sampler import resampled
-from geovp_classic.rendering.patches import Source
+from geovp_classic.rendering.source import Source, resampled
 from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Target
 
 LIMIT_DB = 0.5

@@ -1,0 +1,125 @@
+"""Posed images, and backward warping: views whose colours are sampled from an image."""
+
+import functools
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.epipolar import Epipolar, inside
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
+
+MARGIN_PX = 4  # half the size of OpenCV's Lanczos kernel
+
+
+@dataclass(frozen=True)
+class Source:
+    """A posed image, whose resolution may exceed that of the depth map of its camera."""
+
+    frame: ByteArray  # [H', W', 3]
+    camera: Intrinsics  # of the depth map; also of all pixels named below
+    world_from_source: FloatArray  # [4, 4]
+
+    @property
+    def resolution(self) -> float:
+        """Return the pixels of the image per pixel of the camera."""
+        return self.frame.shape[1] / self.camera.width_px
+
+    def project(
+        self,
+        inverse_depth: FloatArray,  # [H, W] in the view, 0 = infinitely far
+        world_from_cam: FloatArray,  # [4, 4]
+        camera: Intrinsics,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Project a view's surface into this source.
+
+        Return its pixels [H, W, 2] float32 and the depth ratio source / view [H, W]: the
+        magnification of surfaces that face the camera. It is not positive behind the source.
+        """
+        source_from_cam = se3.inverse(self.world_from_source) @ world_from_cam
+        return Epipolar.of(camera, source_from_cam, self.camera).project(inverse_depth)
+
+    def is_visible(
+        self, pixels: FloatArray, ratio: FloatArray, min_ratio: float = 1e-3
+    ) -> BoolArray:
+        """Return which projected points [H, W] lie in front of the source and in its image."""
+        return (ratio > min_ratio) & inside(pixels, self.camera, border_px=0.5)
+
+    def sample(
+        self,
+        pixels: FloatArray,  # [H, W, 2] float32, inside the image where it is sampled
+        is_sampled: BoolArray,  # [H, W]
+    ) -> FloatArray:
+        """Sample colours [H, W, 3] float32; 0 where they are not sampled.
+
+        Luma is sampled by Lanczos' kernel. Chroma, for which eyes and codecs have a lower
+        resolution, is interpolated bicubically.
+        """
+        height, width = self.frame.shape[:2]
+        u = (pixels[..., 0] + 0.5) * (width / self.camera.width_px) + (MARGIN_PX - 0.5)
+        v = (pixels[..., 1] + 0.5) * (height / self.camera.height_px) + (MARGIN_PX - 0.5)
+        u = np.where(is_sampled, u, -1e4).astype(np.float32)
+        v = v.astype(np.float32)
+        border = cv2.BORDER_CONSTANT
+        luma = cv2.remap(self._luma_chroma[0], u, v, cv2.INTER_LANCZOS4, borderMode=border)
+        chroma = cv2.remap(
+            self._luma_chroma[1], u, v, cv2.INTER_CUBIC, borderMode=border, borderValue=(0.5, 0.5)
+        )
+        channels = cv2.merge([luma, *cv2.split(chroma)])
+        return np.asarray(cv2.cvtColor(channels, cv2.COLOR_YCrCb2RGB), np.float32)
+
+    @functools.cached_property
+    def _luma_chroma(self) -> tuple[FloatArray, FloatArray]:
+        """Return luma [H'', W''] and chroma [H'', W'', 2] float32, with margins like the border."""
+        margin = MARGIN_PX
+        framed = cv2.copyMakeBorder(
+            self.frame, margin, margin, margin, margin, cv2.BORDER_REPLICATE
+        )
+        channels = cv2.cvtColor(framed.astype(np.float32), cv2.COLOR_RGB2YCrCb)
+        luma, *chroma = cv2.split(channels)
+        return np.asarray(luma), np.asarray(cv2.merge(chroma))
+
+    def shrunk(self, camera: Intrinsics, max_scale: float = 0.95) -> "Source":
+        """Return the source with an image no finer than views of the camera.
+
+        An image that is finer by less than `max_scale` says is kept.
+        """
+        scale = camera.fx_px / (self.camera.fx_px * self.resolution)
+        if scale >= max_scale:
+            return self
+        height, width = self.frame.shape[:2]
+        size_px = (max(1, round(width * scale)), max(1, round(height * scale)))
+        return replace(self, frame=pinhole.resize(self.frame, size_px))
+
+
+def warp(
+    source: Source,
+    inverse_depth: FloatArray,  # [H, W] in the view; 0 = infinitely far, NaN = nothing there
+    world_from_cam: FloatArray,  # [4, 4]
+    camera: Intrinsics,
+) -> tuple[ByteArray, BoolArray, FloatArray, FloatArray]:
+    """Render one source from a pose by backward warping.
+
+    Return colours [H, W, 3], black where the source does not show the view's surface; where it
+    does [H, W]; the source's pixels [H, W, 2] and the depth ratio source / view [H, W].
+    """
+    pixels, ratio = source.project(inverse_depth, world_from_cam, camera)
+    is_shown = source.is_visible(pixels, ratio)
+    return to_bytes(source.sample(pixels, is_shown)), is_shown, pixels, ratio
+
+
+def to_bytes(colours: FloatArray) -> ByteArray:
+    """Return colours [..., 3] rounded to 8 bits."""
+    return np.clip(colours + 0.5, 0, 255).astype(np.uint8)
+
+
+def resampled(source: Source, camera: Intrinsics) -> ByteArray:
+    """Return the image [H, W, 3] that another camera takes at the source's pose.
+
+    Outside of the source its border continues.
+    """
+    infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
+    pixels, _ = source.project(infinity, source.world_from_source, camera)
+    last = np.array([source.camera.width_px - 1, source.camera.height_px - 1], np.float32)
+    return to_bytes(source.shrunk(camera).sample(np.clip(pixels, 0, last), infinity == 0))
