@@ -1,1 +1,1 @@
-"""Where the camera will be, from where it was: forecasters see poses only."""
+"""Forecasters: future camera poses from past poses alone."""

@@ -1,48 +1,41 @@
-"""The two models of the motion prior: the centre path, and a mixture of smooth deviations from it.
+"""Models of the motion prior: a central path, and a mixture of smooth deviations from it.
 
-The past is the camera's twists per second (v, w) in its own frame over P steps of an even grid, [N,
-P, 6]. Mirroring left and right maps a past and its future to another pair that is as likely.
+The past is twists per second [N, P, 6] of the camera over P steps of an even grid. A past and its
+future are as likely as their mirror images.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 from scipy.special import expit, logsumexp
 
+from geovp_classic.forecasting.past_motion import Axis
 from geovp_classic.types import FloatArray
 
-FORWARD, YAW_RATE = 2, 4
 MIRRORED_TWIST = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
 MIRRORED_STATE = np.array([-1.0, 1.0, -1.0])
-TURN_DECAY = 0.95  # of the turn rate, per step of the damped turn
-RECENT = 3  # steps that the damped turn takes its turn rate and acceleration from
-SPREAD_STEPS = (4, 9, 19)  # states of the centre path that the spread depends on
-SPREAD_LIMIT = (
-    3.0  # deviations: beyond the fastest known drives the spread is theirs, not an extrapolated one
-)
-LEAST_CHANGE = np.repeat([1e-2, 1e-3], 3)  # m/s and rad/s, added before logarithms
 
 
 @dataclass(frozen=True)
 class Network:
-    """An ensemble of M multilayer perceptrons with SiLU activations, as plain arrays."""
+    """Ensemble of M multilayer perceptrons with SiLU activations."""
 
     weights: tuple[FloatArray, ...]  # each [M, in, out]
     biases: tuple[FloatArray, ...]  # each [M, 1, out]
 
     def __call__(self, features: FloatArray) -> FloatArray:
-        """Outputs [M, N, out] of standardised features [N, in]."""
+        """Return outputs [M, N, out] of standardised features [N, in]."""
         hidden = features
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            before = hidden @ weight + bias
-            hidden = before * expit(before)
+            linear = hidden @ weight + bias
+            hidden = linear * expit(linear)
         return np.asarray(hidden @ self.weights[-1] + self.biases[-1])
 
 
 @dataclass(frozen=True)
 class Standardisation:
-    """Features brought to mean 0 and deviation 1, and clipped at `limit` deviations."""
+    """Features of mean 0 and deviation 1, clipped at `limit` deviations."""
 
     mean: FloatArray  # [in]
     deviation: FloatArray  # [in]
@@ -50,151 +43,161 @@ class Standardisation:
 
     @classmethod
     def of(cls, features: FloatArray, limit: float = 8.0) -> Self:
-        """That of features [N, in]."""
+        """Return the standardisation of features [N, in]."""
         return cls(features.mean(0), features.std(0) + 1e-6, limit)
 
     def __call__(self, features: FloatArray) -> FloatArray:
-        """The same shape, float32."""
-        return np.clip((features - self.mean) / self.deviation, -self.limit, self.limit).astype(
-            np.float32
-        )
+        """Return standardised features [N, in], float32."""
+        standardised = (features - self.mean) / self.deviation
+        return np.clip(standardised, -self.limit, self.limit).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class DampedTurn:
+    """Motion at constant acceleration, without reversing, and with a decaying turn rate."""
+
+    turn_decay: float = 0.95  # of the turn rate, per step
+    num_recent: int = 3  # steps that give the turn rate and the acceleration
+
+    def __call__(self, twists: FloatArray, step_s: float, num_steps: int) -> FloatArray:
+        """Return states [N, F, 3] after twists [N, P, 6]."""
+        speeds = self._speeds(twists[..., Axis.FORWARD], num_steps)
+        turn_rate = twists[:, -self.num_recent :, Axis.YAW].mean(axis=1)
+        decay = self.turn_decay ** np.arange(1, num_steps + 1)
+        turns = turn_rate[:, None] * decay * step_s
+        yaw = np.cumsum(turns, axis=1)
+        chord_yaw = yaw - turns / 2
+        chord = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s
+        x = np.cumsum(chord * np.sin(chord_yaw), axis=1)
+        z = np.cumsum(chord * np.cos(chord_yaw), axis=1)
+        return np.stack([x, z, yaw], axis=-1)
+
+    def _speeds(self, past: FloatArray, num_steps: int) -> FloatArray:
+        """Return the speeds [N, F + 1] at 0..F steps after past ones [N, P]."""
+        last = past[:, -1:]
+        earlier = past[:, -1 - self.num_recent, None]
+        change = (last - earlier) / self.num_recent  # per step
+        speeds = last + change * np.arange(num_steps + 1)
+        return np.where(speeds * last < 0, 0.0, speeds)
 
 
 @dataclass(frozen=True)
 class CentreModel:
-    """The centre path: a damped turn, corrected by a network."""
+    """The central path: a damped turn, corrected by a network."""
 
     step_s: float
     inputs: Standardisation
     scale: FloatArray  # [F, 3], of the corrections
     network: Network
+    baseline: DampedTurn = field(default_factory=DampedTurn)
 
     def __call__(self, twists: FloatArray) -> FloatArray:
-        """States [N, F, 3] after twists [N, P, 6]: mean over the ensemble and over both sides of
-        the mirror.
-        """
+        """Return states [N, F, 3], averaged over the ensemble and the mirror image."""
         both = with_mirrored(twists)
         outputs = self.network(self.inputs(past_features(both))).mean(0)
-        correction = outputs.reshape(len(both), *self.scale.shape) * self.scale
-        ours, mirrored = np.split(correction + damped_turn(both, self.step_s, len(self.scale)), 2)
-        return np.asarray(0.5 * (ours + mirrored * MIRRORED_STATE))
+        corrections = outputs.reshape(len(both), *self.scale.shape) * self.scale
+        paths = self.baseline(both, self.step_s, len(self.scale)) + corrections
+        ahead, mirrored = np.split(paths, 2)
+        return np.asarray(0.5 * (ahead + mirrored * MIRRORED_STATE))
+
+
+@dataclass(frozen=True)
+class SpreadFeatures:
+    """Inputs of the spread: the past, the central path, and logarithms of how much both change."""
+
+    path_steps: tuple[int, ...] = (4, 9, 19)
+    num_recent: int = 3
+    limit: float = 3.0  # deviations; faster driving than in training has the spread of the fastest
+
+    def __call__(self, twists: FloatArray, centre: FloatArray) -> FloatArray:
+        """Return features [N, in] of twists [N, P, 6] and central paths [N, F, 3]."""
+        columns = [
+            past_features(twists),
+            twists[..., Axis.FORWARD].mean(axis=1),
+            centre[:, self.path_steps].reshape(len(twists), -1),
+            self._log_changes(twists),
+            np.log(np.abs(centre[:, -1, 2]) + 1e-2),
+        ]
+        return np.column_stack(columns)
+
+    def _log_changes(self, twists: FloatArray) -> FloatArray:
+        """Return logarithms [N, 17] of jitter, changes, turn rates, speed and acceleration."""
+        noise_floor = np.repeat([1e-2, 1e-3], 3)  # m/s, rad/s
+        jitter = np.sqrt((np.diff(twists, 2, axis=1) ** 2).mean(axis=1))
+        changes = np.sqrt((np.diff(twists, axis=1) ** 2).mean(axis=1))
+        recent_change = np.abs(twists[:, -1] - twists[:, -1 - self.num_recent])
+        turn_rate = np.abs(twists[..., Axis.YAW])
+        speed = np.abs(twists[..., Axis.FORWARD])
+        columns = [
+            jitter + noise_floor,
+            changes + noise_floor,
+            turn_rate.mean(axis=1) + 1e-3,
+            turn_rate[:, -self.num_recent :].mean(axis=1) + 1e-3,
+            recent_change[:, Axis.YAW] + 1e-3,
+            speed.mean(axis=1) + 0.1,
+            recent_change[:, Axis.FORWARD] + 0.03,
+        ]
+        return np.log(np.column_stack(columns))
 
 
 @dataclass(frozen=True)
 class SpreadModel:
-    """A mixture of Gaussians over amounts of D smooth deviations from the centre path (Bishop
-    1994).
-    """
+    """Mixture of K Gaussians over amounts of D smooth deviations (Bishop 1994)."""
 
     inputs: Standardisation
     network: Network
     basis: FloatArray  # [F, 3, D], the deviations as (right, ahead, yaw) of the path
-    residual_variance: FloatArray  # [F, 3], what the basis leaves out
+    residual_variance: FloatArray  # [F, 3], outside the basis
     num_modes: int
+    features: SpreadFeatures = field(default_factory=SpreadFeatures)
 
     def __call__(
-        self, twists: FloatArray, centre: FloatArray
+        self,
+        twists: FloatArray,  # [1, P, 6]
+        centre: FloatArray,  # [1, F, 3]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weights [2K], means [2K, D] and deviations [2K, D] for one past [1, P, 6] and its centre
-        path [1, F, 3].
+        """Return weights [2K], means [2K, D] and deviations [2K, D].
 
-        The second half is of the mirrored past and goes with the mirrored basis.
+        The second half is of the mirrored past and belongs to the mirrored basis.
         """
-        features = spread_features(with_mirrored(twists), with_mirrored(centre))
-        outputs = np.swapaxes(self.network(self.inputs(features)), 0, 1).astype(
-            np.float64
-        )  # [2, M, ...]
-        log_weights, means, log_deviations = mixture_parameters(outputs, self.num_modes)
-        depth = means.shape[-1]
+        features = self.features(with_mirrored(twists), with_mirrored(centre))
+        outputs = self.network(self.inputs(features)).astype(np.float64)
+        by_side = np.swapaxes(outputs, 0, 1)  # [2, M, ...]
+        log_weights, means, log_deviations = mixture_parameters(by_side, self.num_modes)
         weights = np.exp(log_weights).reshape(-1)
-        return (
-            weights / weights.sum(),
-            means.reshape(-1, depth),
-            np.exp(log_deviations).reshape(-1, depth),
-        )
+        depth = means.shape[-1]
+        deviations = np.exp(log_deviations)
+        return weights / weights.sum(), means.reshape(-1, depth), deviations.reshape(-1, depth)
 
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Everything that is fitted."""
+    """Fitted models of the motion prior."""
 
     centre: CentreModel
     spread: SpreadModel
 
 
 def with_mirrored(values: FloatArray) -> FloatArray:
-    """Twists [N, P, 6] or states [N, F, 3] and, behind them, the same with left and
-    right swapped.
-    """
-    return np.concatenate(
-        [values, values * (MIRRORED_TWIST if values.shape[-1] == 6 else MIRRORED_STATE)]
-    )
+    """Return twists [N, P, 6] or states [N, F, 3], followed by their mirror images [2N, ...]."""
+    sign = MIRRORED_TWIST if values.shape[-1] == 6 else MIRRORED_STATE
+    return np.concatenate([values, values * sign])
 
 
 def past_features(twists: FloatArray) -> FloatArray:
-    """The changes from step to step and the last twist [N, P * 6]: small accelerations must not
-    drown in the speed.
-    """
-    return np.concatenate([np.diff(twists, axis=1), twists[:, -1:]], axis=1).reshape(
-        len(twists), -1
-    )
-
-
-def spread_features(twists: FloatArray, centre: FloatArray) -> FloatArray:
-    """Past, mean speed, states of the centre path [N, F, 3], and logarithms of how much the past
-    changes.
-    """
-    states = centre[:, SPREAD_STEPS].reshape(len(twists), -1)
-    past = [past_features(twists), twists[:, :, FORWARD].mean(1, keepdims=True), states]
-    return np.concatenate(
-        [*past, _log_changes(twists), np.log(np.abs(centre[:, -1, 2:]) + 1e-2)], axis=1
-    )
-
-
-def _log_changes(twists: FloatArray) -> FloatArray:
-    """Logarithms [N, 17] of the past's jitter, changes, turning and speed."""
-    speed, turn = np.abs(twists[..., FORWARD]), np.abs(twists[..., YAW_RATE])
-    change = np.abs(twists[:, -1] - twists[:, -1 - RECENT])
-    jitter, changes = (
-        np.sqrt((np.diff(twists, order, axis=1) ** 2).mean(1)) + LEAST_CHANGE for order in (2, 1)
-    )
-    turning = (
-        np.stack([turn.mean(1), turn[:, -RECENT:].mean(1), change[:, YAW_RATE]], axis=1) + 1e-3
-    )
-    driving = np.stack([speed.mean(1) + 0.1, change[:, FORWARD] + 0.03], axis=1)
-    return np.log(np.concatenate([jitter, changes, turning, driving], axis=1))
-
-
-def damped_turn(twists: FloatArray, step_s: float, num_steps: int) -> FloatArray:
-    """States [N, F, 3] at constant acceleration, without reversing, and with a turn rate that
-    decays.
-    """
-    speed = twists[:, -1, FORWARD]
-    earlier = twists[:, max(len(twists[0]) - 1 - RECENT, 0), FORWARD]
-    acceleration = (speed - earlier) / (RECENT * step_s)
-    speeds = speed[:, None] + acceleration[:, None] * (np.arange(num_steps + 1) * step_s)
-    direction = np.where(speed != 0, np.sign(speed), np.sign(acceleration))[:, None]
-    speeds = np.where(speeds * direction < 0, 0.0, speeds)
-    turns = (
-        twists[:, -RECENT:, YAW_RATE].mean(1)[:, None]
-        * TURN_DECAY ** np.arange(1, num_steps + 1)
-        * step_s
-    )
-    yaw = np.cumsum(turns, axis=1)
-    path, middle = 0.5 * (speeds[:, 1:] + speeds[:, :-1]) * step_s, yaw - turns / 2
-    return np.stack(
-        [np.cumsum(path * np.sin(middle), 1), np.cumsum(path * np.cos(middle), 1), yaw], axis=-1
-    )
+    """Return the changes from step to step and the last twist [N, P * 6]."""
+    steps = np.concatenate([np.diff(twists, axis=1), twists[:, -1:]], axis=1)
+    return steps.reshape(len(twists), -1)
 
 
 def mixture_parameters(
-    outputs: FloatArray, num_modes: int
+    outputs: FloatArray,  # [..., K * (1 + 2 D)]
+    num_modes: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log weights [..., K], means [..., K, D] and log deviations [..., K, D] of the spread
-    network's outputs.
-    """
+    """Return log weights [..., K], means [..., K, D] and log deviations [..., K, D]."""
     depth = (outputs.shape[-1] // num_modes - 1) // 2
     shape = (*outputs.shape[:-1], num_modes, depth)
     logits, means, log_deviations = np.split(outputs, [num_modes, num_modes * (1 + depth)], axis=-1)
     log_weights = logits - logsumexp(logits, axis=-1, keepdims=True)
-    return log_weights, means.reshape(shape), np.clip(log_deviations.reshape(shape), -4.0, 3.0)
+    log_deviations = np.clip(log_deviations, -4.0, 3.0)
+    return log_weights, means.reshape(shape), log_deviations.reshape(shape)

@@ -1,22 +1,18 @@
-"""Forecast as drivers drive: a motion prior fitted to recorded poses, with a calibrated
-distribution.
+"""Motion prior fitted to recorded drives, with a calibrated distribution.
 
-Two small networks see the camera's twists over the last 0.93 s. One gives the centre path as a
-correction of a damped turn, fitted to the distance in metres and the absolute yaw error, so it is a
-median and not a mean. The other gives a mixture of Gaussians over smooth deviations from it (turn
-or not, brake or not), fitted to the errors of the first one on roads that it was not fitted to. The
-size of the regions is set last, step by step, so that they hold their nominal share on roads
-unknown to both. Recorded poses that no car could drive are left out of all of it.
+Two small networks see the camera's twists over the last 0.93 s. The first gives the central path as
+a correction of a damped turn; it minimises the distance in metres and the absolute yaw error. The
+second gives a mixture of Gaussians over smooth deviations from this path (turning, braking), fitted
+to the errors of the first on held-out roads. Finally, the size of the predictive regions is
+calibrated step by step.
 
-The coefficients are fitted by `geovp forecast fit-prior` to ground-truth poses of KITTI odometry
-00, 02, 08 and 09, the regions' size to 01 and 04 as well (Geiger et al. 2012); they are CC BY-NC-SA
+`geovp forecast fit-prior` fits the coefficients to ground-truth poses of KITTI odometry 00, 02, 08
+and 09, and the size of the regions to 01 and 04 as well (Geiger et al. 2012). They are CC BY-NC-SA
 3.0 and not included.
 """
 
-from __future__ import annotations
-
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
@@ -26,112 +22,79 @@ from scipy.spatial.transform import Rotation
 
 from geovp_classic import files
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting import motion_network, past_motion
-from geovp_classic.forecasting.body_motion import BodyMotion
+from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.motion_network import (
+    MIRRORED_STATE,
     CentreModel,
     Coefficients,
     Network,
+    SpreadFeatures,
     SpreadModel,
     Standardisation,
 )
-from geovp_classic.forecasting.sampling import PlanarForecast
-from geovp_classic.geometry import planar
+from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
+from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
-
-NUM_PAST_STEPS = 9
-FASTEST_TURN_RAD_S = (
-    1.5  # nothing in the train poses turns faster; turn rates of the past are clipped to it
-)
 
 
 @dataclass(frozen=True)
-class MotionPrior:
-    """The centre path, or draws around it when more than one sample is asked for.
+class MotionPrior(PlanarForecaster):
+    """The central path, or samples around it.
 
-    Any number of past poses and any future times: the past is brought to an even grid of 0.1037 s,
-    a shorter one continued backwards by its earliest step, a longer one cut; a single pose is held,
-    and so are poses that are all the same, from which the centre would creep by two millimetres.
-    Beyond the fitted 2.2 s the path goes on with its last speed and turn rate. A past without
-    metres is taken as driven at `past_motion.SCALE_FREE_SPEED_M_S`. Height, pitch and roll over the
-    plane that the past motion suggests are foretold by `body_motion`; without it they are those of
-    the last pose.
+    The past is resampled to steps of 0.1037 s; a shorter past is continued backwards. A stationary
+    camera stays where it is, unless several samples are asked for. Beyond the fitted 2.2 s the path
+    keeps its last speed and turn rate.
     """
 
-    seed: int = 0
-    coefficients: Path | None = None  # another file of `fit-prior`; None: the packaged one
-    body_motion: BodyMotion | None = field(default_factory=BodyMotion)
+    coefficients: Path | None = None  # a file of `fit-prior`; None: the packaged one
+    num_past_steps: int = 9
+    max_turn_rad_s: float = 1.5  # faster turns are not in the training poses, and are clipped
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
-        """Futures [S, F, 4, 4]; with one sample the centre path, otherwise all are draws."""
-        ahead_s = past_motion.seconds_ahead(past, times_s)
-        stands = num_samples == 1 and bool((past.world_from_cam == past.world_from_cam[-1]).all())
-        if len(past) == 1 or stands:
-            return np.tile(past.world_from_cam[-1], (num_samples, len(ahead_s), 1, 1))
-        paths, unit = self._paths(past, ahead_s)
-        states = paths.centre[None] if num_samples == 1 else paths.sample(num_samples, self.seed)
-        poses = planar.lift(
-            states * unit, past.world_from_cam[-1], past_motion.vehicle_from_cam(past)
-        )
-        return (
-            poses if self.body_motion is None else self.body_motion.added_to(poses, past, times_s)
-        )
+    def paths(
+        self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray, num_samples: int
+    ) -> FloatArray:
+        """Return the central path [1, F, 3], or smooth samples [S, F, 3] around it."""
+        is_stationary = (past.world_from_cam == past.world_from_cam[-1]).all()
+        if len(past) == 1 or (is_stationary and num_samples == 1):
+            return np.zeros((num_samples, len(ahead_s), 3))
+        mixture = self._mixture(past, ahead_s)
+        return mixture.centre[None] if num_samples == 1 else mixture.sample(num_samples, self.seed)
 
-    def distribution(self, past: Trajectory, times_s: FloatArray) -> PlanarForecast:
-        """The predictive mixture of (x, z, yaw) at every future time; BadData for a single past
-        pose.
-        """
-        ahead_s = past_motion.seconds_ahead(past, times_s)
+    def modes(self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray) -> Modes:
+        """Return the mixture; raise BadData for a single past pose."""
         if len(past) == 1:
-            raise BadData(
-                "one past pose shows no motion, so there is no distribution to give: give at "
-                "least two"
-            )
-        paths, unit = self._paths(past, ahead_s)
-        means, covariances = paths.moments()
-        plane = past_motion.vehicle_from_cam(past)
-        scale = unit[:, None] * unit
-        body = None if self.body_motion is None else self.body_motion.distribution(past, times_s)
-        return PlanarForecast(
-            paths.weights, means * unit, covariances * scale, past.world_from_cam[-1], plane, body
-        )
+            raise BadData("a single past pose has no predictive distribution: give at least two")
+        mixture = self._mixture(past, ahead_s)
+        return mixture.weights, mixture.means, mixture.covariances
 
-    def _paths(self, past: Trajectory, ahead_s: FloatArray) -> tuple[PathMixture, FloatArray]:
-        """The mixture in metres, and (x, z, yaw) [3] of the past's unit for its 1."""
+    def _mixture(self, past: Trajectory, ahead_s: FloatArray) -> "PathMixture":
         fitted = load(self.coefficients)
-        metric, metres_per_unit = past_motion.in_metres(past)
-        twists = past_motion.twists_per_s(metric, fitted.centre.step_s, NUM_PAST_STEPS)[None]
-        twists[..., 3:] = np.clip(twists[..., 3:], -FASTEST_TURN_RAD_S, FASTEST_TURN_RAD_S)
-        return path_mixture(fitted, twists, ahead_s), np.array(
-            [1 / metres_per_unit, 1 / metres_per_unit, 1.0]
-        )
+        twists = past_motion.twists_per_s(past, fitted.centre.step_s, self.num_past_steps)
+        twists[:, 3:] = np.clip(twists[:, 3:], -self.max_turn_rad_s, self.max_turn_rad_s)
+        return path_mixture(fitted, twists[None], ahead_s)
 
 
 @dataclass(frozen=True)
 class PathMixture:
-    """A centre path in metres and modes of smooth deviations from it, at T future times."""
+    """A central path in metres and K modes of smooth deviations from it, at T future times."""
 
-    centre: FloatArray  # [T, 3]
+    centre: FloatArray  # [T, 3], as (x, z, yaw)
     weights: FloatArray  # [K]
-    means: FloatArray  # [K, D]
-    deviations: FloatArray  # [K, D]
-    bases: FloatArray  # [K, T, 3, D], deviations from the path as (x, z, yaw)
-    residual_covariance: FloatArray  # [T, 3, 3], what the bases leave out
+    means: FloatArray  # [K, T, 3]
+    roots: FloatArray  # [K, T, 3, D], effect of D independent unit Gaussians
+    residual_covariance: FloatArray  # [T, 3, 3]
 
     def sample(self, num_samples: int, seed: int) -> FloatArray:
-        """Smooth paths [S, T, 3]; the residual covariance, which is not smooth, is left out."""
+        """Draw smooth paths [S, T, 3], without the residual, which is not smooth."""
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
-        amounts = self.means[modes] + self.deviations[modes] * rng.standard_normal(
-            (num_samples, self.means.shape[1])
-        )
-        return self.centre + np.einsum("stid,sd->sti", self.bases[modes], amounts)
+        white = rng.standard_normal((num_samples, self.roots.shape[-1]))
+        return self.means[modes] + np.einsum("stid,sd->sti", self.roots[modes], white)
 
-    def moments(self) -> tuple[FloatArray, FloatArray]:
-        """Means [K, T, 3] and covariances [K, T, 3, 3] of (x, z, yaw)."""
-        means = self.centre + np.einsum("ktid,kd->kti", self.bases, self.means)
-        roots = self.bases * self.deviations[:, None, None]
-        return means, roots @ np.swapaxes(roots, -1, -2) + self.residual_covariance
+    @property
+    def covariances(self) -> FloatArray:
+        """Covariances [K, T, 3, 3] of (x, z, yaw)."""
+        return self.roots @ np.swapaxes(self.roots, -1, -2) + self.residual_covariance
 
 
 def path_mixture(
@@ -139,43 +102,36 @@ def path_mixture(
     twists: FloatArray,  # [1, P, 6]
     ahead_s: FloatArray,  # [T]
 ) -> PathMixture:
-    """The prior's answer to one past."""
+    """Return the distribution of paths after one past."""
     grid = fitted.centre(twists)
     weights, means, deviations = fitted.spread(twists, grid)
-    nodes_s = fitted.centre.step_s * np.arange(grid.shape[1] + 1)
-    # Deviations are 0 at time 0, linear between the steps of the grid, and go on as a line beyond.
-    interpolation = make_interp_spline(nodes_s, np.eye(len(nodes_s)), k=1)(ahead_s)[:, 1:]  # [T, F]
-    centre = _path_at(grid[0], ahead_s, fitted.centre.step_s)
-    mirrored_state = motion_network.MIRRORED_STATE[:, None]
-    rotations = Rotation.from_euler(
-        "z", -centre[:, 2:]
-    ).as_matrix()  # (x, z, yaw) from (right, ahead, yaw)
-    basis = rotations @ np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
-    mirrored = rotations @ np.einsum(
-        "tf,fid->tid", interpolation, fitted.spread.basis * mirrored_state
-    )
+    steps = ahead_s / fitted.centre.step_s
+    centre = _path_at(grid[0], steps)
+    # Deviations are 0 at time 0, linear between the steps of the grid, and continue beyond it.
+    nodes = np.arange(grid.shape[1] + 1)
+    interpolation = make_interp_spline(nodes, np.eye(len(nodes)), k=1)(steps)[:, 1:]  # [T, F]
+    basis = np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
+    both = np.stack([basis, basis * MIRRORED_STATE[:, None]])
     variance = interpolation**2 @ fitted.spread.residual_variance
+    rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()  # from (right, ahead, yaw)
+    bases = np.repeat(rotations @ both, len(weights) // 2, axis=0)  # [K, T, 3, D]
     return PathMixture(
         centre=centre,
         weights=weights,
-        means=means,
-        deviations=deviations,
-        bases=np.repeat(np.stack([basis, mirrored]), len(weights) // 2, axis=0),
+        means=centre + np.einsum("ktid,kd->kti", bases, means),
+        roots=bases * deviations[:, None, None],
         residual_covariance=(rotations * variance[:, None]) @ np.swapaxes(rotations, 1, 2),
     )
 
 
 @functools.cache
 def load(path: Path | None) -> Coefficients:
-    """The coefficients of a file (None: the packaged one), read once; BadData when it does not hold
-    them.
-    """
+    """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
     source = path or Path(str(resources.files("geovp_classic.poses") / "motion_prior.npz"))
     try:
         fitted = unpacked(files.finite_arrays(source))
-        path_mixture(
-            fitted, np.zeros((1, NUM_PAST_STEPS, 6)), np.ones(1)
-        )  # shapes that do not fit show here
+        num_past_steps = len(fitted.centre.inputs.mean) // 6
+        path_mixture(fitted, np.zeros((1, num_past_steps, 6)), np.ones(1))  # checks the shapes
         return fitted
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise BadData(
@@ -184,46 +140,43 @@ def load(path: Path | None) -> Coefficients:
 
 
 def unpacked(table: dict[str, FloatArray]) -> Coefficients:
-    """Coefficients from the arrays of a file, as `fitting.prior.packed` names them."""
+    """Return the coefficients in the arrays of a file, as `fitting.prior.packed` names them."""
 
-    def part(name: str, limit: float) -> tuple[Standardisation, Network]:
+    def network(name: str) -> Network:
         layers = range(sum(key.startswith(f"{name}_weight") for key in table))
-        weights, biases = (
-            tuple(table[f"{name}_{kind}{layer}"] for layer in layers) for kind in ("weight", "bias")
-        )
-        return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit), Network(
-            weights, biases
-        )
+        weights = tuple(table[f"{name}_weight{layer}"] for layer in layers)
+        biases = tuple(table[f"{name}_bias{layer}"] for layer in layers)
+        return Network(weights, biases)
 
-    inputs, network = part("centre", Standardisation.limit)
-    centre = CentreModel(float(table["step_s"]), inputs, table["centre_scale"], network)
+    def inputs(name: str, limit: float) -> Standardisation:
+        return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit)
+
+    centre = CentreModel(
+        step_s=float(table["step_s"]),
+        inputs=inputs("centre", Standardisation.limit),
+        scale=table["centre_scale"],
+        network=network("centre"),
+    )
     spread = SpreadModel(
-        *part("spread", motion_network.SPREAD_LIMIT),
-        table["basis"],
-        table["floor"],
-        int(table["num_modes"]),
+        inputs=inputs("spread", SpreadFeatures.limit),
+        network=network("spread"),
+        basis=table["basis"],
+        residual_variance=table["floor"],
+        num_modes=int(table["num_modes"]),
     )
     return Coefficients(centre, spread)
 
 
 def _path_at(
     grid: FloatArray,  # [F, 3], states at 1..F steps
-    ahead_s: FloatArray,  # [T]
-    step_s: float,
+    steps: FloatArray,  # [T]
 ) -> FloatArray:
-    """States [T, 3]: a cubic spline through the grid; beyond it the last speed and
-    turn rate go on.
-    """
+    """Return states [T, 3]: a cubic spline, and beyond the grid its last screw motion."""
     nodes = np.concatenate([np.zeros((1, 3)), grid])
-    inside_s = np.minimum(ahead_s, step_s * len(grid))
-    states = CubicSpline(step_s * np.arange(len(nodes)), nodes)(inside_s)
-    x, z, turned = grid[-1] - grid[-2]
-    steps = (ahead_s - inside_s) / step_s
-    angle = (
-        turned * (steps + 1) / 2
-    )  # between the last step's chord and the one to the time asked for
-    chord = steps * np.sinc(turned * steps / (2 * np.pi))  # in lengths of the last step
-    states[:, 0] += chord * (np.cos(angle) * x + np.sin(angle) * z)
-    states[:, 1] += chord * (np.cos(angle) * z - np.sin(angle) * x)
-    states[:, 2] += turned * steps
-    return np.asarray(states)
+    states = np.asarray(CubicSpline(np.arange(len(nodes)), nodes)(np.minimum(steps, len(grid))))
+    is_beyond = steps > len(grid)
+    ends = planar.lift(nodes[-2:], np.eye(4), np.eye(4))
+    times = np.array([len(grid) - 1.0, len(grid)])
+    continued = se3.interpolate(ends, times, steps[is_beyond])
+    states[is_beyond] = planar.reduce(continued, np.eye(4), np.eye(4))
+    return states

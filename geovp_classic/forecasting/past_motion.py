@@ -1,84 +1,61 @@
-"""What past poses tell of the camera's motion: the pitch of its plane, its scale, its twists on an
-even time grid.
-"""
+"""Motion of the past poses: the vehicle's plane, the metric scale, and twists on an even grid."""
+
+import enum
 
 import numpy as np
 
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
 
-STANDING_M = 0.5  # a past shorter than this says little about the road's pitch
-SCALE_FREE_SPEED_M_S = 9.0  # assumed of a past without metres: about the median of the train poses
+
+class Axis(enum.IntEnum):
+    """Components of a twist (v, w) in the camera's frame; positive pitch looks up."""
+
+    RIGHT, DOWN, FORWARD, PITCH, YAW, ROLL = range(6)
 
 
-def seconds_ahead(past: Trajectory, times_s: FloatArray) -> FloatArray:
-    """The future times [F], counted from the last past pose; BadData unless all are finite and
-    later than it.
+def in_metres(past: Trajectory, assumed_speed_m_s: float = 9.0) -> tuple[Trajectory, float]:
+    """Return the past in metres, and metres per unit of the given past.
+
+    Without metric scale the mean speed is assumed; 9 m/s is about the median of KITTI's training
+    sequences.
     """
-    if len(past) == 0:
-        raise BadData("a forecast from no past pose at all: give it at least one")
-    ahead_s = np.asarray(times_s, dtype=np.float64) - past.times_s[-1]
-    if ahead_s.ndim != 1 or not np.isfinite(ahead_s).all() or (ahead_s <= 0).any():
-        raise BadData(
-            "a future time is not later than the last past pose: give finite times after it, "
-            "one per step"
-        )
-    return ahead_s
-
-
-def in_metres(past: Trajectory) -> tuple[Trajectory, float]:
-    """The past in metres, and metres per unit; without metres its mean speed is taken as
-    SCALE_FREE_SPEED_M_S.
-    """
-    path = np.linalg.norm(np.diff(past.world_from_cam[:, :3, 3], axis=0), axis=-1).sum()
-    if past.is_metric or path == 0:
+    steps = np.diff(past.world_from_cam[:, :3, 3], axis=0)
+    length = np.linalg.norm(steps, axis=-1).sum()
+    if past.is_metric or length == 0:
         return past, 1.0
-    metres_per_unit = float(SCALE_FREE_SPEED_M_S * (past.times_s[-1] - past.times_s[0]) / path)
+    metres_per_unit = float(assumed_speed_m_s * (past.times_s[-1] - past.times_s[0]) / length)
     world_from_cam = past.world_from_cam.copy()
     world_from_cam[:, :3, 3] *= metres_per_unit
     return Trajectory(world_from_cam, past.times_s, is_metric=True), metres_per_unit
 
 
-def vehicle_from_cam(past: Trajectory) -> FloatArray:
-    """The plane [4, 4] that the past motion suggests: pitched so that the camera has been
-    travelling along it.
+def vehicle_from_cam(
+    past: Trajectory,
+    min_path_m: float = 0.5,  # the pitch of a shorter path is drawn to 0
+    max_pitch_deg: float = 10.0,
+) -> FloatArray:
+    """Return the plane [4, 4] along which the camera has travelled.
 
-    The pitch is a regression of the vertical on the forward velocity, drawn to 0 when the past is
-    shorter than about STANDING_M, and at most ten degrees.
+    Its pitch is a regression of vertical on forward motion, regularised by `min_path_m`.
     """
     steps = se3.inverse(past.world_from_cam[:-1]) @ past.world_from_cam[1:]
-    down, forward = steps[:, 1, 3].sum(), steps[:, 2, 3].sum()
-    slope = down * forward / (forward**2 + STANDING_M**2)
-    limit = np.tan(np.radians(10.0))
-    return planar.level_vehicle_from_cam(pitch_rad=float(np.arctan(np.clip(slope, -limit, limit))))
-
-
-def poses_at(trajectory: Trajectory, times_s: FloatArray) -> FloatArray:
-    """world_from_cam [T, 4, 4] between the poses, and beyond them on the first or the last step's
-    screw motion.
-    """
-    after = np.clip(
-        np.searchsorted(trajectory.times_s, times_s, side="right"), 1, len(trajectory) - 1
-    )
-    before_s, after_s = trajectory.times_s[after - 1], trajectory.times_s[after]
-    share = (times_s - before_s) / (after_s - before_s)
-    return se3.interpolate(
-        trajectory.world_from_cam[after - 1], trajectory.world_from_cam[after], share
-    )
+    _, down, forward = steps[:, :3, 3].sum(axis=0)
+    pitch_rad = np.arctan(down * forward / (forward**2 + min_path_m**2))
+    max_pitch_rad = np.radians(max_pitch_deg)
+    return planar.level_vehicle_from_cam(float(np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad)))
 
 
 def twists_per_s(past: Trajectory, step_s: float, num_steps: int) -> FloatArray:
-    """Twists per second [num_steps, 6] = (v, w) of the camera in its own frame, on an even grid up
-    to the last pose.
+    """Return twists per second [num_steps, 6] on an even grid that ends at the last of >= 2 poses.
 
-    Where the grid begins before the past does, its earliest known step is repeated; at least two
-    poses are needed.
+    The first twist is repeated where the grid begins before the past.
     """
     span_s = past.times_s[-1] - past.times_s[0]
-    known = int(
-        np.clip(np.floor(span_s / step_s + 0.1), 1, num_steps)
-    )  # a tenth of a step may be extrapolated
-    poses = poses_at(past, past.times_s[-1] - step_s * np.arange(known, -1, -1))
+    num_covered = np.floor(span_s / step_s + 0.1)  # a tenth of a step may be extrapolated
+    num_covered = int(np.clip(num_covered, 1, num_steps))
+    grid_s = past.times_s[-1] - step_s * np.arange(num_covered, -1, -1)
+    poses = se3.interpolate(past.world_from_cam, past.times_s, grid_s)
     twists = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s
-    return np.concatenate([np.repeat(twists[:1], num_steps - known, axis=0), twists])
+    missing = np.repeat(twists[:1], num_steps - num_covered, axis=0)
+    return np.concatenate([missing, twists])

@@ -1,6 +1,4 @@
-"""The distribution of a forecast: a Gaussian mixture over (x, z, yaw), and Student's t of heave,
-pitch and roll.
-"""
+"""Distributions of a forecast: a Gaussian mixture over (x, z, yaw), Student's t for the body."""
 
 from dataclasses import dataclass
 
@@ -13,74 +11,64 @@ from geovp_classic.types import FloatArray
 
 @dataclass(frozen=True)
 class BodyForecast:
-    """Heave (m, downwards), pitch and roll (rad) over the plane at every future time, independent
-    of each other.
-    """
+    """Heave (m, downwards), pitch and roll (rad) over the plane; all are independent."""
 
     means: FloatArray  # [F, 3]
     scales: FloatArray  # [F, 3], of Student's t
     degrees: FloatArray  # [3], of freedom
 
     def log_density(self, states: FloatArray) -> FloatArray:
-        """Log density [N, F] at states [N, F, 3]."""
-        from scipy import stats  # half a second that no forecast needs
+        """Return the log density [N, F] at states [N, F, 3]."""
+        from scipy import stats  # takes half a second to import
 
-        return np.asarray(
-            stats.t.logpdf(states, self.degrees, self.means, self.scales).sum(axis=-1)
-        )
+        density = stats.t.logpdf(states, self.degrees, self.means, self.scales)
+        return np.asarray(density.sum(axis=-1))
 
     def ranks(self, states: FloatArray) -> FloatArray:
-        """Probability [F, 3] of the central interval that each of the states [F, 3] bounds."""
-        return np.asarray(2 * stdtr(self.degrees, np.abs(states - self.means) / self.scales) - 1)
+        """Return the probability [F, 3] of the central interval that ends at each state [F, 3]."""
+        distance = np.abs(states - self.means) / self.scales
+        return np.asarray(2 * stdtr(self.degrees, distance) - 1)
 
     def sample(self, num_samples: int, seed: int) -> FloatArray:
-        """States [N, F, 3], independent from step to step."""
-        drawn = np.random.default_rng(seed).standard_t(
-            self.degrees, (num_samples, *self.means.shape)
-        )
+        """Draw states [N, F, 3], independent from step to step."""
+        rng = np.random.default_rng(seed)
+        drawn = rng.standard_t(self.degrees, (num_samples, *self.means.shape))
         return self.means + self.scales * drawn
 
 
 @dataclass(frozen=True)
 class PlanarForecast:
-    """K modes of (x, z, yaw_rad) on the plane of the last observed camera; one mode for a Kalman
-    filter.
-    """
+    """A mixture of K Gaussians over (x, z, yaw_rad), in metres, on the last camera's plane."""
 
     weights: FloatArray  # [K], sum 1
     means: FloatArray  # [K, F, 3]
     covariances: FloatArray  # [K, F, 3, 3]
     world_from_reference: FloatArray  # [4, 4], the last observed camera
     vehicle_from_cam: FloatArray  # [4, 4]
-    body: BodyForecast | None = (
-        None  # what is over the plane, independent of the motion on it; None: nothing moves
-    )
+    body: BodyForecast | None = None  # None: height, pitch and roll do not change
+    metres_per_unit: float = 1.0  # of the cameras' positions
 
     def states_of(self, world_from_cam: FloatArray) -> FloatArray:
-        """(x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4] on this forecast's plane."""
-        return planar.reduce(world_from_cam, self.world_from_reference, self.vehicle_from_cam)
+        """Return (x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4]."""
+        states = planar.reduce(world_from_cam, self.world_from_reference, self.vehicle_from_cam)
+        states[..., :2] *= self.metres_per_unit
+        return states
 
     def log_density(self, states: FloatArray) -> FloatArray:
-        """Log density [N, F] (per square metre and radian) at states [N, F, 3]; yaw differences are
-        wrapped.
-        """
+        """Return the log density [N, F] per square metre and radian at states [N, F, 3]."""
         error = states[None] - self.means[:, None]  # [K, N, F, 3]
         error[..., 2] = (error[..., 2] + np.pi) % (2 * np.pi) - np.pi
-        lower = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
-        white = (np.linalg.inv(lower) @ error[..., None])[..., 0]  # one inverse serves all N
-        log_volume = np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(-1) + 1.5 * np.log(
-            2 * np.pi
-        )
-        with np.errstate(divide="ignore"):
-            log_weights = np.log(self.weights)[:, None, None]
-        return np.asarray(logsumexp(log_weights - 0.5 * (white**2).sum(-1) - log_volume, axis=0))
+        root = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
+        white = (np.linalg.inv(root) @ error[..., None])[..., 0]
+        log_root_determinant = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
+        log_volume = log_root_determinant + 1.5 * np.log(2 * np.pi)
+        log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
+        return np.asarray(logsumexp(log_densities, axis=0, b=self.weights[:, None, None]))
 
     def sample(self, num_samples: int, seed: int) -> FloatArray:
-        """States [N, F, 3], independent from step to step (unlike the paths that a forecaster
-        draws).
-        """
+        """Draw states [N, F, 3], independent from step to step."""
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
-        lower = np.linalg.cholesky(self.covariances)[modes]
-        white = rng.standard_normal((*lower.shape[:2], 3))
-        return self.means[modes] + (lower @ white[..., None])[..., 0]
+        roots = np.linalg.cholesky(self.covariances)[modes]
+        white = rng.standard_normal((*roots.shape[:2], 3))
+        return self.means[modes] + (roots @ white[..., None])[..., 0]

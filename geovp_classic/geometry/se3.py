@@ -1,7 +1,6 @@
-"""Rigid motions as 4x4 matrices: exponential, logarithm, inverse, interpolation; every function
-takes leading axes.
+"""Rigid motions as 4x4 matrices; all functions take leading axes.
 
-A twist is [..., 6] = (v, w): translational part first, rotation vector in radians last; `exp` is
+A twist is [..., 6] = (v, w): translational part first, rotation vector in radians last. `exp` is
 the matrix exponential of [[w]x v; 0 0] (Barfoot 2017, State Estimation for Robotics, section 7.1).
 """
 
@@ -11,27 +10,26 @@ from scipy.spatial.transform import Rotation
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 
-SMALL_ANGLE_RAD = 1e-3  # below it, Taylor series to fourth order are exact in float64
-
 
 def inverse(b_from_a: FloatArray) -> FloatArray:
-    """a_from_b: [..., 4, 4] -> [..., 4, 4], without solving: (R', -R't)."""
+    """Return a_from_b [..., 4, 4] as (R', -R't)."""
     rotation = np.swapaxes(b_from_a[..., :3, :3], -1, -2)
-    return compose(rotation, -(rotation @ b_from_a[..., :3, 3:])[..., 0])
+    translation = -(rotation @ b_from_a[..., :3, 3:])[..., 0]
+    return compose(rotation, translation)
 
 
 def compose(
     rotation: FloatArray,  # [..., 3, 3]
     translation: FloatArray,  # [..., 3]
 ) -> FloatArray:
-    """The 4x4 matrices of rotations and translations; leading axes broadcast."""
-    rotation, translation = (
-        np.asarray(rotation, dtype=np.float64),
-        np.asarray(translation, dtype=np.float64),
-    )
+    """Return the 4x4 matrices of rotations and translations; leading axes broadcast."""
+    rotation = np.asarray(rotation, dtype=np.float64)
+    translation = np.asarray(translation, dtype=np.float64)
     lead = np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1])
     b_from_a = np.zeros((*lead, 4, 4))
-    b_from_a[..., :3, :3], b_from_a[..., :3, 3], b_from_a[..., 3, 3] = rotation, translation, 1.0
+    b_from_a[..., :3, :3] = rotation
+    b_from_a[..., :3, 3] = translation
+    b_from_a[..., 3, 3] = 1.0
     return b_from_a
 
 
@@ -39,42 +37,49 @@ def transform(
     b_from_a: FloatArray,  # [..., 4, 4]
     points_a: FloatArray,  # [..., N, 3]
 ) -> FloatArray:
-    """points_b [..., N, 3]."""
-    return points_a @ np.swapaxes(b_from_a[..., :3, :3], -1, -2) + b_from_a[..., None, :3, 3]
+    """Return points_b [..., N, 3]."""
+    rotation = b_from_a[..., :3, :3]
+    return points_a @ np.swapaxes(rotation, -1, -2) + b_from_a[..., None, :3, 3]
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Twists [..., 6] to rigid motions [..., 4, 4]."""
+    """Return the rigid motions [..., 4, 4] of twists [..., 6]."""
     twist = np.asarray(twist, dtype=np.float64)
-    translational, rotation_vector = twist[..., :3], twist[..., 3:]
-    rotation = _rotation_matrix(rotation_vector)
-    return compose(rotation, (_left_jacobian(rotation_vector) @ translational[..., None])[..., 0])
+    rotation_vector = twist[..., 3:]
+    translation = (_left_jacobian(rotation_vector) @ twist[..., :3, None])[..., 0]
+    return compose(_rotation_matrix(rotation_vector), translation)
 
 
 def log(b_from_a: FloatArray) -> FloatArray:
-    """Rigid motions [..., 4, 4] to twists [..., 6]; rotation angles in [0, pi]."""
+    """Return the twists [..., 6] of rigid motions [..., 4, 4]; angles are in [0, pi]."""
     b_from_a = np.asarray(b_from_a, dtype=np.float64)
     rotation_vector = _rotation_vector(b_from_a[..., :3, :3])
-    translational = np.linalg.solve(_left_jacobian(rotation_vector), b_from_a[..., :3, 3:])[..., 0]
+    jacobian = _left_jacobian(rotation_vector)
+    translational = np.linalg.solve(jacobian, b_from_a[..., :3, 3:])[..., 0]
     return np.concatenate([translational, rotation_vector], axis=-1)
 
 
 def interpolate(
-    world_from_a: FloatArray,  # [..., 4, 4]
-    world_from_b: FloatArray,  # [..., 4, 4]
-    fraction: FloatArray
-    | float,  # [...]; 0 gives a, 1 gives b, outside extrapolates the same screw motion
+    world_from_cam: FloatArray,  # [T, 4, 4], T >= 2
+    times_s: FloatArray,  # [T], increasing
+    at_s: FloatArray,  # [N]
 ) -> FloatArray:
-    """Constant-twist motion from a to b."""
-    twist = log(inverse(world_from_a) @ world_from_b)
-    return world_from_a @ exp(np.asarray(fraction)[..., None] * twist)
+    """Return poses [N, 4, 4] at other times, on the screw motions between given poses.
+
+    The first and the last screw motion extrapolate.
+    """
+    after = np.clip(np.searchsorted(times_s, at_s), 1, len(times_s) - 1)
+    before = after - 1
+    fraction = (at_s - times_s[before]) / (times_s[after] - times_s[before])
+    step = log(inverse(world_from_cam[before]) @ world_from_cam[after])
+    return world_from_cam[before] @ exp(fraction[:, None] * step)
 
 
 def turn(
     c_from_a: FloatArray,  # [..., 4, 4]
     c_from_b: FloatArray,  # [..., 4, 4]
 ) -> FloatArray:
-    """The rotation vectors [..., 3], in c, that turn the first rotations into the second ones."""
+    """Return the rotation vectors [..., 3], in c, that turn the first rotations into the second."""
     return _rotation_vector(c_from_b[..., :3, :3] @ np.swapaxes(c_from_a[..., :3, :3], -1, -2))
 
 
@@ -82,30 +87,24 @@ def turned(
     c_from_a: FloatArray,  # [..., 4, 4]
     rotation_vector: FloatArray,  # [..., 3], in c
 ) -> FloatArray:
-    """The same positions with their rotations turned."""
+    """Return the same positions with their rotations turned."""
     return compose(_rotation_matrix(rotation_vector) @ c_from_a[..., :3, :3], c_from_a[..., :3, 3])
 
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
-    """The angle of the rotation part R [...], right near 0 and near pi: R - R' has its sine, the
-    trace its cosine.
-    """
-    rotation = b_from_a[..., :3, :3]
-    twice_sine = np.linalg.norm(rotation - np.swapaxes(rotation, -1, -2), axis=(-2, -1)) / np.sqrt(
-        2
-    )
-    return np.asarray(np.arctan2(twice_sine, np.trace(rotation, axis1=-2, axis2=-1) - 1))
+    """Return the rotation angles [...] in [0, pi]."""
+    return np.asarray(np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1))
 
 
 def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray:
-    """The nearest rigid motion (polar decomposition), for numbers read from text; BadData when not
-    near one.
+    """Return the nearest rigid motion (polar decomposition) of rounded matrices [..., 4, 4].
 
-    `tolerance` bounds the largest entry of R R' - I.
+    Raise BadData if an entry of R R' - I exceeds the tolerance, or if R is a reflection.
     """
     rotation = b_from_a[..., :3, :3]
     defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max()
-    if not defect < tolerance or not (np.linalg.det(rotation) > 0).all():
+    is_near = defect < tolerance  # False for NaN
+    if not is_near or not (np.linalg.det(rotation) > 0).all():
         raise BadData(
             f"a rotation matrix is off by {defect:.2g}, expected orthonormal rows within "
             f"{tolerance}"
@@ -114,34 +113,33 @@ def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray
     return compose(u @ vt, b_from_a[..., :3, 3])
 
 
+def cross_matrix(vector: FloatArray) -> FloatArray:
+    """Return [v]x [..., 3, 3] of vectors [..., 3], with [v]x u = v x u."""
+    x = vector[..., 0]
+    y = vector[..., 1]
+    z = vector[..., 2]
+    zero = np.zeros_like(x)
+    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
+    return np.stack(rows, axis=-1).reshape(*vector.shape[:-1], 3, 3)
+
+
 def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
-    flat = Rotation.from_rotvec(
-        np.array(rotation_vector).reshape(-1, 3)
-    ).as_matrix()  # a copy: SciPy 1.15 wants to write
-    return np.asarray(flat).reshape(*rotation_vector.shape[:-1], 3, 3)
+    flat = np.array(rotation_vector).reshape(-1, 3)  # a copy: SciPy 1.15 needs a writable array
+    matrices = np.asarray(Rotation.from_rotvec(flat).as_matrix())
+    return matrices.reshape(*rotation_vector.shape[:-1], 3, 3)
 
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
-    return np.asarray(flat).reshape(*rotation.shape[:-2], 3)
+    vectors = np.asarray(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec())
+    return vectors.reshape(*rotation.shape[:-2], 3)
 
 
 def _left_jacobian(rotation_vector: FloatArray) -> FloatArray:
-    """V with exp(v, w) = (R, V v): I + (1 - cos a) / a^2 [w]x + (a - sin a) / a^3 [w]x^2."""
-    angle_rad = np.linalg.norm(rotation_vector, axis=-1)[..., None, None]
-    small = angle_rad < SMALL_ANGLE_RAD
-    safe = np.where(small, 1.0, angle_rad)
-    square = angle_rad**2
-    first = np.where(small, 0.5 - square / 24, (1 - np.cos(safe)) / safe**2)
-    second = np.where(small, 1 / 6 - square / 120, (safe - np.sin(safe)) / safe**3)
-    cross = cross_matrix(rotation_vector)
-    return np.eye(3) + first * cross + second * (cross @ cross)
-
-
-def cross_matrix(vector: FloatArray) -> FloatArray:
-    """[v]x with [v]x u = v x u: [..., 3] -> [..., 3, 3]."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(
-        *vector.shape[:-1], 3, 3
-    )
+    """Return V [..., 3, 3] with exp(v, w) = (R, V v) (Barfoot 2017, eq. 7.37)."""
+    angle_rad = np.linalg.norm(rotation_vector, axis=-1)[..., None]
+    axis = rotation_vector / np.maximum(angle_rad, np.finfo(float).tiny)  # 0 without rotation
+    sine_ratio = np.sinc(angle_rad / np.pi)[..., None]  # sin(a) / a
+    cosine_ratio = 0.5 * angle_rad * np.sinc(angle_rad / (2 * np.pi)) ** 2  # (1 - cos(a)) / a
+    outer = axis[..., :, None] * axis[..., None, :]
+    along_axis = sine_ratio * np.eye(3) + (1 - sine_ratio) * outer
+    return along_axis + cross_matrix(cosine_ratio * axis)

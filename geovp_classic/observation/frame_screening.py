@@ -93,8 +93,5 @@ def bridged(
     steps = np.flatnonzero(is_valid)
     if len(steps) < 2:
         return world_from_cam
-    after = np.clip(np.searchsorted(steps, np.arange(len(is_valid))), 1, len(steps) - 1)
-    a, b = steps[after - 1], steps[after]
-    fraction = (times_s - times_s[a]) / (times_s[b] - times_s[a])
-    poses = np.asarray(se3.interpolate(world_from_cam[a], world_from_cam[b], fraction))
+    poses = se3.interpolate(world_from_cam[steps], times_s[steps], times_s)
     return np.where(is_valid[:, None, None], world_from_cam, poses)

@@ -1,34 +1,38 @@
-"""The fits: gradients against differences, networks that learn, likelihoods that agree with the
-single filter.
-"""
-
-from __future__ import annotations
+"""Fits of the forecasters: gradients, training windows, calibration and likelihoods."""
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from geovp_benchmarks.fitting import (
-    calibration,
-    kalman_noise,
-    network_training,
-    prior,
-    training_windows,
-)
+from geovp_benchmarks.fitting import kalman_noise, network_training, prior, training_windows
+from geovp_benchmarks.fitting.calibration import Calibration, rescaled
+from geovp_benchmarks.fitting.kalman_noise import NoiseFit
 from geovp_benchmarks.fitting.network_training import Schedule
-from geovp_benchmarks.fitting.prior import Plan
+from geovp_benchmarks.fitting.prior import PriorFit
+from geovp_benchmarks.fitting.training_windows import Augmentation, Grid
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import kalman, motion_network, motion_prior
 from geovp_classic.forecasting.motion_network import Coefficients
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
+SMALL_FIT = PriorFit(
+    num_members=1,
+    centre_width=8,
+    centre_epochs=2,
+    num_modes=2,
+    depth=3,
+    spread_width=8,
+    spread_epochs=2,
+)
+
 
 def winding_road(num_steps: int, seed: int) -> Trajectory:
-    """A drive whose speed and turn rate wander."""
+    """Drive with wandering speed and turn rate."""
     rng = np.random.default_rng(seed)
     turns = 0.3 * np.sin(np.arange(num_steps) / 25 + seed) + 0.02 * rng.standard_normal(num_steps)
     poses = [np.eye(4)]
@@ -38,16 +42,16 @@ def winding_road(num_steps: int, seed: int) -> Trajectory:
     return Trajectory(np.stack(poses), np.arange(num_steps) * 0.1037, is_metric=True)
 
 
-def slope_by_differences(loss: object, outputs: FloatArray) -> FloatArray:
+def slope_by_differences(loss: Callable[[FloatArray], float], outputs: FloatArray) -> FloatArray:
     step, slopes = 1e-3, np.zeros_like(outputs)
     for index in np.ndindex(*outputs.shape):
         nudge = np.zeros_like(outputs)
         nudge[index] = step
-        slopes[index] = (loss(outputs + nudge) - loss(outputs - nudge)) / (2 * step)  # type: ignore[operator]
+        slopes[index] = (loss(outputs + nudge) - loss(outputs - nudge)) / (2 * step)
     return slopes
 
 
-def test_back_propagation_is_the_slope_by_differences() -> None:
+def test_back_propagation_agrees_with_finite_differences() -> None:
     rng = np.random.default_rng(0)
     network = network_training.initialised((3, 4, 2), 2, rng)
     network = motion_network.Network(
@@ -73,7 +77,7 @@ def test_back_propagation_is_the_slope_by_differences() -> None:
     )
 
 
-def test_the_mixtures_gradient_is_the_slope_of_its_likelihood() -> None:
+def test_the_gradient_of_the_mixture_agrees_with_finite_differences() -> None:
     rng = np.random.default_rng(1)
     outputs, wanted = rng.standard_normal((1, 3, 2 * 5)), rng.standard_normal((1, 3, 2))
 
@@ -88,7 +92,7 @@ def test_the_mixtures_gradient_is_the_slope_of_its_likelihood() -> None:
     np.testing.assert_allclose(slopes, slope_by_differences(loss, outputs), atol=1e-4)
 
 
-def test_the_centres_gradient_is_the_slope_of_distance_and_yaw() -> None:
+def test_the_gradient_of_the_centre_agrees_with_finite_differences() -> None:
     rng = np.random.default_rng(2)
     outputs, wanted = rng.standard_normal((1, 2, 6)), rng.standard_normal((1, 2, 6))
     scale = np.array([[1.0, 2.0, 0.1], [1.5, 3.0, 0.2]])
@@ -118,7 +122,7 @@ def test_a_network_learns_a_line() -> None:
     np.testing.assert_allclose(trained(np.array([[0.5]]))[:, 0, 0], 0.5, atol=0.1)
 
 
-def test_components_give_errors_back() -> None:
+def test_components_reconstruct_errors() -> None:
     rng = np.random.default_rng(4)
     smooth = rng.standard_normal((500, 2)) @ rng.standard_normal((2, 5 * 3))
     errors = smooth.reshape(500, 5, 3)
@@ -128,7 +132,7 @@ def test_components_give_errors_back() -> None:
     assert floor.max() < 1e-6
 
 
-def test_shortened_pasts_repeat_what_is_known() -> None:
+def test_shortened_pasts_repeat_their_first_step() -> None:
     twists = np.arange(9.0)[None, :, None] * np.ones(6)
     np.testing.assert_array_equal(
         training_windows.shortened(twists, np.array([3]))[0, :, 0], [6, 6, 6, 6, 6, 6, 6, 7, 8]
@@ -136,106 +140,80 @@ def test_shortened_pasts_repeat_what_is_known() -> None:
 
 
 def test_training_windows_of_a_circle_are_its_states() -> None:
-    times_s = np.arange(60) * 0.1037
-    circle = Trajectory(
-        se3.exp(times_s[:, None] * np.array([0, 0, 10.0, 0, 0.1, 0])), times_s, True
-    )
-    data = training_windows.windows(circle, stride=7)
-    np.testing.assert_allclose(
-        data.twists, np.tile([0, 0, 10, 0, 0.1, 0], (len(data), 9, 1)), atol=1e-6
-    )
-    angle = 0.1 * training_windows.STEP_S * training_windows.NUM_FUTURE_STEPS
-    wanted = [100 * (1 - np.cos(angle)), 100 * np.sin(angle), angle]
-    np.testing.assert_allclose(data.states[:, -1], np.tile(wanted, (len(data), 1)), atol=1e-6)
-
-
-def test_a_small_prior_is_fitted_and_forecasts() -> None:
-    roads = {f"{seed}": winding_road(120, seed) for seed in range(3)}
-    plan = Plan(
-        num_members=1,
-        centre_width=8,
-        centre_epochs=2,
-        num_modes=2,
-        depth=3,
-        spread_width=8,
-        spread_epochs=2,
-    )
-    calls: list[tuple[int, int]] = []
-    fitted = prior.fit(
-        roads, plan, {"other": winding_road(90, 3)}, lambda *done: calls.append(done)
-    )
-    assert calls == [
-        (done, 8) for done in range(9)
-    ]  # a centre and a spread without each of 3, and with all
-    again = motion_prior.unpacked(prior.packed(fitted))
-    assert again.centre.scale.shape == (training_windows.NUM_FUTURE_STEPS, 3)
-    assert again.spread.basis.shape == (21, 3, 3)
-    paths = again.centre(training_windows.windows(roads["0"], 9).twists)
-    assert np.isfinite(paths).all()
+    times_s = np.arange(60) * training_windows.STEP_S
+    twist = np.array([0, 0, 10.0, 0, 0.1, 0])
+    circle = Trajectory(se3.exp(times_s[:, None] * twist), times_s, True)
+    data = Grid(stride=7).windows(circle)
+    np.testing.assert_allclose(data.twists, np.tile(twist, (len(data), 9, 1)), atol=1e-6)
+    angle = 0.1 * training_windows.STEP_S * 21
+    expected = [100 * (1 - np.cos(angle)), 100 * np.sin(angle), angle]
+    np.testing.assert_allclose(data.states[:, -1], np.tile(expected, (len(data), 1)), atol=1e-6)
 
 
 @pytest.fixture(scope="module")
 def small_prior() -> Coefficients:
     roads = {f"{seed}": winding_road(120, seed) for seed in range(2)}
-    plan = Plan(
-        num_members=1,
-        centre_width=8,
-        centre_epochs=2,
-        num_modes=2,
-        depth=3,
-        spread_width=8,
-        spread_epochs=2,
-    )
-    return prior.fit(roads, plan)
+    other = {"other": winding_road(90, 3)}
+    calls: list[tuple[int, int]] = []
+    fitted = SMALL_FIT.fit(roads, other, lambda *done: calls.append(done))
+    # A centre and a spread without each of 2 sequences, and with all.
+    assert calls == [(done, 6) for done in range(7)]
+    return fitted
+
+
+def test_a_fitted_prior_survives_a_file(small_prior: Coefficients) -> None:
+    again = motion_prior.unpacked(prior.packed(small_prior))
+    assert again.spread.basis.shape == (21, 3, 3)
+    twists = Grid(stride=9).windows(winding_road(120, 0)).twists
+    np.testing.assert_allclose(again.centre(twists), small_prior.centre(twists))
 
 
 def test_networks_of_an_ensemble_have_the_same_weight(small_prior: Coefficients) -> None:
-    data, spread = training_windows.windows(winding_road(80, 8), 20), small_prior.spread
-    centre = small_prior.centre(data.twists[:1])
-    together = spread(data.twists[:1], centre)
-    half = len(together[0]) // 2
-    np.testing.assert_allclose(together[0].sum(), 1.0)
-    for member in range(3):
+    spread = small_prior.spread
+    twists = Grid(stride=20).windows(winding_road(80, 8)).twists[:1]
+    centre = small_prior.centre(twists)
+    weights, means, deviations = spread(twists, centre)
+    num_members, num_modes = len(spread.network.biases[0]), spread.num_modes
+    np.testing.assert_allclose(weights.sum(), 1.0)
+    by_member = (2, num_members, num_modes)  # the first axis is the side of the mirror
+    for member in range(num_members):
         network = motion_network.Network(
-            tuple(w[member : member + 1] for w in spread.network.weights),
-            tuple(b[member : member + 1] for b in spread.network.biases),
+            tuple(weight[member : member + 1] for weight in spread.network.weights),
+            tuple(bias[member : member + 1] for bias in spread.network.biases),
         )
-        weights, means, deviations = replace(spread, network=network)(data.twists[:1], centre)
-        modes = spread.num_modes
-        which = np.arange(member * modes, (member + 1) * modes)
-        for side, offset in enumerate((0, half)):
-            mine = slice(side * modes, (side + 1) * modes)
-            np.testing.assert_allclose(together[0][which + offset], weights[mine] / 3, rtol=1e-5)
-            np.testing.assert_allclose(
-                together[1][which + offset], means[mine], rtol=1e-4, atol=1e-5
-            )
-            np.testing.assert_allclose(together[2][which + offset], deviations[mine], rtol=1e-4)
+        single = replace(spread, network=network)(twists, centre)
+        together = (weights * num_members, means, deviations)
+        for all_values, values in zip(together, single, strict=True):
+            selected = all_values.reshape(*by_member, *values.shape[1:])[:, member]
+            np.testing.assert_allclose(selected.reshape(values.shape), values, rtol=1e-4, atol=1e-5)
 
 
-def test_a_region_resized_by_two_holds_what_the_old_one_holds_of_halved_errors(
+def test_a_doubled_region_covers_what_the_original_covers_of_halved_errors(
     small_prior: Coefficients,
 ) -> None:
-    data = training_windows.windows(winding_road(200, 5), 1)
+    data = Grid(stride=1).windows(winding_road(200, 5))
+    calibration = Calibration()
     covered = calibration.coverage(small_prior, data)
-    assert covered.shape == (len(calibration.FACTORS), len(calibration.HORIZONS))
+    assert covered.shape == (len(calibration.choices), 21)
     assert covered[0].mean() < covered[-1].mean()
-    twice = calibration.rescaled(small_prior, np.full(training_windows.NUM_FUTURE_STEPS, 2.0))
-    as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
-    by_two = int(np.argmin(np.abs(calibration.FACTORS - 2)))
-    np.testing.assert_allclose(calibration.coverage(twice, data)[as_is], covered[by_two], atol=0.1)
+    twice = rescaled(small_prior, np.full(21, 2.0))
+    by_one, by_two = (np.argmin(np.abs(calibration.choices - factor)) for factor in (1, 2))
+    covered_by_twice = calibration.coverage(twice, data)[by_one]
+    np.testing.assert_allclose(covered_by_twice, covered[by_two], atol=0.1)
     assert twice.centre is small_prior.centre
 
 
-def test_after_calibration_the_region_holds_nine_of_ten(small_prior: Coefficients) -> None:
-    data = training_windows.windows(winding_road(400, 6), 1)
-    calibrated = calibration.rescaled(small_prior, calibration.factors([[(small_prior, data)]]))
-    as_is = int(np.argmin(np.abs(calibration.FACTORS - 1)))
-    np.testing.assert_allclose(calibration.coverage(calibrated, data)[as_is], 0.9, atol=0.06)
+def test_calibrated_regions_have_their_coverage(small_prior: Coefficients) -> None:
+    data = Grid(stride=1).windows(winding_road(400, 6))
+    calibration = Calibration()
+    calibrated = rescaled(small_prior, calibration.factors([[(small_prior, data)]]))
+    by_one = np.argmin(np.abs(calibration.choices - 1))
+    np.testing.assert_allclose(calibration.coverage(calibrated, data)[by_one], 0.9, atol=0.06)
 
 
-def test_rescaled_windows_turn_the_same_on_longer_paths() -> None:
-    data = training_windows.windows(winding_road(200, 7), 1)
-    longer = training_windows.rescaled(data, np.random.default_rng(0), share=1.0)
+def test_rescaled_windows_have_the_same_turns_on_longer_paths() -> None:
+    data = Grid(stride=1).windows(winding_road(200, 7))
+    longer = Augmentation(rescaled_fraction=1.0).rescaled(data, np.random.default_rng(0))
     factor = longer.twists[:, -1, 2] / data.twists[:, -1, 2]
     assert 0.8 < factor.min() < factor.max() < 2.3
     np.testing.assert_allclose(longer.states[..., 1], data.states[..., 1] * factor[:, None])
@@ -243,9 +221,9 @@ def test_rescaled_windows_turn_the_same_on_longer_paths() -> None:
     np.testing.assert_array_equal(longer.twists[..., 3:], data.twists[..., 3:])
 
 
-def test_one_sequence_cannot_be_left_out() -> None:
+def test_a_single_sequence_is_rejected() -> None:
     with pytest.raises(BadData, match="two or more"):
-        prior.fit({"only": winding_road(120, 0)}, Plan())
+        PriorFit().fit({"only": winding_road(120, 0)}, {})
 
 
 def past_and_future(
@@ -258,7 +236,7 @@ def past_and_future(
     ]
 
 
-def test_the_batched_likelihood_is_the_single_filters() -> None:
+def test_the_batched_likelihood_agrees_with_single_filters() -> None:
     pairs = past_and_future(winding_road(60, 1), 5, 20)
     batched = kalman_noise.log_densities(
         *kalman_noise.planar_windows(pairs), 10, kalman.fitted("turn-rate")
@@ -269,10 +247,10 @@ def test_the_batched_likelihood_is_the_single_filters() -> None:
         np.testing.assert_allclose(row, forecast.log_density(states)[0], atol=1e-6)
 
 
-def test_fitting_makes_the_train_windows_likelier_and_writes_toml() -> None:
+def test_the_noise_fit_raises_the_likelihood_and_writes_toml() -> None:
     pairs = past_and_future(winding_road(300, 2), 20, 30)
-    start = kalman_noise.initial_models()["turn-rate"]
-    fitted = kalman_noise.fit(pairs, start, max_evaluations=60)
+    start = replace(kalman.fitted("turn-rate"), turn_noise=0.5, slip_noise=0.5)
+    fitted = NoiseFit(max_evaluations=60).fit(pairs, start)
     arrays = kalman_noise.planar_windows(pairs)
     before, after = (
         kalman_noise.log_densities(*arrays, 10, model).mean() for model in (start, fitted)

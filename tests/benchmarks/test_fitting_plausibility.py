@@ -1,24 +1,22 @@
-"""Which recorded poses a car could have driven, on drives with known errors."""
-
-from __future__ import annotations
+"""Detection of poses that a car cannot have driven, on drives with known errors."""
 
 import numpy as np
 import pytest
 
-from geovp_benchmarks.fitting import plausibility, prior, training_windows
-from geovp_benchmarks.fitting.prior import Plan
+from geovp_benchmarks.fitting.plausibility import Drivability
+from geovp_benchmarks.fitting.prior import PriorFit
+from geovp_benchmarks.fitting.training_windows import Grid
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
 STEP_S = 0.1037
-LEVER_M = 1.6  # the camera's place before the rear axle
+LEVER_M = 1.6  # from the rear axle to the camera
+DRIVABILITY = Drivability()
 
 
 def twists(num_steps: int) -> FloatArray:
-    """Velocities [N, 6] of a camera on a car in town: it turns, speeds up, and looks a little to
-    the side.
-    """
+    """Return velocities [N, 6] of a camera on a car that turns and accelerates."""
     time_s = np.arange(num_steps) * STEP_S
     rates = np.zeros((num_steps, 6))
     rates[:, 2] = 8 + 3 * np.sin(time_s / 4)
@@ -43,18 +41,18 @@ def drive(rates: FloatArray) -> Trajectory:
 
 
 def test_a_car_in_town_is_drivable() -> None:
-    assert plausibility.drivable(drive(twists(400))).all()
+    assert DRIVABILITY.steps(drive(twists(400))).all()
 
 
 def test_standing_still_is_drivable() -> None:
-    assert plausibility.drivable(drive(np.zeros((50, 6)))).all()
+    assert DRIVABILITY.steps(drive(np.zeros((50, 6)))).all()
 
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
     rates = twists(400)
     rates[200:206, axis] += 0.6
-    usable = plausibility.drivable(drive(rates))
+    usable = DRIVABILITY.steps(drive(rates))
     assert not usable[201:205].any()
     assert usable[:195].all()
     assert usable[211:].all()
@@ -63,43 +61,47 @@ def test_a_slide_across_the_car_is_found_where_it_is(axis: int) -> None:
 def test_a_jump_ahead_is_found_at_both_ends() -> None:
     rates = twists(400)
     rates[200, 2] += 1.2
-    usable = plausibility.drivable(drive(rates))
+    usable = DRIVABILITY.steps(drive(rates))
     np.testing.assert_array_equal(np.flatnonzero(~usable), [200, 201])
 
 
 def test_braking_for_a_light_is_drivable() -> None:
     rates = np.zeros((80, 6))
     rates[:, 2] = np.interp(np.arange(80) * STEP_S, [2.0, 5.0], [12.0, 0.0])  # 4 m/s^2
-    assert plausibility.drivable(drive(rates)).all()
+    assert DRIVABILITY.steps(drive(rates)).all()
 
 
-def test_training_windows_keep_away_from_unusable_steps() -> None:
+def test_training_windows_avoid_unusable_steps() -> None:
     trajectory = drive(twists(120))
     usable = np.ones(120, dtype=bool)
     usable[60] = False
-    everything, some = (
-        training_windows.windows(trajectory, 1),
-        training_windows.windows(trajectory, 1, usable),
-    )
-    reach = training_windows.NUM_FUTURE_STEPS + training_windows.NUM_PAST_STEPS
-    assert len(everything) - len(some) == reach
-    np.testing.assert_array_equal(some.twists[0], everything.twists[0])
-    np.testing.assert_array_equal(some.states[-1], everything.states[-1])
+    grid = Grid(stride=1)
+    complete = grid.windows(trajectory)
+    partial = grid.windows(trajectory, usable=usable)
+    assert len(complete) - len(partial) == grid.num_past + grid.num_future
+    np.testing.assert_array_equal(partial.twists[0], complete.twists[0])
+    np.testing.assert_array_equal(partial.states[-1], complete.states[-1])
 
 
-def test_poses_that_no_car_could_drive_are_refused_with_their_name() -> None:
+def test_undrivable_poses_are_rejected_with_the_name_of_the_sequence() -> None:
     rates = twists(200)
     rates[::8, 2] += 3
     with pytest.raises(BadData, match="sequence wild has no stretch"):
-        prior.fit({"wild": drive(rates), "tame": drive(twists(200))}, Plan())
+        PriorFit().fit({"wild": drive(rates), "tame": drive(twists(200))}, {})
 
 
 def test_a_long_sequence_is_held_out_piece_by_piece() -> None:
-    road = {"long": drive(twists(399)), "short": drive(twists(199))}
-    plan = Plan(
-        piece_steps=100, num_members=1, centre_width=4, centre_epochs=1, num_modes=2, depth=2, spread_width=4,
+    roads = {"long": drive(twists(399)), "short": drive(twists(199))}
+    small = PriorFit(
+        piece_steps=100,
+        num_members=1,
+        centre_width=4,
+        centre_epochs=1,
+        num_modes=2,
+        depth=2,
+        spread_width=4,
         spread_epochs=1,
-    )  # fmt: skip
+    )
     calls: list[tuple[int, int]] = []
-    prior.fit(road, plan, progress=lambda *done: calls.append(done))
+    small.fit(roads, {}, lambda *done: calls.append(done))
     assert calls[-1] == (14, 14)  # a centre and a spread without each of 4 + 2 pieces, and with all

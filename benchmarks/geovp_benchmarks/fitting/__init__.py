@@ -1,1 +1,1 @@
-"""Fit the constants of forecasters to recorded poses."""
+"""Fits of the forecasters' constants to recorded poses."""

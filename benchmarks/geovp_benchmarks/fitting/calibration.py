@@ -1,74 +1,70 @@
-"""Calibrate the prior's regions on roads that it was not fitted to.
+"""Calibration of the prior's predictive regions on roads that it was not fitted to.
 
-The spread network's deviations follow from likelihood; this sets the size of all regions at one
-horizon by a common factor, as split conformal prediction does (Vovk et al. 2005; Romano et al.
-2019). Windows of one sequence are far from independent, so every sequence has the same weight,
-whatever its length.
+The regions at one horizon are resized by a common factor, as in split conformal prediction (Vovk
+et al. 2005; Romano et al. 2019). Windows of one sequence are far from independent, so sequences
+weigh equally.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from geovp_benchmarks.fitting.training_windows import NUM_FUTURE_STEPS, TrainingWindows
+from geovp_benchmarks.fitting.training_windows import TrainingWindows
 from geovp_classic.forecasting import motion_prior
 from geovp_classic.forecasting.motion_network import Coefficients
 from geovp_classic.forecasting.sampling import PlanarForecast
-from geovp_classic.types import FloatArray
+from geovp_classic.types import BoolArray, FloatArray
 
-COVERAGE = 0.9  # of the regions
-HORIZONS = (1, 3, 5, 10, 15, 20)  # steps of the grid at which the factor is measured
-FACTORS = np.geomspace(0.4, 2.5, 41)
-NUM_SAMPLES = 400
-STRIDE = 5  # of the windows: neighbours are alike
-
-HeldOut = Sequence[
-    tuple[Coefficients, TrainingWindows]
-]  # pieces of one sequence, each with a fit without it
+# Pieces of one sequence, each with a fit to other pieces.
+HeldOut = Sequence[tuple[Coefficients, TrainingWindows]]
 
 
-def factors(sequences: Iterable[HeldOut]) -> FloatArray:
-    """Factor [F] by which each horizon's region is to be rescaled; every sequence has the same
-    weight.
-    """
-    curves = []
-    for pieces in sequences:
-        shares = [coverage(fitted, windows) for fitted, windows in pieces]
-        curves.append(np.average(shares, axis=0, weights=[len(windows) for _, windows in pieces]))
-    increasing = np.maximum.accumulate(np.mean(curves, axis=0))  # [factors, horizons]
-    at_horizons = [np.interp(COVERAGE, share, np.log(FACTORS)) for share in increasing.T]
-    return np.asarray(np.exp(np.interp(np.arange(1, NUM_FUTURE_STEPS + 1), HORIZONS, at_horizons)))
+@dataclass(frozen=True)
+class Calibration:
+    """Settings of the calibration."""
 
+    target: float = 0.9  # coverage of the regions
+    choices: FloatArray = field(default_factory=lambda: np.geomspace(0.4, 2.5, 41))  # of the factor
+    num_samples: int = 400
+    stride: int = 5  # between windows, since neighbours are alike
 
-def coverage(fitted: Coefficients, data: TrainingWindows) -> FloatArray:
-    """Share [factors, horizons] of true states inside the COVERAGE region, rescaled by each of
-    FACTORS.
-    """
-    return np.asarray(
-        np.mean([_covered(fitted, data, n) for n in range(0, len(data), STRIDE)], axis=0)
-    )
+    def factors(self, sequences: Iterable[HeldOut]) -> FloatArray:
+        """Return the factor [F] by which the region at each step is to be resized."""
+        curves = []
+        for pieces in sequences:
+            coverages = [self.coverage(fitted, windows) for fitted, windows in pieces]
+            lengths = [len(windows) for _, windows in pieces]
+            curves.append(np.average(coverages, axis=0, weights=lengths))
+        increasing = np.maximum.accumulate(np.mean(curves, axis=0))  # [choices, F]
+        return np.array([np.interp(self.target, curve, self.choices) for curve in increasing.T])
+
+    def coverage(self, fitted: Coefficients, windows: TrainingWindows) -> FloatArray:
+        """Return the fraction [choices, F] of true states inside the resized regions."""
+        selected = range(0, len(windows), self.stride)
+        covered = [self._is_covered(fitted, windows, number) for number in selected]
+        return np.asarray(np.mean(covered, axis=0))
+
+    def _is_covered(self, fitted: Coefficients, windows: TrainingWindows, number: int) -> BoolArray:
+        """Return whether [choices, F] of a window are inside."""
+        states = windows.states[number]
+        ahead_s = fitted.centre.step_s * np.arange(1, len(states) + 1)
+        paths = motion_prior.path_mixture(fitted, windows.twists[number, None], ahead_s)
+        forecast = PlanarForecast(
+            paths.weights, paths.means, paths.covariances, np.eye(4), np.eye(4)
+        )
+        # A larger region holds a state if the original region holds the shrunk deviation.
+        shrunk = paths.centre + (states - paths.centre) / self.choices[:, None, None]
+        samples = forecast.sample(self.num_samples, seed=number)
+        threshold = np.quantile(forecast.log_density(samples), 1 - self.target, axis=0)
+        return np.asarray(forecast.log_density(shrunk) >= threshold)
 
 
 def rescaled(fitted: Coefficients, factors: FloatArray) -> Coefficients:
-    """The same centre path, and deviations from it multiplied by a factor [F] of their step."""
-    basis = fitted.spread.basis * factors[:, None, None]
-    residual_variance = fitted.spread.residual_variance * np.square(factors)[:, None]
-    return replace(
-        fitted, spread=replace(fitted.spread, basis=basis, residual_variance=residual_variance)
+    """Multiply the deviations from the central path by the factor [F] of their step."""
+    spread = replace(
+        fitted.spread,
+        basis=fitted.spread.basis * factors[:, None, None],
+        residual_variance=fitted.spread.residual_variance * factors[:, None] ** 2,
     )
-
-
-def _covered(fitted: Coefficients, data: TrainingWindows, number: int) -> FloatArray:
-    steps = np.array(HORIZONS)
-    paths = motion_prior.path_mixture(
-        fitted, data.twists[number : number + 1], fitted.centre.step_s * steps
-    )
-    forecast = PlanarForecast(paths.weights, *paths.moments(), np.eye(4), np.eye(4))
-    # A region that grows by a factor holds a state if the one of old size holds its deviation,
-    # shrunk by the factor.
-    shrunk = paths.centre + (data.states[number, steps - 1] - paths.centre) / FACTORS[:, None, None]
-    densities = np.sort(
-        forecast.log_density(forecast.sample(NUM_SAMPLES, seed=number // STRIDE)), axis=0
-    )
-    return forecast.log_density(shrunk) >= densities[round((1 - COVERAGE) * NUM_SAMPLES)]
+    return replace(fitted, spread=spread)

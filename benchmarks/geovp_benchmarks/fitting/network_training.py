@@ -1,6 +1,4 @@
-"""Train an ensemble of small perceptrons with AdamW in plain numpy: minutes on one core, without
-torch.
-"""
+"""Training of an ensemble of small perceptrons with AdamW, in minutes on one core."""
 
 import itertools
 from collections.abc import Callable
@@ -12,15 +10,12 @@ from scipy.special import expit
 from geovp_classic.forecasting.motion_network import Network
 from geovp_classic.types import FloatArray
 
-Batch = Callable[
-    [], tuple[FloatArray, FloatArray]
-]  # features [M, B, in] and targets [M, B, ...] of the next step
-Gradient = Callable[
-    [FloatArray, FloatArray], FloatArray
-]  # d loss / d outputs, from outputs [M, B, out] and targets
-Trace = list[
-    tuple[FloatArray, FloatArray]
-]  # per layer: its input, and d input / d pre-activation of the layer before
+# Features [M, B, in] and targets [M, B, ...] of the next step.
+Batch = Callable[[], tuple[FloatArray, FloatArray]]
+# Slope of the loss by the outputs [M, B, out], given outputs and targets.
+Gradient = Callable[[FloatArray, FloatArray], FloatArray]
+# Of each layer: its input, and the derivative of this input by the linear part before it.
+Trace = list[tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -32,23 +27,21 @@ class Schedule:
     learning_rate: float = 2e-3
     weight_decay: float = 1e-2
     dropout: float = 0.1
-    warm_up: float = 0.15  # share of the steps
+    warm_up_fraction: float = 0.15  # of the steps
 
     def rate(self, step: int) -> float:
-        """The learning rate of one step, counted from 1."""
-        done = step / self.num_steps
-        if done < self.warm_up:
-            return self.learning_rate * done / self.warm_up
-        return (
-            self.learning_rate
-            * 0.5
-            * (1 + np.cos(np.pi * (done - self.warm_up) / (1 - self.warm_up)))
-        )
+        """Return the learning rate of a step, counted from 1."""
+        progress = step / self.num_steps
+        if progress < self.warm_up_fraction:
+            return self.learning_rate * progress / self.warm_up_fraction
+        remaining = (1 - progress) / (1 - self.warm_up_fraction)
+        return self.learning_rate * 0.5 * (1 - np.cos(np.pi * remaining))
 
 
 def initialised(sizes: tuple[int, ...], num_members: int, rng: np.random.Generator) -> Network:
-    """Random weights (He et al. 2015), small in the last layer; biases 0."""
-    weights, biases = [], []
+    """Draw random weights (He et al. 2015), small in the last layer; biases are 0."""
+    weights = []
+    biases = []
     for layer, (num_in, num_out) in enumerate(itertools.pairwise(sizes)):
         gain = 0.05 if layer == len(sizes) - 2 else 2.0
         weight = rng.standard_normal((num_members, num_in, num_out)) * np.sqrt(gain / num_in)
@@ -58,49 +51,57 @@ def initialised(sizes: tuple[int, ...], num_members: int, rng: np.random.Generat
 
 
 def train(
-    network: Network, batch: Batch, gradient: Gradient, schedule: Schedule, rng: np.random.Generator
+    start: Network,
+    batch: Batch,
+    gradient: Gradient,
+    schedule: Schedule,
+    rng: np.random.Generator,
 ) -> Network:
-    """The trained network; the given one stays as it is."""
-    parameters = [array.copy() for array in (*network.weights, *network.biases)]
-    num_layers = len(network.weights)
-    current = Network(tuple(parameters[:num_layers]), tuple(parameters[num_layers:]))
-    mean, square = [np.zeros_like(a) for a in parameters], [np.zeros_like(a) for a in parameters]
+    """Return the trained network."""
+    parameters = [array.copy() for array in (*start.weights, *start.biases)]
+    num_layers = len(start.weights)
+    network = Network(tuple(parameters[:num_layers]), tuple(parameters[num_layers:]))
+    means = [np.zeros_like(array) for array in parameters]
+    squares = [np.zeros_like(array) for array in parameters]
     for step in range(1, schedule.num_steps + 1):
         features, target = batch()
-        outputs, trace = forward(current, features, schedule.dropout, rng)
-        slopes = backward(current, trace, gradient(outputs, target))
+        outputs, trace = forward(network, features, schedule.dropout, rng)
+        slopes = backward(network, trace, gradient(outputs, target))
         rate = np.float32(schedule.rate(step))
         for i, (parameter, slope) in enumerate(zip(parameters, slopes, strict=True)):
-            mean[i] += 0.1 * (slope - mean[i])
-            square[i] += 0.001 * (slope**2 - square[i])
-            move = mean[i] / (1 - 0.9**step) / (np.sqrt(square[i] / (1 - 0.999**step)) + 1e-8)
+            means[i] += 0.1 * (slope - means[i])
+            squares[i] += 0.001 * (slope**2 - squares[i])
+            mean = means[i] / (1 - 0.9**step)
+            square = squares[i] / (1 - 0.999**step)
             decay = schedule.weight_decay if i < num_layers else 0.0
-            parameter -= (rate * (move + decay * parameter)).astype(np.float32)
-    return current
+            change = mean / (np.sqrt(square) + 1e-8) + decay * parameter
+            parameter -= (rate * change).astype(np.float32)
+    return network
 
 
 def forward(
     network: Network, features: FloatArray, dropout: float, rng: np.random.Generator
 ) -> tuple[FloatArray, Trace]:
-    """Outputs [M, B, out] with dropout of hidden units, and what back-propagation needs."""
-    hidden, trace = features, [(features, np.ones(1, np.float32))]
+    """Return outputs [M, B, out] with dropout of hidden units, and the trace."""
+    hidden = features
+    trace = [(features, np.ones(1, np.float32))]
     for weight, bias in zip(network.weights[:-1], network.biases[:-1], strict=True):
-        before = hidden @ weight + bias
-        gate = expit(before)
-        kept = (rng.random(before.shape, dtype=np.float32) >= dropout).astype(
-            np.float32
-        ) / np.float32(1 - dropout)
-        hidden = before * gate * kept
-        trace.append((hidden, gate * (1 + before * (1 - gate)) * kept))
+        linear = hidden @ weight + bias
+        gate = expit(linear)
+        is_on = rng.random(linear.shape, dtype=np.float32) >= dropout
+        mask = is_on.astype(np.float32) / np.float32(1 - dropout)
+        hidden = linear * gate * mask
+        trace.append((hidden, gate * (1 + linear * (1 - gate)) * mask))
     return hidden @ network.weights[-1] + network.biases[-1], trace
 
 
 def backward(network: Network, trace: Trace, slope: FloatArray) -> list[FloatArray]:
-    """Slopes of the loss by weights, then biases, from d loss / d outputs."""
-    weights, biases = [], []
-    for weight, (hidden, by_pre_activation) in zip(network.weights[::-1], trace[::-1], strict=True):
+    """Return slopes of the loss by weights, then biases, from its slope by the outputs."""
+    weights = []
+    biases = []
+    for weight, (hidden, derivative) in zip(network.weights[::-1], trace[::-1], strict=True):
         weights.append(np.swapaxes(hidden, 1, 2) @ slope)
-        biases.append(slope.sum(1, keepdims=True))
+        biases.append(slope.sum(axis=1, keepdims=True))
         if len(weights) < len(network.weights):
-            slope = (slope @ np.swapaxes(weight, 1, 2)) * by_pre_activation
+            slope = (slope @ np.swapaxes(weight, 1, 2)) * derivative
     return [*weights[::-1], *biases[::-1]]

@@ -1,61 +1,58 @@
-"""Which recorded poses a car could have driven: jumps of the localisation are not motion, and are
-left out of fits.
+"""Detection of recorded poses that a car cannot have driven, so that fits leave them out.
 
 KITTI's ground truth comes from satellite navigation and an inertial unit. Where it is corrected,
-the recorded camera slides sideways or upwards, or is a metre per second faster from one frame to
-the next. A car's rear axle moves along the car, apart from a little slip of the tyres, and a driver
-changes its speed within limits.
+the recorded camera slides sideways or upwards, or changes its speed by a metre per second between
+two frames. A car's rear axle moves along the car, apart from a little slip of the tyres.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
-from geovp_classic.forecasting.motion_network import FORWARD, YAW_RATE
+from geovp_classic.forecasting.past_motion import Axis
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, FloatArray, Trajectory
 
-MAX_ACROSS_M_S = 0.25  # mean of AVERAGED steps; bumps in the road cancel out within half a second
-MAX_ACCELERATION_M_S2 = (
-    5.0  # ordinary driving stays below 3 to 4; an emergency stop, with more, is left out as well
-)
-AVERAGED = 5
-OUTLIER_M_S = (
-    0.1  # of one step's velocity: residuals beyond it count little in the fit of a sequence
-)
-SIDEWAYS, DOWN = 0, 1
 
+@dataclass(frozen=True)
+class Drivability:
+    """Limits of a car's motion."""
 
-def drivable(trajectory: Trajectory) -> BoolArray:
-    """Whether each step [N - 1] between poses, in metres, moves along the vehicle, at nearly the
-    speed before it.
+    max_across_m_s: float = 0.25  # averaged, so that bumps in the road cancel out
+    num_averaged: int = 5  # steps, half a second
+    max_acceleration_m_s2: float = 5.0  # ordinary driving stays below 3 to 4
+    outlier_m_s: float = 0.1  # scale of the Cauchy loss of one step's velocity
 
-    Sideways velocity is explained by the camera's place before the rear axle, its direction and the
-    tyres' slip; the vertical one by its direction. The residual is velocity across the vehicle.
-    """
-    step_s = np.diff(trajectory.times_s)[:, None]
-    poses = trajectory.world_from_cam
-    twists = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s
-    speed, turn = twists[:, FORWARD], twists[:, YAW_RATE]
-    sideways = _regression_residual(
-        twists[:, SIDEWAYS], np.stack([turn, speed, speed**2 * turn], axis=1)
-    )
-    vertical = _regression_residual(twists[:, DOWN], speed[:, None])
-    across = np.hypot(uniform_filter1d(sideways, AVERAGED), uniform_filter1d(vertical, AVERAGED))
-    acceleration = np.diff(speed, prepend=speed[:1]) / step_s[:, 0]
-    return np.asarray((across <= MAX_ACROSS_M_S) & (np.abs(acceleration) <= MAX_ACCELERATION_M_S2))
+    def steps(self, trajectory: Trajectory) -> BoolArray:
+        """Return which steps [T - 1] between metric poses a car can have driven.
 
+        Sideways velocity is explained by the camera's position ahead of the rear axle, its
+        direction and the tyres' slip; vertical velocity by the camera's direction.
+        """
+        step_s = np.diff(trajectory.times_s)
+        poses = trajectory.world_from_cam
+        twists = se3.log(se3.inverse(poses[:-1]) @ poses[1:]) / step_s[:, None]
+        speed = twists[:, Axis.FORWARD]
+        turn_rate = twists[:, Axis.YAW]
+        regressors = np.column_stack([turn_rate, speed, speed**2 * turn_rate])
+        sideways = self._residual(regressors, twists[:, Axis.RIGHT])
+        vertical = self._residual(speed[:, None], twists[:, Axis.DOWN])
+        across = np.hypot(
+            uniform_filter1d(sideways, self.num_averaged),
+            uniform_filter1d(vertical, self.num_averaged),
+        )
+        acceleration = np.diff(speed, prepend=speed[:1]) / step_s
+        is_along = across <= self.max_across_m_s
+        return np.asarray(is_along & (np.abs(acceleration) <= self.max_acceleration_m_s2))
 
-def _regression_residual(
-    velocity: FloatArray,  # [N]
-    regressors: FloatArray,  # [N, C]
-) -> FloatArray:
-    """Residual [N] of a robust linear regression (Cauchy loss)."""
+    def _residual(self, regressors: FloatArray, velocity: FloatArray) -> FloatArray:
+        """Return the residual [N] of a robust linear regression on regressors [N, C]."""
 
-    def residual(factors: FloatArray) -> FloatArray:
-        return velocity - regressors @ factors
+        def residual(factors: FloatArray) -> FloatArray:
+            return velocity - regressors @ factors
 
-    start = np.zeros(regressors.shape[1])
-    return residual(
-        least_squares(residual, start, loss="cauchy", f_scale=OUTLIER_M_S, x_scale="jac").x
-    )
+        start = np.zeros(regressors.shape[1])
+        fit = least_squares(residual, start, loss="cauchy", f_scale=self.outlier_m_s, x_scale="jac")
+        return residual(fit.x)

@@ -1,4 +1,4 @@
-"""Heave, pitch and roll over the plane: what is foretold, its mirror image, and what is left alone."""
+"""Prediction of heave, pitch and roll over the plane."""
 
 from pathlib import Path
 
@@ -11,19 +11,20 @@ from geovp_classic.errors import BadData
 from geovp_classic.forecasting import body_motion
 from geovp_classic.forecasting.body_motion import BodyMotion, Coefficients
 from geovp_classic.forecasting.kalman import TurnRateKalman
+from geovp_classic.forecasting.motion_network import MIRRORED_TWIST
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.sampling import BodyForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
 STEP_S = 0.1037
-SPRING_HZ, PITCH_RAD = 1.3, 0.01  # of a body that bounces for ever
+SPRING_HZ, PITCH_RAD = 1.3, 0.01
 
 
 def bouncing(
     num_poses: int, phase_rad: float, speed_m_s: float = 10.0, roll_rad: float = 0.0
 ) -> Trajectory:
-    """Straight ahead while the body pitches, and rolls a quarter of a period later."""
+    """Drive straight ahead while the body pitches, and rolls a quarter of a period later."""
     times_s = STEP_S * np.arange(num_poses)
     angle = 2 * np.pi * SPRING_HZ * times_s + phase_rad
     twists = np.zeros((num_poses, 6))
@@ -39,7 +40,7 @@ def fitted() -> Coefficients:
         f"{n}": bouncing(150, phase, 8.0 + n % 4, 0.005)
         for n, phase in enumerate(np.linspace(0, 6, 12))
     }
-    return fitting.fit(drives, {})
+    return fitting.BodyMotionFit().fit(drives, {})
 
 
 @pytest.fixture(scope="module")
@@ -50,25 +51,25 @@ def file(fitted: Coefficients, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 def pitch_error_rad(forecast: FloatArray, truth: Trajectory, past: Trajectory) -> FloatArray:
-    found, actual = (
+    pitch, true_pitch = (
         body_motion.over_plane(poses, past)[:, 1] for poses in (forecast, truth.world_from_cam)
     )
-    return np.abs(found - actual)
+    return np.abs(pitch - true_pitch)
 
 
-def test_a_bounce_that_repeats_is_foretold(file: Path) -> None:
+def test_a_periodic_bounce_is_predicted(file: Path) -> None:
     drive = bouncing(30, phase_rad=0.4, speed_m_s=9.0, roll_rad=0.005)
     past, future = drive[:10], drive[10:]
     with_it, without = (
         MotionPrior(body_motion=body).forecast(past, future.times_s)[0]
         for body in (BodyMotion(file), None)
     )
-    held, foretold = (pitch_error_rad(poses, future, past).mean() for poses in (without, with_it))
-    assert held > 0.4 * PITCH_RAD  # the mean distance of a sine from where it happened to be last
-    assert foretold < 0.35 * held
+    held, predicted = (pitch_error_rad(poses, future, past).mean() for poses in (without, with_it))
+    assert held > 0.4 * PITCH_RAD  # mean distance of a sine from its last value
+    assert predicted < 0.35 * held
 
 
-def test_positions_on_the_plane_and_the_heading_stay(file: Path) -> None:
+def test_body_motion_keeps_position_and_heading(file: Path) -> None:
     past = bouncing(10, 0.4)
     times_s = past.times_s[-1] + STEP_S * np.arange(1, 21)
     with_it, without = (
@@ -80,35 +81,16 @@ def test_positions_on_the_plane_and_the_heading_stay(file: Path) -> None:
     assert np.abs(off[:, 3]).max() > 1e-3
 
 
-def test_a_mirrored_past_has_the_mirrored_future(fitted: Coefficients) -> None:
+def test_a_mirrored_past_has_the_mirrored_future() -> None:
     twists = np.random.default_rng(0).normal([0, 0, 9.0, 0, 0, 0], 0.1, (1, 9, 6))
-    fair = fitting.fit(
-        {"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)}, {}
-    )
-    ours, mirrored = fair(twists), fair(twists * fitting.MIRRORED_TWIST)
-    np.testing.assert_allclose(mirrored, ours * fitting.MIRRORED_BODY, atol=2e-3)
+    drives = {"a": bouncing(150, 0.3, 9.0, 0.005), "b": bouncing(150, 0.3, 9.0, -0.005)}
+    symmetric = fitting.BodyMotionFit().fit(drives, {})
+    mirrored = symmetric.means(twists * MIRRORED_TWIST)
+    expected = symmetric.means(twists) * fitting.MIRRORED_BODY
+    np.testing.assert_allclose(mirrored, expected, atol=2e-3)
 
 
-def test_one_pose_and_a_past_without_metres(file: Path) -> None:
-    past = bouncing(10, 0.4)
-    times_s = past.times_s[-1] + STEP_S * np.arange(1, 4)
-    assert np.array_equal(
-        BodyMotion(file).added_to(np.eye(4)[None], past[:1], times_s[:1]), np.eye(4)[None]
-    )
-    flat = np.tile(np.eye(4), (1, 3, 1, 1))
-    feet = past.world_from_cam.copy()
-    feet[:, :3, 3] /= 0.3048
-    known, unknown = (
-        BodyMotion(file).added_to(flat, Trajectory(poses, past.times_s, is_metric=False), times_s)[
-            0
-        ]
-        for poses in (past.world_from_cam, feet)
-    )
-    np.testing.assert_allclose(unknown[:, :3, 3], known[:, :3, 3] / 0.3048, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(unknown[:, :3, :3], known[:, :3, :3], atol=1e-9)
-
-
-def test_an_even_drive_straight_ahead_stays_even() -> None:
+def test_steady_straight_driving_is_left_unchanged() -> None:
     times_s = STEP_S * np.arange(30)
     straight = Trajectory(
         se3.compose(np.eye(3), np.outer(times_s, [0, 0, 10.0])), times_s, is_metric=True
@@ -117,7 +99,7 @@ def test_an_even_drive_straight_ahead_stays_even() -> None:
     np.testing.assert_allclose(body_motion.over_plane(ahead, straight[:10]), 0, atol=1e-9)
 
 
-def test_a_file_without_coefficients(tmp_path: Path) -> None:
+def test_an_unreadable_file_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "none.npz"
     path.write_bytes(b"no archive")
     past = bouncing(10, 0.0)
@@ -126,7 +108,7 @@ def test_a_file_without_coefficients(tmp_path: Path) -> None:
 
 
 def shaken(seed: int, pitch_rad: float) -> Trajectory:
-    """A straight drive whose pitch forgets itself within some steps, as on a bad road."""
+    """Drive straight while the pitch is noise of a few steps, as on a bad road."""
     rng, drive = np.random.default_rng(seed), bouncing(220, 0.0)
     pitch = lfilter([1.0], [1.0, -0.6], pitch_rad * rng.standard_normal(220))
     twists = np.zeros((220, 6))
@@ -138,11 +120,11 @@ def shaken(seed: int, pitch_rad: float) -> Trajectory:
     return Trajectory(poses, drive.times_s, is_metric=True)
 
 
-def test_intervals_hold_what_they_say_and_grow_with_the_shaking(tmp_path: Path) -> None:
+def test_intervals_have_their_coverage_and_grow_with_the_shaking(tmp_path: Path) -> None:
     amounts = np.radians([0.2, 0.4, 0.8, 0.3, 0.6])
     drives = {f"{n}": shaken(n, amounts[n % 5]) for n in range(10)}
     path = tmp_path / "body.npz"
-    np.savez(path, **fitting.packed(fitting.fit(drives, {})))  # type: ignore[arg-type]
+    np.savez(path, **fitting.packed(fitting.BodyMotionFit().fit(drives, {})))  # type: ignore[arg-type]
     ranks, scales = [], []
     for n, drive in enumerate(shaken(100 + n, amounts[n % 5]) for n in range(10)):
         for start in range(0, 180, 10):
@@ -150,13 +132,13 @@ def test_intervals_hold_what_they_say_and_grow_with_the_shaking(tmp_path: Path) 
             forecast = BodyMotion(path).distribution(past, future.times_s)
             ranks.append(forecast.ranks(body_motion.over_plane(future.world_from_cam, past)))
             scales.append((amounts[n % 5], forecast.scales[5, 1]))
-    shares = [(np.array(ranks) <= share).mean(axis=(0, 1)) for share in (0.5, 0.9)]
-    np.testing.assert_allclose(shares, [[0.5] * 3, [0.9] * 3], atol=0.08)
-    calm, wild = (
-        np.mean([scale for amount, scale in scales if amount == one])
-        for one in (amounts[0], amounts[2])
+    coverage = [(np.array(ranks) <= nominal).mean(axis=(0, 1)) for nominal in (0.5, 0.9)]
+    np.testing.assert_allclose(coverage, [[0.5] * 3, [0.9] * 3], atol=0.08)
+    calm, rough = (
+        np.mean([scale for amount, scale in scales if amount == level])
+        for level in (amounts[0], amounts[2])
     )
-    assert wild > 1.5 * calm
+    assert rough > 1.5 * calm
 
 
 def test_the_interval_of_students_t() -> None:

@@ -1,13 +1,13 @@
-"""Kalman forecasters: circles go on as circles, standing stands, uncertainty grows, nothing breaks
-at the seams.
-"""
+"""Kalman forecasters on motions with a known continuation."""
 
 import numpy as np
 import pytest
+from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geovp_classic.errors import UnknownComponent
+from geovp_classic import registry
+from geovp_classic.errors import GeovpError
 from geovp_classic.forecasting.kalman import (
     AccelerationKalman,
     TurnRateKalman,
@@ -20,19 +20,17 @@ from geovp_classic.types import FloatArray, Trajectory
 
 ALL = [TurnRateKalman(), TurnRateUnscented(), AccelerationKalman()]
 STEP_S = 0.1
-LEVER_ARM_M = fitted("turn-rate").lever_arm
 
 
 def circle(
     speed_m_s: float, turn_rad_s: float, num_steps: int, first_yaw_rad: float = 0.0
 ) -> FloatArray:
-    """Camera poses [T, 4, 4] of a car whose rear axle drives a circle on the level; the camera sits
-    ahead of it.
-    """
+    """Return poses [T, 4, 4] of a camera ahead of a rear axle that drives a level circle."""
     twist = np.array([0, 0, speed_m_s, 0, turn_rad_s, 0]) * STEP_S
     start = se3.exp(np.array([2.0, 0, 5, 0, first_yaw_rad, 0]))
-    axle_from_cam = se3.compose(np.eye(3), np.array([0, 0, LEVER_ARM_M]))
-    return np.stack([start @ se3.exp(twist * step) @ axle_from_cam for step in range(num_steps)])
+    lever_arm = np.array([0, 0, fitted("turn-rate").lever_arm_m])
+    axle_from_cam = se3.compose(np.eye(3), lever_arm)
+    return start @ se3.exp(np.outer(np.arange(num_steps), twist)) @ axle_from_cam
 
 
 def past_of(poses: FloatArray, is_metric: bool = True) -> Trajectory:
@@ -40,50 +38,49 @@ def past_of(poses: FloatArray, is_metric: bool = True) -> Trajectory:
 
 
 @pytest.mark.parametrize("forecaster", ALL)
-def test_a_straight_drive_goes_on_straight(forecaster: Forecaster) -> None:
+def test_a_straight_drive_continues_straight(forecaster: Forecaster) -> None:
     whole = circle(8.0, 0.0, 30)
     ahead = forecaster.forecast(past_of(whole[:10]), np.arange(10, 30) * STEP_S)
     assert ahead.shape == (1, 20, 4, 4)
-    # 16 m ahead; the unscented mean is shorter, because it averages over headings that are not
-    # sure.
+    # 16 m ahead; the unscented mean is shorter, because it averages over uncertain headings.
     shorter = 0.05 if isinstance(forecaster, TurnRateUnscented) else 0.003
     np.testing.assert_allclose(ahead[0, :, :3, 3], whole[10:, :3, 3], atol=16 * shorter)
     assert ahead[0, -1, 2, 3] <= whole[-1, 2, 3] + 1e-3
 
 
 @pytest.mark.parametrize("forecaster", ALL[:2])
-@pytest.mark.parametrize(
-    "first_yaw_rad", [0.0, np.pi - 0.05]
-)  # the second one turns over the seam at pi
-def test_a_circle_goes_on_as_a_circle(forecaster: Forecaster, first_yaw_rad: float) -> None:
+@pytest.mark.parametrize("first_yaw_rad", [0.0, np.pi - 0.05])  # the second one passes pi
+def test_a_circle_continues_as_a_circle(forecaster: Forecaster, first_yaw_rad: float) -> None:
     whole = circle(5.0, 0.5, 20, first_yaw_rad)
     ahead = forecaster.forecast(past_of(whole[:10]), np.arange(10, 20) * STEP_S)
     # 1 s on a circle of 10 m radius is an arc of 5 m and 0.5 rad.
-    reference, level = whole[9], planar.level_vehicle_from_cam()
-    wanted, found = (planar.reduce(poses, reference, level)[-1] for poses in (whole[10:], ahead[0]))
-    np.testing.assert_allclose(found[:2], wanted[:2], atol=0.25)
-    assert found[2] == pytest.approx(wanted[2], abs=0.05)
+    level = planar.level_vehicle_from_cam()
+    expected, actual = (
+        planar.reduce(poses[-1:], whole[9], level)[0] for poses in (whole, ahead[0])
+    )
+    np.testing.assert_allclose(actual[:2], expected[:2], atol=0.25)
+    assert actual[2] == pytest.approx(expected[2], abs=0.05)
 
 
 @pytest.mark.parametrize("forecaster", ALL)
-def test_what_stands_still_stays(forecaster: Forecaster) -> None:
-    still = np.tile(circle(0.0, 0.0, 1), (10, 1, 1))
-    ahead = forecaster.forecast(past_of(still), np.arange(10, 30) * STEP_S)
-    np.testing.assert_allclose(ahead[0], still[:1].repeat(20, 0), atol=0.05)
+def test_a_stationary_camera_stays(forecaster: Forecaster) -> None:
+    poses = np.tile(circle(0.0, 0.0, 1), (10, 1, 1))
+    ahead = forecaster.forecast(past_of(poses), np.arange(10, 30) * STEP_S)
+    np.testing.assert_allclose(ahead[0], np.tile(poses[0], (20, 1, 1)), atol=0.05)
 
 
 @pytest.mark.parametrize("forecaster", ALL)
-def test_samples_spread_as_the_covariance_says_and_repeat(forecaster: TurnRateKalman) -> None:
+def test_samples_repeat_and_agree_with_a_growing_covariance(forecaster: TurnRateKalman) -> None:
     past, times_s = past_of(circle(8.0, 0.1, 10)), np.arange(10, 20) * STEP_S
     futures = forecaster.forecast(past, times_s, num_samples=400)
-    np.testing.assert_array_equal(futures, forecaster.forecast(past, times_s, num_samples=400))
-    said = forecaster.distribution(past, times_s)
-    states = said.states_of(futures)[:, -1]
-    deviation = np.sqrt(np.diagonal(said.covariances[0, -1]))
-    np.testing.assert_allclose(states.mean(axis=0), said.means[0, -1], atol=0.3 * deviation.max())
+    np.testing.assert_allclose(futures, forecaster.forecast(past, times_s, num_samples=400))
+    distribution = forecaster.distribution(past, times_s)
+    states = distribution.states_of(futures)[:, -1]
+    deviation = np.sqrt(np.diagonal(distribution.covariances[0, -1]))
+    mean = distribution.means[0, -1]
+    np.testing.assert_allclose(states.mean(axis=0), mean, atol=0.3 * deviation.max())
     np.testing.assert_allclose(states.std(axis=0), deviation, rtol=0.3)
-    volumes = np.linalg.det(said.covariances[0])
-    assert (np.diff(volumes) > 0).all()  # the farther ahead, the less is known
+    assert (np.diff(np.linalg.det(distribution.covariances[0])) > 0).all()
 
 
 @settings(max_examples=30)
@@ -95,7 +92,7 @@ def test_samples_spread_as_the_covariance_says_and_repeat(forecaster: TurnRateKa
     st.lists(st.floats(0.01, 1.5), min_size=1, max_size=6),
     st.booleans(),
 )
-def test_futures_are_always_finite_and_rigid(
+def test_futures_are_finite_and_rigid(
     forecaster: Forecaster,
     num_past: int,
     speed: float,
@@ -108,9 +105,41 @@ def test_futures_are_always_finite_and_rigid(
     futures = forecaster.forecast(past, times_s, num_samples=2)
     assert futures.shape == (2, len(times_s), 4, 4)
     for sample in futures:
-        Trajectory(sample, times_s, is_metric)  # checks that it is finite and rigid
+        Trajectory(sample, times_s, is_metric)  # rejects what is not finite and rigid
 
 
-def test_unknown_constants_are_refused() -> None:
-    with pytest.raises(UnknownComponent, match="turn-rate"):
-        TurnRateKalman(constants="fast").forecast(past_of(circle(1, 0, 3)), np.array([0.5]))
+def test_unknown_constants_are_rejected() -> None:
+    with pytest.raises(GeovpError, match="acceleration-damped"):
+        registry.build("forecasters", {"name": "turn-rate-kalman", "constants": "fast"})
+
+
+@pytest.mark.parametrize("forecaster", [TurnRateKalman(), TurnRateUnscented()])
+def test_a_filter_estimates_speed_and_turn_rate(forecaster: TurnRateKalman) -> None:
+    times_s = np.cumsum([0.1, 0.05, 0.2, 0.1, 0.1, 0.15, 0.1, 0.1])
+    start = np.array([0, 0, 3.0, 8.0, 0.5])  # its yaw passes pi
+    measured = np.stack([fitted("turn-rate").transition(start, t)[:3] for t in times_s])
+    state, covariance = forecaster.filtered(measured, times_s)
+    assert state[3] == pytest.approx(8.0, abs=0.05)
+    assert state[4] == pytest.approx(0.5, abs=0.02)
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-12)
+    assert np.linalg.eigvalsh(covariance)[0] > 0
+
+
+@pytest.mark.parametrize("kind", [ExtendedKalmanFilter, UnscentedKalmanFilter])
+def test_the_prediction_agrees_with_filterpys_filters(kind: type) -> None:
+    model = fitted("turn-rate")
+    state, covariance = np.array([1.0, 2.0, 0.3, 8.0, 0.2]), 0.01 * np.eye(5)
+    if kind is ExtendedKalmanFilter:
+        forecaster, reference = TurnRateKalman(), kind(5, 3)
+        reference.F = model.jacobian(state, 0.1)
+    else:
+        points = MerweScaledSigmaPoints(5, alpha=0.5, beta=2.0, kappa=0.0)
+        forecaster = TurnRateUnscented()
+        reference = kind(5, 3, 0.1, lambda state: state[:3], model.transition, points)
+    reference.x, reference.P = state, covariance
+    reference.Q = model.process_noise(state, 0.1)
+    reference.predict()
+    predicted = forecaster.prediction((state, covariance), 0.1)
+    if kind is UnscentedKalmanFilter:
+        np.testing.assert_allclose(predicted[0], reference.x, atol=1e-12)
+    np.testing.assert_allclose(predicted[1], reference.P, atol=1e-12)

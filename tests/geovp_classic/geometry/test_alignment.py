@@ -1,4 +1,4 @@
-"""Umeyama's alignment finds the similarity that made the points."""
+"""Umeyama's alignment recovers the similarity that moved the points."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ def motion(seed: int) -> np.ndarray:
 
 
 @given(seeds, st.floats(0.05, 20))
-def test_similarity_is_recovered(seed: int, scale: float) -> None:
+def test_a_similarity_is_recovered(seed: int, scale: float) -> None:
     points_a, b_from_a = cloud(seed), motion(seed + 1)
     points_b = se3.transform(b_from_a, scale * points_a)
-    found_scale, found = umeyama(points_a, points_b, with_scale=True)
-    assert found_scale == pytest.approx(scale, rel=1e-9)
-    np.testing.assert_allclose(found, b_from_a, atol=1e-8 * (1 + scale))
+    estimated_scale, estimate = umeyama(points_a, points_b, with_scale=True)
+    assert estimated_scale == pytest.approx(scale, rel=1e-9)
+    np.testing.assert_allclose(estimate, b_from_a, atol=1e-8 * (1 + scale))
 
 
 @given(seeds)
@@ -51,16 +51,15 @@ def test_a_mirrored_cloud_still_gives_a_rotation(seed: int) -> None:
     assert np.linalg.det(b_from_a[:3, :3]) == pytest.approx(1.0)
 
 
-def test_points_on_a_line_are_laid_onto_their_line() -> None:
+def test_points_on_a_line_are_aligned_with_their_line() -> None:
     line = np.linspace(0, 10, 7)[:, None] * [0.0, 0, 1]
-    _, b_from_a = umeyama(line, line[:, [2, 1, 0]] + [3.0, 0, 0], with_scale=False)
-    np.testing.assert_allclose(
-        se3.transform(b_from_a, line), line[:, [2, 1, 0]] + [3.0, 0, 0], atol=1e-12
-    )
+    target = line[:, [2, 1, 0]] + [3.0, 0, 0]
+    _, b_from_a = umeyama(line, target, with_scale=False)
+    np.testing.assert_allclose(se3.transform(b_from_a, line), target, atol=1e-12)
     assert np.linalg.det(b_from_a[:3, :3]) == pytest.approx(1.0)
 
 
-def test_too_little_to_align_is_refused() -> None:
+def test_too_few_or_coincident_points_are_rejected() -> None:
     with pytest.raises(BadData, match="N >= 3"):
         umeyama(np.zeros((2, 3)), np.zeros((2, 3)), with_scale=True)
     with pytest.raises(BadData, match="coincide"):

@@ -153,12 +153,11 @@ def evenly(first: int, last: int) -> FloatArray:
     between.
     """
     poses = driven(TIMES_S)
-    share = (np.arange(first + 1, last) - first) / (last - first)
-    start, end = (np.tile(poses[step], (len(share), 1, 1)) for step in (first, last))
-    turning = se3.interpolate(start, end, share)[:, :3, :3]
-    poses[first + 1 : last] = se3.compose(
-        turning, start[:, :3, 3] + share[:, None] * (end - start)[:, :3, 3]
-    )
+    fraction = (np.arange(first + 1, last) - first) / (last - first)
+    ends = poses[[first, last]]
+    positions = ends[0, :3, 3] + fraction[:, None] * (ends[1] - ends[0])[:3, 3]
+    rotations = se3.interpolate(ends, np.array([0.0, 1.0]), fraction)[:, :3, :3]
+    poses[first + 1 : last] = se3.compose(rotations, positions)
     return poses
 
 

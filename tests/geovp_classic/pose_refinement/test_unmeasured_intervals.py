@@ -37,13 +37,11 @@ def recorded(first: int = FIRST, last: int = LAST, phase_s: float = 0.0) -> Floa
     """
     poses = driven(TIMES_S + phase_s)
     between = slice(first + 1, last)
-    share = (TIMES_S[between] - TIMES_S[first]) / (TIMES_S[last] - TIMES_S[first])
-    start, end = (
-        np.broadcast_to(poses[first], (len(share), 4, 4)),
-        np.broadcast_to(poses[last], (len(share), 4, 4)),
-    )
-    positions = start[:, :3, 3] + share[:, None] * (end - start)[:, :3, 3]
-    poses[between] = se3.compose(se3.interpolate(start, end, share)[:, :3, :3], positions)
+    fraction = (TIMES_S[between] - TIMES_S[first]) / (TIMES_S[last] - TIMES_S[first])
+    ends = poses[[first, last]]
+    positions = ends[0, :3, 3] + fraction[:, None] * (ends[1] - ends[0])[:3, 3]
+    rotations = se3.interpolate(ends, np.array([0.0, 1.0]), fraction)[:, :3, :3]
+    poses[between] = se3.compose(rotations, positions)
     poses[last] = se3.turned(
         poses[last], np.array([1e-4, 0, 0])
     )  # resampling blurs: the last step isn't quite even

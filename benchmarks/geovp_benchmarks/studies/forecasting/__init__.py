@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 from geovp_benchmarks.arguments import add_json, figure_file
 from geovp_benchmarks.progress import Progress
@@ -170,14 +171,16 @@ def _best_of(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     from geovp_benchmarks.fitting import kalman_noise
     from geovp_benchmarks.studies.forecasting.evaluation import read_windows
+    from geovp_classic.forecasting import kalman
 
     windows = read_windows(chosen.poses, chosen.sequences, stride=40)
-    fitted, starts = {}, kalman_noise.initial_models()
-    for done, (name, start) in enumerate(starts.items()):
-        progress(done, len(starts))
-        fitted[name] = kalman_noise.fit(windows, start)
+    fitted = {}
+    names = get_args(kalman.Constants)
+    for done, name in enumerate(names):
+        progress(done, len(names))
+        fitted[name] = kalman_noise.NoiseFit().fit(windows, kalman.fitted(name))
         yield f"{name}: {fitted[name]}"
-    progress(len(starts), len(starts))
+    progress(len(names), len(names))
     chosen.out.write_text(kalman_noise.as_toml(fitted), encoding="utf-8")
     yield f"written to {chosen.out}"
 
@@ -191,7 +194,7 @@ def _fit_prior(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     train, others = (
         read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
     )
-    coefficients = prior.fit(train, prior.Plan(), others, progress)
+    coefficients = prior.PriorFit().fit(train, others, progress)
     with chosen.out.open("wb") as stream:
         np.savez(stream, allow_pickle=False, **prior.packed(coefficients))
     yield f"written to {chosen.out}"
@@ -218,7 +221,7 @@ def _fit_body_motion(chosen: argparse.Namespace, progress: Progress) -> Iterator
     train, others = (
         read_sequences(chosen.poses, names) for names in (chosen.sequences, chosen.calibrate)
     )
-    coefficients = body_motion.fit(train, others)
+    coefficients = body_motion.BodyMotionFit().fit(train, others)
     with chosen.out.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **body_motion.packed(coefficients))
     yield f"written to {chosen.out}"

@@ -14,7 +14,7 @@ from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.studies.forecasting.evaluation import Window
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
-from geovp_classic.forecasting.representative import FARTHEST_RAD, Representative, image_motions
+from geovp_classic.forecasting.representative import ImageDistance, Representative
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster
 from geovp_classic.types import FloatArray
@@ -83,8 +83,9 @@ def _of_each(futures: FloatArray, truth: FloatArray) -> FloatArray:
     """ERRORS [S, 3] of futures [S, F, 4, 4]."""
     position_m = np.linalg.norm(futures[..., :3, 3] - truth[:, :3, 3], axis=-1)
     rotation_deg = np.degrees(se3.rotation_angle_rad(se3.inverse(truth) @ futures))
-    shift_rad = np.minimum(np.linalg.norm(image_motions(truth, futures), axis=-1), FARTHEST_RAD)
+    distance = ImageDistance()
+    motions = distance.motions(truth, futures)
+    shift_rad = distance.between(np.zeros_like(motions[:1]), motions)[0]
     return np.stack(
-        [position_m.mean(axis=1), rotation_deg.mean(axis=1), np.degrees(shift_rad.mean(axis=1))],
-        axis=1,
+        [position_m.mean(axis=1), rotation_deg.mean(axis=1), np.degrees(shift_rad)], axis=1
     )

@@ -39,8 +39,8 @@ def forecasters(coefficients: Path | None = None) -> dict[str, Forecaster]:
         "constant twist": ConstantTurn(),
         "CTRV, extended": TurnRateKalman(),
         "CTRV, unscented": TurnRateUnscented(),
-        "CTRA": AccelerationKalman("acceleration"),
-        "CTRA, damped": AccelerationKalman("acceleration-damped"),
+        "CTRA": AccelerationKalman(constants="acceleration"),
+        "CTRA, damped": AccelerationKalman(),
         "motion prior": MotionPrior(coefficients=coefficients),
     }
 

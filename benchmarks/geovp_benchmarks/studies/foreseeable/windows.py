@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 import numpy.typing as npt
 
-from geovp_benchmarks.fitting.plausibility import drivable
+from geovp_benchmarks.fitting.plausibility import Drivability
 from geovp_benchmarks.fitting.prior import along_path
 from geovp_benchmarks.fitting.training_windows import STEP_S
 from geovp_benchmarks.progress import Progress, no_progress
@@ -66,7 +66,10 @@ def read(
     names: list[str] = []
     for number, (name, recorded) in enumerate(sequences.items()):
         progress(number, len(sequences))
-        usable, shaken = drivable(recorded), with_noise(recorded, pose_noise(recorded), number)
+        usable, shaken = (
+            Drivability().steps(recorded),
+            with_noise(recorded, pose_noise(recorded), number),
+        )
         for last in range(LONG_STEPS + 1, len(recorded) - HORIZONS[-1], stride):
             first = last - LONG_STEPS - 1
             if usable[first : last + HORIZONS[-1]].all():
