@@ -1,1 +1,1 @@
-"""Pose sources: where the camera was and will be."""
+"""Pose sources: past and future camera motion."""

@@ -1,17 +1,20 @@
 """Odometry for the past, a forecaster for the future."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.interfaces import Forecaster, Odometry
 from geovp_classic.odometry.monocular import Monocular
-from geovp_classic.types import Context, Motion, PrivilegedInput
+from geovp_classic.odometry.recorded import Recorded
+from geovp_classic.types import Context, FloatArray, Motion, PrivilegedInput, Trajectory
 
 
 @dataclass(frozen=True)
 class Chained:
-    """Odometry for the past, a forecaster for the future; the defaults use no recorded pose and won
-    on `val`.
+    """Odometry for the past, a forecaster for the future.
+
+    The defaults need no recorded poses and were selected on `val`.
     """
 
     odometry: Odometry = field(default_factory=Monocular)
@@ -19,12 +22,28 @@ class Chained:
 
     @property
     def needs(self) -> PrivilegedInput:
-        """What the odometry needs; a forecaster sees nothing but poses."""
+        """The inputs of the odometry; a forecaster sees only poses."""
         return self.odometry.needs
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The tracked past and its forecast; one sample when all samples are the same."""
+        """Return the tracked past and its forecast; one sample if all samples are equal."""
         past, tracked = self.odometry.track(context.only(self.odometry.needs))
-        futures = self.forecaster.forecast(past, context.times_s[context.num_past :], num_samples)
-        same = (futures == futures[:1]).all()
-        return Motion(past, futures[:1] if same else futures, tracked)
+        times_s = context.times_s[context.num_past :]
+        futures = self.forecaster.forecast(past, times_s, num_samples)
+        if (futures == futures[0]).all():
+            futures = futures[:1]
+        return Motion(past, futures, tracked)
+
+
+class ContinuedRecording:
+    """Pose source that continues the recorded past with its own `forecast`."""
+
+    needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
+
+    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+        """Return futures [S, F, 4, 4]; a forecaster beside this class implements it."""
+        raise NotImplementedError
+
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        """Return the recorded past and its continuation; raise Incompatible without poses."""
+        return Chained(Recorded(), self).estimate(context, num_samples)

@@ -1,20 +1,8 @@
-"""The recorded past, continued at the mean velocity of its last `num_steps` steps."""
-
-from typing import ClassVar
+"""The recorded past, continued at constant velocity."""
 
 from geovp_classic.forecasting import constant
-from geovp_classic.odometry.recorded import Recorded
-from geovp_classic.pose_sources.chained import Chained
-from geovp_classic.types import Context, Motion, PrivilegedInput
+from geovp_classic.pose_sources.chained import ContinuedRecording
 
 
-class ConstantVelocity(constant.ConstantVelocity):
+class ConstantVelocity(constant.ConstantVelocity, ContinuedRecording):
     """The recorded past, continued at the mean velocity of its last `num_steps` steps."""
-
-    needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
-
-    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """Return the recorded past and its continuation, one sample; raise Incompatible without
-        poses.
-        """
-        return Chained(Recorded(), self).estimate(context, num_samples)

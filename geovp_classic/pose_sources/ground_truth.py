@@ -10,13 +10,13 @@ from geovp_classic.types import Context, Motion, PrivilegedInput
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """The recorded motion in 3D, past and future: the perfect pose source (GT-3D)."""
+    """The recorded motion in 3D, past and future (GT-3D)."""
 
-    needs = (
-        PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
-    )  # the recorded poses of past and future
+    needs = PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The recorded motion, one sample; Incompatible when the clip has no poses."""
-        past, future = recorded(context.past, "past"), recorded(context.future, "future")
-        return Motion(past, future.world_from_cam[None], np.ones(len(past), dtype=bool))
+        """Return the recorded motion, one sample; raise Incompatible without poses."""
+        past = recorded(context.past, "past")
+        future = recorded(context.future, "future")
+        tracked = np.ones(len(past), dtype=bool)
+        return Motion(past, future.world_from_cam[None], tracked)

@@ -6,35 +6,33 @@ import numpy as np
 
 from geovp_classic.geometry import planar
 from geovp_classic.interfaces import PoseSource
-from geovp_classic.types import Context, FloatArray, Motion, PrivilegedInput
+from geovp_classic.types import Context, Motion, PrivilegedInput
 
 
 @dataclass(frozen=True)
 class Planar:
-    """Any source whose futures are reduced to (x, z, yaw) on the vehicle's plane and lifted back
-    (GT-2D from GT-3D).
+    """A pose source whose futures are reduced to the vehicle's plane (GT-2D from GT-3D).
 
-    The plane is that of the last observed frame: the camera looks `pitch_deg` above it and is
-    rolled clockwise by `roll_deg`. With both 0 it is the camera's own x-z plane. Height, pitch and
-    roll stay as they are in that frame; the past is kept as it is.
+    The plane is that of the last observed frame. Height, pitch and roll stay as in that frame; the
+    past is unchanged.
     """
 
     source: PoseSource
-    pitch_deg: float = 0.0
-    roll_deg: float = 0.0
+    pitch_deg: float = 0.0  # of the camera, upwards from the plane
+    roll_deg: float = 0.0  # of the camera, clockwise
 
     @property
     def needs(self) -> PrivilegedInput:
-        """What the source needs."""
+        """The inputs of the source."""
         return self.source.needs
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The source's motion with flattened futures."""
+        """Return the source's motion with planar futures."""
         motion = self.source.estimate(context.only(self.source.needs), num_samples)
-        vehicle_from_cam = planar.level_vehicle_from_cam(
-            np.deg2rad(self.pitch_deg), np.deg2rad(self.roll_deg)
-        )
+        pitch_rad = np.radians(self.pitch_deg)
+        roll_rad = np.radians(self.roll_deg)
+        vehicle_from_cam = planar.level_vehicle_from_cam(pitch_rad, roll_rad)
         world_from_last = motion.past.world_from_cam[-1]
         states = planar.reduce(motion.futures, world_from_last, vehicle_from_cam)
-        futures: FloatArray = planar.lift(states, world_from_last, vehicle_from_cam)
+        futures = planar.lift(states, world_from_last, vehicle_from_cam)
         return Motion(motion.past, futures, motion.tracked)

@@ -1,4 +1,4 @@
-"""Refined motion: a pose source and corrections of its poses, one after the other."""
+"""Refined motion: a pose source, and corrections of its poses one after the other."""
 
 from dataclasses import dataclass, field
 
@@ -12,7 +12,7 @@ from geovp_classic.pose_sources.road_height import RoadHeight
 from geovp_classic.types import Context, Motion, PrivilegedInput
 
 
-def _defaults() -> tuple[PoseRefinement, ...]:
+def _default_refinements() -> tuple[PoseRefinement, ...]:
     return (
         Registration(),
         UnmeasuredIntervals(),
@@ -24,16 +24,14 @@ def _defaults() -> tuple[PoseRefinement, ...]:
 
 @dataclass(frozen=True)
 class Refined:
-    """A pose source whose motion is refined, by one refinement after the other; the default chain
-    won on `val`.
-    """
+    """A pose source and its refinements; the default chain was selected on `val`."""
 
     source: PoseSource
-    refinements: tuple[PoseRefinement, ...] = field(default_factory=_defaults)
+    refinements: tuple[PoseRefinement, ...] = field(default_factory=_default_refinements)
 
     @property
     def needs(self) -> PrivilegedInput:
-        """What the source and the refinements need."""
+        """The inputs of the source and the refinements."""
         needs = self.source.needs
         for refinement in self.refinements:
             needs |= refinement.needs
@@ -41,7 +39,7 @@ class Refined:
 
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
-        """The refined motion; each part sees only what it was granted of the context."""
+        """Return the refined motion."""
         motion = self.source.estimate(context.only(self.source.needs), num_samples)
         for refinement in self.refinements:
             motion = refinement.refine(context.only(refinement.needs), motion)

@@ -43,13 +43,13 @@ def test_speed_and_turn_rate_drive_a_circle(context: Context) -> None:
     np.testing.assert_allclose(quarter[:3, 2], [1, 0, 0], atol=1e-12)  # looks to where right was
 
 
-def test_speed_goes_with_time_not_with_frames(context: Context) -> None:
+def test_the_distance_follows_from_the_times(context: Context) -> None:
     ahead = last_from_future(Commanded(speed_m_s=10.0), context)
     np.testing.assert_allclose(ahead[:, 2, 3], [1.5, 4.0])
 
 
 @pytest.mark.parametrize("start_s", [0.0, 100.2, 1.7e9])
-def test_a_tum_file_is_read_at_the_times_to_predict(
+def test_a_tum_file_is_interpolated_at_the_times_to_predict(
     tmp_path: Path, context: Context, start_s: float
 ) -> None:
     path, times_s = tmp_path / "command.txt", np.array([0.0, 0.07, 0.2, 0.4, 0.9])
@@ -61,30 +61,28 @@ def test_a_tum_file_is_read_at_the_times_to_predict(
     )
 
 
-def test_a_kitti_file_has_one_pose_a_frame(tmp_path: Path, context: Context) -> None:
+def test_a_kitti_file_has_one_pose_per_frame(tmp_path: Path, context: Context) -> None:
     path = tmp_path / "command.txt"
     pose_files.write_kitti(
         path, Trajectory(OTHER_FROM_WORLD @ screw([0, 1, 2]), np.arange(3.0), is_metric=True)
     )
     np.testing.assert_allclose(last_from_future(Commanded(path), context), screw([1, 2]), atol=1e-9)
-    with pytest.raises(
-        BadData, match="3 poses, expected 4: the last observed frame's and one for each of 3"
-    ):
+    with pytest.raises(BadData, match="3 poses, expected 4"):
         Commanded(path).estimate(replace(context, times_s=np.append(context.times_s, 101.0)))
 
 
-def test_a_command_that_ends_too_early_is_refused(tmp_path: Path, context: Context) -> None:
+def test_a_command_that_ends_too_early_is_rejected(tmp_path: Path, context: Context) -> None:
     path = tmp_path / "command.txt"
     pose_files.write_tum(path, Trajectory(screw([0.0, 0.3]), np.array([0.0, 0.3]), is_metric=True))
-    with pytest.raises(BadData, match=r"lasts 0\.3 s, expected at least the 0\.4 s"):
+    with pytest.raises(BadData, match=r"lasts 0\.3 s"):
         Commanded(path).estimate(context)
 
 
-def test_it_says_what_it_lacks(context: Context) -> None:
+def test_missing_inputs_are_reported(context: Context) -> None:
     command = Commanded(speed_m_s=5.0)
     with pytest.raises(Incompatible, match="the clip has none"):
         command.estimate(context.only(PrivilegedInput.NONE))
-    with pytest.raises(Incompatible, match="speed_m_s is in metres, the recorded poses are not"):
+    with pytest.raises(Incompatible, match="command by a trajectory file"):
         command.estimate(replace(context, past=replace(context.past, is_metric=False)))
 
 
@@ -97,6 +95,6 @@ def test_it_says_what_it_lacks(context: Context) -> None:
         ({"futures": "nowhere.txt"}, r"nowhere\.txt is missing"),
     ],
 )
-def test_bad_settings_are_refused_at_once(table: dict[str, object], message: str) -> None:
+def test_bad_settings_are_rejected(table: dict[str, object], message: str) -> None:
     with pytest.raises(BadData, match=message):
         registry.build("pose_sources", {"name": "commanded", **table})
