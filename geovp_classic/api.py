@@ -1,6 +1,5 @@
 """Public functions: open a clip, predict its future frames, evaluate and show the prediction."""
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -109,12 +108,4 @@ def _build(role: str, component: object) -> Any:
 def _dataset_spec(source: Spec | Path) -> Spec:
     if isinstance(source, Mapping) or source in registry.names("datasets"):
         return source
-    root = Path(source).expanduser()
-    with contextlib.suppress(BadData):
-        if layouts.name_of(root) != "folder":
-            return layouts.spec(root)
-    raise BadData(
-        f"{source} is neither a data set of `geovp list datasets` nor a folder of KITTI odometry "
-        "or raw, TUM RGB-D, EuRoC or COLMAP: give a table such as "
-        '{"name": "folder", "path": "video.mp4", "intrinsics": [fx, fy, cx, cy]}'
-    )
+    return layouts.spec(Path(source).expanduser())

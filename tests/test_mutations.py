@@ -270,24 +270,17 @@ READERS: dict[str, Reader] = {
     ),
     "matrix": Reader(text("m.toml", MATRIX), lambda path: matrix.read(path).to_json()),
     "png": Reader(image("a.png"), frames.read_image, has_checksum=True),
-    "png of 16 bits": Reader(
-        image("a.png", NOISE), lambda path: frames.read_image(path, 16), has_checksum=True
-    ),
     "depth": Reader(
         image("d.png", NOISE[..., 0]),
         lambda path: UndistortedDepths((path,), (LENS,), LENS.pinhole, 5000.0)(0),
         has_checksum=True,
     ),
     "jpg": Reader(image("a.jpg"), frames.read_image),
-    "webp": Reader(image("a.webp"), frames.read_image),
     "bmp": Reader(image("a.bmp"), frames.read_image),
-    "ppm": Reader(image("a.ppm"), frames.read_image),
     "tif": Reader(image("a.tif"), frames.read_image),
-    "jp2": Reader(image("a.jp2"), frames.read_image),
     "jpg with sums": Reader(with_sums(image("a.jpg")), frames.read_image, has_checksum=True),
     "mp4": Reader(video("a.mp4", "mp4v"), read_video),
     "avi": Reader(video("a.avi", "MJPG"), read_video),
-    "mp4 with sums": Reader(with_sums(video("a.mp4", "mp4v")), read_video, has_checksum=True),
     "npz": Reader(arrays, files.read_npz, has_checksum=True),
     "clip": result("clips/a.npz", lambda results: results.clip("a")),
     "prediction": result("x/predictions/a.npz", lambda results: results.prediction("x", "a")),
@@ -297,7 +290,6 @@ READERS: dict[str, Reader] = {
     "datasets.json": result("datasets.json", lambda results: list(results.by_dataset())),
     "colmap images.bin": Reader(colmap_model("images.bin"), read_colmap),
     "colmap cameras.bin": Reader(colmap_model("cameras.bin"), read_colmap),
-    "colmap frames.bin": Reader(colmap_model("frames.bin"), read_colmap),
     "colmap images.txt": Reader(colmap_model("images.txt"), read_colmap),
     "weights": Reader(with_sums(weights), read_weights, has_checksum=True),
 }
