@@ -1,8 +1,7 @@
-"""With exact depth and exact poses, geometry must predict the future of the synthetic street.
+"""With exact depth and poses, geometry must predict the future of the synthetic street.
 
-What the last frame does not determine is left out, by exact masks, and how much is left in is
-asserted as well: pixels that the renderer does not cover; moving things, where they are and where
-the last frame shows them; and surfaces that the last frame did not see.
+Exact masks exclude what the last frame does not determine: uncovered pixels, moving objects at
+their old and new places, and surfaces that the last frame does not show.
 """
 
 from dataclasses import replace
@@ -29,7 +28,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def quiet_street(index: int, cache: Path, pitch_deg: float, roll_deg: float) -> Clip:
-    """A street whose surfaces look the same from everywhere, filmed without noise."""
+    """Render a street of view-independent surfaces without noise."""
     street = Synthetic(
         num_clips=2,
         num_frames=1 + NUM_FUTURE,
@@ -47,15 +46,12 @@ def quiet_street(index: int, cache: Path, pitch_deg: float, roll_deg: float) -> 
 
 
 def determined(context: Context, target: Target, moving: BoolArray) -> BoolArray:
-    """Static future pixels [F, H, W] whose surface the last frame shows and no moving thing is
-    drawn over.
-    """
-    stains = np.where(
-        ndimage.binary_dilation(moving, iterations=2)[None, ..., None], 255, 0
-    ).astype(np.uint8)
+    """Mask static future pixels [F, H, W] that the last frame shows and no moving object hides."""
+    moving = ndimage.binary_dilation(moving, iterations=2)
+    stains = np.where(moving[None, ..., None], np.uint8(255), np.uint8(0))
     stained = replace(context, frames=np.broadcast_to(stains, context.frames.shape))
-    drawn_over = PREDICTOR.predict(stained).frames[0].any(axis=-1)
-    return strata(context, target)["seen"] & ~drawn_over
+    is_hidden = PREDICTOR.predict(stained).frames[0].any(axis=-1)
+    return strata(context, target)["seen"] & ~is_hidden
 
 
 def psnr_db(frames: ByteArray, target: ByteArray, mask: BoolArray) -> float:
@@ -76,13 +72,11 @@ def test_the_future_is_reproduced(
     clip = quiet_street(index, cache, pitch_deg, roll_deg)
     context, target = clip.split(1, ~PrivilegedInput.NONE)
     prediction = PREDICTOR.predict(context)
-    known = determined(context, target, clip.moving[0])
-    static = prediction.covered[0] & known
+    known_pixels = determined(context, target, clip.moving[0])
+    static = prediction.covered[0] & known_pixels
     assert static.mean() > 0.75
-    assert (
-        static.sum() > 0.93 * known.sum()
-    )  # the renderer vouches for nearly all that can be known
+    assert static.sum() > 0.93 * known_pixels.sum()
     assert psnr_db(prediction.frames[0], target.frames, static) >= 35
-    assert psnr_db(prediction.frames[0], target.frames, known) >= 32  # outlines that parted, too
+    assert psnr_db(prediction.frames[0], target.frames, known_pixels) >= 32
     copied = np.broadcast_to(context.frames[-1], target.frames.shape)
-    assert psnr_db(copied, target.frames, static) < 28  # the camera really moved
+    assert psnr_db(copied, target.frames, static) < 28  # the camera moves
