@@ -68,7 +68,9 @@ def load(role: str, name: str) -> type:
         module = str(getattr(error, "name", "")).partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
         remedy = install_command(extra) if extra else "fix or reinstall its package"
-        raise MissingExtra(f"{name!r} of {role} cannot be loaded ({error}): {remedy}") from error
+        raise MissingExtra(
+            f"component {name!r} of {role} cannot be loaded ({error}): {remedy}"
+        ) from error
 
 
 def install_command(extra: str) -> str:

@@ -181,7 +181,6 @@ STATIONARY = "accepts or refuses a stationary camera"
 TWO_FRAMES = "accepts or refuses a past of two frames"
 VALID = "returns valid outputs"
 INDEPENDENT = "renders each view from its own pose and time alone"
-LAST_FRAME = "renders the last observed frame from its pose"
 
 
 @pytest.mark.parametrize(
@@ -211,15 +210,6 @@ def test_a_broken_promise_is_found(role: str, component: Any, promise: str, deta
 
 def test_a_scene_of_independent_views_keeps_all_promises() -> None:
     assert broken("renderers", Biased(by="nothing")) == {}
-
-
-def test_the_error_of_the_last_frame_is_a_remark() -> None:
-    exact = findings_of("renderers", GivenDepth())[LAST_FRAME]
-    assert exact.passed
-    assert exact.detail == "mean absolute grey difference 0.00 of 255"
-    biased = findings_of("renderers", Biased(by="number of poses"))[LAST_FRAME]
-    assert biased.passed
-    assert float(biased.detail.split()[4]) == pytest.approx(10, abs=0.5)  # one pose, 10 levels
 
 
 def test_any_exception_of_a_plug_in_is_a_finding() -> None:

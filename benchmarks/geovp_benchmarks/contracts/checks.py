@@ -57,7 +57,6 @@ def _promises(role: str) -> Iterator[tuple[str, Promise]]:
         yield "returns the requested number of samples", _returns_samples
     if role == "renderers":
         yield "renders each view from its own pose and time alone", _views_are_independent
-        yield "renders the last observed frame from its pose", _renders_last_frame
     if has_motion:
         yield "accepts or refuses a stationary camera", _accepts(_stationary)
         yield "accepts or refuses a past of two frames", _accepts(_two_frames)
@@ -124,7 +123,8 @@ def _returns_samples(trial: Trial) -> None:
 
 
 def _views_are_independent(trial: Trial) -> None:
-    scene = _reconstruct(trial)
+    context = trial.full_context.only(trial.component.needs)
+    scene = trial.component.reconstruct(context, trial.past)
     times_s = trial.clip.times_s
     poses = trial.trajectory.world_from_cam
     together = views(scene, poses, times_s, trial)
@@ -139,19 +139,6 @@ def _views_are_independent(trial: Trial) -> None:
             f"views change if only poses {rows.tolist()} are requested: "
             "a view depends on its own pose and time alone",
         )
-
-
-def _renders_last_frame(trial: Trial) -> str:
-    """Return a remark only, because a renderer may be lossy."""
-    last = trial.past[-1:]
-    frames = views(_reconstruct(trial), last.world_from_cam, last.times_s, trial)["frames"]
-    difference = frames.mean(axis=-1) - trial.full_context.frames[-1].mean(axis=-1)
-    return f"mean absolute grey difference {np.abs(difference).mean():.2f} of 255"
-
-
-def _reconstruct(trial: Trial) -> Any:
-    context = trial.full_context.only(trial.component.needs)
-    return trial.component.reconstruct(context, trial.past)
 
 
 def _accepts(vary: Callable[[Trial], Trial]) -> Promise:
