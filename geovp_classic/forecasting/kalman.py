@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 from filterpy import kalman
+from scipy.linalg import block_diag
 
 from geovp_classic.forecasting.motion_models import VehicleModel
 from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
@@ -19,7 +20,7 @@ from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
 Constants = Literal["turn-rate", "acceleration", "acceleration-damped"]  # tables of turn_rate.toml
-Belief = tuple[FloatArray, FloatArray]  # state [..., n] and covariance [..., n, n]
+Belief = tuple[FloatArray, FloatArray]  # state [n] and covariance [n, n]
 
 
 @functools.cache
@@ -30,38 +31,31 @@ def fitted(name: Constants) -> VehicleModel:
     return VehicleModel(**tables[name])
 
 
-def planar_states(
-    world_from_cam: FloatArray,  # [T, 4, 4]
-    num_past: int,
-    vehicle_from_cam: FloatArray,  # [4, 4]
-) -> FloatArray:
-    """Return (x, z, yaw) [T, 3] on the plane of the last past camera, with unwrapped yaw."""
-    states = planar.reduce(world_from_cam, world_from_cam[num_past - 1], vehicle_from_cam)
+def planar_states(past: Trajectory, vehicle_from_cam: FloatArray) -> FloatArray:
+    """Return (x, z, yaw) [P, 3] on the plane of the last camera, with unwrapped yaw."""
+    poses = past.world_from_cam
+    states = planar.reduce(poses, poses[-1], vehicle_from_cam)
     yaw_rad = np.unwrap(states[:, 2])
-    states[:, 2] = yaw_rad - yaw_rad[num_past - 1]
+    states[:, 2] = yaw_rad - yaw_rad[-1]
     return states
 
 
 def initial_belief(
-    measured: FloatArray,  # [..., P, 3], as (x, z, yaw)
-    times_s: FloatArray,  # [..., P]
+    measured: FloatArray,  # [P, 3], as (x, z, yaw)
+    times_s: FloatArray,  # [P]
     model: VehicleModel,
     deviations: tuple[float, ...] = (20.0, 2.0, 3.0),  # of speed, turn rate and acceleration
 ) -> Belief:
     """Return a wide belief at the first pose, with the velocity of the first step."""
-    first = measured[..., 0, :]
-    state = np.zeros((*first.shape[:-1], model.num_states))
-    state[..., :3] = first
-    if measured.shape[-2] > 1:
-        dt_s = times_s[..., 1, None] - times_s[..., 0, None]
-        velocity = (measured[..., 1, :] - first) / dt_s
-        ahead = velocity[..., 0] * np.sin(first[..., 2]) + velocity[..., 1] * np.cos(first[..., 2])
-        state[..., 3] = ahead
-        state[..., 4] = velocity[..., 2]
-    covariance = np.zeros((*state.shape, model.num_states))
-    covariance[..., :3, :3] = model.measurement_noise
-    covariance[..., 3:, 3:] = np.diag(deviations[: model.num_states - 3]) ** 2
-    return state, covariance
+    state = np.zeros(model.num_states)
+    state[:3] = measured[0]
+    if len(measured) > 1:
+        x, z, yaw = (measured[1] - measured[0]) / (times_s[1] - times_s[0])
+        heading = measured[0, 2]
+        state[3] = x * np.sin(heading) + z * np.cos(heading)
+        state[4] = yaw
+    velocity_covariance = np.diag(deviations[: model.num_states - 3]) ** 2
+    return state, block_diag(model.measurement_noise, velocity_covariance)
 
 
 @dataclass(frozen=True)
@@ -121,8 +115,7 @@ class TurnRateKalman(PlanarForecaster):
 
     def _present(self, past: Trajectory, plane: FloatArray) -> Belief:
         """Return the belief at the last pose."""
-        measured = planar_states(past.world_from_cam, len(past), plane)
-        return self.filtered(measured, past.times_s)
+        return self.filtered(planar_states(past, plane), past.times_s)
 
 
 class TurnRateUnscented(TurnRateKalman):

@@ -236,26 +236,12 @@ def past_and_future(
     ]
 
 
-def test_the_batched_likelihood_agrees_with_single_filters() -> None:
-    pairs = past_and_future(winding_road(60, 1), 5, 20)
-    batched = kalman_noise.log_densities(
-        *kalman_noise.planar_windows(pairs), 10, kalman.fitted("turn-rate")
-    )
-    for (past, future), row in zip(pairs, batched, strict=True):
-        forecast = kalman.TurnRateKalman().distribution(past, future.times_s)
-        states = forecast.states_of(future.world_from_cam)[None]
-        np.testing.assert_allclose(row, forecast.log_density(states)[0], atol=1e-6)
-
-
 def test_the_noise_fit_raises_the_likelihood_and_writes_toml() -> None:
-    pairs = past_and_future(winding_road(300, 2), 20, 30)
+    pairs = past_and_future(winding_road(200, 2), 20, 40)
     start = replace(kalman.fitted("turn-rate"), turn_noise=0.5, slip_noise=0.5)
-    fitted = NoiseFit(max_evaluations=60).fit(pairs, start)
-    arrays = kalman_noise.planar_windows(pairs)
-    before, after = (
-        kalman_noise.log_densities(*arrays, 10, model).mean() for model in (start, fitted)
-    )
-    assert after > before
+    noise_fit = NoiseFit(max_evaluations=40)
+    fitted = noise_fit.fit(pairs, start)
+    assert noise_fit.log_density(pairs, fitted) > noise_fit.log_density(pairs, start)
     table = tomllib.loads(kalman_noise.as_toml({"turn-rate": fitted}))["turn-rate"]
     assert table["position_noise_m"] >= 1e-3
     assert table["turn_damping_hz"] == 0

@@ -173,7 +173,7 @@ def _fit_kalman(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]
     from geovp_benchmarks.studies.forecasting.evaluation import read_windows
     from geovp_classic.forecasting import kalman
 
-    windows = read_windows(chosen.poses, chosen.sequences, stride=40)
+    windows = read_windows(chosen.poses, chosen.sequences, stride=200)
     fitted = {}
     names = get_args(kalman.Constants)
     for done, name in enumerate(names):
