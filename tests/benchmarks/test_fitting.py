@@ -122,16 +122,6 @@ def test_a_network_learns_a_line() -> None:
     np.testing.assert_allclose(trained(np.array([[0.5]]))[:, 0, 0], 0.5, atol=0.1)
 
 
-def test_components_reconstruct_errors() -> None:
-    rng = np.random.default_rng(4)
-    smooth = rng.standard_normal((500, 2)) @ rng.standard_normal((2, 5 * 3))
-    errors = smooth.reshape(500, 5, 3)
-    basis, floor, amounts = prior.components(errors, 2)
-    np.testing.assert_allclose(np.einsum("fid,nd->nfi", basis, amounts), errors, atol=1e-6)
-    np.testing.assert_allclose(amounts.std(0), 1.0, rtol=0.1)
-    assert floor.max() < 1e-6
-
-
 def test_shortened_pasts_repeat_their_first_step() -> None:
     twists = np.arange(9.0)[None, :, None] * np.ones(6)
     np.testing.assert_array_equal(
@@ -166,26 +156,6 @@ def test_a_fitted_prior_survives_a_file(small_prior: Coefficients) -> None:
     assert again.spread.basis.shape == (21, 3, 3)
     twists = Grid(stride=9).windows(winding_road(120, 0)).twists
     np.testing.assert_allclose(again.centre(twists), small_prior.centre(twists))
-
-
-def test_networks_of_an_ensemble_have_the_same_weight(small_prior: Coefficients) -> None:
-    spread = small_prior.spread
-    twists = Grid(stride=20).windows(winding_road(80, 8)).twists[:1]
-    centre = small_prior.centre(twists)
-    weights, means, deviations = spread(twists, centre)
-    num_members, num_modes = len(spread.network.biases[0]), spread.num_modes
-    np.testing.assert_allclose(weights.sum(), 1.0)
-    by_member = (2, num_members, num_modes)  # the first axis is the side of the mirror
-    for member in range(num_members):
-        network = motion_network.Network(
-            tuple(weight[member : member + 1] for weight in spread.network.weights),
-            tuple(bias[member : member + 1] for bias in spread.network.biases),
-        )
-        single = replace(spread, network=network)(twists, centre)
-        together = (weights * num_members, means, deviations)
-        for all_values, values in zip(together, single, strict=True):
-            selected = all_values.reshape(*by_member, *values.shape[1:])[:, member]
-            np.testing.assert_allclose(selected.reshape(values.shape), values, rtol=1e-4, atol=1e-5)
 
 
 def test_a_doubled_region_covers_what_the_original_covers_of_halved_errors(

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from geovp_benchmarks.fitting import prior
 from geovp_classic.errors import BadData
 from geovp_classic.forecasting import motion_network, motion_prior
-from geovp_classic.forecasting.motion_network import Network
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray, Trajectory
@@ -161,15 +160,6 @@ def test_coefficients_survive_a_file_with_their_licence(tmp_path: Path) -> None:
     past = drive(5.0, 0.1, 10)
     again = MotionPrior(coefficients=path).forecast(past, ahead_of(past))
     np.testing.assert_array_equal(again, MotionPrior().forecast(past, ahead_of(past)))
-
-
-def test_the_outputs_of_a_small_network() -> None:
-    network = Network(
-        (np.ones((1, 1, 2)), np.array([[[1.0], [2.0]]])),
-        (np.zeros((1, 1, 2)), np.full((1, 1, 1), 0.5)),
-    )
-    # silu(2) = 2 / (1 + e^-2) = 1.76159; 1.76159 + 2 * 1.76159 + 0.5
-    assert network(np.array([[2.0]]))[0, 0, 0] == pytest.approx(3 * 1.7615942 + 0.5)
 
 
 def test_the_damped_turn_brakes_to_rest_and_its_turn_rate_decays() -> None:

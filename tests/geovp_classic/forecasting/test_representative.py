@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from geovp_classic.errors import BadData
-from geovp_classic.forecasting import past_motion
 from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.forecasting.representative import ImageDistance, Representative
@@ -86,36 +85,13 @@ def test_more_futures_than_draws_are_rejected() -> None:
 
 
 def test_the_unit_of_the_past_does_not_matter() -> None:
-    metric = circle()
-    steps_m = np.linalg.norm(np.diff(metric.world_from_cam[:, :3, 3], axis=0), axis=1).mean()
-    poses = metric.world_from_cam.copy()
-    poses[:, :3, 3] /= steps_m
-    scaled = Trajectory(poses, metric.times_s, is_metric=False)
-    unit = past_motion.in_metres(scaled)[1]
-    in_metres = poses.copy()
-    in_metres[:, :3, 3] *= unit
-    scaled_futures, metric_futures = (
-        Representative(TurnsOfTheCentre(unit_m)).forecast(past, TIMES_S, 6)
-        for past, unit_m in (
-            (scaled, unit),
-            (Trajectory(in_metres, metric.times_s, is_metric=True), 1.0),
-        )
+    times_s = STEP_S * np.arange(10)
+    poses = se3.exp(times_s[:, None] * np.array([0, 0, 9.0, 0, 0, 0]))  # at the assumed speed
+    scaled_poses = poses.copy()
+    scaled_poses[:, :3, 3] /= 3
+    futures, scaled_futures = (
+        Representative().forecast(Trajectory(world_from_cam, times_s, is_metric), TIMES_S, 6)
+        for world_from_cam, is_metric in ((poses, True), (scaled_poses, False))
     )
-    metric_futures[..., :3, 3] /= unit
-    np.testing.assert_allclose(scaled_futures, metric_futures, atol=1e-9)
-
-
-@dataclass(frozen=True)
-class TurnsOfTheCentre:
-    """A forecaster that draws up to 1 m aside and turns by up to 0.05 rad, in any unit."""
-
-    metres_per_unit: float
-
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
-        futures = np.tile(past.world_from_cam[-1], (num_samples, len(times_s), 1, 1))
-        if num_samples == 1:
-            return futures
-        aside, turn = np.random.default_rng(0).uniform(-1, 1, (2, num_samples))
-        twists = np.zeros((num_samples, 1, 6))
-        twists[:, 0, 0], twists[:, 0, 4] = aside / self.metres_per_unit, 0.05 * turn
-        return np.asarray(futures @ se3.exp(twists))
+    scaled_futures[..., :3, 3] *= 3
+    np.testing.assert_allclose(scaled_futures, futures, atol=1e-6)

@@ -77,14 +77,6 @@ def test_two_short_steps_add_the_noise_of_a_long_step(
     )
 
 
-def test_a_batch_of_states_gives_the_results_of_single_states() -> None:
-    states = np.array([[0, 0, 0.1, 5, 0.2, 1], [1, 2, 3, 0, 0, 0], [0, 0, -2, 9, -1, -3.0]])
-    steps_s = np.array([0.1, 0.2, 0.3])
-    for function in (MODEL.transition, MODEL.jacobian, MODEL.process_noise):
-        single = [function(state, dt_s) for state, dt_s in zip(states, steps_s, strict=True)]
-        np.testing.assert_allclose(function(states, steps_s), np.stack(single), atol=1e-12)
-
-
 def test_the_camera_travels_on_its_plane() -> None:
     # The camera looks 5 degrees above its direction of travel.
     pitch = np.radians(5.0)
