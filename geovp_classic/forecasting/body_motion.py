@@ -43,19 +43,31 @@ class Coefficients:
         """P, the number of past steps."""
         return len(self.scale) // 6
 
-    def means(self, twists: FloatArray) -> FloatArray:
+    def means(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+    ) -> FloatArray:
         """Return heave (m, downwards), pitch and roll (rad) [N, F, 3]."""
         return (self.features(twists) @ self.weights).reshape(len(twists), -1, 3)
 
-    def scales(self, twists: FloatArray) -> FloatArray:
+    def scales(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+    ) -> FloatArray:
         """Return the scales [N, F, 3] of the residual."""
         return np.exp(self.motion_features(twists) @ self.spread).reshape(len(twists), -1, 3)
 
-    def features(self, twists: FloatArray) -> FloatArray:
+    def features(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+    ) -> FloatArray:
         """Return scaled and clipped changes [N, P * 6]."""
         return np.clip(changes(twists) / self.scale, -self.max_feature, self.max_feature)
 
-    def motion_features(self, twists: FloatArray) -> FloatArray:
+    def motion_features(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+    ) -> FloatArray:
         """Return [N, 5]: 1, and logarithms of heave, pitch and roll rates and of the speed."""
         rates = np.sqrt((twists[..., BODY_AXES] ** 2).mean(axis=1))
         speed = np.abs(twists[..., Axis.FORWARD]).mean(axis=1)
@@ -70,7 +82,10 @@ class BodyMotion:
     coefficients: Path | None = None  # a file of `fit-body-motion`; None: the packaged one
 
     def added_to(
-        self, world_from_cam: FloatArray, past: Trajectory, times_s: FloatArray
+        self,
+        world_from_cam: FloatArray,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
     ) -> FloatArray:
         """Return planar futures [S, F, 4, 4] with body motion; unchanged after a single pose."""
         if len(past) < 2:
@@ -79,7 +94,11 @@ class BodyMotion:
         twists[:, BODY_AXES] = self.distribution(past, times_s).means
         return world_from_cam @ se3.exp(twists)
 
-    def distribution(self, past: Trajectory, times_s: FloatArray) -> BodyForecast:
+    def distribution(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+    ) -> BodyForecast:
         """Return body motion at F times after at least two metric poses.
 
         It is constant beyond the fitted 2.1 s.
@@ -92,14 +111,19 @@ class BodyMotion:
         return BodyForecast(means, scales, fitted.degrees)
 
 
-def changes(twists: FloatArray) -> FloatArray:
+def changes(
+    twists: FloatArray,  # [N, P, 6], per second
+) -> FloatArray:
     """Return twists [N, P * 6] less their mean speed: 0 for steady straight driving."""
     changes = twists.copy()
     changes[..., Axis.FORWARD] -= changes[..., Axis.FORWARD].mean(axis=1, keepdims=True)
     return changes.reshape(len(changes), -1)
 
 
-def over_plane(world_from_cam: FloatArray, past: Trajectory) -> FloatArray:
+def over_plane(
+    world_from_cam: FloatArray,
+    past: Trajectory,
+) -> FloatArray:
     """Return heave, pitch and roll [F, 3] of poses [F, 4, 4] over the past motion's plane."""
     reference = past.world_from_cam[-1]
     plane = past_motion.vehicle_from_cam(past)
@@ -126,7 +150,10 @@ def load(path: Path | None) -> Coefficients:
         ) from error
 
 
-def _interpolated(states: FloatArray, steps: FloatArray) -> FloatArray:
+def _interpolated(
+    states: FloatArray,
+    steps: FloatArray,
+) -> FloatArray:
     """Return values [T, 3] at T numbers of steps from states [F, 3] at 1..F steps; 0 at step 0."""
     nodes = np.concatenate([np.zeros((1, 3)), states])
     spline = make_interp_spline(np.arange(len(nodes)), nodes, k=1)

@@ -16,7 +16,12 @@ from geovp_classic.types import FloatArray, Trajectory
 class Hold:
     """Forecaster that keeps the last pose."""
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+        num_samples: int = 1,
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4], all equal to the last pose."""
         return np.tile(past.world_from_cam[-1], (num_samples, len(times_s), 1, 1))
 
@@ -39,7 +44,12 @@ class _RecentMotion:
 class ConstantVelocity(_RecentMotion):
     """Forecaster at the mean velocity of the last `num_steps` steps, without turning."""
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+        num_samples: int = 1,
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4] with the last orientation."""
         ahead_s = times_s - past.times_s[-1]
         recent, duration_s = self._recent(past)
@@ -55,7 +65,12 @@ class ConstantTurn(_RecentMotion):
     The twist per second is the mean over the last `num_steps` steps, weighted by their duration.
     """
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+        num_samples: int = 1,
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4] on the screw motion through the last pose."""
         ahead_s = times_s - past.times_s[-1]
         recent, duration_s = self._recent(past)

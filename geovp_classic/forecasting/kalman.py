@@ -31,7 +31,10 @@ def fitted(name: Constants) -> VehicleModel:
     return VehicleModel(**tables[name])
 
 
-def planar_states(past: Trajectory, vehicle_from_cam: FloatArray) -> FloatArray:
+def planar_states(
+    past: Trajectory,
+    vehicle_from_cam: FloatArray,
+) -> FloatArray:
     """Return (x, z, yaw) [P, 3] on the plane of the last camera, with unwrapped yaw."""
     poses = past.world_from_cam
     states = planar.reduce(poses, poses[-1], vehicle_from_cam)
@@ -69,7 +72,11 @@ class TurnRateKalman(PlanarForecaster):
         """The vehicle with the fitted constants."""
         return fitted(self.constants)
 
-    def prediction(self, belief: Belief, dt_s: float) -> Belief:
+    def prediction(
+        self,
+        belief: Belief,
+        dt_s: float,
+    ) -> Belief:
         """Return the belief after dt, linearised at the present state."""
         state, covariance = belief
         jacobian = self.model.jacobian(state, dt_s)
@@ -77,7 +84,11 @@ class TurnRateKalman(PlanarForecaster):
         _, covariance = kalman.predict(state, covariance, jacobian, noise)
         return self.model.transition(state, dt_s), covariance
 
-    def filtered(self, measured: FloatArray, times_s: FloatArray) -> Belief:
+    def filtered(
+        self,
+        measured: FloatArray,
+        times_s: FloatArray,  # [F]
+    ) -> Belief:
         """Return the belief at the last of measured (x, z, yaw) [P, 3], yaw unwrapped."""
         belief = initial_belief(measured, times_s, self.model)
         noise = self.model.measurement_noise
@@ -86,7 +97,12 @@ class TurnRateKalman(PlanarForecaster):
             belief = kalman.update(*self.prediction(belief, dt_s), state, noise, measurement)
         return belief
 
-    def modes(self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray) -> Modes:
+    def modes(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+    ) -> Modes:
         """Return one mode: the predicted mean and covariance at every time."""
         belief = self._present(past, plane)
         means = []
@@ -98,7 +114,11 @@ class TurnRateKalman(PlanarForecaster):
         return np.ones(1), np.stack(means)[None], np.stack(covariances)[None]
 
     def paths(
-        self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray, num_samples: int
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+        num_samples: int,
     ) -> FloatArray:
         """Return the mean [1, F, 3], or paths [S, F, 3] drawn from the belief and its noise."""
         if num_samples == 1:
@@ -113,7 +133,11 @@ class TurnRateKalman(PlanarForecaster):
             path.append(states[:, :3])
         return np.stack(path, axis=1)
 
-    def _present(self, past: Trajectory, plane: FloatArray) -> Belief:
+    def _present(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+    ) -> Belief:
         """Return the belief at the last pose."""
         return self.filtered(planar_states(past, plane), past.times_s)
 
@@ -121,7 +145,11 @@ class TurnRateKalman(PlanarForecaster):
 class TurnRateUnscented(TurnRateKalman):
     """Constant turn rate and speed (CTRV), unscented Kalman filter."""
 
-    def prediction(self, belief: Belief, dt_s: float) -> Belief:
+    def prediction(
+        self,
+        belief: Belief,
+        dt_s: float,
+    ) -> Belief:
         """Return the belief after dt, from sigma points (Wan & van der Merwe 2000)."""
         points = kalman.MerweScaledSigmaPoints(len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0)
         moved = self.model.transition(points.sigma_points(*belief), dt_s)

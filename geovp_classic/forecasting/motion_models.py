@@ -35,7 +35,11 @@ class VehicleModel:
         """Covariance [3, 3] of a measured (x, z, yaw)."""
         return np.diag([self.position_noise_m, self.position_noise_m, self.yaw_noise_rad]) ** 2
 
-    def transition(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
+    def transition(
+        self,
+        state: FloatArray,
+        dt_s: FloatArray | float,
+    ) -> FloatArray:
         """Return the state [..., n] after dt [...]."""
         dt_s = np.asarray(dt_s)
         x, z, yaw, speed, turn_rate = np.moveaxis(state[..., :5], -1, 0)
@@ -55,7 +59,11 @@ class VehicleModel:
         end = np.stack([end_x, end_z, end_yaw, end_speed, turn_rate, acceleration], axis=-1)
         return end[..., : state.shape[-1]]
 
-    def jacobian(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
+    def jacobian(
+        self,
+        state: FloatArray,
+        dt_s: FloatArray | float,
+    ) -> FloatArray:
         """Return the derivative of `transition` by the state [..., n, n] (central differences)."""
         step = 1e-5
         shifts = step * np.eye(state.shape[-1])
@@ -64,7 +72,11 @@ class VehicleModel:
         below = self.transition(state[..., None, :] - shifts, dt_s)
         return np.swapaxes(above - below, -1, -2) / (2 * step)
 
-    def process_noise(self, state: FloatArray, dt_s: FloatArray | float) -> FloatArray:
+    def process_noise(
+        self,
+        state: FloatArray,
+        dt_s: FloatArray | float,
+    ) -> FloatArray:
         """Return the covariance [..., n, n] that white noise adds in dt.
 
         It is the integral of J q q' J' over dt, where J(t) is the response after a time t; damping
@@ -89,7 +101,11 @@ class VehicleModel:
         return np.einsum("...tij,...t->...ij", weighted, weights * half_s)
 
 
-def _decay(rate: FloatArray, damping_hz: float, dt_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _decay(
+    rate: FloatArray,
+    damping_hz: float,
+    dt_s: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
     """Return the integral of a decaying rate over dt, and the rate after dt."""
     if damping_hz == 0:
         return rate * dt_s, rate

@@ -42,7 +42,11 @@ class Standardisation:
     limit: float = 8.0
 
     @classmethod
-    def of(cls, features: FloatArray, limit: float = 8.0) -> Self:
+    def of(
+        cls,
+        features: FloatArray,
+        limit: float = 8.0,
+    ) -> Self:
         """Return the standardisation of features [N, in]."""
         return cls(features.mean(0), features.std(0) + 1e-6, limit)
 
@@ -59,7 +63,12 @@ class DampedTurn:
     turn_decay: float = 0.95  # of the turn rate, per step
     num_recent: int = 3  # steps that give the turn rate and the acceleration
 
-    def __call__(self, twists: FloatArray, step_s: float, num_steps: int) -> FloatArray:
+    def __call__(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+        step_s: float,
+        num_steps: int,
+    ) -> FloatArray:
         """Return states [N, F, 3] after twists [N, P, 6]."""
         speeds = self._speeds(twists[..., Axis.FORWARD], num_steps)
         turn_rate = twists[:, -self.num_recent :, Axis.YAW].mean(axis=1)
@@ -72,7 +81,11 @@ class DampedTurn:
         z = np.cumsum(chord * np.cos(chord_yaw), axis=1)
         return np.stack([x, z, yaw], axis=-1)
 
-    def _speeds(self, past: FloatArray, num_steps: int) -> FloatArray:
+    def _speeds(
+        self,
+        past: FloatArray,
+        num_steps: int,
+    ) -> FloatArray:
         """Return the speeds [N, F + 1] at 0..F steps after past ones [N, P]."""
         last = past[:, -1:]
         earlier = past[:, -1 - self.num_recent, None]
@@ -91,7 +104,10 @@ class CentreModel:
     network: Network
     baseline: DampedTurn = field(default_factory=DampedTurn)
 
-    def __call__(self, twists: FloatArray) -> FloatArray:
+    def __call__(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+    ) -> FloatArray:
         """Return states [N, F, 3], averaged over the ensemble and the mirror image."""
         both = with_mirrored(twists)
         outputs = self.network(self.inputs(past_features(both))).mean(0)
@@ -109,7 +125,11 @@ class SpreadFeatures:
     num_recent: int = 3
     limit: float = 3.0  # deviations; faster driving than in training has the spread of the fastest
 
-    def __call__(self, twists: FloatArray, centre: FloatArray) -> FloatArray:
+    def __call__(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+        centre: FloatArray,
+    ) -> FloatArray:
         """Return features [N, in] of twists [N, P, 6] and central paths [N, F, 3]."""
         columns = [
             past_features(twists),
@@ -120,7 +140,10 @@ class SpreadFeatures:
         ]
         return np.column_stack(columns)
 
-    def _log_changes(self, twists: FloatArray) -> FloatArray:
+    def _log_changes(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+    ) -> FloatArray:
         """Return logarithms [N, 17] of jitter, changes, turn rates, speed and acceleration."""
         noise_floor = np.repeat([1e-2, 1e-3], 3)  # m/s, rad/s
         jitter = np.sqrt((np.diff(twists, 2, axis=1) ** 2).mean(axis=1))
@@ -184,7 +207,9 @@ def with_mirrored(values: FloatArray) -> FloatArray:
     return np.concatenate([values, values * sign])
 
 
-def past_features(twists: FloatArray) -> FloatArray:
+def past_features(
+    twists: FloatArray,  # [N, P, 6], per second
+) -> FloatArray:
     """Return the changes from step to step and the last twist [N, P * 6]."""
     steps = np.concatenate([np.diff(twists, axis=1), twists[:, -1:]], axis=1)
     return steps.reshape(len(twists), -1)

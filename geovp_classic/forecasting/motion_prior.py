@@ -51,7 +51,11 @@ class MotionPrior(PlanarForecaster):
     max_turn_rad_s: float = 1.5  # faster turns are not in the training poses, and are clipped
 
     def paths(
-        self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray, num_samples: int
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+        num_samples: int,
     ) -> FloatArray:
         """Return the central path [1, F, 3], or smooth samples [S, F, 3] around it."""
         is_stationary = (past.world_from_cam == past.world_from_cam[-1]).all()
@@ -60,14 +64,23 @@ class MotionPrior(PlanarForecaster):
         mixture = self._mixture(past, ahead_s)
         return mixture.centre[None] if num_samples == 1 else mixture.sample(num_samples, self.seed)
 
-    def modes(self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray) -> Modes:
+    def modes(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+    ) -> Modes:
         """Return the mixture; raise BadData for a single past pose."""
         if len(past) == 1:
             raise BadData("a single past pose has no predictive distribution: give at least two")
         mixture = self._mixture(past, ahead_s)
         return mixture.weights, mixture.means, mixture.covariances
 
-    def _mixture(self, past: Trajectory, ahead_s: FloatArray) -> "PathMixture":
+    def _mixture(
+        self,
+        past: Trajectory,
+        ahead_s: FloatArray,  # [F]
+    ) -> "PathMixture":
         fitted = load(self.coefficients)
         twists = past_motion.twists_per_s(past, fitted.centre.step_s, self.num_past_steps)
         twists[:, 3:] = np.clip(twists[:, 3:], -self.max_turn_rad_s, self.max_turn_rad_s)
@@ -84,7 +97,11 @@ class PathMixture:
     roots: FloatArray  # [K, T, 3, D], effect of D independent unit Gaussians
     residual_covariance: FloatArray  # [T, 3, 3]
 
-    def sample(self, num_samples: int, seed: int) -> FloatArray:
+    def sample(
+        self,
+        num_samples: int,
+        seed: int,
+    ) -> FloatArray:
         """Draw smooth paths [S, T, 3], without the residual, which is not smooth."""
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
@@ -148,7 +165,10 @@ def unpacked(table: dict[str, FloatArray]) -> Coefficients:
         biases = tuple(table[f"{name}_bias{layer}"] for layer in layers)
         return Network(weights, biases)
 
-    def inputs(name: str, limit: float) -> Standardisation:
+    def inputs(
+        name: str,
+        limit: float,
+    ) -> Standardisation:
         return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit)
 
     centre = CentreModel(

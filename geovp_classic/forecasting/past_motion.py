@@ -14,7 +14,10 @@ class Axis(enum.IntEnum):
     RIGHT, DOWN, FORWARD, PITCH, YAW, ROLL = range(6)
 
 
-def in_metres(past: Trajectory, assumed_speed_m_s: float = 9.0) -> tuple[Trajectory, float]:
+def in_metres(
+    past: Trajectory,
+    assumed_speed_m_s: float = 9.0,
+) -> tuple[Trajectory, float]:
     """Return the past in metres, and metres per unit of the given past.
 
     Without metric scale the mean speed is assumed; 9 m/s is about the median of KITTI's training
@@ -46,7 +49,11 @@ def vehicle_from_cam(
     return planar.level_vehicle_from_cam(float(np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad)))
 
 
-def twists_per_s(past: Trajectory, step_s: float, num_steps: int) -> FloatArray:
+def twists_per_s(
+    past: Trajectory,
+    step_s: float,
+    num_steps: int,
+) -> FloatArray:
     """Return twists per second [num_steps, 6] on an even grid that ends at the last of >= 2 poses.
 
     The first twist is repeated where the grid begins before the past.

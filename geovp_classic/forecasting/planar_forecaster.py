@@ -22,15 +22,29 @@ class PlanarForecaster(abc.ABC):
 
     @abc.abstractmethod
     def paths(
-        self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray, num_samples: int
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+        num_samples: int,
     ) -> FloatArray:
         """Return the central path [1, F, 3], or several samples [S, F, 3], after a metric past."""
 
     @abc.abstractmethod
-    def modes(self, past: Trajectory, plane: FloatArray, ahead_s: FloatArray) -> Modes:
+    def modes(
+        self,
+        past: Trajectory,
+        plane: FloatArray,  # [4, 4], vehicle_from_cam
+        ahead_s: FloatArray,  # [F]
+    ) -> Modes:
         """Return the weights, means [K, F, 3] and covariances [K, F, 3, 3] of a mixture."""
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+        num_samples: int = 1,
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4]: the central path if one is asked for, otherwise samples."""
         ahead_s = times_s - past.times_s[-1]
         metric, metres_per_unit = past_motion.in_metres(past)
@@ -42,7 +56,11 @@ class PlanarForecaster(abc.ABC):
         futures[..., :3, 3] /= metres_per_unit
         return futures
 
-    def distribution(self, past: Trajectory, times_s: FloatArray) -> PlanarForecast:
+    def distribution(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+    ) -> PlanarForecast:
         """Return the predictive distribution at every future time."""
         ahead_s = times_s - past.times_s[-1]
         metric, metres_per_unit = past_motion.in_metres(past)

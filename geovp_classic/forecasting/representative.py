@@ -70,7 +70,12 @@ class Representative:
         if self.num_draws < 2:
             raise BadData(f"representative: num_draws is {self.num_draws}, expected 2 or more")
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self,
+        past: Trajectory,
+        times_s: FloatArray,  # [F]
+        num_samples: int = 1,
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4]; raise BadData if there are fewer draws."""
         centre = self.source.forecast(past, times_s)
         if num_samples == 1:
@@ -88,7 +93,10 @@ class Representative:
         return futures[selected]
 
 
-def _medoids(distances: FloatArray, count: int) -> list[int]:
+def _medoids(
+    distances: FloatArray,
+    count: int,
+) -> list[int]:
     """Return greedy medoids of items with given distances [N, N]; the first one is item 0."""
     selected = [0]
     closest = distances[0]

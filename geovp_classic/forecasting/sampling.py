@@ -29,7 +29,11 @@ class BodyForecast:
         distance = np.abs(states - self.means) / self.scales
         return np.asarray(2 * stdtr(self.degrees, distance) - 1)
 
-    def sample(self, num_samples: int, seed: int) -> FloatArray:
+    def sample(
+        self,
+        num_samples: int,
+        seed: int,
+    ) -> FloatArray:
         """Draw states [N, F, 3], independent from step to step."""
         rng = np.random.default_rng(seed)
         drawn = rng.standard_t(self.degrees, (num_samples, *self.means.shape))
@@ -65,7 +69,11 @@ class PlanarForecast:
         log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
         return np.asarray(logsumexp(log_densities, axis=0, b=self.weights[:, None, None]))
 
-    def sample(self, num_samples: int, seed: int) -> FloatArray:
+    def sample(
+        self,
+        num_samples: int,
+        seed: int,
+    ) -> FloatArray:
         """Draw states [N, F, 3], independent from step to step."""
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)

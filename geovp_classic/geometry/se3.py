@@ -96,7 +96,10 @@ def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1))
 
 
-def orthonormalised(b_from_a: FloatArray, tolerance: float = 1e-4) -> FloatArray:
+def orthonormalised(
+    b_from_a: FloatArray,
+    tolerance: float = 1e-4,
+) -> FloatArray:
     """Return the nearest rigid motion (polar decomposition) of rounded matrices [..., 4, 4].
 
     Raise BadData if an entry of R R' - I exceeds the tolerance, or if R is a reflection.

@@ -35,7 +35,10 @@ class BodyMotionFit:
     degree_choices: FloatArray = field(default_factory=lambda: np.geomspace(1.5, 60, 400))
 
     def fit(
-        self, sequences: Mapping[str, Trajectory], others: Mapping[str, Trajectory], seed: int = 0
+        self,
+        sequences: Mapping[str, Trajectory],
+        others: Mapping[str, Trajectory],
+        seed: int = 0,
     ) -> Coefficients:
         """Return the coefficients of the least absolute error on recordings and mirror images.
 
@@ -63,7 +66,11 @@ class BodyMotionFit:
         fitted = replace(fitted, weights=np.stack(weights, axis=1))
         return self._with_spread(fitted, [*sequences.values(), *others.values()])
 
-    def _least_absolute(self, features: FloatArray, target: FloatArray) -> FloatArray:
+    def _least_absolute(
+        self,
+        features: FloatArray,  # [N, in]
+        target: FloatArray,  # [N]
+    ) -> FloatArray:
         """Return the weights [in] of a ridge regression with the least absolute error."""
         penalty = self.ridge * len(target) * np.eye(features.shape[1])
         sample_weight = np.ones(len(target))
@@ -76,7 +83,11 @@ class BodyMotionFit:
             sample_weight /= sample_weight.mean()
         return np.asarray(solution)
 
-    def _with_spread(self, fitted: Coefficients, sequences: list[Trajectory]) -> Coefficients:
+    def _with_spread(
+        self,
+        fitted: Coefficients,
+        sequences: list[Trajectory],
+    ) -> Coefficients:
         """Fit Student's t so that both intervals have their coverage; sequences weigh equally."""
         features = []
         residuals = []

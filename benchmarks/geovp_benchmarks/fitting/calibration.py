@@ -39,13 +39,22 @@ class Calibration:
         increasing = np.maximum.accumulate(np.mean(curves, axis=0))  # [choices, F]
         return np.array([np.interp(self.target, curve, self.choices) for curve in increasing.T])
 
-    def coverage(self, fitted: Coefficients, windows: TrainingWindows) -> FloatArray:
+    def coverage(
+        self,
+        fitted: Coefficients,
+        windows: TrainingWindows,
+    ) -> FloatArray:
         """Return the fraction [choices, F] of true states inside the resized regions."""
         selected = range(0, len(windows), self.stride)
         covered = [self._is_covered(fitted, windows, number) for number in selected]
         return np.asarray(np.mean(covered, axis=0))
 
-    def _is_covered(self, fitted: Coefficients, windows: TrainingWindows, number: int) -> BoolArray:
+    def _is_covered(
+        self,
+        fitted: Coefficients,
+        windows: TrainingWindows,
+        number: int,
+    ) -> BoolArray:
         """Return whether [choices, F] of a window are inside."""
         states = windows.states[number]
         ahead_s = fitted.centre.step_s * np.arange(1, len(states) + 1)
@@ -60,7 +69,10 @@ class Calibration:
         return np.asarray(forecast.log_density(shrunk) >= threshold)
 
 
-def rescaled(fitted: Coefficients, factors: FloatArray) -> Coefficients:
+def rescaled(
+    fitted: Coefficients,
+    factors: FloatArray,  # [F]
+) -> Coefficients:
     """Multiply the deviations from the central path by the factor [F] of their step."""
     spread = replace(
         fitted.spread,

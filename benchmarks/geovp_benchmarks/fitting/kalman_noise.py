@@ -39,7 +39,11 @@ class NoiseFit:
     min_position_noise_m: float = 1e-3  # recorded poses are smoother than any odometry
     min_yaw_noise_rad: float = 1e-4
 
-    def fit(self, windows: Sequence[Window], start: VehicleModel) -> VehicleModel:
+    def fit(
+        self,
+        windows: Sequence[Window],
+        start: VehicleModel,
+    ) -> VehicleModel:
         """Return the most likely constants for (past, future) pairs; those that are 0 stay 0."""
         free = {name: value for name, value in asdict(start).items() if value > 0}
 
@@ -65,7 +69,11 @@ class NoiseFit:
         )
         return model_of(best.x)
 
-    def log_density(self, windows: Sequence[Window], model: VehicleModel) -> float:
+    def log_density(
+        self,
+        windows: Sequence[Window],
+        model: VehicleModel,
+    ) -> float:
         """Return the mean log density of the true futures."""
         forecaster = Candidate(candidate=model, body_motion=None)
         steps = np.array(self.horizons) - 1

@@ -38,7 +38,11 @@ class Schedule:
         return self.learning_rate * 0.5 * (1 - np.cos(np.pi * remaining))
 
 
-def initialised(sizes: tuple[int, ...], num_members: int, rng: np.random.Generator) -> Network:
+def initialised(
+    sizes: tuple[int, ...],
+    num_members: int,
+    rng: np.random.Generator,
+) -> Network:
     """Draw random weights (He et al. 2015), small in the last layer; biases are 0."""
     weights = []
     biases = []
@@ -80,7 +84,10 @@ def train(
 
 
 def forward(
-    network: Network, features: FloatArray, dropout: float, rng: np.random.Generator
+    network: Network,
+    features: FloatArray,  # [M, B, in]
+    dropout: float,
+    rng: np.random.Generator,
 ) -> tuple[FloatArray, Trace]:
     """Return outputs [M, B, out] with dropout of hidden units, and the trace."""
     hidden = features
@@ -95,7 +102,11 @@ def forward(
     return hidden @ network.weights[-1] + network.biases[-1], trace
 
 
-def backward(network: Network, trace: Trace, slope: FloatArray) -> list[FloatArray]:
+def backward(
+    network: Network,
+    trace: Trace,
+    slope: FloatArray,  # [M, B, out]
+) -> list[FloatArray]:
     """Return slopes of the loss by weights, then biases, from its slope by the outputs."""
     weights = []
     biases = []

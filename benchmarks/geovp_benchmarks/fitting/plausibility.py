@@ -47,7 +47,11 @@ class Drivability:
         is_along = across <= self.max_across_m_s
         return np.asarray(is_along & (np.abs(acceleration) <= self.max_acceleration_m_s2))
 
-    def _residual(self, regressors: FloatArray, velocity: FloatArray) -> FloatArray:
+    def _residual(
+        self,
+        regressors: FloatArray,  # [N, C]
+        velocity: FloatArray,  # [N]
+    ) -> FloatArray:
         """Return the residual [N] of a robust linear regression on regressors [N, C]."""
 
         def residual(factors: FloatArray) -> FloatArray:

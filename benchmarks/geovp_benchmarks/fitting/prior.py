@@ -127,7 +127,10 @@ class PriorFit:
             standardised = inputs(past_features(twists))
             return standardised.reshape(shape), target.reshape(shape).astype(np.float32)
 
-        def gradient(outputs: FloatArray, target: FloatArray) -> FloatArray:
+        def gradient(
+            outputs: FloatArray,
+            target: FloatArray,
+        ) -> FloatArray:
             return centre_gradient(outputs, target, scale, self.yaw_weight_m)
 
         sizes = (features.shape[1], self.centre_width, self.centre_width, scale.size)
@@ -154,7 +157,10 @@ class PriorFit:
             drawn = rng.integers(0, len(features), (self.spread_members, schedule.batch_size))
             return standardised[drawn], targets[drawn]
 
-        def gradient(outputs: FloatArray, target: FloatArray) -> FloatArray:
+        def gradient(
+            outputs: FloatArray,
+            target: FloatArray,
+        ) -> FloatArray:
             return mixture_gradient(outputs, target, self.num_modes)
 
         num_outputs = self.num_modes * (1 + 2 * self.depth)
@@ -169,10 +175,18 @@ class PriorFit:
         """Return the states [N, F, 3] relative to the damped turn."""
         return windows.states - DampedTurn()(windows.twists, STEP_S, self.grid.num_future)
 
-    def _num_steps(self, epochs: float, count: int) -> int:
+    def _num_steps(
+        self,
+        epochs: float,
+        count: int,
+    ) -> int:
         return max(1, int(epochs * count / Schedule.batch_size))
 
-    def _pieces(self, name: str, trajectory: Trajectory) -> list[TrainingWindows]:
+    def _pieces(
+        self,
+        name: str,
+        trajectory: Trajectory,
+    ) -> list[TrainingWindows]:
         """Return the windows of a sequence's pieces, which have no pose in common."""
         usable = Drivability().steps(trajectory)
         num_pieces = max(1, len(trajectory) // self.piece_steps)
@@ -189,7 +203,11 @@ class PriorFit:
             )
         return pieces
 
-    def _errors(self, centre: CentreModel, held_out: TrainingWindows) -> Errors:
+    def _errors(
+        self,
+        centre: CentreModel,
+        held_out: TrainingWindows,
+    ) -> Errors:
         """Return the errors on clean and on corrupted pasts."""
         rng = np.random.default_rng(self.seed)
         corrupted = self.augmentation.corrupted(held_out.twists, rng)
@@ -234,7 +252,10 @@ def mixture_gradient(
     return (np.concatenate(slopes, axis=-1) / target.shape[-2]).astype(np.float32)
 
 
-def components(errors: FloatArray, depth: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def components(
+    errors: FloatArray,  # [N, F, 3]
+    depth: int,  # D
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the principal components of errors [N, F, 3].
 
     These are the basis [F, 3, D], the residual variances [F, 3] and the amounts [N, D].
@@ -250,7 +271,10 @@ def components(errors: FloatArray, depth: int) -> tuple[FloatArray, FloatArray, 
     return basis, (residual**2).mean(axis=0) + 1e-10, amounts / roots
 
 
-def along_path(deviations: FloatArray, path: FloatArray) -> FloatArray:
+def along_path(
+    deviations: FloatArray,  # [N, F, 3]
+    path: FloatArray,  # [N, F, 3]
+) -> FloatArray:
     """Return deviations (x, z, yaw) [N, F, 3] from a path as (right, ahead, yaw) of it."""
     x, z, yaw = np.moveaxis(deviations, -1, 0)
     cos = np.cos(path[..., 2])

@@ -38,7 +38,10 @@ class TrainingWindows:
         return TrainingWindows(twists, states)
 
 
-def states_on_plane(world_from_cam: FloatArray, past: Trajectory) -> FloatArray:
+def states_on_plane(
+    world_from_cam: FloatArray,  # [F, 4, 4]
+    past: Trajectory,
+) -> FloatArray:
     """Return (x, z, yaw) [F, 3] on the plane along which the camera has travelled."""
     plane = past_motion.vehicle_from_cam(past)
     return planar.reduce(world_from_cam, past.world_from_cam[-1], plane)
@@ -98,7 +101,11 @@ class Augmentation:
         rotation_noise_rad = np.radians(self.rotation_noise_deg)
         return np.repeat([self.position_noise_m, rotation_noise_rad], 3) / STEP_S
 
-    def rescaled(self, windows: TrainingWindows, rng: np.random.Generator) -> TrainingWindows:
+    def rescaled(
+        self,
+        windows: TrainingWindows,
+        rng: np.random.Generator,
+    ) -> TrainingWindows:
         """Return windows of which a fraction is driven faster on a longer path of the same turns.
 
         Recorded speeds end at 15 m/s, and a monocular scale may be wrong.
@@ -112,7 +119,11 @@ class Augmentation:
         states[..., :2] *= factor[:, None, None]
         return TrainingWindows(twists, states)
 
-    def corrupted(self, twists: FloatArray, rng: np.random.Generator) -> FloatArray:
+    def corrupted(
+        self,
+        twists: FloatArray,  # [N, P, 6], per second
+        rng: np.random.Generator,
+    ) -> FloatArray:
         """Return past twists [N, P, 6] of which some are noisy and some are short."""
         count, num_steps, _ = twists.shape
         lowest, highest = np.log(self.noise_levels)
@@ -124,7 +135,10 @@ class Augmentation:
         return shortened(twists + level[:, None, None] * noise, num_recorded)
 
 
-def with_stationary(windows: TrainingWindows, fraction: float) -> TrainingWindows:
+def with_stationary(
+    windows: TrainingWindows,
+    fraction: float,
+) -> TrainingWindows:
     """Add a fraction of windows of a stationary car; recordings are cut where the car waits."""
     count = int(np.ceil(fraction * len(windows)))
     twists = np.zeros((count, *windows.twists.shape[1:]))
