@@ -83,7 +83,7 @@ class BodyMotion:
 
     def added_to(
         self,
-        world_from_cam: FloatArray,
+        world_from_cam: FloatArray,  # [S, F, 4, 4]
         past: Trajectory,
         times_s: FloatArray,  # [F]
     ) -> FloatArray:
@@ -121,7 +121,7 @@ def changes(
 
 
 def over_plane(
-    world_from_cam: FloatArray,
+    world_from_cam: FloatArray,  # [F, 4, 4]
     past: Trajectory,
 ) -> FloatArray:
     """Return heave, pitch and roll [F, 3] of poses [F, 4, 4] over the past motion's plane."""
@@ -151,8 +151,8 @@ def load(path: Path | None) -> Coefficients:
 
 
 def _interpolated(
-    states: FloatArray,
-    steps: FloatArray,
+    states: FloatArray,  # [F, 3], at 1..F steps
+    steps: FloatArray,  # [T]
 ) -> FloatArray:
     """Return values [T, 3] at T numbers of steps from states [F, 3] at 1..F steps; 0 at step 0."""
     nodes = np.concatenate([np.zeros((1, 3)), states])

@@ -33,7 +33,7 @@ def fitted(name: Constants) -> VehicleModel:
 
 def planar_states(
     past: Trajectory,
-    vehicle_from_cam: FloatArray,
+    vehicle_from_cam: FloatArray,  # [4, 4]
 ) -> FloatArray:
     """Return (x, z, yaw) [P, 3] on the plane of the last camera, with unwrapped yaw."""
     poses = past.world_from_cam
@@ -86,10 +86,10 @@ class TurnRateKalman(PlanarForecaster):
 
     def filtered(
         self,
-        measured: FloatArray,
-        times_s: FloatArray,  # [F]
+        measured: FloatArray,  # [P, 3], as (x, z, yaw), yaw unwrapped
+        times_s: FloatArray,  # [P]
     ) -> Belief:
-        """Return the belief at the last of measured (x, z, yaw) [P, 3], yaw unwrapped."""
+        """Return the belief at the last measurement."""
         belief = initial_belief(measured, times_s, self.model)
         noise = self.model.measurement_noise
         measurement = np.eye(3, self.model.num_states)

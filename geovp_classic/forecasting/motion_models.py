@@ -37,7 +37,7 @@ class VehicleModel:
 
     def transition(
         self,
-        state: FloatArray,
+        state: FloatArray,  # [..., n]
         dt_s: FloatArray | float,
     ) -> FloatArray:
         """Return the state [..., n] after dt [...]."""
@@ -61,7 +61,7 @@ class VehicleModel:
 
     def jacobian(
         self,
-        state: FloatArray,
+        state: FloatArray,  # [..., n]
         dt_s: FloatArray | float,
     ) -> FloatArray:
         """Return the derivative of `transition` by the state [..., n, n] (central differences)."""
@@ -74,19 +74,18 @@ class VehicleModel:
 
     def process_noise(
         self,
-        state: FloatArray,
-        dt_s: FloatArray | float,
+        state: FloatArray,  # [n]
+        dt_s: float,
     ) -> FloatArray:
-        """Return the covariance [..., n, n] that white noise adds in dt.
+        """Return the covariance [n, n] that white noise adds in dt.
 
         It is the integral of J q q' J' over dt, where J(t) is the response after a time t; damping
         within dt is neglected. Gauss-Legendre quadrature with three nodes is exact to order 5 in t.
         """
         nodes, weights = np.polynomial.legendre.leggauss(3)
-        half_s = np.asarray(dt_s)[..., None] / 2
-        states = np.repeat(state[..., None, :], 3, axis=-2)
         undamped = replace(self, turn_damping_hz=0.0, acceleration_damping_hz=0.0)
-        response = undamped.jacobian(states, half_s * (1 + nodes))  # [..., 3, n, n]
+        states = np.tile(state, (3, 1))
+        response = undamped.jacobian(states, dt_s / 2 * (1 + nodes))  # [3, n, n]
         densities = np.array(
             [
                 self.slip_noise,
@@ -97,12 +96,12 @@ class VehicleModel:
                 self.acceleration_noise,
             ]
         )
-        weighted = response * densities[: state.shape[-1]] ** 2 @ np.swapaxes(response, -1, -2)
-        return np.einsum("...tij,...t->...ij", weighted, weights * half_s)
+        covariances = response * densities[: len(state)] ** 2 @ np.swapaxes(response, 1, 2)
+        return np.asarray(np.tensordot(dt_s / 2 * weights, covariances, axes=1))
 
 
 def _decay(
-    rate: FloatArray,
+    rate: FloatArray,  # per second
     damping_hz: float,
     dt_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:

@@ -44,7 +44,7 @@ class Standardisation:
     @classmethod
     def of(
         cls,
-        features: FloatArray,
+        features: FloatArray,  # [N, in]
         limit: float = 8.0,
     ) -> Self:
         """Return the standardisation of features [N, in]."""
@@ -83,7 +83,7 @@ class DampedTurn:
 
     def _speeds(
         self,
-        past: FloatArray,
+        past: FloatArray,  # [N, P]
         num_steps: int,
     ) -> FloatArray:
         """Return the speeds [N, F + 1] at 0..F steps after past ones [N, P]."""
@@ -128,7 +128,7 @@ class SpreadFeatures:
     def __call__(
         self,
         twists: FloatArray,  # [N, P, 6], per second
-        centre: FloatArray,
+        centre: FloatArray,  # [N, F, 3]
     ) -> FloatArray:
         """Return features [N, in] of twists [N, P, 6] and central paths [N, F, 3]."""
         columns = [

@@ -94,7 +94,7 @@ class Representative:
 
 
 def _medoids(
-    distances: FloatArray,
+    distances: FloatArray,  # [N, N]
     count: int,
 ) -> list[int]:
     """Return greedy medoids of items with given distances [N, N]; the first one is item 0."""
