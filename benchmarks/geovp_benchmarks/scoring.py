@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from geovp_benchmarks.matrix import CONFIDENCE, COVERAGE
 from geovp_benchmarks.profiling import release_free_memory
@@ -54,6 +54,15 @@ class ManyMasks(Protocol):
         ...
 
 
+@runtime_checkable
+class PreparesTarget(Protocol):
+    """A frame metric that computes something of the target once for many predictions."""
+
+    def prepare(self, target: ByteArray) -> Any:
+        """Return what `over` takes in place of the target frames [F, H, W, 3]."""
+        ...
+
+
 @dataclass(frozen=True)
 class ScoringContext:
     """A clip with its ground truth for scoring predictions of it; equal predictions are scored
@@ -63,6 +72,7 @@ class ScoringContext:
     clip: Clip
     num_past: int
     scored: dict[Hashable, Sequence[FloatArray]] = field(default_factory=dict)
+    prepared_targets: dict[FrameMetric, Any] = field(default_factory=dict)
 
     @cached_property
     def truth(self) -> tuple[Context, Target]:
@@ -92,6 +102,15 @@ class ScoringContext:
         return relative_to_last_observed(
             context.past, target.trajectory.world_from_cam, target.trajectory.times_s
         )
+
+    def target_for(self, metric: FrameMetric) -> Any:
+        """Return the target frames as the metric takes them, prepared once a clip."""
+        frames = self.truth[1].frames
+        if not isinstance(metric, PreparesTarget):
+            return frames
+        if metric not in self.prepared_targets:
+            self.prepared_targets[metric] = metric.prepare(frames)
+        return self.prepared_targets[metric]
 
 
 def check(context: ScoringContext, prediction: Prediction) -> None:
@@ -138,7 +157,7 @@ def _values(
     context: ScoringContext, prediction: Prediction, sample: int, metrics: Metrics
 ) -> Iterator[tuple[str, FloatArray]]:
     """(column, one number per step [F]) of one sample."""
-    predicted, target = prediction.frames[sample], context.truth[1].frames
+    predicted = prediction.frames[sample]
     covered = None if prediction.covered is None else prediction.covered[sample]
     masks: dict[str, BoolArray | None] = {"": None}
     if covered is not None:
@@ -155,7 +174,7 @@ def _values(
             continue
         if (name, images) not in context.scored:
             context.scored[name, images] = _over(
-                frame_metric, predicted, target, list(masks.values())
+                context, frame_metric, predicted, list(masks.values())
             )
         for suffix, values in zip(masks, context.scored[name, images], strict=True):
             yield name + suffix, values
@@ -166,14 +185,19 @@ def _values(
         }
         if stabilised:
             frames, seen = turned(predicted, context.clip.intrinsics, future, context.future)
-            yield from ((name, metric(frames, target, seen)) for name, metric in stabilised.items())
+            for name, metric in stabilised.items():
+                yield name, _over(context, metric.metric, frames, [seen])[0]
         for name, trajectory_metric in metrics.trajectory.items():
             yield name, trajectory_metric(future, context.future)
 
 
 def _over(
-    metric: FrameMetric, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]
+    context: ScoringContext,
+    metric: FrameMetric,
+    predicted: ByteArray,
+    masks: Sequence[BoolArray | None],
 ) -> Sequence[FloatArray]:
+    target = context.target_for(metric)
     if isinstance(metric, ManyMasks):
         return metric.over(predicted, target, masks)
     return [metric(predicted, target, mask) for mask in masks]

@@ -38,8 +38,8 @@ Net = Literal["alex", "squeeze"]
 WEIGHTS_VARIABLE = "GEOVP_LPIPS_WEIGHTS"
 TORCHVISION = "https://download.pytorch.org/models/"
 AUTHORS = (
-    "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/082bb24f84c091ea94de2867d34c4544f68e0963/"
-    "lpips/weights/v0.1/"
+    "https://raw.githubusercontent.com/richzhang/PerceptualSimilarity/"
+    "082bb24f84c091ea94de2867d34c4544f68e0963/lpips/weights/v0.1/"
 )
 ALEXNET = "alexnet-owt-7be5be79.pth"  # 244 MB, most of it the classifier, which is not kept
 SQUEEZENET = "squeezenet1_1-b8a52dc0.pth"  # 5 MB
@@ -69,11 +69,18 @@ MIN_SIZE_PX = 32  # below it the deepest layers have no pixel left
 # frames, on one thread of the CPU: threads share frames, since sharing a layer's work costs them
 # more
 BATCH = 5
-CACHED_BATCHES = 8  # of target features; 13 MB each at 256x256
 TIMEOUT_S = 20.0
 
 MAX_BYTES = 2**30  # VGG-16 has 528 MiB
 logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Target:
+    """Target frames [F, H, W, 3] and their unit features, of each batch and layer."""
+
+    frames: ByteArray
+    features: list[list[Tensor]]  # 52 MB for 20 frames of 256x256, AlexNet
 
 
 @dataclass(frozen=True)
@@ -110,44 +117,50 @@ class Lpips:
     def __call__(
         self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
     ) -> FloatArray:
-        """Distance per frame [F], at least 0.
+        """Return the distance per frame [F], at least 0.
 
-        BadData when the arrays do not fit together or are below 32 pixels; MissingExtra when there
-        are no weights. A failed download is not tried again in the same process.
+        Raise BadData when the arrays do not fit together or are below 32 pixels, and MissingExtra
+        without weights. A failed download is not repeated in the same process.
         """
-        return self.over(predicted, target, [mask])[0]
+        return self.over(predicted, self.prepare(target), [mask])[0]
 
-    def over(
-        self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]
-    ) -> list[FloatArray]:
-        """The same for several masks, with the features computed once; those of targets are cached
-        between calls.
+    def prepare(self, target: ByteArray) -> Target:
+        """Return target frames [F, H, W, 3] with their features, to be compared with many
+        predictions.
         """
-        for mask in masks:
-            check_frames(predicted, target, mask)
+        check_frames(target, target, None)
         if min(target.shape[1:3]) < MIN_SIZE_PX:
             raise BadData(
                 f"LPIPS of frames of shape {target.shape[1:]}, expected at least 32x32 pixels: "
                 "use larger"
             )
+        batches = [target[start : start + BATCH] for start in range(0, len(target), BATCH)]
+        return Target(target, devices.on_one_thread_each(self._features, batches))
+
+    def over(
+        self, predicted: ByteArray, target: Target, masks: Sequence[BoolArray | None]
+    ) -> list[FloatArray]:
+        """Return the distances [F] under each mask; the features are computed once for all."""
+        for mask in masks:
+            check_frames(predicted, target.frames, mask)
+
+        def distances(batch: int) -> FloatArray:
+            frames = slice(batch * BATCH, (batch + 1) * BATCH)
+            batch_masks = [None if mask is None else mask[frames] for mask in masks]
+            features = self._features(predicted[frames])
+            return _distances(self._weights(), features, target.features[batch], batch_masks)
+
+        per_batch = devices.on_one_thread_each(distances, range(len(target.features)))
+        return [*np.concatenate(per_batch, axis=1)]
+
+    def _weights(self) -> Weights:
+        return _weights_on(self.net, find_weights(self.net, self.weights), self.device or "cpu")
+
+    def _features(self, frames: ByteArray) -> list[Tensor]:
+        """Return the unit features of each layer of frames [N, H, W, 3]."""
         if self.channels == "bgr":
-            predicted, target = predicted[..., ::-1], target[..., ::-1]
-        file, device = find_weights(self.net, self.weights), self.device or "cpu"
-        weights = _weights_on(self.net, file, device)
-
-        def distances(start: int) -> FloatArray:
-            part = slice(start, start + BATCH)
-            parts = [None if mask is None else mask[part] for mask in masks]
-            real = _target_features(
-                self.net, file, device, target[part].shape, target[part].tobytes()
-            )
-            return _distances(weights, _features(self.net, weights, predicted[part]), real, parts)
-
-        return [
-            *np.concatenate(
-                devices.on_one_thread_each(distances, range(0, len(target), BATCH)), axis=1
-            )
-        ]
+            frames = frames[..., ::-1]
+        return _features(self.net, self._weights(), frames)
 
 
 def unit_features(net: Net, weights: Weights, images: Tensor) -> list[Tensor]:
@@ -168,16 +181,6 @@ def _features(net: Net, weights: Weights, frames: ByteArray) -> list[Tensor]:
     """The same of frames [N, H, W, 3], channels last in memory."""
     pixels = torch.tensor(np.ascontiguousarray(frames)).to(weights["lin0.weight"].device)
     return unit_features(net, weights, pixels.permute(0, 3, 1, 2).float() / 127.5 - 1.0)
-
-
-@functools.lru_cache(maxsize=CACHED_BATCHES)
-def _target_features(
-    net: Net, file: Path, device: str, shape: tuple[int, ...], pixels: bytes
-) -> list[Tensor]:
-    """Features of target frames, which many predictions are compared with."""
-    return _features(
-        net, _weights_on(net, file, device), np.frombuffer(pixels, np.uint8).reshape(shape)
-    )
 
 
 @torch.inference_mode()

@@ -3,11 +3,9 @@ same build.
 """
 
 import hashlib
-import http.server
 import os
-import socket
-import threading
-from collections.abc import Iterator
+import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import get_args
 
@@ -17,12 +15,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_benchmarks.scoring import ManyMasks
+from geovp_benchmarks.scoring import ManyMasks, Metrics, ScoringContext, score
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.interfaces import FrameMetric
-from geovp_classic.types import ByteArray, FloatArray
-from geovp_learned import lpips, lpips_networks
+from geovp_classic.types import ByteArray, Clip, FloatArray, Intrinsics, Prediction
+from geovp_learned import lpips
 from geovp_learned.lpips import Lpips, Net
 
 NETS = get_args(Net)
@@ -155,9 +153,7 @@ def test_real_weights_pass_the_check_and_altered_ones_do_not(net: Net, tmp_path:
     arrays = dict(np.load(file))
     arrays["lin2.weight"] = arrays["lin2.weight"] * 1.05
     np.savez(tmp_path / "altered.npz", **arrays)
-    with pytest.raises(
-        MissingExtra, match=r"check images score 0\.\d+, expected 0\.\d+: get them anew"
-    ):
+    with pytest.raises(MissingExtra, match="check images score"):
         lpips.load_weights(net, tmp_path / "altered.npz")
 
 
@@ -203,7 +199,7 @@ def test_alex_agrees_with_a_slow_twin(folder: Path) -> None:
                 float(linear @ (unit(a[:, y, x]) - unit(b[:, y, x])) ** 2) for y, x in places
             ) / len(places)
         expected.append(total)
-    np.testing.assert_allclose(Lpips("alex", folder)(predicted, target, None), expected, rtol=1e-4)
+    np.testing.assert_allclose(Lpips("alex", folder)(predicted, target), expected, rtol=1e-4)
 
 
 def unit(vector: Tensor) -> Tensor:
@@ -226,23 +222,23 @@ def test_frames_score_alike_alone_and_in_a_long_batch(net: Net, folder: Path) ->
     predicted, target = noise(1, (13, 32, 40, 3)), noise(2, (13, 32, 40, 3))
     metric = Lpips(net, folder)
     alone = [float(metric(predicted[k : k + 1], target[k : k + 1], None)[0]) for k in range(13)]
-    np.testing.assert_allclose(metric(predicted, target, None), alone, rtol=1e-4)
+    np.testing.assert_allclose(metric(predicted, target), alone, rtol=1e-4)
 
 
-def test_the_same_call_twice_gives_the_same_bytes_and_threads_do_not_mix(folder: Path) -> None:
-    metric, first, second = Lpips("alex", folder), noise(1), noise(2)
-    once = metric(first, second, None)
-    answers: list[object] = []
-    threads = [
-        threading.Thread(target=lambda: answers.append(metric(first, second, None).tobytes()))
-        for _ in range(3)
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    np.testing.assert_allclose([np.frombuffer(a) for a in answers], [once] * 3, rtol=1e-5)
-    assert metric(first, second, None).tobytes() == once.tobytes()
+def test_scores_do_not_depend_on_threads(folder: Path) -> None:
+    metric, predicted, target = (
+        Lpips("alex", folder),
+        noise(1, (13, 32, 40, 3)),
+        noise(2, (13, 32, 40, 3)),
+    )
+    expected = metric(predicted, target)
+    with ThreadPoolExecutor(3) as pool:
+        answers = [*pool.map(lambda _: metric(predicted, target), range(3))]
+    torch.set_num_threads(2)
+    answers.append(metric(predicted, target))
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(1)
+    np.testing.assert_allclose(answers, [expected] * 4, rtol=1e-5)
 
 
 @pytest.mark.parametrize("net", NETS)
@@ -254,7 +250,7 @@ def test_masks_weigh_the_maps_of_differences(net: Net, folder: Path) -> None:
     )  # changed on the right alone, out of reach of the left
     left, right = np.zeros((2, 3, 32, 320), dtype=bool)
     left[:, :, :80], right[:, :, 240:] = True, True
-    everywhere = metric(predicted, target, None)
+    everywhere = metric(predicted, target)
     np.testing.assert_allclose(metric(predicted, target, np.ones_like(left)), everywhere, rtol=1e-6)
     np.testing.assert_array_equal(metric(predicted, target, left), 0.0)
     assert (metric(predicted, target, right) > 2 * everywhere).all()
@@ -273,47 +269,30 @@ def test_many_masks_at_once_score_as_one_by_one(net: Net, folder: Path) -> None:
     masks[2][5] = False
     assert isinstance(metric, ManyMasks)
     one_by_one = [metric(predicted, target, mask) for mask in masks]
-    np.testing.assert_allclose(metric.over(predicted, target, masks), one_by_one, atol=1e-6)
+    np.testing.assert_allclose(
+        metric.over(predicted, metric.prepare(target), masks), one_by_one, atol=1e-6
+    )
     assert np.isnan(one_by_one[2][5])
     assert np.ptp([scores[0] for scores in one_by_one]) > 1e-3  # the masks do matter
 
 
-def test_features_are_computed_once_for_all_masks_and_the_targets_once_for_all_predictions(
+def test_targets_are_prepared_once_for_all_methods_of_a_clip(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    frames = noise(1, (5, 32, 32, 3))
+    clip = Clip("a", frames, np.arange(5.0), Intrinsics(30, 30, 15.5, 15.5, 32, 32))
+    metric, context = Lpips("alex", folder), ScoringContext(clip, num_past=2)
+    metrics = Metrics({"lpips": metric}, {})
+    expected = metric(noise(2, frames[2:].shape), frames[2:])
     features, calls = lpips.alex_features, []
-    metric, target = Lpips("alex", folder), noise(1)
-    metric(noise(2), noise(2), None)  # reads and checks the weights
     monkeypatch.setattr(lpips, "alex_features", lambda *given: calls.append(1) or features(*given))
-    scores = metric.over(noise(3), target, [None, np.ones(target.shape[:3], dtype=bool)] * 3)
-    assert len(calls) == 2  # predicted and target
-    np.testing.assert_array_equal(metric.over(noise(3), target, [None])[0], scores[0])
-    assert metric(noise(4), target).tolist() != scores[0].tolist()
-    assert len(calls) == 4  # the predictions alone
-    target = target.copy()
-    target[0, 0, 0, 0] ^= 255
-    assert (
-        metric(noise(3), target)[0] != scores[0][0]
-    )  # another target is not mistaken for the one before
-
-
-def test_on_two_threads_the_same_values_come_out(folder: Path) -> None:
-    predicted, target = noise(1, (13, 32, 40, 3)), noise(2, (13, 32, 40, 3))
-    masks = [None, np.random.default_rng(0).random((13, 32, 40)) < 0.3]
-    expected = Lpips("alex", folder).over(predicted, target, masks)
-    torch.set_num_threads(2)
-    np.testing.assert_allclose(
-        Lpips("alex", folder).over(predicted, target, masks), expected, rtol=1e-6
-    )
-    assert torch.get_num_threads() == 2
-    torch.set_num_threads(1)
-
-
-@pytest.mark.parametrize(("size", "cells"), [(256, 63), (37, 5), (8, 8)])
-def test_masks_are_shared_out_to_cells_as_torch_pools(size: int, cells: int) -> None:
-    rows = torch.rand(1, 4, size)
-    pooled = rows @ lpips_networks._pooling(size, cells).T
-    torch.testing.assert_close(pooled, nn.functional.adaptive_avg_pool1d(rows, cells))
+    rows = [
+        score(context, Prediction(noise(seed, frames[None, 2:].shape)), metrics).value
+        for seed in (2, 3)
+    ]
+    assert len(calls) == 3  # the target and two predictions
+    np.testing.assert_allclose(rows[0], expected, rtol=1e-6)
+    assert (rows[0] != rows[1]).all()
 
 
 def test_frames_that_do_not_fit_are_refused(folder: Path) -> None:
@@ -321,19 +300,6 @@ def test_frames_that_do_not_fit_are_refused(folder: Path) -> None:
         Lpips("alex", folder)(noise(1)[:2], noise(1), None)
     with pytest.raises(BadData, match=r"\(31, 64, 3\), expected at least 32x32"):
         Lpips("alex", folder)(noise(1, (1, 31, 64, 3)), noise(2, (1, 31, 64, 3)), None)
-
-
-def test_it_comes_and_goes_through_the_registry_without_weights() -> None:
-    metric = registry.build(
-        "frame_metrics", {"name": "lpips", "net": "squeeze", "weights": "some/where.npz"}
-    )
-    assert metric == Lpips("squeeze", Path("some/where.npz"))
-    assert isinstance(metric, FrameMetric)
-    settings = {"net": "squeeze", "weights": "some/where.npz", "channels": "rgb"}
-    assert registry.describe(metric) == {"name": "lpips", **settings}
-    assert registry.build("frame_metrics", "lpips") == Lpips()
-    with pytest.raises(BadData, match="net is 'vgg'"):
-        registry.build("frame_metrics", {"name": "lpips", "net": "vgg"})
 
 
 def test_the_field_wins_over_the_variable_and_the_variable_over_the_cache(
@@ -353,43 +319,30 @@ def test_the_field_wins_over_the_variable_and_the_variable_over_the_cache(
     assert lpips.find_weights("alex", cached) == cached
 
 
-@pytest.mark.parametrize("content", [b"", b"no npz at all", b"PK\x03\x04 cut short"])
-def test_unreadable_weights_are_said_in_one_sentence(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "bad.npz").write_bytes(content)
-    with pytest.raises(MissingExtra, match=r"bad\.npz .* get them anew"):
-        Lpips("alex", tmp_path / "bad.npz")(noise(1), noise(2), None)
+def test_missing_damaged_and_other_weights_are_refused(folder: Path, tmp_path: Path) -> None:
+    for number, content in enumerate((b"", b"no npz at all", b"PK\x03\x04 cut short")):
+        (tmp_path / f"{number}.npz").write_bytes(content)
+        with pytest.raises(MissingExtra, match=f"{number}.npz"):
+            Lpips("alex", tmp_path / f"{number}.npz")(noise(1), noise(2))
+    with pytest.raises(MissingExtra, match="nowhere do not exist"):
+        Lpips("alex", folder / "nowhere")(noise(1), noise(2))
+    with pytest.raises(MissingExtra, match="'squeeze'"):
+        Lpips("squeeze", folder / "lpips_alex_v0.1.npz")(noise(1), noise(2))
 
 
-def test_missing_or_other_weights_are_said_in_one_sentence(folder: Path) -> None:
-    with pytest.raises(
-        MissingExtra, match=r"nowhere do not exist: name lpips_alex_v0\.1\.npz or its folder"
-    ):
-        Lpips("alex", folder / "nowhere")(noise(1), noise(2), None)
-    with pytest.raises(MissingExtra, match=r"does not hold LPIPS weights for 'squeeze'"):
-        Lpips("squeeze", folder / "lpips_alex_v0.1.npz")(noise(1), noise(2), None)
-
-
-class Shelf(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder and counts what was asked for."""
-
-    asked: list[str]
-
-    def do_GET(self) -> None:
-        """Note the path, then answer as usual."""
-        self.asked.append(self.path)
-        super().do_GET()
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Be quiet."""
+def test_channels_in_the_wrong_order_are_a_setting_that_the_protocol_names(folder: Path) -> None:
+    predicted, target = noise(1), noise(2)
+    swapped = Lpips("alex", folder, channels="bgr")
+    expected = Lpips("alex", folder)(predicted[..., [2, 1, 0]], target[..., [2, 1, 0]], None)
+    np.testing.assert_allclose(swapped(predicted, target), expected)
+    assert np.abs(expected - Lpips("alex", folder)(predicted, target)).min() > 1e-4
+    assert swapped.protocol == "LPIPS v0.1, alex, BGR in [-1, 1]"
 
 
 @pytest.fixture
-def shelf(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
-    """A server on this machine with a backbone and linear layers as published; gives the paths
-    asked for.
-    """
-    asked: list[str] = []
-    root = folder / "shelf"
+def remote(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a backbone and linear layers as published, from which weights are fetched."""
+    root = folder / "remote"
     root.mkdir()
     weights = random_weights("alex")
     backbone = {name: tensor for name, tensor in weights.items() if name.startswith("features.")}
@@ -398,94 +351,46 @@ def shelf(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     }
     torch.save({**backbone, "classifier.1.weight": torch.zeros(4)}, root / "backbone.pth")
     torch.save(linear, root / "linear.pth")
-    handler = type("Handler", (Shelf,), {"asked": asked})
-    server = http.server.ThreadingHTTPServer(
-        ("127.0.0.1", 0), lambda *arguments: handler(*arguments, directory=str(root))
-    )
-    thread = threading.Thread(target=server.serve_forever, args=(0.02,))
-    thread.start()
-    here = f"http://127.0.0.1:{server.server_port}"
-    remotes = [
-        (f"{here}/{name}.pth", sha256_of(root / f"{name}.pth")) for name in ("backbone", "linear")
-    ]
-    monkeypatch.setattr(lpips, "REMOTES", {"alex": tuple(remotes)})
-    yield asked
-    server.shutdown()
-    thread.join()
-    server.server_close()
-
-
-def sha256_of(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    files = [root / "backbone.pth", root / "linear.pth"]
+    hashes = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
+    urls = [file.as_uri() for file in files]
+    monkeypatch.setattr(lpips, "REMOTES", {"alex": tuple(zip(urls, hashes, strict=True))})
+    return root
 
 
 def test_weights_are_downloaded_once_and_score_as_the_npz_does(
-    shelf: list[str], folder: Path, tmp_path: Path
+    remote: Path, folder: Path, tmp_path: Path
 ) -> None:
-    predicted, target = noise(1), noise(2)
-    scores = Lpips()(predicted, target, None)
-    np.testing.assert_array_equal(scores, Lpips("alex", folder)(predicted, target, None))
-    Lpips()(predicted, target, None)
-    assert shelf == ["/backbone.pth", "/linear.pth"]
-    cached = list((tmp_path / "cache" / "geovp").iterdir())
-    assert [file.name for file in cached] == ["lpips_alex_v0.1.npz"]
-    assert "classifier.1.weight" not in np.load(cached[0]).files
+    expected = Lpips("alex", folder)(noise(1), noise(2))
+    np.testing.assert_array_equal(Lpips()(noise(1), noise(2)), expected)
+    shutil.rmtree(remote)
+    np.testing.assert_array_equal(Lpips()(noise(1), noise(2)), expected)
+    [cached] = (tmp_path / "cache" / "geovp").iterdir()
+    assert cached.name == "lpips_alex_v0.1.npz"
+    assert "classifier.1.weight" not in np.load(cached).files
 
 
-def test_a_download_with_another_hash_is_never_opened(
-    shelf: list[str], folder: Path, tmp_path: Path
-) -> None:
-    right = (folder / "shelf" / "linear.pth").read_bytes()
-    (folder / "shelf" / "linear.pth").write_bytes(right[:-1] + b"?")
-    with pytest.raises(
-        MissingExtra,
-        match=r"linear\.pth has SHA-256 [0-9a-f]{8}\.\.\., expected [0-9a-f]{8}\.\.\.\): set",
-    ):
-        Lpips()(noise(1), noise(2), None)
+def test_a_download_with_another_hash_is_never_opened(remote: Path, tmp_path: Path) -> None:
+    (remote / "linear.pth").write_bytes((remote / "linear.pth").read_bytes()[:-1] + b"?")
+    with pytest.raises(MissingExtra, match=r"linear\.pth has SHA-256"):
+        Lpips()(noise(1), noise(2))
     assert list((tmp_path / "cache" / "geovp").iterdir()) == []
 
 
-def test_a_failed_download_is_not_tried_again(shelf: list[str], folder: Path) -> None:
-    (folder / "shelf" / "backbone.pth").unlink()
-    for _ in range(2):
-        with pytest.raises(
-            MissingExtra,
-            match=r"cannot be downloaded \(HTTP Error 404.*\): set GEOVP_LPIPS_WEIGHTS to",
-        ):
-            Lpips()(noise(1), noise(2), None)
-    assert shelf == ["/backbone.pth"]
-
-
-def test_without_a_network_the_sentence_says_what_to_set(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.socket() as unheard:
-        unheard.bind(("127.0.0.1", 0))  # bound but not listening: connections are refused
-        here = f"http://127.0.0.1:{unheard.getsockname()[1]}/x.pth"
-        monkeypatch.setattr(lpips, "REMOTES", {"alex": ((here, "0" * 64),) * 2})
-        with pytest.raises(MissingExtra) as caught:
-            Lpips()(noise(1), noise(2), None)
-    assert str(caught.value).startswith(
-        "LPIPS weights for 'alex' are not on this machine and cannot be downloaded ("
-    )
-    assert str(caught.value).endswith(
-        "set GEOVP_LPIPS_WEIGHTS to lpips_alex_v0.1.npz or its folder"
-    )
-    assert "\n" not in str(caught.value)
-
-
-def test_a_cache_that_cannot_be_written_is_a_reason_too(
+def test_without_a_network_or_a_cache_the_message_names_the_variable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    with pytest.raises(MissingExtra, match="set GEOVP_LPIPS_WEIGHTS"):
+        Lpips()(noise(1), noise(2))
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.raises(MissingExtra, match=r"cannot be downloaded \(.*Not a directory"):
-        Lpips()(noise(1), noise(2), None)
+    with pytest.raises(MissingExtra, match="Not a directory"):
+        Lpips()(noise(1), noise(2))
 
 
-def test_channels_in_the_wrong_order_are_a_setting_that_the_protocol_names(folder: Path) -> None:
-    predicted, target = noise(1), noise(2)
-    swapped = Lpips("alex", folder, channels="bgr")
-    expected = Lpips("alex", folder)(predicted[..., [2, 1, 0]], target[..., [2, 1, 0]], None)
-    np.testing.assert_allclose(swapped(predicted, target, None), expected)
-    assert np.abs(expected - Lpips("alex", folder)(predicted, target, None)).min() > 1e-4
-    assert swapped.protocol == "LPIPS v0.1, alex, BGR in [-1, 1]"
-    assert Lpips().protocol == "LPIPS v0.1, alex, RGB in [-1, 1]"
+def test_settings_come_and_go_through_the_registry() -> None:
+    settings = {"name": "lpips", "net": "squeeze", "weights": "a.npz", "channels": "rgb"}
+    metric = registry.build("frame_metrics", settings)
+    assert metric == Lpips("squeeze", Path("a.npz"))
+    assert isinstance(metric, FrameMetric)
+    assert registry.describe(metric) == settings
