@@ -1,8 +1,8 @@
-"""The page of speed: every measurement of this package in one run.
+"""The page of speed: all measurements of this package in one run.
 
-`python -m performance [ROUNDS] [--kitti ROOT SEQUENCE] [--out PAGE.md]`: to be run on a quiet
-machine. The first clip after an installation is measured in a process whose cache of compiled code
-is empty; its rival is the same process once more, which finds the code compiled.
+`PYTHONPATH=benchmarks python -m performance [ROUNDS] [--kitti ROOT SEQUENCE] [--out PAGE.md]`, on a
+quiet machine. The first clip after an installation is measured in a process whose cache of compiled
+code is empty. The comparison is a second such process, which finds the code compiled.
 """
 
 import datetime
@@ -16,21 +16,26 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 import geovp_classic
-from performance import clip, libraries, rounds_parser, scoring, splat
+from performance import COMMAND, clip, libraries, rounds_parser, scoring, splat
+
+SOURCES = str(Path(__file__).parents[1])  # the folder that holds this package
 
 
 def printed(main: Callable[[Sequence[str]], None], arguments: Sequence[str]) -> str:
-    """What a measurement prints."""
+    """Return what a measurement prints."""
     with redirect_stdout(io.StringIO()) as text:
         main(arguments)
     return text.getvalue().strip()
 
 
 def first_clips(arguments: Sequence[str]) -> str:
-    """The first round in a new process, without and with compiled code in the cache."""
+    """Return the time of the first round of a new process, with an empty and with a full cache of
+    compiled code.
+    """
     command = [sys.executable, "-m", clip.__name__, "1", *arguments]
+    paths = os.pathsep.join(filter(None, (SOURCES, os.environ.get("PYTHONPATH"))))
     with tempfile.TemporaryDirectory() as cache:
-        environment = os.environ | {"NUMBA_CACHE_DIR": cache}
+        environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": paths}
         runs = [
             subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
             for _ in range(2)
@@ -42,7 +47,7 @@ def first_clips(arguments: Sequence[str]) -> str:
 
 
 def page(rounds: str, data: Sequence[str], shown: str) -> str:
-    """The page, of all measurements; `shown` stands for the arguments."""
+    """Return the page of all measurements; `shown` is the command line that it names."""
     sections = {
         "A clip, of the square alone": printed(clip.main, [rounds, *data]),
         "A clip, of uncropped frames": printed(clip.main, [rounds, "--full", *data]),
@@ -56,23 +61,21 @@ def page(rounds: str, data: Sequence[str], shown: str) -> str:
         f"{os.cpu_count()} cores."
     )
     text = "\n\n".join(f"## {title}\n\n```text\n{lines}\n```" for title, lines in sections.items())
-    return f"# Speed\n\n```sh\npython -m performance {shown}\n```\n\n{made}\n\n{text}\n"
+    return f"# Speed\n\n```sh\n{COMMAND} performance {shown}\n```\n\n{made}\n\n{text}\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the page, or write it."""
-    parser = rounds_parser("Every measurement of speed, as a page.", 8)
+    parser = rounds_parser("performance", "All measurements of speed, as a page.", 8)
+    clip.add_kitti(parser)
     parser.add_argument(
-        "--kitti", nargs=2, metavar=("ROOT", "SEQUENCE"), help="instead of the synthetic street"
+        "--out", type=Path, metavar="PAGE.md", help="Write the page to this file. Default: print."
     )
-    parser.add_argument("--out", type=Path, metavar="PAGE.md", help="in place of printing it")
-    chosen = parser.parse_args(arguments)
-    data = ["--kitti", *chosen.kitti] if chosen.kitti else []
-    shown = f"{chosen.rounds}" + (
-        f" --kitti path/to/kitti '{chosen.kitti[1]}'" if chosen.kitti else ""
-    )
-    text = page(str(chosen.rounds), data, shown)
-    print(text) if chosen.out is None else chosen.out.write_text(text)
+    args = parser.parse_args(arguments)
+    data = ["--kitti", *args.kitti] if args.kitti else []
+    shown = f"{args.rounds}" + (f" --kitti path/to/kitti '{args.kitti[1]}'" if args.kitti else "")
+    text = page(str(args.rounds), data, shown)
+    print(text) if args.out is None else args.out.write_text(text)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
 """Processing time of one clip by stage (odometry, forecast, refinements, depth, fusion, views), and
 peak memory.
 
-`python -m performance.clip [ROUNDS] [--full] [--kitti ROOT SEQUENCE]`: 10 frames observed, 20
-predicted, at 256x256, on a clip of the synthetic street or of KITTI, from the square alone or from
-uncropped frames. The first round, which compiles or loads compiled code, is not counted. CPU time
-is shown beside wall-clock time, which depends on the load of the machine.
+`PYTHONPATH=benchmarks python -m performance.clip [ROUNDS] [--full] [--kitti ROOT SEQUENCE]`
+
+10 frames are observed and 20 predicted, at 256x256, on a clip of the synthetic street or of KITTI,
+from the crop or from uncropped frames. The first round, which compiles or loads compiled code, is
+not counted. CPU time is shown beside wall-clock time, which depends on the load of the machine.
 """
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -92,18 +94,26 @@ def one_clip(
     return views, [observation, odometry, forecast, refinement, depth, fusion, view]
 
 
+def add_kitti(parser: argparse.ArgumentParser) -> None:
+    """Add the option that replaces the synthetic street by a KITTI sequence."""
+    parser.add_argument(
+        "--kitti",
+        nargs=2,
+        metavar=("ROOT", "SEQUENCE"),
+        help="Clip of KITTI odometry, such as ROOT '03[0:180)'. Default: the synthetic street.",
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
-    parser = rounds_parser("Processing time of one clip, stage by stage.", 10)
-    parser.add_argument("--full", action="store_true", help="from uncropped frames")
-    parser.add_argument(
-        "--kitti", nargs=2, metavar=("ROOT", "SEQUENCE"), help="instead of the synthetic street"
-    )
-    chosen = parser.parse_args(arguments)
-    frames: Literal["crop", "full"] = "full" if chosen.full else "crop"
-    spec: dict[str, Any] = {"name": "synthetic", "num_frames": 30, "with_full": chosen.full}
-    if chosen.kitti:
-        spec |= {"name": "kitti", "root": chosen.kitti[0], "sequences": [chosen.kitti[1]]}
+    parser = rounds_parser("performance.clip", "Processing time of one clip, stage by stage.", 10)
+    parser.add_argument("--full", action="store_true", help="Predict from uncropped frames.")
+    add_kitti(parser)
+    args = parser.parse_args(arguments)
+    frames: Literal["crop", "full"] = "full" if args.full else "crop"
+    spec: dict[str, Any] = {"name": "synthetic", "num_frames": 30, "with_full": args.full}
+    if args.kitti:
+        spec |= {"name": "kitti", "root": args.kitti[0], "sequences": [args.kitti[1]]}
     try:
         refined, renderer = parts(frames)
         context, _ = registry.build("datasets", spec)[0].split(
@@ -111,9 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
     except GeovpError as error:
         parser.error(str(error))
-    print(
-        *lines(np.array([one_clip(context, frames)[1] for _ in range(chosen.rounds + 1)])), sep="\n"
-    )
+    taken_s = np.array([one_clip(context, frames)[1] for _ in range(args.rounds + 1)])
+    print(*lines(taken_s), sep="\n")
 
 
 if __name__ == "__main__":

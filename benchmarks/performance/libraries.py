@@ -1,10 +1,10 @@
-"""Our own solvers beside those of the libraries that could do their job: time, and error against
-the truth.
+"""Time and error of our solvers and of library solvers for the same problems.
 
-`python -m performance.libraries [ROUNDS]`: random points before known cameras, with noise and,
-where the odometry meets them, wrong observations. Both solve the same problem, one after the other,
-and the medians over the rounds are of the processor's time. A solver of our own stays only where it
-is three times as fast or more accurate.
+`PYTHONPATH=benchmarks python -m performance.libraries [ROUNDS]`
+
+Random points are observed by known cameras, with noise and, as in the odometry, with outliers. Both
+solvers get the same problem, one after the other. Medians over rounds are of CPU time. A solver of
+our own stays only where it is three times as fast or more accurate.
 """
 
 from collections.abc import Callable, Sequence
@@ -209,9 +209,10 @@ def _distance(cam_from_world: FloatArray, truth: FloatArray) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each solver."""
-    rounds = (
-        rounds_parser("Our solvers beside those of libraries.", 20).parse_args(arguments).rounds
+    parser = rounds_parser(
+        "performance.libraries", "Time and error of our solvers and of library solvers.", 20
     )
+    rounds = parser.parse_args(arguments).rounds
     scene = Scene.random()
     for problem in (
         triangulation,

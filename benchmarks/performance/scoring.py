@@ -1,9 +1,11 @@
 """Time of the frame metrics on 20 frames of 256x256, beside scikit-image's SSIM.
 
-`python -m performance.scoring [ROUNDS]`: one metric after the other, after one round of warm-up.
-Each round has frames of its own, since LPIPS keeps the features of its targets.
+`PYTHONPATH=benchmarks python -m performance.scoring [ROUNDS]`
+
+The metrics are timed one after the other, after one round of warm-up.
 """
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -45,7 +47,7 @@ def line(name: str, rounds: int) -> str:
             predicted, target = rng.integers(
                 0, 256, (2, NUM_FRAMES, SIZE_PX, SIZE_PX, 3), dtype=np.uint8
             )
-            taken_s.append(timed(lambda a=predicted, b=target: score(a, b, None))[1])  # type: ignore[misc]
+            taken_s.append(timed(functools.partial(score, predicted, target, None))[1])
     except GeovpError as error:
         return f"{name}: {error}"
     clock_ms, processor_ms = 1e3 * np.median(taken_s[1:], axis=0) / NUM_FRAMES
@@ -54,7 +56,8 @@ def line(name: str, rounds: int) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print a line for each metric."""
-    rounds = rounds_parser("Time of the frame metrics.", 8).parse_args(arguments).rounds
+    parser = rounds_parser("performance.scoring", "Time of the frame metrics.", 8)
+    rounds = parser.parse_args(arguments).rounds
     for name in ("psnr", "ssim", "skimage's ssim", "lpips"):
         print(line(name, rounds))
 

@@ -1,11 +1,12 @@
 """Points per second of the splat, compared with Open3D's projection and a z-buffer in numpy.
 
-`python -m performance.splat [ROUNDS]`: the cloud of three 256x256 frames with depth, rendered at 20
-poses ahead. All three render the same points at the same poses, alternately, so that other load
-slows all of them; CPU time of all threads is shown beside wall-clock time. BLAS, which numpy's
-z-buffer needs, runs on one thread: that is as fast for it, and idle BLAS threads would slow the
-others. The splat renders surfaces, each point as a square of its own size; the other two set one
-pixel per point.
+`PYTHONPATH=benchmarks python -m performance.splat [ROUNDS]`
+
+The cloud of three 256x256 frames with depth is rendered at 20 poses ahead. All three render the
+same points at the same poses, alternately, so that other load slows all of them; CPU time of all
+threads is shown beside wall-clock time. BLAS, which numpy's z-buffer needs, runs on one thread:
+that is as fast for it, and idle BLAS threads would slow the others. The splat renders surfaces,
+each point as a square of its own size; the other two set one pixel per point.
 """
 
 import functools
@@ -136,7 +137,9 @@ def measure(rounds: int) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the timing."""
-    parser = rounds_parser("Points per second of three ways to render a point cloud.", 10)
+    parser = rounds_parser(
+        "performance.splat", "Points per second of three ways to render a point cloud.", 10
+    )
     print(*measure(parser.parse_args(arguments).rounds), sep="\n")
 
 
