@@ -61,8 +61,8 @@ class Part:
     seconds: Mapping[str, float]  # per stage, summed over its clips
     # the highest resident memory of the process while it predicted these clips; 0 where unknown
     peak_memory_mb: float
-    peak_is_own: bool = False  # False in older parts: the peak of the whole process so far
-    code: str = ""  # a hash of the sources that it was computed with; "" in parts of older versions
+    peak_is_own: bool = False  # False: the peak of the whole process so far
+    code: str = ""  # a hash of the sources that computed it; "" for rescored predictions
     failures: Mapping[str, Sequence[str]] = dataclasses.field(
         default_factory=dict
     )  # clip -> status, reason, traceback

@@ -14,9 +14,7 @@ NOT_COUNTED = (
     "with_full",
     "with_right",
 )  # a data set is the same in another folder; views follow from needs
-NOT_COMPARED = (
-    "confidence",
-)  # of what a prediction rests on, not of how good it is; older results lack it
+NOT_COMPARED = ("confidence",)  # describes what a prediction rests on, not how good it is
 OF_A_METRIC = ("asked", "unit", "definition")
 
 
@@ -39,20 +37,17 @@ def protocol_id(protocol: Mapping[str, Any]) -> str:
     return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]
 
 
-def _shared_id(protocol: Mapping[str, Any]) -> str:
-    """The stored id, which subsets of the clips keep; older versions stored none."""
-    return str(protocol.get("id") or protocol_id(protocol))
-
-
-def row_id(cell: Cell, protocol: Mapping[str, Any]) -> str:
-    """The id that a row was computed under; of results of older versions, that of the folder."""
-    return str(cell.record.get("protocol_id") or _shared_id(protocol))
+def method_id(cell: Cell, protocol: Mapping[str, Any]) -> str:
+    """Return the protocol id that a method was computed under; without results, the folder's."""
+    return str(cell.record.get("protocol_id") or protocol["id"])
 
 
 def id_notes(cells: Iterable[Cell], protocol: Mapping[str, Any]) -> list[str]:
-    """The protocol's id, and the rows that were computed under another one."""
-    shared = _shared_id(protocol)
-    other = [f"{cell.label} {row}" for cell in cells if (row := row_id(cell, protocol)) != shared]
+    """Return the protocol's id, and the methods that were computed under another one."""
+    shared = protocol["id"]
+    other = [
+        f"{cell.label} {own}" for cell in cells if (own := method_id(cell, protocol)) != shared
+    ]
     return [f"Protocol id {shared}" + (f", but of {', '.join(other)}" if other else "") + "."]
 
 

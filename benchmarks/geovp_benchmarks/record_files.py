@@ -65,9 +65,7 @@ class Cell:
     num_failed: int = (
         0  # clips that it could not predict: their rows are those of a copy of the last frame
     )
-    num_outdated: int = (
-        0  # clips whose rows other code than the last run's computed; older versions did not say
-    )
+    num_outdated: int = 0  # clips whose rows other code than the last run's computed
 
     @classmethod
     def of(cls, name: str, record: Mapping[str, Any]) -> Self:

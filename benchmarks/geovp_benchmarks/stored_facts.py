@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from geovp_benchmarks.intervals import UNBOUNDED, Bounds
-from geovp_benchmarks.matrix import UNASKED
 from geovp_benchmarks.store import Cell
 
 MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
@@ -36,19 +35,16 @@ def title(metric: str) -> str:
 
 
 def higher_is_better(metric: str, about: Mapping[str, Any]) -> bool | None:
-    """None where no value is the better one: of coverage and confidence, whatever older results
-    say.
-    """
-    return None if metric.partition("@")[0] in UNASKED else about.get("higher_is_better")
+    """Return None where neither direction is better, as for coverage and confidence."""
+    return about.get("higher_is_better")
 
 
 def bounds(metric: str, about: Mapping[str, Any]) -> Bounds:
-    """The lowest and highest value that the metric can have; older results do not say."""
-    if metric.partition("@")[0] in UNASKED:
-        return 0.0, 1.0
+    """Return the lowest and highest value that the metric can have."""
     low, high = about.get("bounds") or (None, None)
-    return UNBOUNDED[0] if low is None else float(low), UNBOUNDED[1] if high is None else float(
-        high
+    return (
+        UNBOUNDED[0] if low is None else float(low),
+        UNBOUNDED[1] if high is None else float(high),
     )
 
 

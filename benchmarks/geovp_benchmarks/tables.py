@@ -223,7 +223,10 @@ def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
         values = {
             key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()
         }
-        by_truth, own = reduce is not statistics.mean_of_samples, provenance.row_id(cell, protocol)
+        by_truth, own = (
+            reduce is not statistics.mean_of_samples,
+            provenance.method_id(cell, protocol),
+        )
         lines.append(
             Row.of(cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends)
         )
@@ -283,7 +286,7 @@ def _sampled(
             for k in counts
             if k <= curve.shape[1]
         }
-        ends, own = dict.fromkeys(values, bounds(name, about)), provenance.row_id(cell, protocol)
+        ends, own = dict.fromkeys(values, bounds(name, about)), provenance.method_id(cell, protocol)
         scored = np.isin(clips, cube.clips)
         lines.append(
             Row.of(cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends)

@@ -8,7 +8,7 @@ import pytest
 
 from geovp_benchmarks import formats, tables
 from geovp_benchmarks.components import nested, weights_of
-from geovp_benchmarks.provenance import id_notes, protocol_id, row_id
+from geovp_benchmarks.provenance import id_notes, protocol_id
 from geovp_benchmarks.rescoring import rescore, stored_metrics
 from geovp_benchmarks.store import Cell, Results
 from tests.benchmarks.made import STILL, content, go
@@ -71,10 +71,10 @@ def cell(label: str, **record: Any) -> Cell:
 
 def test_a_row_of_another_protocol_is_named() -> None:
     own = protocol_id(PROTOCOL)
-    rows = [cell("old"), cell("same", protocol_id=own), cell("other", protocol_id="0000ffff")]
-    assert row_id(rows[0], PROTOCOL) == own  # older results did not say
-    assert id_notes(rows[:2], PROTOCOL) == [f"Protocol id {own}."]
-    assert id_notes(rows, PROTOCOL) == [f"Protocol id {own}, but of other 0000ffff."]
+    rows = [cell("same", protocol_id=own), cell("other", protocol_id="0000ffff")]
+    protocol = {**PROTOCOL, "id": own}
+    assert id_notes(rows[:1], protocol) == [f"Protocol id {own}."]
+    assert id_notes(rows, protocol) == [f"Protocol id {own}, but of other 0000ffff."]
 
 
 @pytest.mark.usefixtures("toys")

@@ -210,9 +210,7 @@ def _method(cell: Cell, stages: Sequence[str], num_clips: int) -> Iterator[str]:
 
 
 def _memory_mb(cell: Cell) -> float:
-    """The cell's own peak memory, 0 where unknown; older results hold the whole process's on some
-    systems.
-    """
+    """Return the method's own peak memory, 0 where unknown."""
     return float(cell.record.get("peak_memory_mb", 0.0)) if cell.record.get("peak_is_own") else 0.0
 
 

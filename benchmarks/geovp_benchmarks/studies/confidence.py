@@ -2,8 +2,7 @@
 tell.
 
 Spearman's rank correlation with a frame metric over all clips and steps of each row; nothing is
-predicted. Rows that an older version computed have no confidence until `geovp run --fresh` computes
-them anew.
+predicted.
 """
 
 import argparse
@@ -32,8 +31,6 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     for part in Results(chosen.folder).by_dataset().values():
         found = confidence.rankings(part, chosen.metric)
         if not found:
-            raise BadData(
-                f"{part.root} has no confidences: `geovp run --fresh` computes its rows anew"
-            )
+            raise BadData(f"{part.root} has no methods with confidences: use other results")
         yield from columns([[*confidence.HEAD], *([*one.texts()] for one in found)])
         yield confidence.NOTE.format(title(chosen.metric))
