@@ -115,7 +115,10 @@ def own(a: Side, b: Side) -> Iterator[str]:
         only = sorted(one.keys() - other.keys())
         if only:
             reasons = "; ".join(dict.fromkeys(one[clip] for clip in only))
-            yield f"Only {name} could not predict {_named(only)}, scored as copies of the last frame: {reasons}."
+            yield (
+                f"Only {name} could not predict {_named(only)}, scored as copies of the last "
+                f"frame: {reasons}."
+            )
 
 
 def differences(a: Side, b: Side) -> Iterator[str]:

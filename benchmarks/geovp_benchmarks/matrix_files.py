@@ -56,7 +56,8 @@ def changed(content: dict[str, Any], settings: Iterable[str]) -> dict[str, Any]:
         key, equals, text = setting.partition("=")
         if not equals or not key.strip():
             raise BadData(
-                f"--set {setting!r} is not KEY=VALUE, such as protocol.stride=20 or 'metrics.frame=[\"psnr\"]'"
+                f"--set {setting!r} is not KEY=VALUE, such as protocol.stride=20 or "
+                "'metrics.frame=[\"psnr\"]'"
             )
         *above, last = _words(key.strip())
         table = content

@@ -52,7 +52,6 @@ class Results:
     root: Path
 
     # Reading
-    # -----------------------------------------------------------------------------------------------------
 
     def protocol(self) -> dict[str, Any]:
         """What all cells share: name, dataset, clips (names, in order), num_past, num_future,
@@ -184,7 +183,6 @@ class Results:
         return self.root / "recordings" / f"{_file(clip).removesuffix('.npz')}.rrd"
 
     # Writing
-    # -----------------------------------------------------------------------------------------------------
 
     def write_datasets(self, labels: Sequence[str]) -> None:
         """Write the labels of several data sets; of one, remove what was written of several."""

@@ -76,10 +76,7 @@ class Verdict:
             else ["not deterministic: two computations here differ as well"]
         )
         if self.code and self.code != self.stored.part.code:
-            parts.append(
-                f"stored by code {self.stored.part.code or 'of an older version'}, here it is "
-                f"{self.code}"
-            )
+            parts.append(f"stored by code {self.stored.part.code}, here it is {self.code}")
         return f"{self.stored.cell.label}, {self.stored.clip}: {'; '.join(filter(None, parts))}"
 
 
@@ -168,7 +165,8 @@ def other_versions(results: Results) -> Iterator[str]:
     before, now = results.protocol()["versions"], versions()
     for name in [*before, *(name for name in now if name not in before)]:
         if before.get(name) != now.get(name):
-            yield f"{name}: stored with {before.get(name, 'an unknown version')}, here {now.get(name, 'none')}"
+            stored = before.get(name, "an unknown version")
+            yield f"{name}: stored with {stored}, here {now.get(name, 'none')}"
 
 
 def _matrix(results: Results, root: Path | None, stored: Stored | None = None) -> Matrix:

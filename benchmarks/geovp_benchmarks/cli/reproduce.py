@@ -34,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--split",
         metavar="NAME",
-        help="in place of the protocol's own; thesis: test (the default, sample data) or thesis-like-test (07 and 10)",
+        help="in place of the protocol's own; thesis: test (the default, sample data) or "
+        "thesis-like-test (07 and 10)",
     )
     parser.add_argument(
         "--rows",

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
     from geovp_benchmarks.selection import Ranking, Selection
     from geovp_benchmarks.store import Cell, Results
 
-KEEP = """keep the predictions of N clips (3), of all, of clips named with commas between, or of three clips chosen by a
-score: worst:METRIC, best:METRIC or median:METRIC of the first complete row, pose sources with renderers first, or
-worst:METRIC:ROW. Chosen clips are known after the run: all rows are computed on them once more"""
+KEEP = """keep the predictions of N clips (3), of all, of clips named with commas between, or of
+three clips selected by a score: worst:METRIC, best:METRIC or median:METRIC of the first complete
+method, pose sources with renderers first, or worst:METRIC:METHOD. Selected clips are known after
+the run: all methods are computed on them once more"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

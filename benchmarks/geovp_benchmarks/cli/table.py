@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spread",
         choices=("interval", "standard-error"),
         default="interval",
-        help="behind each mean: its 95 %% interval, or the standard error over clips as if they were independent",
+        help="behind each mean: its 95 %% interval, or the standard error over clips as if they "
+        "were independent",
     )
     parser.add_argument(
         "--style",

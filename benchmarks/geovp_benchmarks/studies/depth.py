@@ -155,4 +155,5 @@ def table(rows_by_source: Mapping[str, Sequence[DepthRow]]) -> Iterator[str]:
                 for row in own
             ]
             error, within, confidence = np.median(measures, axis=0)
-            yield f"{source:<20}{name:<14}{len(own):>6}{error:>9.3f}{within:>8.3f}{confidence:>12.2f}"
+            heads = f"{source:<20}{name:<14}{len(own):>6}"
+            yield f"{heads}{error:>9.3f}{within:>8.3f}{confidence:>12.2f}"

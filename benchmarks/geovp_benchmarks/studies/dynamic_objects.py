@@ -160,7 +160,10 @@ def table(rows: Sequence[ClipScores]) -> Iterator[str]:
             overlap / moving,
             overlap / (moving + detected - overlap),
         )
-        yield f"moving pixels of the last frame: precision {precision:.2f}, recall {recall:.2f}, IoU {iou:.2f}"
+        yield (
+            f"moving pixels of the last frame: precision {precision:.2f}, recall {recall:.2f}, "
+            f"IoU {iou:.2f}"
+        )
     extra_ms = 1000 * np.median(np.diff([row.cpu_s for row in rows])) if rows else 0.0
     yield f"dynamic objects cost {extra_ms:.0f} ms of processor time a clip (median)"
 

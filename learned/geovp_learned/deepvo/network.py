@@ -202,7 +202,8 @@ def encoder(width: float, dropout: float) -> nn.Sequential:
         layers += [convolution, nn.BatchNorm2d(out_channels), nn.LeakyReLU(0.1)]
         in_channels = out_channels
     layers += [nn.Flatten(), nn.Dropout(dropout)]
-    return nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    encoder = nn.Sequential(*layers)
+    return encoder.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 def motions(steps: Tensor, head: Head) -> Tensor:

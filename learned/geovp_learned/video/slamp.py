@@ -61,9 +61,12 @@ class SlampNetwork(VideoNetwork):
         self.appearance = RecurrentAutoencoder(architecture, in_channels=3, out_channels=3)
         self.motion = RecurrentAutoencoder(architecture, in_channels=6, out_channels=2)
         self.mask = nn.Sequential(
-            nn.Conv2d(6, width, 3, padding=1), nn.LeakyReLU(0.2),
-            nn.Conv2d(width, width, 3, padding=1), nn.LeakyReLU(0.2), nn.Conv2d(width, 1, 3, padding=1),
-        )  # fmt: skip
+            nn.Conv2d(6, width, 3, padding=1),
+            nn.LeakyReLU(0.2),
+            nn.Conv2d(width, width, 3, padding=1),
+            nn.LeakyReLU(0.2),
+            nn.Conv2d(width, 1, 3, padding=1),
+        )
 
     def forward(self, images: Tensor, num_past: int) -> Output:
         """Predictions from the real frames [B, T, 3, H, W] before each; skips are of observed

@@ -19,7 +19,9 @@ from geovp_classic.types import Clip
 
 NONE: Oracles = frozenset()
 WHY_NOT = {
-    DEPTH: "needs recorded depth or right images (--stereo), and a renderer that takes a depth source",
+    DEPTH: (
+        "needs recorded depth or right images (--stereo), and a renderer that takes a depth source"
+    ),
     MOVING: "needs exact masks of what moves, which only synthetic clips have",
 }
 DIRECTIONS = ("put in alone", "put in one by one", "taken away alone")
@@ -105,8 +107,10 @@ def tables(budget: Budget) -> Iterator[str]:
     )
     for reason in dict.fromkeys(scores.reasons.values()):
         yield f"left out where it occurs: {reason}"
-    yield f"Holes are what even true poses do not show; frames of which less than {MIN_SEEN:.0%} is shown are left out."
-    yield "True poses are the recorded ones, refined from the images. A scale that is wrong of past and future alike"
-    yield "shows in no image but through what counts in metres: forecasters, recorded depth."
+    yield "Holes are what even true poses do not show;"
+    yield f"frames of which less than {MIN_SEEN:.0%} is shown are left out."
+    yield "True poses are the recorded ones, refined from the images."
+    yield "A scale error common to past and future affects only what is in metres:"
+    yield "forecasters and recorded depth."
     if scores.have_intervals:
         yield KIND

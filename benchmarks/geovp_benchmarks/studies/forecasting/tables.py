@@ -54,7 +54,8 @@ def as_lines(table: Mapping[str, Scores]) -> Iterator[str]:
     """
     rows = {name: columns(scores) for name, scores in table.items()}
     turned_deg = next(iter(table.values())).turned_deg
-    yield f"turning: {(np.abs(turned_deg) > TURNING_DEG).sum()} windows, by more than {TURNING_DEG:g} degrees"
+    num_turning = (np.abs(turned_deg) > TURNING_DEG).sum()
+    yield f"turning: {num_turning} windows, by more than {TURNING_DEG:g} degrees"
     spread = {name: row for name, row in rows.items() if not np.isnan(row["NLL nats"])}
     for shown, is_wanted in ((rows, False), (spread, True)):
         heads = [

@@ -140,14 +140,14 @@ def _poses(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     yield from grid([["component: by", *heads], *shares])
 
 
-FITTED = """What is fitted is fitted to all
-sequences but the one asked about, left and right alike; the shipped prior to 00, 02, 08 and 09. A network is an
-ensemble of small perceptrons."""
+FITTED = """Each learner is fitted to all sequences except the one under test, left and right alike.
+The shipped prior is fitted to 00, 02, 08 and 09. A network is an ensemble of small perceptrons."""
 SPREAD = """
-First what a constant turn of constant speed leaves, in cm and degrees, and in brackets the per cent of its variance
-that are noise of the recorded poses themselves, which no forecast can explain. That noise is what sixth differences of
-the poses show beside a motion of less than 2 Hz. Noise that lasts longer than some frames, as when satellite navigation
-is corrected, is not seen; but windows in which no car could have driven as recorded are left out."""
+First the residual of a constant turn rate and velocity, in cm and degrees. In brackets is the
+percentage of its variance that is noise of the recorded poses, which no forecast can explain.
+That noise is estimated from sixth differences of the poses, beside a motion below 2 Hz. Noise that
+lasts for several frames, as after a correction by satellite navigation, is not included. Windows
+in which no car could have driven as recorded are left out."""
 
 
 def _sizes(truth: FloatArray, noise: FloatArray) -> Iterator[list[str]]:

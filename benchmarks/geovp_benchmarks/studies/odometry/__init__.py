@@ -71,7 +71,8 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     data = {**layouts.spec(chosen.root), **camera, **settings(chosen, "data")}
     if chosen.clips is None:
         for tracked in list(paths.track(data, chosen.frames, spec, progress)):
-            yield f"{tracked.frames}: {tracked.tracked.mean():.1%} of {len(tracked.tracked)} frames tracked"
+            fraction = f"{tracked.tracked.mean():.1%} of {len(tracked.tracked)}"
+            yield f"{tracked.frames}: {fraction} frames tracked"
             rows = tracked.rows()
             lines = columns([paths.COLUMNS, *rows]) if rows else ["no real poses to compare with"]
             yield from (f"  {line}" for line in [*lines, *paths.write(tracked, chosen.out)])
