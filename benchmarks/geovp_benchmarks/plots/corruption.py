@@ -1,6 +1,4 @@
-"""Curves of the study of disturbances: what is left over copying the last frame, strength by
-strength.
-"""
+"""Curves of the study of corruptions: gain over copy-last by severity."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,16 +13,14 @@ NUM_COLUMNS = 5
 PANEL_IN = (1.5, 1.05)
 
 
-def disturbance_figure(
+def corruption_figure(
     gains_db: Mapping[
         str, FloatArray
-    ],  # [strengths, cells] of each disturbance, in dB over copying the last frame
+    ],  # [severities, cells] of each corruption, in dB over copying the last frame
     cells: Sequence[tuple[str, str]],  # pose source and renderer of each cell
     limit_db: float,  # that no cell should be further below copying
 ) -> Figure:
-    """A panel a disturbance, a line a cell; where there is one strength, as undisturbed, lines are
-    level.
-    """
+    """Draw a panel per corruption and a line per method; with one severity, lines are level."""
     rows = -(-len(gains_db) // NUM_COLUMNS)
     size_in = PANEL_IN[0] * NUM_COLUMNS, PANEL_IN[1] * rows
     with mpl.style.context(style.SHEET):
@@ -33,11 +29,11 @@ def disturbance_figure(
         for axes, (name, gains) in zip(panels, gains_db.items(), strict=False):
             axes.axhline(-limit_db, color=style.FAINT, linewidth=0.8)
             axes.set_title(name, fontsize=6.5)
-            strengths = np.arange(1, 1 + max(len(gains), 4))
+            severities = np.arange(1, 1 + max(len(gains), 4))
             for values, line, cell in zip(gains.T, style.line_styles(cells), cells, strict=True):
-                shown = np.broadcast_to(values, strengths.shape) if len(values) == 1 else values
+                shown = np.broadcast_to(values, severities.shape) if len(values) == 1 else values
                 axes.plot(
-                    strengths,
+                    severities,
                     shown,
                     **(line.kwargs(1.0) | {"markersize": 2.5}),
                     label=" ".join(cell),
@@ -45,7 +41,7 @@ def disturbance_figure(
         for axes in panels[len(gains_db) :]:
             axes.set_visible(False)
         panels[0].set_xticks(range(1, 5))
-        figure.supxlabel("strength", fontsize=7)
+        figure.supxlabel("severity", fontsize=7)
         figure.supylabel("dB over copying the last frame", fontsize=7)
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(cells), fontsize=7)

@@ -1,10 +1,10 @@
-"""How methods degrade: clips disturbed in 24 ways and four strengths, and what is left over copying
-the last frame.
+"""Robustness: the gain over copy-last on clips with 24 corruptions of four severities.
 
-A line a disturbance and strength, a column a pose source and renderer: mean PSNR over steps and
-clips, less that of the disturbed last frame, copied; as curves with `--plot`. What lasts (noise,
-dimming, a hood, a lorry ahead) is in the real future as well; what passes (a black frame, a swap)
-is not. `<` marks cells more than LIMIT_DB below copying, `-` those that could not be predicted.
+A row per corruption and severity, a column per pose source and renderer (after Hendrycks &
+Dietterich 2019). Values are mean PSNR over steps and clips, minus that of the corrupted last frame,
+copied; `--plot` draws them as curves. Lasting corruptions (noise, dimming, a hood, a lorry ahead)
+also apply to the real future; transient ones (a black frame, a swap) do not. `<` marks values more
+than LIMIT_DB below copying, `-` clips that could not be predicted.
 """
 
 import argparse
@@ -18,10 +18,10 @@ import numpy as np
 from geovp_benchmarks.arguments import figure_file, positive
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs, predict
-from geovp_benchmarks.studies.disturbance.kinds import (
-    DISTURBANCES,
-    NUM_STRENGTHS,
-    Disturbance,
+from geovp_benchmarks.studies.corruption.kinds import (
+    CORRUPTIONS,
+    NUM_SEVERITIES,
+    Corruption,
     Level,
 )
 from geovp_classic import registry
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--only",
         nargs="+",
         metavar="NAME",
-        help="only these disturbances, by the words of the table",
+        help="only these corruptions, by the words of the table",
     )
     parser.add_argument(
         "--plot", type=figure_file, metavar="FILE", help="draw curves, as png, pdf or svg"
@@ -77,10 +77,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The table."""
-    names = chosen.only or list(DISTURBANCES)
-    if unknown := [name for name in names if name not in DISTURBANCES]:
+    names = chosen.only or list(CORRUPTIONS)
+    if unknown := [name for name in names if name not in CORRUPTIONS]:
         raise BadData(
-            f"no disturbance is called {unknown[0]!r}{registry.nearest(unknown[0], DISTURBANCES)}"
+            f"no corruption is called {unknown[0]!r}{registry.nearest(unknown[0], CORRUPTIONS)}"
         )
     specs = [
         {**spec, "with_full": True}
@@ -94,11 +94,11 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     cells = columns()
     what = f"{len(clips)} clips of {', '.join(chosen.frames)}; dB over copying the last frame"
     yield what
-    yield f"{'disturbance':<32}" + "".join(f"{name:>12}" for name in cells)
+    yield f"{'corruption':<32}" + "".join(f"{name:>12}" for name in cells)
     levels = [
         (name, level)
         for name in names
-        for level in range(1 if name in ("none", "standing") else NUM_STRENGTHS)
+        for level in range(1 if name in ("none", "stationary") else NUM_SEVERITIES)
     ]
     found: dict[str, list[FloatArray]] = {name: [] for name in names}
     for done, (name, level) in enumerate(levels, 1):
@@ -110,18 +110,18 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         yield f"{name} {level + 1}".ljust(32) + "".join(_text(gain) for gain in found[name][-1])
     means = {name: np.array(gains) for name, gains in found.items()}
     if chosen.plot is not None:
-        from geovp_benchmarks.plots.disturbance import disturbance_figure
+        from geovp_benchmarks.plots.corruption import corruption_figure
 
         pairs = [(source, renderer) for source, renderer in (name.split() for name in cells)]
-        disturbance_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
+        corruption_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
     if chosen.page is not None:
         from geovp_benchmarks.formats import write_page
 
         frames = " ".join(f"'{one}'" for one in chosen.frames)
-        command = f"geovp study disturbance path/to/kitti {frames} --stride {chosen.stride}"
+        command = f"geovp study corruption path/to/kitti {frames} --stride {chosen.stride}"
         write_page(
             chosen.page,
-            "Disturbances",
+            "Corruptions",
             [command],
             "the same with `--page`",
             _page(what, list(cells), means),
@@ -133,7 +133,7 @@ def gain_db(clip: Clip, name: str, level: Level, source: Any, renderer: Any) -> 
     predicted.
     """
     metric = registry.build("frame_metrics", "psnr")
-    context, target = disturbed(clip, DISTURBANCES[name], level, source.needs | renderer.needs)
+    context, target = corrupted(clip, CORRUPTIONS[name], level, source.needs | renderer.needs)
     try:
         predicted = predict(context, source, renderer)
     except GeovpError:
@@ -145,8 +145,8 @@ def gain_db(clip: Clip, name: str, level: Level, source: Any, renderer: Any) -> 
     return float((metric(predicted, actual, None) - metric(copied, actual, None)).mean())
 
 
-def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[Context, Target]:
-    """Context and target of the disturbed clip."""
+def corrupted(clip: Clip, what: Corruption, level: Level, needs: Any) -> tuple[Context, Target]:
+    """Context and target of the corrupted clip."""
     order = what.order(level)
 
     def images(frames: ByteArray) -> ByteArray:
@@ -158,7 +158,7 @@ def disturbed(clip: Clip, what: Disturbance, level: Level, needs: Any) -> tuple[
         images(clip.full.frames), clip.full.intrinsics, clip.full.view_from_cam
     )
     frames = images(clip.frames)
-    if wide is not None and what.crop_from_wide:
+    if wide is not None and what.crop_from_full:
         sources = (Source(frame, wide.intrinsics, wide.view_from_cam) for frame in wide.frames)
         frames = np.stack([resampled(source, clip.intrinsics) for source in sources])
     changes: dict[str, Any] = {"frames": frames, "full": wide}
@@ -187,7 +187,7 @@ def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
     """What is written of the table, in Markdown."""
     from geovp_benchmarks.formats import grid
 
-    rows = [["disturbance, strength", *cells]]
+    rows = [["corruption, severity", *cells]]
     for name, gains in means.items():
         for level, line in enumerate(gains, 1):
             texts = [f"**{gain:.1f}**" if gain < -LIMIT_DB else f"{gain:.1f}" for gain in line]
@@ -197,7 +197,7 @@ def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
     below, behind = (values < -LIMIT_DB).sum(), (wide < crop - LIMIT_DB).sum()
     lines = [
         f"{what}, mean of horizons {', '.join(str(step + 1) for step in SCORED)}.",
-        "True: recorded poses, refined; vo: odometry and motion prior, refined. Crop and wide: "
+        "True: recorded poses, refined; vo: odometry and motion prior, refined. Crop and full: "
         "depth fusion; plane:",
         f"ground-far-plane. Below -{LIMIT_DB} dB in **bold** ({below} of {values.size}); - "
         "where nothing was "

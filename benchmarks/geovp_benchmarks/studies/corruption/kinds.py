@@ -1,4 +1,4 @@
-"""What can happen to the frames of a clip, each in four strengths."""
+"""What can happen to the frames of a clip, each in four severities."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -9,18 +9,18 @@ import numpy as np
 from geovp_benchmarks.studies.ablation import NUM_FUTURE, NUM_PAST
 from geovp_classic.types import ByteArray, Context, Intrinsics
 
-NUM_STRENGTHS = 4
+NUM_SEVERITIES = 4
 NUM_STEPS = NUM_PAST + NUM_FUTURE
 HEIGHT_PX = 256  # lengths in pixels are of an image of this height
 
-Level = int  # 0 to NUM_STRENGTHS - 1
+Level = int  # 0 to NUM_SEVERITIES - 1
 Image = Callable[
     [ByteArray, int, Level], ByteArray
-]  # the frame of a step (0 to NUM_STEPS - 1), disturbed
+]  # the frame of a step (0 to NUM_STEPS - 1), corrupted
 
 
 @dataclass(frozen=True)
-class Disturbance:
+class Corruption:
     """What happens to a clip."""
 
     image: Image = lambda image, step, level: image
@@ -29,7 +29,7 @@ class Disturbance:
     )  # which frame is shown at each step
     context: Callable[[Context, Level], Context] = lambda context, level: context
     poses_follow: bool = False  # whether the true poses take the frames' order
-    crop_from_wide: bool = (
+    crop_from_full: bool = (
         False  # what comes into the crop from beside it is what the whole frame shows there
     )
 
@@ -178,45 +178,45 @@ def _jittered_times(context: Context, level: Level) -> Context:
     return replace(context, times_s=context.times_s + shifts * step_s)
 
 
-STANDING: Callable[[Level], list[int]] = lambda level: [NUM_PAST - 1] * NUM_STEPS  # noqa: E731
-DISTURBANCES = {
-    "none": Disturbance(),
-    "black frames": Disturbance(_flat(0)),
-    "white frames": Disturbance(_flat(255)),
-    "repeated frames": Disturbance(
+STATIONARY: Callable[[Level], list[int]] = lambda level: [NUM_PAST - 1] * NUM_STEPS  # noqa: E731
+CORRUPTIONS = {
+    "none": Corruption(),
+    "black frames": Corruption(_flat(0)),
+    "white frames": Corruption(_flat(255)),
+    "repeated frames": Corruption(
         order=_shown(
             lambda n: dict.fromkeys(range(6, 7 + (0, 0, 1, 2)[n]), 5) | ({9: 8} if n else {})
         )
     ),
-    "swapped frames": Disturbance(
+    "swapped frames": Corruption(
         order=_shown(
             lambda n: ({4: 5, 5: 4}, {7: 8, 8: 7}, {8: 9, 9: 8}, {2: 3, 3: 2, 8: 9, 9: 8})[n]
         )
     ),
-    "another scene before": Disturbance(
+    "another scene before": Corruption(
         lambda image, step, n: image[:, ::-1] if step < (3, 5, 7, 8)[n] else image
     ),
-    "one blurred frame": Disturbance(_blur),
-    "noise": Disturbance(_noise),
-    "rain": Disturbance(_rain),
-    "dim": Disturbance(_gain(0.5, 0.25, 0.1, 0.05)),
-    "low contrast": Disturbance(
+    "one blurred frame": Corruption(_blur),
+    "noise": Corruption(_noise),
+    "rain": Corruption(_rain),
+    "dim": Corruption(_gain(0.5, 0.25, 0.1, 0.05)),
+    "low contrast": Corruption(
         lambda image, step, n: _scaled(image, (0.5, 0.25, 0.1, 0.05)[n], 100)
     ),
-    "darker from frame 5 on": Disturbance(_gain(0.7, 0.5, 0.25, 0.1, steps=range(5, NUM_STEPS))),
-    "darker from the last frame on": Disturbance(
+    "darker from frame 5 on": Corruption(_gain(0.7, 0.5, 0.25, 0.1, steps=range(5, NUM_STEPS))),
+    "darker from the last frame on": Corruption(
         _gain(0.7, 0.5, 0.25, 0.1, steps=range(NUM_PAST - 1, NUM_STEPS))
     ),
-    "flicker": Disturbance(_flicker),
-    "tilt": Disturbance(_tilt, crop_from_wide=True),
-    "hood": Disturbance(_hood),
-    "black bars": Disturbance(_bars),
-    "lorry ahead": Disturbance(_lorry),
-    "wrong focal length": Disturbance(context=_camera(_focal)),
-    "wrong principal point": Disturbance(context=_camera(_centre)),
-    "jittered times": Disturbance(context=_jittered_times),
-    "standing": Disturbance(order=STANDING, poses_follow=True),
-    "standing with noise": Disturbance(_noise, STANDING, poses_follow=True),
-    "standing behind a bus": Disturbance(_bus, STANDING, poses_follow=True),
-    "standing before a pattern": Disturbance(_pattern, STANDING, poses_follow=True),
+    "flicker": Corruption(_flicker),
+    "tilt": Corruption(_tilt, crop_from_full=True),
+    "hood": Corruption(_hood),
+    "black bars": Corruption(_bars),
+    "lorry ahead": Corruption(_lorry),
+    "wrong focal length": Corruption(context=_camera(_focal)),
+    "wrong principal point": Corruption(context=_camera(_centre)),
+    "jittered times": Corruption(context=_jittered_times),
+    "stationary": Corruption(order=STATIONARY, poses_follow=True),
+    "stationary with noise": Corruption(_noise, STATIONARY, poses_follow=True),
+    "stationary behind a bus": Corruption(_bus, STATIONARY, poses_follow=True),
+    "stationary before a pattern": Corruption(_pattern, STATIONARY, poses_follow=True),
 }
