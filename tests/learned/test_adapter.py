@@ -37,12 +37,6 @@ class Dusk(TorchPredictor):
         return Darker(self.noise)
 
 
-@dataclass(frozen=True)
-class Sideways(TorchPredictor):
-    def network(self) -> nn.Module:
-        return nn.Flatten()
-
-
 def test_a_network_goes_on_from_its_own_images_as_long_as_is_asked_for() -> None:
     context, _ = street.clip().split(7, PrivilegedInput.NONE)
     frames = Dusk().predict(context).frames  # three steps from a network that makes two at a time
@@ -76,16 +70,6 @@ def test_weights_are_read_and_identified(suffix: str, tmp_path: Path) -> None:
     file.write_bytes(b"nothing of use")
     with pytest.raises(BadData, match=r"is no state dict|is not a whole safetensors file"):
         Dusk(checkpoint=file).predict(context)
-
-
-def test_images_of_another_shape_are_refused() -> None:
-    context, _ = street.clip().split(7, PrivilegedInput.NONE)
-    with pytest.raises(
-        BadData, match=r"Flatten gives images \[1, \d+\], expected \[1, 1 or more, 3, "
-    ):
-        Sideways().predict(context)
-    with pytest.raises(BadData, match="num_past is -1"):
-        Dusk(num_past=-1)
 
 
 def test_it_keeps_the_contract_and_joins_a_matrix(

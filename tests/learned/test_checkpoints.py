@@ -1,6 +1,5 @@
 """Weights files: what comes back, and one sentence for everything that can be wrong with them."""
 
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import torch
 from safetensors.torch import save
 from torch import nn
 
-from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_learned import checkpoints
 
@@ -125,53 +123,3 @@ def test_numbers_must_be_finite(tmp_path: Path) -> None:
         checkpoints.restore(
             tmp_path / "w", net, checkpoints.read(tmp_path / "w", "toy", Settings)[1], "net."
         )
-
-
-def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(BadData, match="cannot be written"):
-        checkpoints.write(tmp_path / "file" / "w", "toy", Settings(), {"net": network()}, {})
-
-
-def test_a_row_can_say_what_its_shipped_weights_are() -> None:
-    card = (Path(checkpoints.shipped("svg")).with_suffix(".md")).read_text()
-    assert "after 500 of 800 steps of 6 examples and 390.2 s" in card
-    assert "- `kitti`: split train, num_frames 75, stride 60, size_px [64, 64]" in card
-    note = registry.build("predictors", "svg").weights_note
-    begin, end = note.split(
-        "1,655,763"
-    )  # of the card's 1,657,021 numbers 1,258 are statistics of batches
-    assert re.fullmatch(
-        r"svg weights svg.safetensors [0-9a-f]{12}; works at 64x64 on the last 5 frames, resized to the clip's size; ",
-        begin,
-    )
-    assert end == (
-        " parameters on cpu; 500 of 800 training steps, 6.5 minutes; trained on kitti split "
-        "train (64x64) and "
-        "synthetic (128x128)"
-    )
-
-
-@pytest.mark.parametrize(
-    ("role", "name", "says"),
-    [
-        ("pose_sources", "deepvo", "; works at 96x96 on all observed frames; "),
-        (
-            "renderers",
-            "synsin",
-            "; works at the frames' own size on the last frame, its depth at 128 rows; ",
-        ),
-    ],
-)
-def test_each_method_says_what_it_is_shown(role: str, name: str, says: str) -> None:
-    assert says in registry.build(role, name).weights_note
-
-
-def test_weights_without_a_history_say_so(tmp_path: Path) -> None:
-    _, settings = checkpoints.load("svg", checkpoints.shipped("svg"), "", "cpu")
-    checkpoints.write(tmp_path / "own.safetensors", "svg", settings, settings.build(), {})
-    note = registry.build(
-        "predictors", {"name": "svg", "checkpoint": str(tmp_path / "own.safetensors")}
-    ).weights_note
-    assert note.startswith("svg weights own.safetensors ")
-    assert note.endswith("parameters on cpu; the file does not say on what it was trained")

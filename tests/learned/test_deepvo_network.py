@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from geovp_benchmarks.contracts import street
-from geovp_classic.errors import BadData, Incompatible
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
 from geovp_learned.deepvo.train import DeepVoTraining
 from geovp_learned.deepvo.windows import NO_AUGMENTATION
@@ -58,16 +57,6 @@ def test_the_lstm_can_be_that_of_the_original() -> None:
     assert net(images(3), 2)[1].shape == (1, 2, 3)
 
 
-def test_full_width_is_flownets() -> None:
-    """64 channels of 7x7 on 6 inputs at first, 1024 of 3x3 on 512 at last."""
-    shapes = [
-        tuple(layer.weight.shape)
-        for layer in PoseNetwork(Architecture(size_px=(64, 64))).encoder
-        if hasattr(layer, "stride")
-    ]
-    assert (shapes[0], shapes[-1], len(shapes)) == ((64, 6, 7, 7), (1024, 512, 3, 3), 9)
-
-
 def test_a_decoder_started_from_poses_sees_nothing_else() -> None:
     net = network(replace(TINY, decoder_start="poses"))
     past = torch.tensor([[[0.0, 1.0, 0.01], [0.0, 1.0, 0.02]]])
@@ -84,28 +73,6 @@ def test_a_fixed_window_forgets_what_lies_before_it() -> None:
     other = torch.cat([images(3, seed=1), seen[:, 3:]], dim=1)
     torch.testing.assert_close(net(seen, 5)[1], net(other, 5)[1])
     assert net(seen, 3)[1].shape == (1, 3, 3)
-
-
-@pytest.mark.parametrize(("num_past", "num_future"), [(2, 5), (6, 6)])
-def test_a_fixed_window_refuses_what_it_was_not_built_for(num_past: int, num_future: int) -> None:
-    net = network(replace(TINY, future="fixed-window", window_pairs=2, window_future=5))
-    with pytest.raises(Incompatible, match="takes 3 frames or more and predicts 5 steps at most"):
-        net(images(num_past), num_future)
-
-
-def test_long_videos_go_through_the_encoder_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    net, seen = network(), images(9)
-    whole = net.encode(seen)
-    monkeypatch.setattr("geovp_learned.deepvo.network.PAIRS_AT_ONCE", 3)
-    torch.testing.assert_close(net.encode(seen), whole)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"size_px": (32, 64)}, {"lstm_size": 0}, {"dropout": 1.0}, {"encoder_width": 0.0}]
-)
-def test_impossible_architectures_are_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(BadData, match=next(iter(wrong))):
-        replace(TINY, **wrong)
 
 
 @pytest.mark.parametrize("future", ["recurrent", "fixed-window"])

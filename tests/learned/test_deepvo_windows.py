@@ -3,10 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from geovp_benchmarks.contracts import street
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray
 from geovp_learned.deepvo import windows
@@ -39,13 +37,6 @@ def test_the_wide_image_is_read_where_there_is_one() -> None:
     assert windows.read(replace(street.clip(), full=None), CAMERA).frames[0].shape == (82, 82, 3)
 
 
-def test_nothing_varied_is_the_drive_itself() -> None:
-    images, motions, known = drawn(NO_AUGMENTATION, first=2)
-    assert images.shape == (4, 64, 64, 3)
-    np.testing.assert_allclose(motions, REAL[2:8], atol=1e-12)
-    assert known.all()
-
-
 def test_mirroring_turns_right_into_left() -> None:
     (plain, motions, _), (mirrored, exchanged, _) = (
         drawn(NO_AUGMENTATION),
@@ -66,12 +57,6 @@ def test_every_other_frame_is_twice_the_motion() -> None:
     np.testing.assert_array_equal(
         known, [True] * 4 + [False] * 2
     )  # of 10 frames: 2, 4, 6, 8, but not 10 and 12
-
-
-def test_where_twice_the_speed_would_leave_the_clip_it_is_not_taken() -> None:
-    _, motions, known = drawn(replace(NO_AUGMENTATION, fast_share=1.0), first=4)
-    np.testing.assert_allclose(motions[0], REAL[4], atol=1e-9)
-    np.testing.assert_array_equal(known, [True] * 5 + [False])
 
 
 def test_a_swing_adds_its_rate_to_the_past_and_leaves_the_future_out() -> None:
@@ -134,14 +119,3 @@ def test_a_batch_draws_how_much_past_is_seen() -> None:
     past = batch["images"].shape[1]
     assert batch["motions"].shape == (2, past + 2, 4, 4)
     assert batch["known"].shape == (2, past + 2)
-
-
-def test_clips_without_metric_poses_are_refused() -> None:
-    with pytest.raises(BadData, match="has no metric poses, which deepvo learns from"):
-        windows.read(replace(street.clip(), trajectory=None), CAMERA)
-
-
-@pytest.mark.parametrize("wrong", [{"shortest_past": 1}, {"shortest_past": 11}, {"num_future": 0}])
-def test_impossible_windows_are_refused(wrong: dict[str, int]) -> None:
-    with pytest.raises(BadData, match="2 <= shortest_past <= num_past"):
-        DeepVoTraining(**wrong)

@@ -217,14 +217,6 @@ def test_equal_frames_are_at_no_distance_and_others_symmetric(net: Net, folder: 
     assert (there > 0).all()
 
 
-@pytest.mark.parametrize("net", NETS)
-def test_frames_score_alike_alone_and_in_a_long_batch(net: Net, folder: Path) -> None:
-    predicted, target = noise(1, (13, 32, 40, 3)), noise(2, (13, 32, 40, 3))
-    metric = Lpips(net, folder)
-    alone = [float(metric(predicted[k : k + 1], target[k : k + 1], None)[0]) for k in range(13)]
-    np.testing.assert_allclose(metric(predicted, target), alone, rtol=1e-4)
-
-
 def test_scores_do_not_depend_on_threads(folder: Path) -> None:
     metric, predicted, target = (
         Lpips("alex", folder),

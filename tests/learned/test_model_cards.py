@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 from torch import nn
 
-from geovp_classic.errors import BadData
 from geovp_learned import checkpoints, model_cards, training_log
 from geovp_learned.__main__ import main
 
@@ -56,13 +55,6 @@ def test_a_card_says_what_is_in_the_file_and_where_it_comes_from(tmp_path: Path)
         assert said in text
 
 
-def test_a_card_says_when_weights_are_a_mean(tmp_path: Path) -> None:
-    assert "EMA" not in model_cards.model_card(written(tmp_path, HISTORY))
-    training = {**HISTORY["training"], "average_steps": 9}
-    text = model_cards.model_card(written(tmp_path, {**HISTORY, "training": training}))
-    assert "- exponential moving average (EMA) of the weights over 9 steps\n" in text
-
-
 @pytest.mark.parametrize(
     ("names", "licensed"), [(("kitti", "synthetic"), True), (("synthetic",), False)]
 )
@@ -95,20 +87,6 @@ def test_curves_have_a_row_for_a_validation_with_the_mean_training_loss_before_i
     ]
 
 
-def test_a_long_log_is_thinned_out_and_keeps_its_end(tmp_path: Path) -> None:
-    log = tmp_path / "log.csv"
-    training_log.truncate(log, 0)
-    for step in range(1, 61):
-        training_log.append(log, step, step, "validation", {"score": 1.0})
-    rows = [
-        line.split("|")[1].strip()
-        for line in model_cards.curves(training_log.read(tmp_path / "log.csv")).splitlines()
-    ]
-    assert rows[2:4] == ["1", "4"]  # every third of 60: 20 rows, and the last
-    assert rows[-1] == "60"
-    assert len(rows) - 2 <= model_cards.MAX_ROWS + 1
-
-
 @pytest.mark.parametrize("name", ["deepvo", "synsin"])
 def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_card(
     name: str,
@@ -117,16 +95,6 @@ def test_shipped_weights_were_trained_with_the_shipped_config_and_have_their_car
     text = model_cards.model_card(folder / f"{name}.safetensors", Path(f"{name}-small"))
     assert f"    python -m geovp_learned train {name} {name}-small\n" in text
     assert (folder / f"{name}.md").read_text().startswith(text.partition("## Licence")[0])
-
-
-def test_a_config_of_other_settings_is_refused() -> None:
-    with pytest.raises(
-        BadData, match=r"trained with another \[method\] than deepvo-tiny has: give its own config"
-    ):
-        model_cards.model_card(
-            Path(model_cards.__file__).parent / "weights" / "deepvo.safetensors",
-            Path("deepvo-tiny"),
-        )
 
 
 def test_the_command_prints_the_card_or_says_in_a_sentence_why_not(

@@ -45,14 +45,6 @@ def test_a_turned_camera_sees_along_its_own_axes() -> None:
     assert seen[32, 32, 2] == pytest.approx(127 + 10, abs=2)
 
 
-def test_mirrored_is_left_and_right_exchanged() -> None:
-    wanted = Intrinsics(120.0, 120.0, 31.5, 31.5, 64, 64)
-    plain = reproject(view(CAMERA), CAMERA, wanted)
-    np.testing.assert_allclose(
-        reproject(view(CAMERA), CAMERA, wanted, mirrored=True).astype(int), plain[:, ::-1], atol=1
-    )
-
-
 def test_shrinking_keeps_directions_and_never_enlarges() -> None:
     wanted = Intrinsics(50.0, 400.0, 31.5, 31.5, 64, 64)
     (small,), camera = shrink([view(CAMERA)], CAMERA, wanted)

@@ -29,14 +29,6 @@ def test_hinge_of_the_discriminator_stops_at_a_margin_of_one() -> None:
     )
 
 
-def test_the_generator_wants_high_scores() -> None:
-    scores = [scale(3.0, 1.0), scale(-4.0, -4.0)]  # of two scales
-    losses = discriminator.generator_losses(
-        lambda _: [[torch.ones(1), *each] for each in scores], None, None
-    )
-    assert float(losses["adversarial"]) == pytest.approx(1.0)
-
-
 def test_features_are_compared_without_the_scores_and_teach_the_generator_only() -> None:
     real, made = (
         torch.full((1, 1, 2, 2), 3.0, requires_grad=True),

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic.errors import MissingExtra
 from geovp_classic.types import Clip
 from geovp_learned.lpips import WEIGHTS_VARIABLE, Lpips, Net
 from geovp_learned.synsin import losses, pairs
 from geovp_learned.synsin.pairs import Example
-from geovp_learned.tensors import images_from_frames, psnr_db, sample_images
+from geovp_learned.tensors import images_from_frames, sample_images
 
 
 def seen_from(clip: Clip, horizons: list[int]) -> list[torch.Tensor]:
@@ -31,13 +30,6 @@ def test_depth_counts_where_it_is_known_in_units_of_a_twentieth() -> None:
     assert float(losses.depth_loss(guess, torch.full_like(known, torch.nan)).detach()) == 0
 
 
-def test_psnr_of_a_tenth_everywhere_is_twenty_decibels() -> None:
-    black = torch.zeros(2, 3, 4, 4)
-    np.testing.assert_allclose(
-        psnr_db(black + torch.tensor([0.1, 0.01])[:, None, None, None], black), [20, 40], rtol=1e-5
-    )
-
-
 @pytest.mark.parametrize("net", ["alex", "squeeze"])
 def test_content_is_lpips_with_a_gradient(net: Net) -> None:
     if not os.environ.get(WEIGHTS_VARIABLE):
@@ -49,14 +41,6 @@ def test_content_is_lpips_with_a_gradient(net: Net) -> None:
     assert float(loss.detach()) == pytest.approx(float(Lpips(net)(made, real).mean()), abs=1e-5)
     loss.backward()
     assert frames.grad.abs().max() > 0
-
-
-def test_content_without_weights_says_what_to_set(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: os.PathLike[str]
-) -> None:
-    monkeypatch.setenv(WEIGHTS_VARIABLE, str(tmp_path))
-    with pytest.raises(MissingExtra, match=r"lpips_squeeze_v0\.1\.npz do not exist"):
-        losses.content_loss(torch.rand(1, 3, 64, 64), torch.rand(1, 3, 64, 64), "squeeze")
 
 
 def test_later_frames_read_at_the_true_depth_look_like_the_first(clip: Clip) -> None:
@@ -88,13 +72,6 @@ def test_an_image_is_sampled_at_its_own_pixels_unchanged_and_its_border_goes_on(
     torch.testing.assert_close(
         between[0, :, 0, 1:], torch.stack([frames[0, :, 2, 0], frames[0, :, 3, 1]], dim=1)
     )
-
-
-def test_pixels_that_project_outside_every_view_do_not_count(clip: Clip) -> None:
-    truth, frames, targets, _, intrinsics = seen_from(clip, [1])
-    behind = torch.diag(torch.tensor([-1.0, 1.0, -1.0, 1.0])).expand(1, 1, 4, 4)
-    loss = losses.reprojection_loss(truth, frames, targets, behind, intrinsics)
-    assert float(loss) == 0.0
 
 
 def test_roughness_is_slope_but_where_the_image_has_an_edge() -> None:

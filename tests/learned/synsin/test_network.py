@@ -1,15 +1,13 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from geovp_learned.synsin import network, pairs
-from geovp_learned.synsin.network import Architecture, Generator, Part
+from geovp_learned.synsin.network import Generator, Part
 from geovp_learned.synsin.splatting import pull_push
 from geovp_learned.synsin.train import SynSinTraining
 from geovp_learned.tensors import images_from_frames
@@ -73,13 +71,6 @@ def test_driving_ahead_uses_the_inverse_depth_of_the_cloud(generator: Generator)
     assert float(images.inverse_depths[0, 0, 16, 24]) == pytest.approx(0.1, rel=1e-3)
 
 
-def test_without_motion_only_depths_are_computed(generator: Generator, clip: Clip) -> None:
-    camera, frames = pairs.intrinsics_tensor(clip.intrinsics), images_from_frames(clip.frames[:1])
-    nothing, inverse_depths = generator(frames, camera)
-    assert nothing is None
-    torch.testing.assert_close(inverse_depths, generator(frames, camera, STILL)[1])
-
-
 @pytest.mark.parametrize(("share", "expected"), [(1.0, 1.0), (0.25, 0.25)])
 def test_only_a_share_of_the_images_gradient_reaches_depth(
     generator: Generator, clip: Clip, share: float, expected: float
@@ -109,39 +100,6 @@ def test_pull_push_keeps_what_is_solid_and_fills_the_rest_from_around() -> None:
     torch.testing.assert_close(pull_push(flat * seen, seen), flat)
 
 
-def test_pull_push_of_two_halves_shades_from_one_to_the_other() -> None:
-    seen = torch.zeros(1, 1, 8, 8)
-    seen[..., [0, 7]] = 1
-    image = torch.zeros(1, 1, 8, 8)
-    image[..., 7] = 1
-    row = pull_push(image * seen, seen)[0, 0, 4]
-    assert (row.diff() >= 0).all()
-    assert row[0] == 0
-    assert row[7] == 1
-    assert 0.2 < row[3] <= 0.5 <= row[4] < 0.8
-
-
-def test_pull_push_of_nothing_is_black() -> None:
-    assert not pull_push(torch.zeros(1, 2, 5, 6), torch.zeros(1, 1, 5, 6)).any()
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"features": 3}, "more than the 3 colours"),
-        ({"depth_px": 100}, "a multiple of 64"),
-        ({"noise_size": 0}, "noise_size is 0, expected 1 or more"),
-        (
-            {"as_published": ("color",)},
-            "as_published has 'color', expected some of colours, holes, opacity, rays",
-        ),
-    ],
-)
-def test_settings_that_make_no_network_are_refused(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(BadData, match=message):
-        Architecture(**settings)
-
-
 def with_parts(method: SynSinTraining, *parts: Part) -> Generator:
     """A generator with these parts as published; its head is random, so that what the refinement
     network sees shows.
@@ -154,19 +112,6 @@ def with_parts(method: SynSinTraining, *parts: Part) -> Generator:
     return generator
 
 
-def maps_seen(
-    generator: Generator, frames: Tensor, camera: Tensor, cam_from_last: Tensor
-) -> Tensor:
-    """What the refinement network is given [V, C + 1, H, W]."""
-    seen: list[Tensor] = []
-    generator.refinement_network.register_forward_hook(
-        lambda _, given, __: seen.append(given[0].detach())
-    )
-    with torch.no_grad():
-        generator(frames, camera, cam_from_last)
-    return seen[0]
-
-
 def test_without_the_colour_shortcut_an_untrained_network_paints_grey(
     method: SynSinTraining, clip: Clip
 ) -> None:
@@ -177,33 +122,6 @@ def test_without_the_colour_shortcut_an_untrained_network_paints_grey(
     assert (images.frames == 0.5).all()
     painted = with_parts(method, "colours")(frames, camera, STILL)[0].frames
     assert 0 <= painted.min() < 0.4 < 0.6 < painted.max() <= 1  # a tanh
-
-
-def test_holes_stay_where_they_are_not_filled(method: SynSinTraining, clip: Clip) -> None:
-    frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
-    aside = STILL.clone()
-    aside[0, 0, 0, 3] = (
-        # all at 20 m: 0.4 focal lengths of 37.5 pixels to the right, 15 of 32 columns uncovered
-        8.0
-    )
-    empty, filled = (
-        maps_seen(with_parts(method, *p), frames, camera, aside) for p in (("holes",), ())
-    )
-    hole = filled[:, -1:] == 0
-    assert 0.35 < hole.float().mean() < 0.55
-    assert not (empty * hole).any()
-    assert filled[:, :3][hole.expand(-1, 3, -1, -1)].min() > 0.05  # colours from around
-    torch.testing.assert_close(empty[:, -1], filled[:, -1])
-
-
-def test_only_the_opacity_is_hidden(method: SynSinTraining, clip: Clip) -> None:
-    frames, camera = images_from_frames(clip.frames[:1]), pairs.intrinsics_tensor(clip.intrinsics)
-    hidden, told = (
-        maps_seen(with_parts(method, *p), frames, camera, STILL) for p in (("opacity",), ())
-    )
-    assert not hidden[:, -1].any()
-    assert told[:, -1].mean() > 0.9
-    assert torch.equal(hidden[:, :-1], told[:, :-1])
 
 
 @pytest.mark.parametrize(("parts", "is_equal"), [(("rays",), True), ((), False)])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import Clip
 from geovp_learned.synsin import pairs
@@ -14,10 +13,6 @@ from geovp_learned.synsin.pairs import Example, FramePairs
 @pytest.fixture
 def scene(clip: Clip) -> FramePairs:
     return pairs.frame_pairs(Example(clip, 3), [1, 4])
-
-
-def test_every_frame_with_enough_frames_after_it_is_an_example(clip: Clip) -> None:
-    assert [one.last for one in pairs.examples([clip], max_horizon=7)] == [0, 1, 2]
 
 
 def test_a_scene_holds_later_frames_and_the_motion_to_them(scene: FramePairs, clip: Clip) -> None:
@@ -54,14 +49,6 @@ def test_a_mirrored_scene_shows_mirrored_points_in_mirrored_pixels(scene: FrameP
     np.testing.assert_array_equal(mirrored.mirrored().targets, scene.targets)
 
 
-def test_a_grey_scene_has_one_colour_a_pixel(scene: FramePairs) -> None:
-    grey = scene.grey()
-    assert (grey.frame == grey.frame[..., :1]).all()
-    assert (grey.targets == grey.targets[..., :1]).all()
-    luminance = scene.frame @ np.array([0.299, 0.587, 0.114])
-    np.testing.assert_allclose(grey.frame[..., 0], luminance, atol=1)
-
-
 def test_augmentation_mirrors_half_and_greys_a_share(scene: FramePairs) -> None:
     drawn = [
         pairs.augmented(scene, np.random.default_rng(seed), grey_share=0.25) for seed in range(200)
@@ -87,13 +74,3 @@ def test_a_batch_stacks_scenes_and_lines_their_views_up(scene: FramePairs, clip:
     torch.testing.assert_close(
         batch["targets"][3], torch.from_numpy(clip.frames[5]).permute(2, 0, 1) / 255
     )
-
-
-def test_clips_that_teach_nothing_are_refused(clip: Clip) -> None:
-    with pytest.raises(
-        BadData, match="street has 10 frames, but horizons up to 10 need more: raise num_frames"
-    ):
-        pairs.examples([clip], max_horizon=10)
-    for trajectory in (None, replace(clip.trajectory, is_metric=False)):
-        with pytest.raises(BadData, match="street has no metric poses"):
-            pairs.examples([replace(clip, trajectory=trajectory)], max_horizon=2)

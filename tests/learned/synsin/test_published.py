@@ -2,7 +2,6 @@
 numbers here.
 """
 
-import dataclasses
 import hashlib
 from collections.abc import Callable
 from itertools import pairwise
@@ -13,7 +12,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.types import Clip, PrivilegedInput
 from geovp_learned import checkpoints, training_config, vgg
 from geovp_learned.synsin import losses, pairs
@@ -160,15 +158,6 @@ def test_it_trains_by_the_same_loop_and_its_weights_make_a_row(
     np.testing.assert_array_equal(first.frames, second.frames)  # noise is drawn from the seed
 
 
-def test_settings_of_the_other_variant_are_refused() -> None:
-    with pytest.raises(BadData, match="variant 'published' has its own noise_size: leave it out"):
-        Architecture("published", noise_size=8)
-    with pytest.raises(BadData, match="has its own splatter"):
-        Architecture("published", splatter=Splatter(radius_px=2.0))
-    with pytest.raises(BadData, match="has its own as_published"):
-        Architecture("published", as_published=("rays",))
-
-
 @pytest.fixture
 def vgg_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Tensor]:
     """VGG-19 with two channels a layer, in a file that passes for the real one."""
@@ -201,34 +190,3 @@ def test_content_is_compared_in_five_layers_of_vgg(vgg_weights: dict[str, Tensor
     assert float(loss.detach()) == pytest.approx(expected, rel=1e-5)
     loss.backward()
     assert given.grad.abs().max() > 0
-
-
-def test_weights_that_are_missing_or_others_are_said_in_one_sentence(
-    vgg_weights: dict[str, Tensor], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    frame = torch.zeros(1, 3, 32, 32)
-    monkeypatch.setattr(vgg, "SHA256", "0" * 64)
-    with pytest.raises(
-        MissingExtra, match=r"has SHA-256 \w{8}\.\.\., expected 00000000\.\.\.: name torchvision's"
-    ):
-        vgg.content_loss(frame, frame)
-    monkeypatch.setenv(vgg.WEIGHTS_VARIABLE, str(tmp_path / "none.pth"))
-    with pytest.raises(
-        MissingExtra, match=r"none\.pth cannot be read \(No such file or directory\)"
-    ):
-        vgg.content_loss(frame, frame)
-    monkeypatch.delenv(vgg.WEIGHTS_VARIABLE)
-    with pytest.raises(
-        MissingExtra, match=f"set {vgg.WEIGHTS_VARIABLE} to torchvision's vgg19-dcbb9e9d.pth"
-    ):
-        vgg.content_loss(frame, frame)
-
-
-def test_the_recipe_is_the_papers() -> None:
-    method = training_config.settings("synsin", Path("synsin-published-thesis"))[0]
-    assert method.architecture == Architecture("published")
-    assert method.content_net == "vgg19"
-    assert dataclasses.asdict(method.weights) == {
-        **{"colour": 2.0, "content": 10.0, "adversarial": 1.0, "feature_matching": 40.0},
-        **{"depth": 0.0, "reprojection": 0.0, "roughness": 0.0},
-    }

@@ -1,12 +1,9 @@
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from geovp_benchmarks.contracts import street
-from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import (
     ByteArray,
@@ -113,13 +110,6 @@ def test_what_no_point_reaches_is_not_covered(fresh: Path, clip: Clip) -> None:
     assert not views.depths[~views.covered].any()
 
 
-def test_the_new_camera_may_have_another_size(fresh: Path, clip: Clip) -> None:
-    views = views_of(
-        fresh, clip, past_of(clip).world_from_cam[-1:], clip.intrinsics.resized(40, 24)
-    )
-    assert views.frames.shape == (1, 24, 40, 3)
-
-
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     method: SynSinTraining, clip: Clip, tmp_path: Path
 ) -> None:
@@ -136,54 +126,3 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(
     )
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
-
-
-def test_poses_without_a_unit_are_refused(fresh: Path, clip: Clip) -> None:
-    context, _ = clip.split(NUM_PAST, PrivilegedInput.NONE)
-    with pytest.raises(Incompatible, match="the poses are not: give the odometry a scale"):
-        SynSin(fresh).reconstruct(context, replace(past_of(clip), is_metric=False))
-
-
-def damaged(file: Path, how: str, method: SynSinTraining) -> Path:
-    """A weights file with one fault."""
-    other = file.with_name(f"{how}.safetensors")
-    generator = Generator(method.architecture)
-    if how == "truncated":
-        other.write_bytes(file.read_bytes()[:-100])
-    elif how == "text":
-        other.write_text("not a weights file, but a long enough text to be looked at")
-    elif how == "method":
-        checkpoints.write(other, "deepvo", method, {"generator": generator}, {})
-    elif how == "size":
-        wider = replace(method, architecture=replace(method.architecture, width=20))
-        checkpoints.write(other, "synsin", wider, {"generator": generator}, {})
-    elif how == "infinite":
-        next(generator.parameters()).data.fill_(torch.inf)
-        checkpoints.write(other, "synsin", method, {"generator": generator}, {})
-    return other
-
-
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ("missing", "do not exist"),
-        ("truncated", "does not match its own checksum"),
-        ("text", "is not a whole safetensors file"),
-        ("method", "deepvo, expected geovp-weights-1, synsin"),
-        ("size", "size mismatch"),
-        ("infinite", "not finite"),
-    ],
-)
-def test_a_file_that_cannot_be_used_gets_one_sentence(
-    fresh: Path, method: SynSinTraining, how: str, message: str
-) -> None:
-    with pytest.raises(BadData, match=message) as refusal:
-        SynSin(damaged(fresh, how, method))
-    assert "\n" not in str(refusal.value)
-    assert f"{how}.safetensors" in str(refusal.value)
-
-
-def test_frames_of_other_sizes_are_encoded_at_their_own(fresh: Path) -> None:
-    clip = street.clip()  # 128x128, where the network was made for 32
-    views = views_of(fresh, clip, clip.trajectory.world_from_cam[NUM_PAST - 1 : NUM_PAST])
-    assert rms(views.frames[0], clip.frames[NUM_PAST - 1]) < 1

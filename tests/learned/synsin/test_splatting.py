@@ -64,17 +64,6 @@ def test_splatter_is_equal_to_loops_over_pixels_and_points(
     torch.testing.assert_close(opacity, wanted_opacity, rtol=0, atol=1e-10)
 
 
-def test_in_single_precision_it_still_agrees_to_1e_5() -> None:
-    splatter = Splatter(radius_px=1.5, points_per_pixel=4)
-    positions, depths, visible, features = random_points(seed=2)
-    single = (positions.float(), depths.float(), visible, features.float())
-    image, _ = splatter(*single, SIZE_PX)
-    wanted, _ = splatted_naively(
-        splatter, *(part.double() if part.dtype != torch.bool else part for part in single)
-    )
-    torch.testing.assert_close(image.double(), wanted, rtol=0, atol=1e-5)
-
-
 @pytest.mark.parametrize("blending", ["alpha", "sum", "mean"])
 def test_gradients_are_those_of_finite_differences(blending: Blending) -> None:
     splatter = Splatter(radius_px=1.8, points_per_pixel=4, blending=blending)
@@ -149,37 +138,3 @@ def test_two_metres_ahead_a_wall_at_four_is_twice_as_large_and_twice_as_near_in_
         positions[0].numpy(), [[5 + 12 * 0.5, 4 - 10 * 0.2], [5 + 12 * 0.25, 4 - 10 * 0.1]]
     )
     np.testing.assert_allclose(there[0].numpy(), [0.5, 0.0])
-
-
-def test_points_behind_the_camera_or_too_near_are_not_in_front() -> None:
-    motion = torch.eye(4, dtype=torch.float64)[None].clone()
-    motion[0, 2, 3] = -4.0
-    ray = torch.tensor([[[0.0, 0.0, 1.0]] * 4], dtype=torch.float64)
-    depths = 1 / torch.tensor(
-        [[3.0, 4.0, 4.0 + 0.9 * splatting.NEAR_M, 4.0 + 1.1 * splatting.NEAR_M]],
-        dtype=torch.float64,
-    )
-    positions, there, in_front = splatting.project(ray, depths, motion, CAMERA)
-    assert in_front[0].tolist() == [False, False, False, True]
-    assert torch.isfinite(positions).all()
-    assert torch.isfinite(there).all()
-
-
-def test_nothing_in_sight_gives_an_empty_image_with_zero_gradients() -> None:
-    positions, depths, visible, features = random_points(seed=4)
-    image, opacity = Splatter()(
-        positions.requires_grad_(), depths, torch.zeros_like(visible), features, SIZE_PX
-    )
-    assert image.shape == (2, 3, *SIZE_PX)
-    assert not image.any()
-    assert not opacity.any()
-    image.sum().backward()
-    assert not positions.grad.any()
-
-
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
-def test_on_a_gpu_it_draws_the_same() -> None:
-    points = random_points(seed=5)
-    on_cpu = Splatter()(*points, SIZE_PX)[0]
-    on_gpu = Splatter()(*(part.cuda() for part in points), SIZE_PX)[0]
-    torch.testing.assert_close(on_gpu.cpu(), on_cpu, rtol=0, atol=1e-5)

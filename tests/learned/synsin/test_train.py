@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,14 +7,12 @@ import pytest
 import torch
 from torch import nn
 
-from geovp_classic.errors import BadData
 from geovp_classic.types import Clip
 from geovp_learned import training_config
 from geovp_learned.methods import Losses
 from geovp_learned.synsin import pairs
 from geovp_learned.synsin.pairs import Example
 from geovp_learned.synsin.train import SynSinTraining, Weights
-from geovp_learned.training_config import Changes
 
 
 def trained(
@@ -115,18 +113,6 @@ def test_an_adversary_takes_turns_with_the_generator(
     assert history[-1]["discriminator.total"] < history[0]["discriminator.total"]
 
 
-def test_the_first_view_is_near_when_so_wished(method: SynSinTraining, clip: Clip) -> None:
-    far = replace(method, max_horizon=8, views=1)
-    examples = far.examples([clip], training=True)
-
-    def steps_m(settings: SynSinTraining) -> np.ndarray:
-        batch = settings.batch(examples, [0] * 60, np.random.default_rng(0))
-        return -batch["cam_from_last"][:, 0, 2, 3].numpy()
-
-    assert steps_m(replace(far, near_share=1.0)).max() < 1.1  # two steps of half a metre, of eight
-    assert steps_m(replace(far, near_share=0.0)).max() > 3.0
-
-
 def test_validation_looks_at_some_examples_and_gives_the_same_again(
     method: SynSinTraining, clip: Clip
 ) -> None:
@@ -138,12 +124,6 @@ def test_validation_looks_at_some_examples_and_gives_the_same_again(
         first, second = (sparse.validate(networks, examples) for _ in range(2))
     assert first == second
     assert first["score"] == pytest.approx(first["colour"])  # content counts nothing here
-
-
-@pytest.mark.parametrize("name", ["views", "discriminator_width"])
-def test_settings_that_train_nothing_are_refused(name: str) -> None:
-    with pytest.raises(BadData, match=f"{name} is 0, expected 1 or more"):
-        SynSinTraining(**{name: 0})
 
 
 @pytest.mark.parametrize(
@@ -163,37 +143,3 @@ def test_configs_that_come_with_the_package_are_sound(
         assert config.method.weights == Weights()  # the paper's losses alone
         assert config.method.depth_share == 1
         assert "discriminator" in sizes
-
-
-def test_each_variant_of_the_departures_changes_one_setting() -> None:
-    file = Path("synsin-departures")
-    names = training_config.settings("synsin", file)[2]["variants"]
-    settings = {
-        name: training_config.settings("synsin", file, Changes(variant=name)) for name in names
-    }
-    flat = {
-        name: {**asdict(method), **asdict(method.weights), **asdict(method.architecture)}
-        for name, (method, *_) in settings.items()
-    }
-    changed = {
-        name: {key for key, value in one.items() if value != flat["residual"][key]}
-        - {"architecture", "weights"}
-        for name, one in flat.items()
-    }
-    parts = {name: {"as_published"} for name in ("colours", "holes", "opacity", "rays", "noise")}
-    assert changed == {
-        **{
-            "residual": set(),
-            **parts,
-            "patch": {"patch_px"},
-            "points": {"splatter"},
-            "radius": {"splatter"},
-        },
-        "depth-losses": {"depth", "reprojection", "roughness"},
-    }
-    assert [flat[name]["as_published"] for name in parts] == [(name,) for name in parts]
-    assert len({training for _, training, _ in settings.values()}) == 1
-    published = training_config.settings(
-        "synsin", Path("synsin-published-small"), Changes(variant="residual")
-    )[0]
-    assert settings["residual"][0] == published  # but for steps and batches

@@ -3,7 +3,6 @@
 import pytest
 import torch
 
-from geovp_classic.errors import BadData
 from geovp_learned.video.autoencoder import (
     AutoencoderConfig,
     Decoder,
@@ -35,16 +34,6 @@ def test_every_doubling_of_the_image_adds_one_stage(
     assert skips[0].shape == (1, 2, outermost_px, outermost_px)
 
 
-def test_channels_double_up_to_eight_widths() -> None:
-    assert AutoencoderConfig(size_px=256, width=64).channels == [64, 128, 256, 512, 512, 512]
-
-
-@pytest.mark.parametrize("size_px", [4, 96])
-def test_sizes_that_cannot_be_halved_down_to_four_are_refused(size_px: int) -> None:
-    with pytest.raises(BadData, match=f"coding.size_px is {size_px}, expected a power of two"):
-        AutoencoderConfig(size_px=size_px)
-
-
 def test_an_untrained_residual_decoder_repeats_the_image() -> None:
     coding = AutoencoderConfig("vgg", 16, 4, 8, residual=True)
     base = torch.rand(2, 3, 16, 16)
@@ -54,13 +43,6 @@ def test_an_untrained_residual_decoder_repeats_the_image() -> None:
     assert (
         float((shown - base).abs().max().detach()) <= 1 / 512 + 1e-6
     )  # half a grey level, at black and white
-
-
-def test_without_a_base_maps_are_logits() -> None:
-    shown = VideoNetwork(AutoencoderConfig(), 1).images(
-        torch.tensor([0.0, 2.0]), torch.tensor([0.3, 0.3])
-    )
-    torch.testing.assert_close(shown, torch.tensor([0.5, 0.8807971]))
 
 
 def test_skips_of_a_step_are_those_of_its_frames() -> None:

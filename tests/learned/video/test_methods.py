@@ -1,6 +1,5 @@
 """What holds for SVG, SRVP and SLAMP alike."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 from geovp_learned import training_config
 from geovp_learned.video import training
@@ -101,11 +99,6 @@ def test_predictions_depend_on_nothing_but_past_and_noise(method: VideoTraining)
     torch.testing.assert_close(shared, both[:1].expand(3, -1, -1, -1, -1), atol=1e-6, rtol=0)
 
 
-def test_training_twice_gives_the_same(method: VideoTraining, coin_flips: Tensor) -> None:
-    first, second = (trained(method, coin_flips, num_steps=2)[1] for _ in range(2))
-    assert first == second
-
-
 def test_validation_compares_with_the_last_frame_at_the_networks_size(
     method: VideoTraining, street_window: ByteArray
 ) -> None:
@@ -122,28 +115,6 @@ def test_validation_compares_with_the_last_frame_at_the_networks_size(
         (80.0 - 10 * np.log10(halved)) / 2, abs=1e-3
     )  # PSNR ends at 80 dB
     assert scores["score"] == -scores["psnr"]
-
-
-def test_a_batch_is_mirrored_or_grey_at_random(
-    method: VideoTraining, street_window: ByteArray
-) -> None:
-    grey = replace(method, grey_share=1.0)
-    images = grey.batch([street_window], [0] * 40, np.random.default_rng(0))["images"]
-    assert images.shape == (40, 6, 3, 16, 16)
-    assert bool((images[:, :, 0] == images[:, :, 2]).all())
-    colours = method.batch([street_window], [0] * 40, np.random.default_rng(0))["images"]
-    plain = training.stack([street_window])[0]
-    is_plain = [bool((one == plain).all()) for one in colours]
-    is_mirrored = [bool((one == plain.flip(-1)).all()) for one in colours]
-    assert 10 < sum(is_plain) < 30
-    assert sum(is_plain) + sum(is_mirrored) == 40
-
-
-def test_windows_that_cannot_be_are_refused(method: VideoTraining) -> None:
-    with pytest.raises(BadData, match="num_past is 1, expected 2 or more"):
-        replace(method, num_past=1)
-    with pytest.raises(BadData, match="num_future is 0, expected 1 or more"):
-        replace(method, num_future=0)
 
 
 @pytest.mark.parametrize("size", ["tiny", "small", "thesis"])

@@ -9,7 +9,7 @@ import torch
 
 from geovp_benchmarks.contracts import street
 from geovp_classic import registry
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints
 from geovp_learned.checkpoints import shipped
@@ -109,21 +109,6 @@ def test_descriptions_tell_which_weights_and_others_are_refused(
         "asked for"
     )
     assert str(refused.value) == f"predictors: {sentence}"
-
-
-def test_one_frame_shows_no_motion(predictor: VideoPredictor, name: str) -> None:
-    with pytest.raises(Incompatible, match=f"{name} goes by motion, the past has one frame"):
-        predictor.predict(context().recent(1))
-
-
-def test_what_cannot_be_used_is_told_in_one_sentence(name: str, checkpoint: Path) -> None:
-    kind = registry.load("predictors", name)
-    with pytest.raises(BadData, match="samples_at_once is 0, expected 1 or more"):
-        kind(checkpoint, samples_at_once=0)
-    with pytest.raises(BadData, match=r"weights .*nowhere.safetensors do not exist"):
-        kind(checkpoint.with_name("nowhere.safetensors"))
-    with pytest.raises(BadData, match="device 'warp' cannot be used"):
-        kind(checkpoint, device="warp")
 
 
 def test_the_shipped_weights_predict_and_their_samples_differ(name: str) -> None:

@@ -6,7 +6,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_classic.errors import BadData
 from geovp_learned.video.autoencoder import AutoencoderConfig
 from geovp_learned.video.srvp import Architecture, SrvpNetwork, SrvpTraining
 
@@ -98,8 +97,3 @@ def test_the_bound_is_in_nats_per_value() -> None:
     torch.manual_seed(0)
     learned = network()(images, 2)
     torch.testing.assert_close(same, 0.5 * ((learned.images - images) ** 2).mean())
-
-
-def test_counts_below_one_are_refused() -> None:
-    with pytest.raises(BadData, match="steps_per_frame is 0, expected 1 or more"):
-        replace(ARCHITECTURE, steps_per_frame=0)

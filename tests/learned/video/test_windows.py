@@ -33,11 +33,3 @@ def test_grey_is_luma_in_all_three_channels() -> None:
     green[..., 1] = 200
     images = SvgTraining(grey_share=1.0).batch([green], [0], np.random.default_rng(0))["images"]
     assert set(images.flatten().tolist()) == {117}  # 0.587 * 200 = 117.4
-
-
-def test_channels_come_before_rows() -> None:
-    red = np.zeros((2, 4, 6, 3), np.uint8)
-    red[..., 0] = 9
-    stacked = training.stack([red, red])
-    assert stacked.shape == (2, 2, 3, 4, 6)
-    assert stacked[0, 0, :, 0, 0].tolist() == [9, 0, 0]
