@@ -124,8 +124,9 @@ def write_results(folder: Path, datasets: list[str]) -> None:
     results = Results(folder)
     results.write_protocol({"cells": ["x"], "clips": ["a"], "num_past": 3, "metrics": {}})
     results.write_datasets(datasets)
-    cell = {"label": "x", "kind": "predictor", "status": "done", "grants": [], "num_samples": 1}
+    cell = {"label": "x", "kind": "predictor", "status": "done", "num_samples": 1}
     cell |= {"num_clips": 1, "seconds": {"view": 2.5}, "fingerprint": "f", "components": {}}
+    cell |= {"privileged_inputs": []}
     results.write_cell("x", cell)
     rows = Rows.of(["a"] * 6, [0] * 6, range(1, 7), ["psnr"] * 6, np.linspace(20, 30, 6))
     results.write_part("x", rows, Part(0, ("a",), "f", {"psnr": {}}, {"view": 2.5}, 100.0))

@@ -107,7 +107,7 @@ def _device(text: str) -> str:
 def add_division(parser: argparse.ArgumentParser) -> None:
     """Let the clips be divided into strata."""
     help_text = (
-        "apart for each kind of clips: turning, speed, step (length), seen (share of pixels "
+        "apart for each kind of clips: turning, speed, step (length), seen (fraction of pixels "
         "seen before), moving"
     )
     parser.add_argument("--by", metavar="KIND", help=help_text)
@@ -116,8 +116,8 @@ def add_division(parser: argparse.ArgumentParser) -> None:
 def add_row(parser: argparse.ArgumentParser, out: str) -> None:
     """Ask for a row of a matrix, and on which clips and into which folder it is studied."""
     add_matrix(parser, "a matrix file, or a built-in one's name; its metrics are measured")
-    help_text = 'the row, as tables name it: "vo+prior + fusion" (needed where there are several)'
-    parser.add_argument("--row", metavar="ROW", help=help_text)
+    help_text = 'the method, as in tables: "vo+prior + fusion" (needed where there are several)'
+    parser.add_argument("--method", metavar="METHOD", help=help_text)
     parser.add_argument(
         "--root", type=Path, metavar="DIR", help="the data's root, in place of the file's"
     )

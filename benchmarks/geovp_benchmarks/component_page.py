@@ -1,6 +1,4 @@
-"""One installed component in words: its role, what it is, its fields, the grants it needs, where it
-comes from.
-"""
+"""Description of an installed component: role, purpose, fields, privileged inputs and origin."""
 
 import contextlib
 import dataclasses
@@ -35,7 +33,7 @@ class ComponentPage:
     fields: tuple[FieldPage, ...]
     needs: (
         tuple[str, ...] | None
-    )  # grants of the component with its defaults; None where that is not known
+    )  # privileged inputs of the component with its defaults; None where that is not known
     source: str
 
 
@@ -46,11 +44,11 @@ def page(role: str, name: str) -> ComponentPage:
     with contextlib.suppress(GeovpError):  # a required field, or weights that are not there
         component = registry.build(role, name)
         described = registry.describe(component)
-        grants = getattr(component, "needs", None)
+        privileged_inputs = getattr(component, "needs", None)
         needs = (
             None
-            if grants is None
-            else tuple(str(one.name) for one in PrivilegedInput if one in grants)
+            if privileged_inputs is None
+            else tuple(str(one.name) for one in PrivilegedInput if one in privileged_inputs)
         )
     meanings = {
         key: text
@@ -84,8 +82,8 @@ def lines(one: ComponentPage) -> list[str]:
             + (f"  # {field.meaning}" if field.meaning else "")
         )
     if one.needs is not None:
-        granted = ", ".join(one.needs).lower().replace("_", " ")
-        said += ["", f"needs beyond the observed frames: {granted or 'nothing'}"]
+        inputs = ", ".join(one.needs).lower().replace("_", " ")
+        said += ["", f"privileged inputs: {inputs or 'nothing'}"]
     return [*said, f"from {one.source}"]
 
 

@@ -20,7 +20,7 @@ HEAD = ("method", "clips", "confidence", "step alone", "among clips at a step")
 NOTE = (
     "1: frames of higher confidence have the better {}, always; 0: no relation. Step alone: how "
     "an earlier step ranks. "
-    "Confidence: the share of covered pixels times tracked past frames over all frames up to "
+    "Confidence: the fraction of covered pixels times tracked past frames over all frames up to "
     "the step; no probability."
 )
 

@@ -31,7 +31,7 @@ OF_A_METRIC = {
 }
 OF_A_ROW = {
     "num_samples": "samples",
-    "grants": "grants",
+    "privileged_inputs": "privileged inputs",
     "status": "status",
     "num_clips": "clips scored",
 }
@@ -63,7 +63,8 @@ def pairs(a: Results, b: Results, row_a: str = "", row_b: str = "") -> list[tupl
     )
     if not names:
         raise BadData(
-            f"no row is in both: {', '.join(of_a)}; and {', '.join(of_b)}: name them as DIR:ROW"
+            f"no method is in both: {', '.join(of_a)}; and {', '.join(of_b)}: name them as "
+            "DIR:METHOD"
         )
     return [(Side(a, _row(a, of_a, one)), Side(b, _row(b, of_b, other))) for one, other in names]
 
@@ -89,7 +90,7 @@ def shared(a: Side, b: Side) -> Iterator[str]:
 def own(a: Side, b: Side) -> Iterator[str]:
     """What differs between the rows."""
     yield from _differences(
-        "Row",
+        "Method",
         *({words: getattr(side.cell, key) for key, words in OF_A_ROW.items()} for side in (a, b)),
     )
     yield from _differences("Component", a.cell.components, b.cell.components)
@@ -162,7 +163,7 @@ def _rows(results: Results) -> dict[str, Cell]:
 def _row(results: Results, cells: Mapping[str, Cell], name: str) -> Cell:
     found = cells.get(name) or next((cell for cell in cells.values() if cell.name == name), None)
     if found is None:
-        raise BadData(f"{results.root} has no row {name!r}{registry.nearest(name, cells)}")
+        raise BadData(f"{results.root} has no method {name!r}{registry.nearest(name, cells)}")
     return found
 
 

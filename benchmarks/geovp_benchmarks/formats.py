@@ -122,7 +122,7 @@ def comma_separated(table: Table) -> str:
     writer = csv.writer(stream, lineterminator="\n")
     suffixes = ["", *(f"_{number}" for number in NUMBERS[1:])]
     names = [f"{column.key}{suffix}" for column in table.columns for suffix in suffixes]
-    writer.writerow(["method", "grants", "clips", "protocol", *names])
+    writer.writerow(["method", "privileged_inputs", "clips", "protocol", *names])
     for row in table.rows:
         numbers = [
             number for column in table.columns for number in _numbers(row, column.key).values()
@@ -147,7 +147,7 @@ def _plain(table: Table) -> dict[str, Any]:
     rows = [
         {
             "method": row.name,
-            "grants": row.marks,
+            "privileged_inputs": row.marks,
             "clips": row.num_clips,
             "protocol": row.protocol,
             "values": {column.key: _numbers(row, column.key) for column in table.columns},

@@ -63,9 +63,9 @@ def _claim(root: Path, descriptor: int, protocol: str) -> None:
         found, _, owner = os.pread(descriptor, 4096, 0).decode(errors="replace").partition("\n")
         if found != protocol:
             raise BadData(
-                f"{root} is being filled by {owner.strip() or 'another run'} with another "
-                "protocol or other rows: wait "
-                "until it has ended, or give another folder with --out"
+                f"{root} is in use by {owner.strip() or 'another run'} with another "
+                "protocol or other methods: wait until it has ended, or give another folder with "
+                "--out"
             ) from None
     except OSError:
         return

@@ -227,12 +227,12 @@ def _check_cells(matrix: Matrix) -> None:
             ("pose_sources", "renderers") if matrix.pose_sources else ("renderers", "pose_sources")
         )
         raise BadData(
-            f"the matrix file has [{given}] but no [{lacking}]: every cell needs one of each"
+            f"the matrix file has [{given}] but no [{lacking}]: a method needs one of each"
         )
     names = [cell.name for cell in matrix.cells]
     if not names:
         raise BadData(
-            "the matrix file has no cell: give [pose_sources] and [renderers], or [predictors]"
+            "the matrix file has no method: give [pose_sources] and [renderers], or [predictors]"
         )
     matrix_values.check_names(names, NOT_CELLS)
     matrix_values.check_clip(matrix.size_px, matrix.num_past + matrix.num_future)

@@ -60,7 +60,7 @@ def check_names(names: list[str], folders: Iterable[str]) -> None:
             )
         if len(name.encode()) > MAX_NAME_BYTES:
             raise BadData(
-                f"the row {name[:40]}... has a name of {len(name.encode())} bytes: "
+                f"the method {name[:40]}... has a name of {len(name.encode())} bytes: "
                 f"{MAX_NAME_BYTES} at most"
             )
         taken.append(name.casefold())

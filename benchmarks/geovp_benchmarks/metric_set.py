@@ -77,7 +77,7 @@ class MetricSet:
             "unavailable": None,
             "bounds": [0.0, 1.0],
         }
-        entries[COVERAGE] = {**shares, "definition": "share of pixels that were not invented"}
+        entries[COVERAGE] = {**shares, "definition": "fraction of pixels that were not inpainted"}
         definition = (
             "coverage times tracked past frames over all frames up to the step; no probability"
         )

@@ -93,7 +93,9 @@ def warnings(context: Context, motion: Motion, share: float | None) -> list[str]
             "--camera-height"
         )
     if stands(motion):
-        found.append("the camera stands still: the prediction does too, and there is no cloud.ply")
+        found.append(
+            "the camera is stationary, so the prediction is static and there is no cloud.ply"
+        )
     return found
 
 

@@ -20,7 +20,7 @@ from geovp_classic.types import ByteArray, Clip, Context, Prediction, Privileged
 NUM_STAGES = 5
 OFFERED = (
     PrivilegedInput.CAMERA_HEIGHT | PrivilegedInput.FULL_FRAMES
-)  # what one's own video can grant
+)  # what a video of the user can provide
 
 
 def predict(request: PredictionRequest, progress: Progress) -> Predicted:

@@ -49,8 +49,8 @@ class PredictionRequest:
     pose_source: Spec | None = None  # in place of the best we have, as in a matrix
     renderer: Spec | None = None
     predictor: Spec | None = None  # in place of both
-    row: tuple[str, str] | None = (
-        None  # a matrix file or a built-in one's name, and a row of it, in place of all three
+    method: tuple[str, str] | None = (
+        None  # a matrix file or a built-in one's name, and a method of it, in place of all three
     )
     num_samples: int = 1
     device: str | None = None  # of networks that do not name one
@@ -61,13 +61,13 @@ class PredictionRequest:
             return self._build()
 
     def _build(self) -> FramePredictor:
-        if self.row is not None:
+        if self.method is not None:
             if (self.predictor, self.pose_source, self.renderer) != (None, None, None):
                 raise BadData(
-                    "--row takes the place of --predictor, --pose-source and --renderer: give "
+                    "--method takes the place of --predictor, --pose-source and --renderer: give "
                     "it alone"
                 )
-            return _of_row(*self.row)
+            return _of_method(*self.method)
         if self.predictor is not None:
             if self.pose_source is not None or self.renderer is not None:
                 raise BadData(
@@ -100,12 +100,12 @@ class PredictionRequest:
         }
 
 
-def _of_row(file: str, label: str) -> FramePredictor:
-    """What a row of a matrix predicts with; UnknownComponent says the nearest row."""
+def _of_method(file: str, label: str) -> FramePredictor:
+    """Return the predictor of a method of a matrix; UnknownComponent names the nearest method."""
     read = matrix.read(Path(file))
     plans = {plan.label: plan for plan in read.cells}
     if label not in plans:
-        raise UnknownComponent(f"{file} has no row {label!r}{registry.nearest(label, plans)}")
+        raise UnknownComponent(f"{file} has no method {label!r}{registry.nearest(label, plans)}")
     chosen = plans[label].components.values()
     parts = [
         registry.build(role, read.specs[role, name], f"{file}: {name}") for role, name in chosen

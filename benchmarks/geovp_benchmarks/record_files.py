@@ -30,7 +30,7 @@ CELL: dict[str, Any] = {
     "label": str,
     "kind": str,
     "status": str,
-    "grants": TEXTS,
+    "privileged_inputs": TEXTS,
     "num_samples": int,
 }
 CELL |= {"num_clips": int, "seconds": dict, "fingerprint": str, "components": dict}
@@ -47,7 +47,7 @@ class Cell:
     label: str  # for people: "gt-3d + ground-far-plane"
     kind: str  # "geometric" or "predictor"
     status: str  # "done", "partial", "skipped" or "failed"
-    grants: Sequence[str]  # names of the PrivilegedInput members that its components use
+    privileged_inputs: Sequence[str]  # names of the PrivilegedInput members that its components use
     num_samples: int  # S, how many futures it was asked for
     num_clips: int  # how many clips have rows
     seconds: Mapping[
@@ -94,7 +94,7 @@ def protocol(path: Path) -> dict[str, Any]:
         )
     content = _read(path, {"cells": TEXTS}, PROTOCOL)
     for name in content["cells"]:
-        files.check_name(name, f"{path}: the cell")
+        files.check_name(name, f"{path}: the method")
     return content
 
 

@@ -66,7 +66,9 @@ class KeptClip:
         }
         for row in rows:
             if row not in kept:
-                raise BadData(f"of clip {name} no row {row!r} is kept{registry.nearest(row, kept)}")
+                raise BadData(
+                    f"of clip {name} no method {row!r} is kept{registry.nearest(row, kept)}"
+                )
         cells: list[Cell] = [kept[row] for row in rows or kept]
         predictions = {cell.label: results.prediction(cell.name, name) for cell in cells}
         return cls(results.clip(name), int(results.protocol()["num_past"]), predictions)

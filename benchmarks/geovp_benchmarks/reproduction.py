@@ -39,11 +39,12 @@ def chosen_rows(
     predictors alone.
     """
     if samples is not None and samples < 2:
-        raise BadData(f"--samples {samples}: rows of one sample are there already, give 2 or more")
+        raise BadData(f"--samples {samples}: one sample is there already, give 2 or more")
     for name in rows or ():
         if name not in matrix.predictors:
             raise BadData(
-                f"--rows {name}: no row of {matrix.name}{registry.nearest(name, matrix.predictors)}"
+                f"--methods {name}: no method of {matrix.name}"
+                f"{registry.nearest(name, matrix.predictors)}"
             )
     predictors = {
         name: entry for name, entry in matrix.predictors.items() if not rows or name in rows
@@ -64,7 +65,8 @@ def markdown(name: str, results: Results) -> str:
     shared = results.protocol()
     done = [cell for cell in results.cells() if cell.num_clips]
     names = {
-        cell.name: f"{cell.label} [{marks(cell)}]" if cell.grants else cell.label for cell in done
+        cell.name: f"{cell.label} [{marks(cell)}]" if cell.privileged_inputs else cell.label
+        for cell in done
     }
     ours = {names[cell.name]: _values(protocol, results, cell, published["scale"]) for cell in done}
     theirs = {

@@ -117,7 +117,7 @@ def record_of(plan: Plan, cell: CellPlan) -> tuple[Failure | None, dict[str, Any
     needs = plan.built.needs(cell)
     record |= {
         "components": components,
-        "grants": [str(grant.name) for grant in PrivilegedInput if grant in needs],
+        "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
     }
     record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
     return None, record
@@ -133,7 +133,7 @@ def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Fa
     )
     if before is None or not same or before.num_clips == 0:
         plan.results.swap(name, before.fingerprint if before else "", "")
-        nothing = {"components": {}, "grants": [], "fingerprint": "", **_tally([])}
+        nothing = {"components": {}, "privileged_inputs": [], "fingerprint": "", **_tally([])}
         plan.results.write_cell(
             name, {**record, **nothing, "status": failure.status, "reason": failure.reason}
         )

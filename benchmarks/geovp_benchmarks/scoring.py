@@ -76,7 +76,7 @@ class ScoringContext:
 
     @cached_property
     def truth(self) -> tuple[Context, Target]:
-        """The clip split with every grant; for scoring alone."""
+        """Return the clip split with all privileged inputs, for scoring alone."""
         return self.clip.split(self.num_past, EVERYTHING)
 
     @cached_property

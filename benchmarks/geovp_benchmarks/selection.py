@@ -40,7 +40,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class Ranking:
-    """The rule WHICH:METRIC or WHICH:METRIC:ROW, by which clips are chosen once there
+    """The rule WHICH:METRIC or WHICH:METRIC:METHOD, by which clips are chosen once there
     are scores.
     """
 
@@ -60,7 +60,7 @@ class Ranking:
             if word not in known:
                 raise BadData(
                     f"--keep {text!r} has {word!r}, expected N, all, clip names, or "
-                    f"{'|'.join(WHICH)}:METRIC[:ROW]"
+                    f"{'|'.join(WHICH)}:METRIC[:METHOD]"
                     f"{nearest(word, filter(None, known))}"
                 )
         return cls(which, metric, row)
@@ -103,9 +103,9 @@ class Ranking:
             }
             if scores:
                 return cell, scores
-        which = f"the row {self.row!r} is not" if self.row else "no row is"
+        which = f"the method {self.row!r} is not" if self.row else "no method is"
         raise BadData(
-            f"--keep: {which} complete with {self.metric}, by which clips are to be chosen: see "
+            f"--keep: {which} complete with {self.metric}, by which clips are to be selected: see "
             "below the table"
         )
 

@@ -4,8 +4,8 @@ loses nothing.
     <root>/protocol.json                  data set, clip names, sizes, metrics, versions
     <root>/clips/<clip>.npz               the kept clips themselves: frames, camera, trajectory,
     depths where known
-    <root>/<cell>/cell.json               components, grants, status, seconds per stage, peak
-    memory; see Cell
+    <root>/<cell>/cell.json               components, privileged inputs, status, seconds per stage,
+    peak memory; see Cell
     <root>/<cell>/scores/part-00003.parquet   one row per clip, sample, step and metric; see Rows
     <root>/<cell>/predictions/<clip>.npz  the kept predictions
     <root>/earlier/<fingerprint>/         cells and clips of other settings, which come back with

@@ -1,5 +1,5 @@
-"""What protocol.json and cell.json say: a column's title, direction and bounds, the data, what a
-row was granted.
+"""What protocol.json and cell.json say: a column's title, direction and bounds, the data, the
+privileged inputs of a method.
 """
 
 import math
@@ -74,11 +74,11 @@ def summary(protocol: Mapping[str, Any]) -> str:
 
 def marks(cell: Cell) -> str:
     """The letters beside a row's name."""
-    return "".join(MARKS[grant][0] for grant in cell.grants)
+    return "".join(MARKS[name][0] for name in cell.privileged_inputs)
 
 
 def legend(cells: Iterable[Cell], but: str = "") -> list[str]:
     """What the marks beside rows mean."""
-    used = {grant for cell in cells for grant in cell.grants}
-    words = [f"[{mark}] {meaning}" for grant, (mark, meaning) in MARKS.items() if grant in used]
-    return [f"Granted beyond the observed frames{but}: {', '.join(words)}."] if words else []
+    used = {name for cell in cells for name in cell.privileged_inputs}
+    words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
+    return [f"Privileged inputs{but}: {', '.join(words)}."] if words else []

@@ -105,8 +105,8 @@ def divide(results: Results, by: str) -> list[ClipSubset]:
         raise BadData(
             f"{results.root} does not say {division.fact} of any clip, by which it could be "
             "divided: the data set has "
-            "no true poses or depths, or an older version computed the rows (`geovp run "
-            "--fresh` computes them anew)"
+            "no true poses or depths, or an older version computed the methods (`geovp run "
+            "--fresh` recomputes them)"
         )
     bounds = division.bounds or tuple(np.quantile(list(known.values()), [1 / 3, 2 / 3]).tolist())
     ranks = {

@@ -147,7 +147,7 @@ class Choice:
             own = [cell for cell in cells if _is_of(name, cell.label)]
             if not own:
                 raise BadData(
-                    f"no row is called {name!r}{nearest(name, (cell.label for cell in cells))}"
+                    f"no method is called {name!r}{nearest(name, (cell.label for cell in cells))}"
                 )
             found.update({cell.name: cell for cell in own})
         return [*found.values()] if self.methods else list(cells)
@@ -166,7 +166,8 @@ class Choice:
         if not found:
             known = ", ".join(row.name for row in rows) or "none: see below the table why"
             raise BadData(
-                f"--methods {', '.join(self.methods)}: no such row; known with scores are {known}"
+                f"--methods {', '.join(self.methods)}: no such method; known with scores are "
+                f"{known}"
             )
         return [*found.values()]
 

@@ -1,4 +1,4 @@
-"""Tables of means and their intervals with the grants of each row; `formats` turns
+"""Tables of means and their intervals with the privileged inputs of each method; `formats` turns
 them into text.
 """
 
@@ -29,17 +29,14 @@ from geovp_classic.types import FloatArray
 
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BOLD = (
-    "Bold: in its column not distinguishable from the best among rows with the same grants "
-    "(paired differences over "
-    "common clips, p >= .05 after Holm's correction)."
+    "Bold: not significantly different from the best in its column among methods with the same "
+    "privileged inputs (paired differences over common clips, p >= .05 after Holm's correction)."
 )
-STAR = "*: different from zero, p < .05 after Holm's correction for the rows of the column."
+STAR = "*: different from zero, p < .05 after Holm's correction for the methods of the column."
 BEST_OF = (
-    "A best sample is chosen by comparing with the real future, which nobody can do who "
-    "predicts: such rows compete "
-    "only with each other. 'best of N' chooses anew for every column, as the papers do; 'by' a "
-    "metric, one sample for "
-    "all columns."
+    "Oracle-selected: a best sample is selected with the real future, which is unavailable at "
+    "prediction time, so such methods compete only with each other. 'best of N' selects per "
+    "metric, as in the papers; 'by' a metric, one sample for all columns."
 )
 
 
@@ -134,7 +131,7 @@ def against(
     )
     if chosen is None:
         raise BadData(
-            f"no row is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}"
+            f"no method is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}"
         )
     clips, rows = results.protocol()["clips"], []
     for row in (row for row in main.rows if row is not chosen and row.num_clips):

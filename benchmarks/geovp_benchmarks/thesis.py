@@ -41,9 +41,8 @@ FIGURES = {  # of the thesis: what it shows, and the names of our files
     ),
 }
 BOLD = (
-    "Bold: the best of its column among rows without true poses or depths, as in the thesis; "
-    "there, the best of many "
-    "samples, which is chosen by the truth, competes too"
+    "Bold: the best of its column among methods without true poses or depths, as in the thesis; "
+    "there, the oracle-selected best of many samples competes too"
 )
 
 
@@ -54,12 +53,12 @@ class Line:
     name: str
     rank: int  # place in the thesis's order; rows that it does not have come last
     values: tuple[tuple[float, float] | None, ...]
-    grants: Collection[str] = ()
+    privileged_inputs: Collection[str] = ()
 
     @property
     def competes(self) -> bool:
         """Whether its values may be the best of their columns."""
-        return not set(TRUTH).intersection(self.grants)
+        return not set(TRUTH).intersection(self.privileged_inputs)
 
 
 @dataclass(frozen=True)
@@ -140,7 +139,7 @@ def blocks(results: Results) -> tuple[Block, Block]:
     lines = sorted((_line(cell, results) for cell in done), key=lambda line: line.rank)
     notes = [
         f"{summary(protocol)}.{_split(protocol)}",
-        f"{statistics.KIND}. Rows of several samples: the best of each column by itself, as in "
+        f"{statistics.KIND}. Methods with several samples: the best of each column, as in "
         "the thesis.",
         f"{BOLD}.",
         *_absences(cells, lines),
@@ -150,7 +149,12 @@ def blocks(results: Results) -> tuple[Block, Block]:
     ]
     paper = published()
     theirs = [
-        Line(row["name"], 0, tuple(tuple(row[metric]) for metric in METRICS), row.get("grants", ()))
+        Line(
+            row["name"],
+            0,
+            tuple(tuple(row[metric]) for metric in METRICS),
+            row.get("privileged_inputs", ()),
+        )
         for row in paper["row"]
     ]
     about = [
@@ -185,13 +189,13 @@ def _line(cell: Cell, results: Results) -> Line:
         )
     order = [_family(str(row["name"])) for row in published()["row"]]  # the thesis's
     if _family(name) in order:
-        return Line(name, order.index(_family(name)), tuple(values), cell.grants)
+        return Line(name, order.index(_family(name)), tuple(values), cell.privileged_inputs)
     samples = f", best of {cell.num_samples}" if cell.num_samples > 1 else ""
     return Line(
-        f"{name}{samples}" + (f" [{marks(cell)}]" if cell.grants else ""),
+        f"{name}{samples}" + (f" [{marks(cell)}]" if cell.privileged_inputs else ""),
         len(order),
         tuple(values),
-        cell.grants,
+        cell.privileged_inputs,
     )
 
 

@@ -115,7 +115,7 @@ def sample(results: Results, count: int, seed: int) -> list[Stored]:
     ]
     if not pairs:
         raise BadData(
-            f"{results.root} holds no rows: give a folder in which `geovp run` has finished a row"
+            f"{results.root} holds no methods: give a folder in which `geovp run` has finished one"
         )
     if "rescored_from" in results.protocol():
         raise BadData(

@@ -99,7 +99,7 @@ def _rollout(network: nn.Module, past: Tensor, num_future: int) -> Tensor:
             wanted = f"[1, 1 or more, {', '.join(map(str, past.shape[2:]))}]"
             raise BadData(
                 f"{type(network).__name__} gives images {list(new.shape)}, expected {wanted}: "
-                "mend its forward"
+                "fix its forward"
             )
         images = torch.cat([images, new.clamp(0, 1)], dim=1)
     return images[:, num_past : num_past + num_future]

@@ -147,7 +147,7 @@ def read(file: Path, method: str, kind: type) -> tuple[Any, dict[str, Tensor]]:
         return registry.construct(kind, metadata["settings"], "settings"), tensors
     except (GeovpError, KeyError, TypeError, AttributeError) as error:
         raise BadData(
-            f"{file} has settings that do not suit {method} ({error}): train or get it anew"
+            f"{file} has settings that do not suit {method} ({error}): train it or get it again"
         ) from error
 
 
@@ -184,7 +184,7 @@ def restore(file: Path, network: nn.Module, tensors: Mapping[str, Tensor], prefi
         if not torch.isfinite(value).all():
             raise BadData(
                 f"{file}: tensor {prefix}{key} has a number that is not finite: train or get it "
-                "anew"
+                "again"
             )
 
 
@@ -266,7 +266,7 @@ def read_tensors(file: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
             return _metadata(stored), loaded(content)
     except (SafetensorError, OSError, ValueError, KeyError, RecursionError, OverflowError) as error:
         raise BadData(
-            f"{file} is not a whole safetensors file ({error}): train or get it anew"
+            f"{file} is not a whole safetensors file ({error}): train it or get it again"
         ) from error
 
 

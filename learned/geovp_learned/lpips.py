@@ -244,17 +244,17 @@ def load_weights(net: Net, file: Path) -> Weights:
         score = float(_distances(weights, ours, real, [None])[0, 0])
     except (OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
         raise MissingExtra(
-            f"LPIPS weights {file} are not a readable npz file ({error}): get them anew"
+            f"LPIPS weights {file} are not a readable npz file ({error}): get them again"
         ) from error
     except (KeyError, ValueError, RuntimeError) as error:
         raise MissingExtra(
-            f"{file} does not hold LPIPS weights for {net!r} ({error}): get them anew"
+            f"{file} does not hold LPIPS weights for {net!r} ({error}): get them again"
         ) from error
     if not abs(score - CHECK_SCORES[net]) < CHECK_TOLERANCE:
         raise MissingExtra(
             f"{file} does not hold LPIPS v0.1's weights for {net!r}: the check images score "
             f"{score:.6f}, "
-            f"expected {CHECK_SCORES[net]:.6f}: get them anew"
+            f"expected {CHECK_SCORES[net]:.6f}: get them again"
         )
     return weights
 

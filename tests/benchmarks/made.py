@@ -110,7 +110,7 @@ def write_row(
         "label": name.replace("--", " + "),
         "kind": "predictor",
         "status": "done",
-        "grants": [],
+        "privileged_inputs": [],
         "num_samples": 1,
     }
     own |= {"num_clips": len(clips), "seconds": {}, "components": {}, "fingerprint": "f"}
@@ -125,6 +125,7 @@ def write_protocol(
     """Store a protocol called demo, of ten frames seen and twenty predicted."""
     shared = {
         "name": "demo",
+        "id": "d3m0",
         "dataset_name": "road",
         "dataset": {"name": "road"},
         "num_past": 10,

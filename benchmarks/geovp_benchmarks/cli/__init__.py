@@ -174,10 +174,7 @@ def _run(chosen: argparse.Namespace) -> int:
         sys.stderr.close()
         return DONE
     except OSError as error:
-        advice = (
-            "mend the path, or the disk behind it, and give the command again: what was done is "
-            "kept"
-        )
+        advice = "fix the path or the disk and rerun: finished work is kept"
         if error.errno in FULL:
             advice = (
                 "finished parts are kept: make room there and give the same command again, it "

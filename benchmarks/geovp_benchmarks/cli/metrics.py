@@ -14,11 +14,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which question, and which numbers."""
     questions = parser.add_subparsers(metavar="QUESTION", required=True)
     explain = questions.add_parser(
-        "explain", help="why the numbers of two results folders, or of two rows, differ"
+        "explain", help="why the numbers of two results folders, or of two methods, differ"
     )
     for name in "AB":
         explain.add_argument(
-            name.lower(), metavar=name, help="a results folder, or DIR:ROW for one of its rows"
+            name.lower(), metavar=name, help="a results folder, or DIR:METHOD for a method"
         )
 
 

@@ -91,9 +91,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             name, type=_spec, metavar="SPEC", help=f"{spec}; see `geovp list {role}`"
         )
     of_matrix = (
-        "a row of a matrix in place of these: a file or a built-in one's name, and the row's name"
+        "a method of a matrix in place of these: a file or a built-in one's name, and the "
+        "method's name"
     )
-    parser.add_argument("--row", nargs=2, metavar=("MATRIX", "ROW"), help=of_matrix)
+    parser.add_argument("--method", nargs=2, metavar=("MATRIX", "METHOD"), help=of_matrix)
     parser.add_argument(
         "--samples", dest="num_samples", type=positive, default=1, metavar="N", help="futures (1)"
     )
@@ -147,7 +148,8 @@ def run(chosen: argparse.Namespace) -> int:
         field.name: getattr(chosen, field.name) for field in dataclasses.fields(PredictionRequest)
     }
     numbers = {
-        name: fields[name] and tuple(fields[name]) for name in ("intrinsics", "distortion", "row")
+        name: fields[name] and tuple(fields[name])
+        for name in ("intrinsics", "distortion", "method")
     }
     request = PredictionRequest(**{**fields, **numbers})
     with progress_bar("predict", "stages") as progress:

@@ -9,10 +9,8 @@ from geovp_benchmarks.progress import progress_bar
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which results, and what they are compared with."""
     add_results_folder(parser)
-    help_text = (
-        "also paired differences of all rows from this one, with marks where they are significant"
-    )
-    parser.add_argument("--against", metavar="ROW", help=help_text)
+    help_text = "also paired differences of all methods from this one, marked where significant"
+    parser.add_argument("--against", metavar="METHOD", help=help_text)
 
 
 def run(chosen: argparse.Namespace) -> int:

@@ -38,9 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "thesis-like-test (07 and 10)",
     )
     parser.add_argument(
-        "--rows",
+        "--methods",
         nargs="+",
-        metavar="ROW",
+        metavar="METHOD",
         help="only these predictors of its matrix (default: all)",
     )
     parser.add_argument(
@@ -68,7 +68,7 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_classic.data.atomic import write_bytes
 
     matrix = reproduction.read_matrix(chosen.name).with_root(chosen.root)
-    matrix = reproduction.chosen_rows(matrix, chosen.split, chosen.samples, chosen.rows)
+    matrix = reproduction.chosen_rows(matrix, chosen.split, chosen.samples, chosen.methods)
     results = Results(chosen.out or Path("results") / chosen.name)
     cells = _fill(matrix, results, chosen)
     texts = {ending: render(results) for ending, render in reproduction.TABLES[chosen.name].items()}
@@ -98,7 +98,7 @@ def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[
         first = Options(chosen.limit, 0 if isinstance(keep, Ranking) else keep)
         cells = fill(matrix, results, first, executor, progress)
     if isinstance(keep, Ranking):
-        with progress_bar("chosen clips", "predictions") as progress:
+        with progress_bar("selected clips", "predictions") as progress:
             cells = fill(
                 matrix, results, Options(chosen.limit, keep.choose(results)), executor, progress
             )

@@ -45,11 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--fresh",
         action="store_true",
-        help="compute anew what another version of the code computed",
+        help="recompute results of another version of the code",
     )
     set_help = (
-        "a setting of the file, such as protocol.stride=20 or renderers.fusion.fill.name=telea; "
-        "again for more"
+        "a setting of the file, such as protocol.stride=20 or "
+        "renderers.fusion.inpainter.name=telea; again for more"
     )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=set_help)
     dry_help = "say what is to do, how long and how large it would be, and write nothing"
@@ -119,7 +119,7 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
     if results.set_aside() - before:
         kept = results.root / "earlier"
         say.warning(
-            f"the protocol or settings changed: earlier rows are kept in {kept} and come back "
+            f"the protocol or settings changed: earlier methods are kept in {kept} and come back "
             "with the old ones"
         )
     if isinstance(keep, Ranking):
@@ -128,7 +128,7 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
         except BadData:
             conclude(results, cells, with_report=not chosen.no_report)
             raise
-        with progress_bar("chosen clips", "predictions") as progress:
+        with progress_bar("selected clips", "predictions") as progress:
             cells = fill(matrix, results, options, executor, progress)
     return conclude(results, cells, with_report=not chosen.no_report)
 
@@ -157,19 +157,17 @@ def _judge(cells: Sequence[Cell]) -> int:
     outdated = sum(cell.num_outdated > 0 for cell in cells)
     if outdated:
         say.warning(
-            f"{outdated} of {count} cells hold rows that another version of the code computed "
-            "(named below the table): "
-            "`geovp run --fresh` computes them anew"
+            f"{outdated} of {count} methods hold scores of another version of the code (named "
+            "below the table): `geovp run --fresh` recomputes them"
         )
     left = sum(cell.status != "done" for cell in cells)
     if left:
-        say.error(f"{left} of {count} cells are not done: see below the table")
+        say.error(f"{left} of {count} methods are not done: see below the table")
     partly = sum(cell.num_failed > 0 for cell in cells if cell.status == "done")
     if partly:
         say.error(
-            f"{partly} of {count} cells could not predict some clips, which are scored as "
-            "copies of the last frame: "
-            "see below the table"
+            f"{partly} of {count} methods could not predict some clips, which are scored as "
+            "copies of the last frame: see below the table"
         )
     return int(left + partly > 0)
 

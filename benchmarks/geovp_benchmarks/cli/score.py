@@ -34,7 +34,7 @@ def run(chosen: argparse.Namespace) -> int:
     into = Results(chosen.out or folder.with_name(f"{folder.name}-rescored"))
     if os.path.realpath(into.root) == os.path.realpath(results.root):
         raise BadData(
-            f"--out {into.root} is the folder that is scored: give another one, stored rows "
+            f"--out {into.root} is the folder that is scored: give another one, stored methods "
             "stay as they are"
         )
     matrix = (

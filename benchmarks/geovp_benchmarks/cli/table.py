@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_json(parser)
     parser.add_argument(
-        "--against", metavar="ROW", help="print paired differences of all rows from this one"
+        "--against", metavar="METHOD", help="print paired differences of all methods from this one"
     )
     parser.add_argument(
         "--strict", action="store_true", help="leave out clips that a method could not predict"
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     several = "in this order; default: all"
     parser.add_argument(
-        "--methods", nargs="+", default=[], metavar="ROW", help=f"the rows, {several}"
+        "--methods", nargs="+", default=[], metavar="METHOD", help=f"the methods, {several}"
     )
     parser.add_argument(
         "--metrics", nargs="+", default=[], metavar="COLUMN", help=f"the columns, {several}"
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--command",
         metavar="TEXT",
-        help="what the page says computed the rows (default: geovp run)",
+        help="what the page says computed the methods (default: geovp run)",
     )
 
 
@@ -160,7 +160,7 @@ def _check(chosen: argparse.Namespace) -> None:
         chosen.methods or chosen.metrics or chosen.label or chosen.caption
     ):
         raise BadData(
-            "--style thesis has the thesis's rows and columns: leave --methods, --metrics and "
+            "--style thesis has the thesis's methods and columns: leave --methods, --metrics and "
             "the like out"
         )
     if chosen.format != "tex" and (chosen.label or chosen.caption):

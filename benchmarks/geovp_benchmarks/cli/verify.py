@@ -13,7 +13,7 @@ from geovp_classic.errors import BadData
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which results, how many of them, on which data, and how close they have to be."""
     add_results_folder(parser)
-    sample_help = "(row, clip) pairs, drawn at random (8); of several data sets, of each"
+    sample_help = "(method, clip) pairs, drawn at random (8); of several data sets, of each"
     parser.add_argument("--sample", type=positive, default=8, metavar="N", help=sample_help)
     parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of the draw (0)")
     parser.add_argument(

@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_results_folder(parser)
     parser.add_argument("clip", metavar="CLIP", help="a kept clip, as the report names it")
     parser.add_argument(
-        "--row", action="append", default=[], metavar="ROW", help="only this row, or these"
+        "--method", action="append", default=[], metavar="METHOD", help="only this method, or these"
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE.rrd", help="where to (default: DIR/recordings/CLIP.rrd)"
@@ -25,6 +25,6 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks import recording
     from geovp_benchmarks.store import Results
 
-    path = recording.write(Results(chosen.folder), chosen.clip, chosen.row, chosen.out)
+    path = recording.write(Results(chosen.folder), chosen.clip, chosen.method, chosen.out)
     print(f"{path}\nlook at it with: rerun '{path}'")
     return 0

@@ -14,7 +14,7 @@ CAMERA_HEIGHT_M = 1.65
 
 @functools.cache
 def clip(num_frames: int = 10, step_m: float = 0.5) -> Clip:
-    """Render `num_frames` frames, 0.1 s apart, with all ground truth; `step_m = 0` is stationary."""
+    """Render frames, 0.1 s apart, with all ground truth; `step_m = 0` is stationary."""
     world_from_start = se3.exp(np.array([3.0, -2.0, 7.0, 0.1, -0.4, 0.2]))  # not the identity
     twist = np.array([0.0, 0.0, 1.0, 0.002, 0.02, 0.0])
     start_from_cam = se3.exp(np.outer(np.arange(num_frames) * step_m, twist))

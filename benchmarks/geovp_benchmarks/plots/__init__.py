@@ -28,7 +28,7 @@ SAVE_OPTIONS: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}},  # the same rows give the same bytes
 }
 AS_IT_COMES = Layout()
-KINDS = ("horizon", "samples", "strip", "invented", "paths")
+KINDS = ("horizon", "samples", "strip", "inpainted", "paths")
 
 
 def figures(

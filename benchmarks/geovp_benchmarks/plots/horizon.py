@@ -136,7 +136,7 @@ def sample_pages(material: Material, metric: str) -> list[Page]:
     labels = replace(_labels(material, metric), step_s=None, x_label="samples to choose from")
     heading = style.Heading(
         f"{title(metric)} of the best of k samples",
-        f"{material.data}: chosen by the real future; mean over sets of k and over "
+        f"{material.data}: selected by the real future; mean over sets of k and over "
         f"clips{_intervals(shown)}",
     )
     return numbered("samples", metric, metric, heading, curves.draw(shown, labels, heading))

@@ -58,13 +58,13 @@ def _strips(
     )
     if any(row.covered is not None and not row.covered.all() for row in rows):
         inpainted = (
-            f"{material.data}; pixels in pink were not seen in the past: invented, or left blank"
+            f"{material.data}; pixels in pink were not seen in the past: inpainted, or left blank"
         )
-        heading = style.Heading(f"Clip {clip.name}, invented pixels", inpainted)
+        heading = style.Heading(f"Clip {clip.name}, inpainted pixels", inpainted)
         figures = strips.draw(
             truth, [strips.mark_inpainted(row) for row in rows], heading, layout.width_in
         )
-        pages += numbered("invented", file, clip.name, heading, figures, ("png",))
+        pages += numbered("inpainted", file, clip.name, heading, figures, ("png",))
     return pages
 
 

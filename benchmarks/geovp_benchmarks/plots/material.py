@@ -18,7 +18,7 @@ class Page:
     """One figure, ready to be written."""
 
     name: str  # of the file, without its ending
-    kind: str  # "horizon", "samples", "strip", "invented" or "paths"
+    kind: str  # "horizon", "samples", "strip", "inpainted" or "paths"
     subject: str  # the metric or the clip
     caption: str
     figure: Figure

@@ -38,6 +38,6 @@ def reliability_figure(table: Mapping[str, Scores]) -> Figure:
                     NOMINAL, held, color=line.colour, linestyle=line.dash, linewidth=1.2, label=name
                 )
             axes.set(title=title, xlabel="probability", aspect="equal", xlim=(0, 1), ylim=(0, 1))
-        panels[0].set_ylabel("share of true states inside")
+        panels[0].set_ylabel("fraction of true states inside")
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure

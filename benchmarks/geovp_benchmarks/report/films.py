@@ -53,10 +53,10 @@ def mask(covered: BoolArray) -> bytes:
     """The pixels [K, H, W] that are not covered, from left to right, as PNG that is transparent
     elsewhere.
     """
-    invented = [
+    inpainted = [
         cv2.threshold(_small(np.uint8(255) * ~one), 127, 1, cv2.THRESH_BINARY)[1] for one in covered
     ]
-    image = Image.fromarray(np.concatenate(invented, axis=1), "P")
+    image = Image.fromarray(np.concatenate(inpainted, axis=1), "P")
     image.putpalette([0, 0, 0, *(int(one) for one in INPAINTED)])
     return _encoded(image, "PNG")
 
@@ -135,7 +135,7 @@ def _controls(material: Material, names: Sequence[str], chosen: Sequence[str], b
         tag("button", "play", id="play", type="button"),
         tag("label", "frame ", tag("input", type="range", id="step", min="0", max=last, value="0")),
         tag("output", "", id="when", data_step_s=step_s),
-        tag("label", tag("input", type="checkbox", id="invented"), " mark invented pixels"),
+        tag("label", tag("input", type="checkbox", id="inpainted"), " mark inpainted pixels"),
         class_="bar script",
     )
 

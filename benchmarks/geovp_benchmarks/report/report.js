@@ -62,7 +62,7 @@ if (clips.length) {
     play.textContent = timer ? "pause" : "play";
   });
   [choice, step].forEach((control) => control.addEventListener("input", show));
-  one("#invented").addEventListener("change", (event) => document.body.classList.toggle("marked", event.target.checked));
+  one("#inpainted").addEventListener("change", (event) => document.body.classList.toggle("marked", event.target.checked));
   all("img", document).filter((image) => image.closest(".film")).forEach((image) => {
     image.style.width = `${100 * image.closest(".film").dataset.frames}%`;
   });

@@ -18,9 +18,9 @@ from geovp_benchmarks.table_model import Column, Row, Table
 CURVES = ("horizon", "samples")
 FOLDED = ("Confidence", "Methods", "Protocol")
 MEMORY = (
-    "memory: the process's highest resident memory while it predicted the row's clips, metrics "
+    "memory: the process's highest resident memory while it predicted the method's clips, metrics "
     "not counted; what it "
-    "held at that time because of other rows is in it (libraries, networks, memory not yet "
+    "held at that time because of other methods is in it (libraries, networks, memory not yet "
     "given back to the system)."
 )
 
@@ -65,8 +65,8 @@ def opening(protocol: Mapping[str, Any], cells: Sequence[Cell], chapters: Iterab
         "input",
         type="search",
         id="filter",
-        placeholder="filter rows by name",
-        aria_label="filter rows by name",
+        placeholder="filter methods by name",
+        aria_label="filter methods by name",
     )
     lead = tag("p", f"{summary(protocol)}. Methods: {statuses}.")
     return tag("header", tag("h1", str(protocol["name"])), lead, tag("nav", *links, box))
@@ -223,10 +223,10 @@ def _settings(cell: Cell) -> Html:
         blocks.append(
             "\n".join([f"[{tables_of.get(role, role)}.{json.dumps(name)}]", *_lines(settings)])
         )
-    granted = ", ".join(MARKS[grant][1] for grant in cell.grants) or "nothing"
+    inputs = ", ".join(MARKS[name][1] for name in cell.privileged_inputs) or "nothing"
     return joined(
         (
-            tag("p", f"Granted beyond the observed frames: {granted}."),
+            tag("p", f"Privileged inputs: {inputs}."),
             tag("pre", "\n\n".join(blocks)),
         )
     )

@@ -243,7 +243,7 @@ def count_lines(module: str) -> int:
     """The lines of a module, or of all modules of a package."""
     found = importlib.util.find_spec(module)
     if found is None or found.origin is None:
-        raise BadData(f"{module} is not a module: mend the list of the study's parts")
+        raise BadData(f"{module} is not a module: fix the list of the study's components")
     path = Path(found.origin)
     files = path.parent.rglob("*.py") if path.name == "__init__.py" else [path]
     return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)

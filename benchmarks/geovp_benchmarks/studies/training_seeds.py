@@ -66,7 +66,7 @@ def table(results: Results, reference: str, metric: str) -> list[list[str]]:
     found = by_seed(results, metric)
     if reference not in found:
         raise BadData(
-            f"{results.root} has no rows {reference}-SEED: methods with seeds are "
+            f"{results.root} has no methods {reference}-SEED: methods with seeds are "
             f"{', '.join(found) or 'none'}"
         )
     lines = [["method", "mean", "its seeds", f"difference from {reference}", "seed by seed"]]

@@ -49,7 +49,7 @@ class SynSin(checkpoints.Pretrained):
         architecture = self.load()[1].architecture
         size = (
             "works at the frames' own size on the last frame, its depth at "
-            f"{architecture.depth_px} rows"
+            f"{architecture.depth_px} methods"
         )
         return (
             size

@@ -72,7 +72,7 @@ def record(name: str) -> dict[str, Any]:
     facts |= {
         "status": status,
         "num_samples": samples,
-        "grants": ["PAST_POSES"] if source == "gt" else [],
+        "privileged_inputs": ["PAST_POSES"] if source == "gt" else [],
     }
     ran = status in ("done", "partial")
     facts |= {
@@ -142,7 +142,9 @@ def fill(root: Path) -> Path:
         "clips": list(CLIPS),
         "fingerprint": "p",
     }
-    results.write_protocol({"name": "toy & matrix", **data, **sizes, **some, "metrics": FACTS})
+    results.write_protocol(
+        {"name": "toy & matrix", "id": "d3m0", **data, **sizes, **some, "metrics": FACTS}
+    )
     frames = np.full((PAST + FUTURE, SIDE, SIDE, 3), 200, np.uint8)
     frames += np.arange(PAST + FUTURE, dtype=np.uint8)[:, None, None, None]
     drive = straight(1.0, PAST + FUTURE)

@@ -45,7 +45,7 @@ class Subject:
         """
         read = matrix.read(chosen.matrix).with_root(chosen.root)
         read = replace(read, stride=chosen.stride or read.stride)
-        label, predictor = find_row(read, chosen.row)
+        label, predictor = find_row(read, chosen.method)
         dataset = read.build_dataset(predictor.needs | needs)
         num_clips = min(len(dataset), chosen.limit or len(dataset))
         metrics = {
@@ -80,7 +80,7 @@ def find_row(read: Matrix, label: str | None) -> tuple[str, GeometricPredictor]:
     wanted = label or (geometric[0] if len(geometric) == 1 else "")
     if wanted not in plans:
         raise BadData(
-            f"--row {label!r} is no row of the matrix, expected one of "
+            f"--method {label!r} is no method of the matrix, expected one of "
             f"them{registry.nearest(wanted, plans)}"
         )
     components = {

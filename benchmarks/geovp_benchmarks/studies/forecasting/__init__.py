@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     evaluate.add_argument(
         "--stride", type=int, default=5, metavar="N", help="frames between two windows' starts (5)"
     )
-    evaluate.add_argument("--only", nargs="+", metavar="ROW", help="only these rows")
+    evaluate.add_argument("--only", nargs="+", metavar="METHOD", help="only these methods")
     evaluate.add_argument(
         "--coefficients", type=Path, metavar="FILE", help="a motion prior of fit-prior (packaged)"
     )
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="X",
-        help="odometry errors: lengths off by X as a share",
+        help="odometry errors: lengths off by the fraction X",
     )
     picture = "also draw a reliability diagram of the predictive distributions (.png, .pdf, .svg)"
     evaluate.add_argument("--plot", type=figure_file, metavar="FILE", help=picture)
@@ -128,7 +128,9 @@ def _evaluate(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     forecasters = evaluation.forecasters(chosen.coefficients)
     for name in chosen.only or ():
         if name not in forecasters:
-            raise UnknownComponent(f"no row is called {name!r}: known are {', '.join(forecasters)}")
+            raise UnknownComponent(
+                f"no method is called {name!r}: known are {', '.join(forecasters)}"
+            )
     rows = {name: forecasters[name] for name in chosen.only or forecasters}
     corruption = None
     if chosen.noise > 0 or chosen.scale_error > 0:

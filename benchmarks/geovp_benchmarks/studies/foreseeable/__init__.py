@@ -125,7 +125,7 @@ def _poses(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     yield from grid([["root mean square at horizon", *heads], *_sizes(asked.truth, asked.noise)])
     yield from [
         "",
-        f"Share of that variance that is explained, in per cent. {FITTED}\n{INTERVALS}",
+        f"Fraction of that variance that is explained, in per cent. {FITTED}\n{INTERVALS}",
         "",
     ]
     shares = [
@@ -178,7 +178,7 @@ def _images(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     answers = {name: images.held_out(read, name) for name in images.CUES}
     found = {name: _shares(*pair, read.sequences) for name, pair in answers.items()}
     about = (
-        f"{len(read.starts)} windows of {', '.join(sizes_px)}. Share of the shipped prior's "
+        f"{len(read.starts)} windows of {', '.join(sizes_px)}. Fraction of the shipped prior's "
         "squared error, in per cent,"
     )
     yield from [
