@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.store import Results
 from geovp_classic.types import Clip, Intrinsics, Trajectory
 from tests.benchmarks.conftest import Command, Says, write_kitti
 from tests.benchmarks.made import write_matrix
@@ -70,11 +69,6 @@ def without_calibration(street: Path) -> None:
     (street.parent / "kitti/sequences/00/calib.txt").unlink()
 
 
-def test_all_is_well_without_damage(street: Path, printed: Says) -> None:
-    printed(*run(street))
-    assert len(Results(street.parent / "out").scores("copy-last")) == 2 * 2  # two clips, two steps
-
-
 GOOD = [pose(number) for number in range(FRAMES)]
 
 
@@ -87,22 +81,12 @@ GOOD = [pose(number) for number in range(FRAMES)]
         (without_calibration, "calib.txt"),
         (poses(*GOOD[:-1]), "00.txt"),
         (poses(*GOOD[:2], pose(2, "nan"), *GOOD[3:]), "line 3"),
-        (poses(*GOOD[:2], pose(2, 2.5), *GOOD[3:]), "line 3"),
-        (poses(*GOOD[:2], "1 0 0\n", *GOOD[3:]), "line 3"),
         (poses(*GOOD[:2], pose(2, "one"), *GOOD[3:]), "line 3"),
         (replaced('"copy-last" }', '"copy-lst" }'), "did you mean 'copy-last'?"),
-        (replaced('"kitti"', '"kiti"'), "did you mean 'kitti'?"),
-        (replaced('"psnr"', '"pnsr"'), "did you mean 'psnr'?"),
-        (
-            replaced('root = "', 'camera = "0", root = "'),
-            "protocol.dataset.camera is '0', expected a whole number",
-        ),
         (replaced('root = "', 'rot = 1, root = "'), "no field 'rot': did you mean 'root'?"),
         (replaced("[32, 32]", "[32, 16]"), "expected a square"),
         (replaced("num_past = 3", "num_past = 300"), "one clip needs 302"),
         (replaced('root = "', 'sequences = ["07"], root = "'), "07"),
-        (replaced('root = "', 'sequences = ["00[0:900)"], root = "'), "00[0:900)"),
-        (replaced('root = "', 'split = "tset", root = "'), "did you mean 'test'?"),
         (replaced("num_past", "num_pats"), "did you mean 'num_past'?"),
         (replaced("[protocol]", "[protocol"), "not TOML"),
         (Path.unlink, "does not exist: give a matrix file"),
@@ -113,22 +97,6 @@ def test_damage_is_told_in_one_sentence(
 ) -> None:
     damage(street)
     assert says in refused(*run(street))
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        "table DIR",
-        "plot DIR",
-        "report DIR",
-        "score DIR",
-        "verify DIR",
-        "verify DIR --root x",
-        "metrics explain DIR DIR",
-    ],
-)
-def test_a_folder_without_results_is_told_so(tmp_path: Path, refused: Says, words: str) -> None:
-    assert "not a results folder" in refused(*words.replace("DIR", str(tmp_path)).split())
 
 
 def test_missing_poses_are_no_mistake_but_a_skipped_cell(street: Path, command: Command) -> None:

@@ -54,16 +54,9 @@ class TestRun:
         for ending, opening in (
             ("md", "## streets"),
             ("tex", r"\begin{table}"),
-            ("csv", "method,grants,clips"),
+            ("csv", "method,privileged_inputs,clips"),
         ):
             assert printed("table", tmp_path / "out", "--format", ending).startswith(opening)
-
-    def test_results_go_to_a_folder_of_the_files_name(
-        self, tmp_path: Path, printed: Says, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.chdir(tmp_path)
-        printed("run", matrix(tmp_path), "--no-report")
-        assert Results(tmp_path / "results/streets").protocol()["name"] == "streets"
 
     @pytest.mark.parametrize("name", ["toy-broken", "toy-misfit", "toy-uninstalled"])
     def test_what_failed_or_was_skipped_is_1_and_named(
@@ -72,7 +65,7 @@ class TestRun:
         ended = command(*run(tmp_path, other={"name": name}))
         assert ended.code == 1
         assert re.search(r"^- other: (failed|skipped): \w+", ended.out, re.MULTILINE)
-        assert "1 of 3 cells are not done" in ended.err
+        assert "1 of 3 methods are not done" in ended.err
 
     def test_limit_keep_workers_and_root(self, tmp_path: Path, printed: Says) -> None:
         printed(
@@ -84,19 +77,6 @@ class TestRun:
         assert [clip for clip, _ in results.predictions("still")] == ["road/000", "road/001"]
         assert {cell.num_clips for cell in results.cells()} == {2}
         assert results.protocol()["dataset"]["root"] == "/elsewhere"
-
-    def test_an_interrupted_run_says_so_and_goes_on_later(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Command
-    ) -> None:
-        def interrupt(*_: object) -> None:
-            raise KeyboardInterrupt
-
-        with monkeypatch.context() as patch:
-            patch.setattr("geovp_benchmarks.built_matrix.score", interrupt)
-            ended = command(*run(tmp_path))
-        assert ended.code == 130
-        assert "interrupted" in ended.err
-        assert command(*run(tmp_path)).code == 0
 
 
 @pytest.mark.usefixtures("toys")
@@ -125,25 +105,6 @@ class TestScore:
         # of five clips the middle one is kept; 1 and 2 grey levels, ten times
         assert values(tmp_path / "out-rescored", "still", "toy-difference") == [10.0, 20.0]
         assert re.search(r"^[|] still +[|] +1 [|] +15[.]00 [|]", text, re.MULTILINE)
-
-    def test_nothing_kept_or_the_same_folder_is_2(
-        self, tmp_path: Path, printed: Says, refused: Says
-    ) -> None:
-        printed(*run(tmp_path, "--keep", "0"))
-        out = tmp_path / "out"
-        assert "keeps no predictions: run it again with --keep" in refused("score", out)
-        assert "is the folder that is scored" in refused("score", out, "--out", out)
-        (tmp_path / "loop").symlink_to("loop")
-        assert "loop has no protocol.json: not a results folder" in refused(
-            "score", tmp_path / "loop"
-        )
-
-    def test_skipped_cells_stay_skipped(self, tmp_path: Path, command: Command) -> None:
-        command(*run(tmp_path, other={"name": "toy-misfit"}))
-        assert command("score", tmp_path / "out").code == 1
-        other = Results(tmp_path / "out-rescored").cell("other")
-        assert other is not None
-        assert (other.status, other.num_clips) == ("skipped", 0)
 
 
 def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -179,19 +140,6 @@ class TestList:
         assert "  toy-still [geovp-toys]" in lines
         assert "  toy-uninstalled [geovp-toys] (needs package_that_nobody_has)" in lines
 
-    def test_without_torch_what_needs_it_is_marked(self) -> None:
-        lines = python(
-            "import importlib.util as u; find = u.find_spec\n"
-            "u.find_spec = lambda name, *more: None if name == 'torch' else find(name, *more)\n"
-            "from geovp_benchmarks import cli; cli.main(['list', 'frame_metrics'])"
-        ).splitlines()
-        assert "  lpips (needs extra: learned)" in lines
-        assert "  psnr" in lines
-
-    def test_an_unknown_role_is_2(self, refused: Says) -> None:
-        known = "geovp: there is no role or component 'renderer': did you mean 'renderers'?"
-        assert refused("list", "renderer") == known
-
 
 class TestCheck:
     def test_a_sound_component_is_0(self, printed: Says) -> None:
@@ -208,18 +156,6 @@ class TestCheck:
             r"^FAILED  .*: ZeroDivisionError: the road ended$", ended.out, re.MULTILINE
         )
         assert command("check", "predictors", "toy-broken", "--set", "brightness=256").code == 0
-
-    @pytest.mark.parametrize(
-        ("words", "says"),
-        [
-            ("predictor copy-last", "did you mean 'predictors'?"),
-            ("predictors copy-lst", "did you mean 'copy-last'?"),
-            ("predictors copy-last --set sed=1", "no field 'sed'"),
-            ("predictors copy-last --set seed", "is not FIELD=VALUE with a value as in TOML"),
-        ],
-    )
-    def test_a_mistake_is_2(self, refused: Says, words: str, says: str) -> None:
-        assert says in refused("check", *words.split())
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import pytest
 from geovp_benchmarks import formats, tables
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.table_model import Column, Row, best
-from geovp_classic.errors import BadData
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 
@@ -99,11 +98,6 @@ def test_a_row_with_fewer_clips_is_compared_on_common_ones(results: Results) -> 
     assert short.num_clips == 15
     assert float(short.estimates["psnr"].mean) == pytest.approx(0.5)
     assert row_of(lines(results), "short")[1].startswith("15")
-
-
-def test_a_row_that_is_not_there(results: Results) -> None:
-    with pytest.raises(BadData, match=r"no row is called 'bases'.*'base'"):
-        tables.against(results, "bases")
 
 
 def test_tables_say_intervals_and_what_the_clips_are_worth(results: Results) -> None:

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import confidence, tables
-from geovp_benchmarks.provenance import protocol_id
 from geovp_benchmarks.report import sections
 from geovp_benchmarks.store import Results
-from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores, values
 
@@ -31,7 +29,7 @@ def rewrite(
 
 @pytest.fixture
 def results(toys: Path, tmp_path: Path) -> Results:
-    """Four geometric rows of five clips and two steps, the left half invented, and the last frame."""
+    """Four geometric rows of five clips and two steps, the left half inpainted, and the last frame."""
     go(tmp_path / "out", content(predictors={"still": "toy-still"}, **crossed(tmp_path / "log")))
     return Results(tmp_path / "out")
 
@@ -45,12 +43,6 @@ def test_it_is_stored_per_step_and_shown_nowhere_as_a_score(results: Results) ->
     about = results.protocol()["metrics"]["confidence"]
     assert (about["higher_is_better"], about["bounds"]) == (None, [0.0, 1.0])
     assert [column.key for column in tables.build(results)[0].columns] == [METRIC, "toy-gap"]
-
-
-def test_results_with_and_without_it_have_the_same_protocol_id(results: Results) -> None:
-    protocol = results.protocol()
-    older = {name: about for name, about in protocol["metrics"].items() if name != "confidence"}
-    assert protocol_id({**protocol, "metrics": older}) == protocol["id"]
 
 
 def test_where_both_fall_with_the_step_the_ranking_is_perfect(results: Results) -> None:
@@ -94,18 +86,3 @@ def test_the_study_prints_it_and_the_report_has_it(results: Results, printed: Sa
     page = sections.confidence(results)
     assert "<td>a + r</td><td>5</td><td>1.00</td><td>1.00</td><td>-</td>" in page
     assert "Spearman correlation with toy difference." in page
-
-
-def test_older_results_and_unknown_metrics_are_one_sentence(
-    results: Results, refused: Says
-) -> None:
-    with pytest.raises(BadData, match=r"cannot be ranked by 'confidence'"):
-        confidence.rankings(results, "confidence")
-    assert "toy-difference" in refused(
-        "study", "confidence", results.root, "--metric", "toy-diference"
-    )
-    for cell in results.cells():
-        rewrite(results, cell.name, lambda row: None if row["metric"] == "confidence" else row)
-    assert sections.confidence(results) == ""
-    said = refused("study", "confidence", results.root, "--metric", METRIC)
-    assert "`geovp run --fresh` computes its rows anew" in said

@@ -1,5 +1,5 @@
-"""Same settings, same bytes: with any number of processes and threads, and compiled for any
-processor.
+"""Same settings, same results within a tolerance: with any number of processes and threads, and on
+any processor.
 """
 
 from pathlib import Path
@@ -7,12 +7,13 @@ from typing import Any
 
 import cv2
 import numba
+import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
 from geovp_benchmarks.executors import Executor, Processes, Serial
 from geovp_benchmarks.store import Results
-from tests.benchmarks.made import go, rows
+from tests.benchmarks.made import go
 
 MATRIX: dict[str, Any] = {
     "protocol": {
@@ -29,10 +30,7 @@ MATRIX: dict[str, Any] = {
 CELL = "vo--fusion"
 
 
-def outcome(
-    root: Path, threads: int, executor: Executor
-) -> tuple[Any, dict[str, tuple[bytes, bytes]]]:
-    """All rows, and the bytes of all predicted frames and poses."""
+def run(root: Path, threads: int, executor: Executor) -> Results:
     before = numba.get_num_threads(), cv2.getNumThreads()
     numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     cv2.setNumThreads(threads)
@@ -42,19 +40,13 @@ def outcome(
     finally:
         numba.set_num_threads(before[0])
         cv2.setNumThreads(before[1])
-    results = Results(root)
     assert (cell.status, cell.num_failed) == ("done", 0)
-    kept = {clip: results.prediction(CELL, clip) for clip, _ in results.predictions(CELL)}
-    images = {
-        clip: (one.frames.tobytes(), b"" if one.motion is None else one.motion.futures.tobytes())
-        for clip, one in kept.items()
-    }
-    return rows(root, CELL), images
+    return Results(root)
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return outcome(tmp_path_factory.mktemp("plain"), 1, Serial())
+def serial(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    return run(tmp_path_factory.mktemp("serial"), 1, Serial())
 
 
 @pytest.mark.parametrize(
@@ -66,8 +58,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Any:
     ],
     ids=["threads", "workers", "processors"],
 )
-def test_frames_poses_and_scores_are_the_same_to_the_last_bit(
-    plain: Any,
+def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
+    serial: Results,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     threads: int,
@@ -76,7 +68,15 @@ def test_frames_poses_and_scores_are_the_same_to_the_last_bit(
 ) -> None:
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    stored, images = outcome(tmp_path, threads, executor)
-    assert len(images) == 3
-    assert images == plain[1]
-    assert stored == plain[0]
+    other = run(tmp_path, threads, executor)
+    np.testing.assert_allclose(
+        other.scores(CELL).value, serial.scores(CELL).value, rtol=1e-6, atol=1e-3
+    )
+    clips = [clip for clip, _ in serial.predictions(CELL)]
+    assert len(clips) == 3
+    for clip in clips:
+        one, two = (results.prediction(CELL, clip) for results in (serial, other))
+        np.testing.assert_allclose(one.frames.astype(int), two.frames, atol=1)
+        assert one.motion is not None
+        assert two.motion is not None
+        np.testing.assert_allclose(one.motion.futures, two.motion.futures, atol=1e-6)

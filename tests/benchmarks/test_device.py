@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import cli, matrix
+from geovp_benchmarks import cli
 from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic.errors import BadData
 from tests.benchmarks.made import write_matrix
@@ -73,17 +73,3 @@ def test_a_device_that_is_not_here_ends_the_run_with_a_sentence(
         cli.main(["run", str(file), "--device", "abacus"])
     with pytest.raises(BadData, match="--predictor: device 'cuda:99' cannot be used"):
         PredictionRequest(Path("clip.mp4"), predictor="svg", device="cuda:99").build()
-
-
-def test_the_file_names_a_device_and_the_command_line_another(tmp_path: Path) -> None:
-    read = matrix.read(written(tmp_path, device="auto"))
-    assert (read.device, read.with_device(None).device, read.with_device("cpu").device) == (
-        "auto",
-        "auto",
-        "cpu",
-    )
-    assert matrix.Matrix.from_json(read.to_json()) == read
-    with pytest.raises(
-        BadData, match=r"protocol\.device is 'abacus', expected cpu, cuda, cuda:N or auto"
-    ):
-        matrix.read(written(tmp_path, device="abacus"))

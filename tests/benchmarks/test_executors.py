@@ -2,7 +2,6 @@
 room for it.
 """
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 
 from geovp_benchmarks import executors
 from geovp_classic import registry
-from geovp_classic.errors import BadData, MissingExtra
+from geovp_classic.errors import BadData
 from tests.benchmarks.made import STILL, content, go, rows
 
 distributed = pytest.importorskip("distributed", reason="needs the extra: cluster")
@@ -43,19 +42,6 @@ def test_executors_are_found_by_name(spec: dict[str, object], kind: type) -> Non
     assert isinstance(registry.build("executors", spec), kind)
 
 
-def test_serial_takes_a_task_only_after_the_one_before() -> None:
-    seen: list[str] = []
-
-    def tasks() -> Iterator[int]:
-        for number in range(3):
-            seen.append(f"take {number}")
-            yield number
-
-    for result in executors.Serial().map(doubled, tasks()):
-        seen.append(f"got {result}")
-    assert seen == ["take 0", "got 0", "take 1", "got 2", "take 2", "got 4"]
-
-
 def test_dask_gives_every_result_once_and_holds_back(scheduler: str) -> None:
     taken: list[int] = []
 
@@ -86,20 +72,3 @@ def test_a_matrix_on_a_cluster_gives_the_rows_of_one_process(
         found.append([row for cell in cells for row in rows(tmp_path / name, cell)])
     assert found[0] == found[1]
     assert len(found[0]) == 5 * 2 * (2 + 1)
-
-
-def test_nobody_at_the_address_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "CONNECT_TIMEOUT_S", 0.2)
-    with pytest.raises(BadData, match=r"no Dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
-        list(executors.Dask("tcp://127.0.0.1:9").map(doubled, [1]))
-
-
-def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtra, match=r"pip install .*\[cluster\]'"):
-        list(executors.Dask("tcp://host:1").map(doubled, [1]))
-
-
-def test_no_worker_is_no_executor() -> None:
-    with pytest.raises(BadData, match="workers is 0"):
-        executors.Processes(0)

@@ -82,7 +82,7 @@ def test_two_rows_of_one_folder(tmp_path: Path, explained: Explained) -> None:
     assert any("common clips: -2.2500" in line for line in lines)
     assert not any(line.startswith(("Protocol", "Code", "Library")) for line in lines)
     lines = explained(f"{made}:still", f"{made}:at-3 + slide")
-    assert 'Row: grants: nothing in A, ["PAST_POSES"] in B.' in lines
+    assert 'Method: privileged inputs: nothing in A, ["PAST_POSES"] in B.' in lines
 
 
 def edited(path: Path, **changes: Any) -> None:
@@ -132,24 +132,3 @@ def test_clips_that_one_row_could_not_predict_and_other_code(
     assert any(
         line.startswith("Code: version: ") and line.endswith(" in A, c0de in B.") for line in lines
     )
-
-
-@pytest.mark.parametrize(
-    ("row", "says"),
-    [
-        (":stil", "has no row 'stil': did you mean 'still'?"),
-        ("/nowhere", "has no protocol.json: not a results folder"),
-    ],
-)
-def test_a_wrong_name_is_one_sentence(tmp_path: Path, refused: Says, row: str, says: str) -> None:
-    made = folder(tmp_path / "a")
-    assert says in refused("metrics", "explain", made, f"{made}{row}")
-
-
-def test_folders_without_a_common_row_ask_for_rows(tmp_path: Path, refused: Says) -> None:
-    a, b = (
-        folder(tmp_path / "a"),
-        folder(tmp_path / "b", predictors={"other": {"name": "toy-still"}}),
-    )
-    said = refused("metrics", "explain", a, b)
-    assert "no row is in both: still; and other: name them as DIR:ROW" in said

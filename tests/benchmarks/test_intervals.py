@@ -2,8 +2,6 @@
 hand.
 """
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -11,7 +9,6 @@ from scipy.signal import lfilter
 
 from geovp_benchmarks import intervals
 from geovp_benchmarks.studies import coverage
-from geovp_classic import registry
 from geovp_classic.types import FloatArray
 
 
@@ -38,19 +35,6 @@ def test_independent_values_get_about_students_interval() -> None:
     assert found.mean == pytest.approx(values.mean())
     assert found.high - found.low == pytest.approx(high - low, rel=0.2)
     assert 250 < found.effective <= 400
-
-
-def test_clips_that_are_alike_count_as_fewer() -> None:
-    values = np.repeat(
-        np.random.default_rng(1).normal(size=20), 10
-    )  # twenty values, ten times each
-    assert intervals.interval(values, np.zeros(200)).effective < 25
-
-
-def test_values_without_slow_changes_are_not_certain() -> None:
-    values = cosine(5, 10)  # nothing is left of the slowest two
-    found = intervals.interval(values, np.zeros(10))
-    assert found.high - found.low > 0.6 * 2 * 1.96 * stats.sem(values)
 
 
 def test_neighbours_of_different_sequences_are_no_neighbours() -> None:
@@ -86,18 +70,6 @@ def test_p_is_below_a_twentieth_just_where_the_interval_leaves_zero_out(shift: f
         np.random.default_rng(7).exponential(size=20) - 1 + shift, np.zeros(20)
     )
     assert (found.p_zero < 0.05) == (found.low > 0 or found.high < 0)
-
-
-def test_a_clip_a_sequence_is_a_sample_of_sequences() -> None:
-    values = np.random.default_rng(6).normal(size=12)
-    found = intervals.interval(values, np.arange(12))
-    low, high = stats.t.interval(0.95, 11, values.mean(), values.std(ddof=1) / np.sqrt(12))
-    assert found.high - found.low == pytest.approx(high - low, rel=0.25)
-
-
-def test_three_clips_of_three_sequences_have_the_standard_error_of_a_mean() -> None:
-    values, apart = np.array([1.0, 2.0, 6.0]), [np.array([index]) for index in range(3)]
-    assert intervals.standard_error(values, apart, 1.0) == pytest.approx((stats.sem(values), 2))
 
 
 def test_undefined_values_are_left_out_and_two_have_no_interval() -> None:
@@ -141,21 +113,6 @@ class TestBounds:
         assert (held.low, held.high) == (max(free.low, 0.0), min(free.high, 1.0))
         assert (held.mean, held.effective, held.p_zero) == (free.mean, free.effective, free.p_zero)
 
-    def test_every_metric_of_ours_says_its_own(self) -> None:
-        found = {}
-        for role in ("frame_metrics", "trajectory_metrics"):
-            found.update({name: registry.load(role, name) for name in registry.names(role)})
-        assert found["psnr"]().bounds == (0.0, 100.0)
-        assert found["stabilised"]().bounds == (0.0, 100.0)  # of PSNR, its metric
-        assert (found["ssim"].bounds, found["ms-ssim"].bounds) == ((-1.0, 1.0), (0.0, 1.0))  # type: ignore[attr-defined]
-        for name, metric in found.items():
-            if name.endswith(("-error", "-displacement")) or name == "lpips":
-                assert metric.bounds[0] == 0.0  # type: ignore[attr-defined]
-
-
-def test_no_value_is_worth_none() -> None:
-    assert intervals.interval(np.array([np.nan]), np.zeros(1)).effective == 0
-
 
 class TestAutocorrelationTime:
     """Of patterns whose correlations can be counted."""
@@ -170,34 +127,6 @@ class TestAutocorrelationTime:
         correlation = 101 / 299 + 198 / 299 * tau / 300
         assert tau == pytest.approx((1 + correlation) / (1 - correlation), rel=1e-4)
         assert visible == 1
-
-    def test_at_most_half_of_the_variance_has_gone_with_the_means(self) -> None:
-        # Fifty sequences of six. One apart 4 of 5 pairs are equal: 3 / 5; two apart 2 of 4: 0. Half
-        # of what lacks to 1
-        # is added, .8 and .5, and .5 halves in two lags: 1 + 2 (.8 + .5 + .5 (1 / sqrt 2 + 1 / 2 +
-        # ...)).
-        groups = [np.arange(start, start + 6) for start in range(0, 300, 6)]
-        tau, visible = intervals.autocorrelation_time(
-            np.tile([1.0, 1, 1, -1, -1, -1], 50) + np.arange(300) // 6, groups
-        )
-        assert tau == pytest.approx(1 + 2 * (1.3 + 0.5 * (1 + np.sqrt(2))), rel=0.01)
-        assert visible == 2
-
-    @pytest.mark.parametrize(
-        ("plus", "least"), [([4, 4, 2, 2, 2, 2, 2], 1), ([4, 2, 2, 2, 2, 2, 2, 2], 0)]
-    )
-    def test_a_correlation_counts_from_one_and_a_half_standard_errors_on(
-        self, plus: list[int], least: int
-    ) -> None:
-        # Runs of +-1, 36 in all: a standard error is 1 / 6, so .25 is the limit. With 13 changes of
-        # sign r = 9 / 35,
-        # with 14 7 / 35; the mean that was taken out adds (1 - r) / 36.
-        runs = itertools.zip_longest(plus, [-4, -4, -2, -2, -2, -2, -2], fillvalue=0)
-        values = np.concatenate(
-            [np.full(abs(run), np.sign(run)) for run in itertools.chain(*runs)]
-        ).astype(float)
-        assert (len(values), values.sum()) == (36, 0)
-        assert min(intervals.autocorrelation_time(values, [np.arange(36)])[1], 1) == least
 
     def test_a_trend_is_worth_four_values(self) -> None:
         for count in (16, 40, 400):
@@ -237,33 +166,11 @@ class TestStandardError:
         assert error == pytest.approx(np.sqrt(25 / (first_share + second_share) / 10))
         assert degrees == 2
 
-    def test_three_twentieths_of_many_independent_ones_count(self) -> None:
-        values = np.array([cosine(number, 100) for number in range(1, 100)])
-        powers = [intervals.standard_error(one, [np.arange(100)], 1.0)[0] for one in values]
-        np.testing.assert_allclose(
-            powers, np.where(np.arange(99) < 15, np.sqrt(1 / 15 / 100), 0), atol=1e-9
-        )
-        assert intervals.standard_error(values[0], [np.arange(100)], 10 / 3)[1] == round(15 * 0.3)
-
     def test_clips_that_stand_alone_have_the_classical_one(self) -> None:
         values = np.random.default_rng(9).normal(size=12)
         error, degrees = intervals.standard_error(values, [np.array([n]) for n in range(12)], 1.0)
         assert error == pytest.approx(values.std(ddof=1) / np.sqrt(12))
         assert degrees == 11
-
-    def test_sequences_share_the_cosines_and_differ_in_their_means(self) -> None:
-        # 30 and 10 clips: two of the cosines are the first one's (1.5 rounded), one the second's
-        # (.5 is rounded to 0)
-        values = np.concatenate(
-            [np.full(30, 1.0) + 2 * cosine(1, 30), np.full(10, -3.0) + 5 * cosine(1, 10)]
-        )
-        groups = [np.arange(30), np.arange(30, 40)]
-        error, degrees = intervals.standard_error(values, groups, 3.0)
-        assert degrees == 1 + round(2 * 0.75) + round(2 * 0.25)
-        angles = np.pi / 30 * np.arange(1, 3)
-        expected = 1 + float((0.25 / (1.25 - np.cos(angles))).sum())
-        between = 30 * 1.0**2 + 10 * 3.0**2  # the mean of all is zero
-        assert error == pytest.approx(np.sqrt((between + 4) / expected / 40))
 
     @pytest.mark.parametrize(
         ("count", "level"), [(5, 0.95), (10, 0.95), (10, 0.5), (60, 0.95), (60, 0.8)]
@@ -277,55 +184,3 @@ class TestStandardError:
         assert (found.high - found.low) / 2 == pytest.approx(half, rel=0.06)
         assert intervals.block_interval(values, np.zeros(count), level) == (found.low, found.high)
         assert found.effective == pytest.approx(count / tau)
-
-
-@pytest.mark.parametrize("count", [5, 10, 60])
-def test_neighbours_that_do_not_correlate_count_in_full(count: int) -> None:
-    values = np.tile([1.0, -1.0, -1.0, 1.0, 0.5, -0.5], count)[:count]
-    assert intervals.autocorrelation_time(values, [np.arange(count)]) == (1.0, 0)
-    assert intervals.interval(values, np.zeros(count)).effective == count
-
-
-def test_correlated_values_are_worth_fewer() -> None:
-    values = np.tile([1.0, 1, 1, -1, -1, -1], 50)
-    tau, _ = intervals.autocorrelation_time(values, [np.arange(300)])
-    assert intervals.interval(values, np.zeros(300)).effective == pytest.approx(300 / tau)
-
-
-def test_what_is_added_to_all_values_is_added_to_the_interval() -> None:
-    values = np.random.default_rng(8).normal(size=20)
-    found, shifted = (intervals.interval(values + more, np.zeros(20)) for more in (0.0, 100.0))
-    np.testing.assert_allclose(
-        [shifted.low, shifted.high], [found.low + 100, found.high + 100], atol=1e-9
-    )
-
-
-def test_three_values_have_an_interval() -> None:
-    found = intervals.interval(np.array([-1.0, 0.0, 1.0]), np.zeros(3))
-    # resampled sums of three reach 1 at most, so that the quantile is that of few values: wider
-    # than one s / sqrt 3
-    assert found.low < -1 / np.sqrt(3)
-    assert found.high > 1 / np.sqrt(3)
-    assert found.effective == 3
-
-
-@pytest.mark.parametrize(
-    ("names", "long", "short"),
-    [
-        ([1, 1, 2, 3, 3, 3], [[3, 4, 5]], [0, 1, 2]),
-        ([1, 1, 1, 2, 2, 2], [[0, 1, 2], [3, 4, 5]], []),
-        ([1], [], [0]),
-    ],
-)
-def test_sequences_of_two_stand_together_and_of_three_alone(
-    names: list[int], long: list[list[int]], short: list[int]
-) -> None:
-    found, together = intervals._groups(np.array(names))
-    assert ([group.tolist() for group in found], together.tolist()) == (long, short)
-
-
-def test_another_seed_gives_another_interval_about_as_wide() -> None:
-    values = np.random.default_rng(3).normal(size=36)
-    first, other = (intervals.interval(values, np.zeros(36), seed=seed) for seed in (0, 1))
-    assert first.low != other.low
-    assert other.high - other.low == pytest.approx(first.high - first.low, rel=0.1)

@@ -1,16 +1,14 @@
 """A matrix file with several data sets gives each its results, and one table with all of them."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks import matrix, multiple_datasets
+from geovp_benchmarks import multiple_datasets
 from geovp_benchmarks.store import Results
-from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import Clip
 from tests.benchmarks.conftest import Command, Says
@@ -110,35 +108,6 @@ def test_a_file_with_one_data_set_gives_what_it_gave(
     assert protocols[0]["name"] == "both"
 
 
-def test_what_stored_results_depend_on_has_not_changed(
-    write_kitti_raw: Callable[..., Path], tmp_path: Path, street: Clip
-) -> None:
-    """The settings that are hashed are those that older versions knew, in full."""
-    write_kitti_raw(tmp_path, 60, street)
-    shared = {"num_frames": 5, "stride": 10, "size_px": [32, 32], "with_full": False}
-    raw = registry.build("datasets", {"name": "kitti-raw", "root": tmp_path, **shared})
-    kitti = {
-        "name": "kitti-raw",
-        "root": str(tmp_path),
-        "fit": "crop",
-        "camera_height_m": 1.65,
-        "with_right": False,
-    }
-    assert registry.describe(raw) == {**kitti, **shared}
-    images = raw.recordings["2011_09_26_drive_0060"].frames.frames.paths[0].parent
-    folder = registry.build(
-        "datasets", {"name": "folder", "path": images, "intrinsics": [40, 40, 15, 15], **shared}
-    )
-    own = {
-        "name": "folder",
-        "path": str(images),
-        "intrinsics": [40.0, 40.0, 15.0, 15.0],
-        "is_metric": True,
-    }
-    assert registry.describe(folder) == {**own, **shared}
-    assert folder.split_hash == ""
-
-
 def content(**protocol: Any) -> dict[str, Any]:
     return {"protocol": {**PROTOCOL, **protocol}, "predictors": {"copy": "copy-last"}}
 
@@ -162,24 +131,8 @@ def test_labels_are_names_or_given() -> None:
             None,
             "protocol.datasets has 'synthetic' twice: give a table",
         ),
-        ({"datasets": []}, None, "protocol.datasets is empty"),
         ({"datasets": {"a/b": {"name": "synthetic"}}}, None, "'a/b' cannot be a folder's name"),
-        (
-            {"datasets": {"tables": {"name": "synthetic"}}},
-            None,
-            "'tables' cannot be a folder's name",
-        ),
-        (
-            {"datasets": ["synthetic"], "dataset": "synthetic"},
-            None,
-            "both dataset and datasets: keep one",
-        ),
         ({"datasets": ["synthetic"]}, Path("/data"), "--root replaces the root of one data set"),
-        (
-            {"datasets": ["syntetic"]},
-            None,
-            "data set 'syntetic': datasets have no 'syntetic': did you mean",
-        ),
         (
             {"datasets": {"a": {"name": "tum", "root": "/no"}}},
             None,
@@ -192,10 +145,3 @@ def test_wrong_files_are_told_what_is_wrong(
 ) -> None:
     with pytest.raises((BadData, UnknownComponent), match=message):
         multiple_datasets.parse("m", content(**protocol), root)
-
-
-def test_a_verb_for_one_data_set_says_so() -> None:
-    with pytest.raises(
-        BadData, match=r"names several data sets, but this takes one: give a file with dataset"
-    ):
-        matrix.parse("m", content(datasets=["synthetic"]))

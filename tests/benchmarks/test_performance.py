@@ -30,14 +30,14 @@ def test_the_stages_of_a_clip_give_the_prediction_of_the_predictor() -> None:
 
 
 def test_medians_of_stages_and_of_their_sum() -> None:
-    """Three rounds follow the warm-up: stages take 0.1, 0.1 and 0.3 s, sums 0.6, 0.6 and 1.8 s."""
-    taken_s = np.full((4, 6, 2), 0.1)
+    """Three rounds follow the warm-up: stages take 0.1, 0.1 and 0.3 s, sums 0.7, 0.7 and 2.1 s."""
+    taken_s = np.full((4, 7, 2), 0.1)
     taken_s[0] = 1.5
     taken_s[3, :, 0] = 0.3
     taken_s[..., 1] = 0.2
     lines = clip.lines(taken_s)
     assert [float(word) for word in lines[1].split() if word.isdigit()] == [100, 200]
-    assert [float(word) for word in lines[7].split() if word.isdigit()] == [600, 1200]
+    assert [float(word) for word in lines[8].split() if word.isdigit()] == [700, 1400]
 
 
 @pytest.mark.parametrize(

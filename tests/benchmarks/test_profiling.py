@@ -1,8 +1,6 @@
 """Peak memory is that of a stage where the system can tell, and unknown elsewhere."""
 
-import resource
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,29 +31,6 @@ def test_a_small_piece_of_work_is_not_charged_with_the_large_one_before_it() -> 
     small_before, large, small = (peak_of(megabytes) for megabytes in (1, LARGE_MB, 1))
     assert large - small == pytest.approx(LARGE_MB - 1, abs=20)
     assert small == pytest.approx(small_before, abs=20)
-
-
-@on_linux
-def test_the_process_itself_is_in_the_peak() -> None:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    assert peak_of(1) == pytest.approx(pages * resource.getpagesize() / 2**20, abs=20)
-
-
-def test_elsewhere_the_peak_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(profiling, "CLEAR_REFS", tmp_path / "proc" / "nowhere")
-    profiler = StageProfiler()
-    with profiler.measure("view"):
-        hold(LARGE_MB)
-    assert profiler.peaks_mb == {"view": 0.0}
-    assert profiler.seconds["view"] > 0
-
-
-def test_the_peak_is_read_from_the_status(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(profiling, "STATUS", tmp_path / "status")
-    profiling.STATUS.write_text("Name:\tpython\nVmRSS:\t    1024 kB\n")
-    assert profiling.peak_mb() == 0.0
-    profiling.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\nVmRSS:\t    1024 kB\n")
-    assert profiling.peak_mb() == 2.0
 
 
 @on_linux

@@ -4,7 +4,6 @@ import time
 
 import pytest
 
-from geovp_benchmarks.cli.messages import messages
 from geovp_benchmarks.progress import announce, progress_bar, tracked
 
 
@@ -15,19 +14,6 @@ def test_an_item_is_done_when_the_next_is_asked_for() -> None:
     assert (next(items), calls) == ("b", [(1, 2)])
     assert list(items) == []
     assert calls == [(1, 2), (2, 2)]
-
-
-def test_the_bar_is_on_standard_error_and_takes_a_new_total(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with progress_bar("letters", "steps") as progress:
-        for done, total in ((0, 0), (1, 3), (3, 3), (1, 2)):
-            progress(done, total)
-        time.sleep(0.6)
-        progress(2, 2)
-    captured = capsys.readouterr()
-    assert not captured.out
-    assert "2/2" in captured.err
 
 
 def test_the_bar_is_there_before_the_first_step_is_done_and_says_what_is_done(
@@ -44,11 +30,3 @@ def test_the_bar_is_there_before_the_first_step_is_done_and_says_what_is_done(
         assert "5/4" not in capsys.readouterr().err
         progress(2, 4)
     assert "2/4" in capsys.readouterr().err
-
-
-def test_quiet_work_has_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    with messages("quiet"), progress_bar("letters", "steps") as progress:
-        progress(0, 4)
-        time.sleep(0.7)
-        progress(4, 4)
-    assert capsys.readouterr() == ("", "")

@@ -62,7 +62,7 @@ def cell(label: str, **record: Any) -> Cell:
         "label": label,
         "kind": "predictor",
         "status": "done",
-        "grants": [],
+        "privileged_inputs": [],
         "num_samples": 1,
         "num_clips": 2,
     }

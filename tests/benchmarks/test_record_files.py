@@ -16,7 +16,7 @@ CELL = {
     "label": "x",
     "kind": "predictor",
     "status": "done",
-    "grants": ["PAST_POSES"],
+    "privileged_inputs": ["PAST_POSES"],
     "num_samples": 1,
 }
 CELL |= {"num_clips": 2, "seconds": {}, "fingerprint": "f", "components": {}}
@@ -41,7 +41,7 @@ def cell(folder: Path, **changed: Any) -> dict[str, Any]:
 def test_names_that_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> None:
     path = tmp_path / "file.json"
     path.write_bytes(files.json_bytes({"cells": ["x", name], "datasets": ["near", name]}))
-    with pytest.raises(BadData, match=r"file\.json: the cell .*"):
+    with pytest.raises(BadData, match=r"file\.json: the method .*"):
         record_files.protocol(path)
     with pytest.raises(BadData, match=r"file\.json: the data set .*"):
         record_files.labels(path)
@@ -79,8 +79,8 @@ def test_what_a_run_keeps_is_read(more: dict[str, Any], is_clip: bool, tmp_path:
         {"num_samples": True},
         {"num_samples": 1.5},
         {"label": 3},
-        {"grants": "PAST_POSES"},
-        {"grants": ["PAST_POSES", 1]},
+        {"privileged_inputs": "PAST_POSES"},
+        {"privileged_inputs": ["PAST_POSES", 1]},
         {"seconds": []},
         {"peak_memory_mb": "much"},
         {"peak_is_own": 1},

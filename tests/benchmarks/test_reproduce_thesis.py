@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
 from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import cli, plots, reproduction
+from geovp_benchmarks import cli, plots
 from geovp_benchmarks.store import Results
 from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import Says, write_kitti
@@ -47,7 +46,7 @@ def done(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Res
         pytest.MonkeyPatch.context() as patch
     ):  # their names and places are tested here, what is in them elsewhere
         patch.setattr(plots, "rendered", lambda page, kind: b"")
-        return cli.main(words(root, out, "--limit", "2", "--rows", *ROWS)), Results(out)
+        return cli.main(words(root, out, "--limit", "2", "--methods", *ROWS)), Results(out)
 
 
 def test_the_protocol_is_the_thesiss(done: tuple[int, Results]) -> None:
@@ -90,45 +89,11 @@ def test_the_table_is_written_as_markdown_and_latex_with_the_published_block(
     assert r"SRVP - 100 Samples & \textbf{13.504 $\pm$ 0.070}" in tex
 
 
-def test_every_learned_row_says_what_its_weights_are(done: tuple[int, Results]) -> None:
-    text = (done[1].tables / "thesis.md").read_text()
-    assert re.search(
-        r"^- svg weights svg.safetensors [0-9a-f]{12}; works at 64x64 on the last 5 frames, .* 500 of 800 training "
-        r"steps, 6.5 minutes; trained on kitti split train [(]64x64[)].* [(]svg-1, svg-100[)][.]$",
-        text,
-        re.M,
-    )
-    assert f"- Protocol id {done[1].protocol()['id']}.\n" in text
-
-
-def test_the_thesiss_figures_are_drawn(done: tuple[int, Results]) -> None:
-    drawn = {path.name for path in done[1].plots.iterdir()}
-    assert {"horizon-psnr.png", "horizon-ssim.png"} <= drawn
-    assert {"strip-01-07-000000.png", "strip-02-10-000000.png", "paths-01-07-000000.png"} <= drawn
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_it_goes_on_where_it_was(
-    done: tuple[int, Results], root: Path, tmp_path: Path, printed: Says
-) -> None:
-    out = shutil.copytree(done[1].root, tmp_path / "out")
-    files = sorted(out.glob("*/scores/*.parquet"))
-    before = [path.stat().st_mtime_ns for path in files]
-    assert len(files) == 4
-    text = printed(*words(root, out, "--limit", "2", "--rows", *ROWS))
-    assert [path.stat().st_mtime_ns for path in files] == before
-    assert "## Published, not measured here" in text
-    assert "figure 4.5 (PSNR over time): horizon-psnr.png\n" in text
-    assert (
-        "figure 4.4 (predicted sequences): strip-01-07-000000.png, strip-02-10-000000.png\n" in text
-    )
-
-
 @pytest.mark.usefixtures("unrendered")
 def test_failures_are_the_clips_of_the_worst_score(
     root: Path, tmp_path: Path, printed: Says
 ) -> None:
-    printed(*words(root, tmp_path, "--rows", "copy-last", "--keep", "worst:psnr"))
+    printed(*words(root, tmp_path, "--methods", "copy-last", "--keep", "worst:psnr"))
     results = Results(tmp_path)
     means = dict.fromkeys(results.protocol()["clips"], 0.0)
     for row in dicts(results.scores("copy-last").of_metrics(["psnr"])):
@@ -136,43 +101,3 @@ def test_failures_are_the_clips_of_the_worst_score(
     worst = min(means, key=lambda clip: means[clip])
     assert results.protocol()["kept"]["clips"][0] == worst
     assert len(list(results.plots.glob("strip-*.png"))) == 2  # of the worst three there are but two
-
-
-@pytest.mark.usefixtures("unrendered")
-def test_the_thesiss_own_row_names_both_of_its_networks(
-    root: Path, tmp_path: Path, printed: Says
-) -> None:
-    printed(*words(root, tmp_path, "--limit", "1", "--rows", "ours"))
-    text = (tmp_path / "tables/thesis.md").read_text()
-    assert re.search(
-        r"^[|] Ours +[|] [*]{2}\d+[.]\d{3}[*]{2} ", text, re.M
-    )  # one clip has no standard error
-    notes = re.findall(r"^- (\w+) weights .* [(]ours[)][.]$", text, re.M)
-    assert notes == ["deepvo", "synsin"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("--rows", "svg-10"), "--rows svg-10: no row of thesis: did you mean 'svg-100'?"),
-        (("--samples", "1"), "--samples 1: rows of one sample are there already, give 2 or more"),
-        (("--split", "thesis-test"), "no split is called 'thesis-test': did you mean"),
-        (("--split", "test"), "sequence '03'"),
-    ],
-)
-def test_a_mistake_is_one_sentence(
-    arguments: tuple[str, ...], says: str, root: Path, tmp_path: Path, refused: Says
-) -> None:
-    assert says in refused(*words(root, tmp_path / "out", *arguments))
-
-
-def test_samples_are_capped_not_added() -> None:
-    matrix = reproduction.chosen_rows(reproduction.read_matrix("thesis"), None, 4, None)
-    counts = {name: entry.num_samples for name, entry in matrix.predictors.items()}
-    assert (counts["svg-1"], counts["svg-100"], counts["vo+prior+fusion-10"], counts["ours"]) == (
-        1,
-        4,
-        4,
-        1,
-    )
-    assert len(matrix.cells) == 25

@@ -74,25 +74,15 @@ def test_a_results_folder_that_cannot_be(street: Path, refused: Says, kind: str)
     ("old", "new", "says"),
     [
         ("copy-last = {", '"protocol.json" = {', "would be called 'protocol.json'"),
-        ("copy-last = {", '"Report.HTML" = {', "would be called 'Report.HTML'"),
         ("copy-last = {", f"{'x' * 300} = {{", "has a name of 300 bytes: 200 at most"),
         ("[32, 32]", "[30000, 30000]", "at most 8192 pixels on a side"),
-        ("[32, 32]", "[1000000000, 1000000000]", "at most 8192 pixels on a side"),
         ("num_past = 3", "num_past = 1000000000", "a clip would have 1000000002 frames"),
         (
             "intrinsics = [40",
             "intrinsics = [nan",
             "protocol.dataset.intrinsics[0] is nan, expected a finite number",
         ),
-        ("intrinsics = [40", "intrinsics = [1e18", "no camera of 40x40 pixels has"),
-        (
-            'name = "folder"',
-            'name = "folder", is_metric = 1979-05-27',
-            "is 1979-05-27, a date or time",
-        ),
-        ("stride = 3", f"stride = {'9' * 5000}", "is not TOML"),
         ("stride = 3", f"stride = {'9' * 30}", "a number of more than 63 bits"),
-        ("stride = 3", f"stride = {'[' * 5000}{']' * 5000}", "is not TOML"),
         ("stride = 3", f"stride = {'[' * 50}{']' * 50}", "nested more than 32 tables deep"),
     ],
 )
@@ -121,16 +111,6 @@ def test_pipes_devices_and_folders_are_no_files(street: Path, refused: Says) -> 
     image.unlink()
     image.symlink_to(image)
     assert "4.png cannot be read (Too many levels of symbolic links)" in refused(*run(street))
-
-
-@pytest.mark.parametrize(
-    ("name", "says"), [("路" * 80, "as a file's name"), ("street\udcff", "is not text in UTF-8")]
-)
-def test_names_that_results_cannot_have(street: Path, refused: Says, name: str, says: str) -> None:
-    renamed = (street.parent / "images").rename(street.parent / name)
-    link = street.parent / "images"
-    link.symlink_to(renamed)
-    assert says in refused(*run(street))
 
 
 def test_a_full_disk_says_what_is_kept_and_how_to_go_on(street: Path) -> None:
@@ -187,7 +167,7 @@ def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
         with (
             locking.results_lock(tmp_path) as claim,
             pytest.raises(
-                BadData, match=rf"being filled by process {other.pid} on .* with another protocol"
+                BadData, match=rf"in use by process {other.pid} on .* with another protocol"
             ),
         ):
             claim("another")
@@ -196,19 +176,6 @@ def test_a_folder_is_filled_by_one_protocol_at_a_time(tmp_path: Path) -> None:
         other.wait()
     with locking.results_lock(tmp_path) as claim:
         claim("another")  # the lock ended with its process
-
-
-@pytest.mark.parametrize("claimed", [False, True])
-def test_a_refused_run_leaves_no_folder_unless_it_had_begun(tmp_path: Path, claimed: bool) -> None:
-    def refused() -> None:
-        with locking.results_lock(tmp_path / "new") as claim:
-            if claimed:
-                claim("a protocol")
-            raise BadData("no such data")
-
-    with pytest.raises(BadData, match="no such data"):
-        refused()
-    assert (tmp_path / "new").exists() == claimed
 
 
 def test_scratch_files_of_dead_processes_are_removed(tmp_path: Path) -> None:

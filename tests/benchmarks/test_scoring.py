@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geovp_benchmarks import matrix, scoring
+from geovp_benchmarks import matrix
 from geovp_benchmarks.metric_set import MetricSet
 from geovp_benchmarks.scoring import Metrics, ScoringContext, score
 from geovp_benchmarks.store import Rows
 from geovp_benchmarks.stored_facts import title
-from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.metrics.stabilised import Stabilised
@@ -100,17 +100,6 @@ def test_equal_images_of_unequal_rotations_are_not_confused() -> None:
     assert min(values(honest, "psnr-stabilised")) > 42
 
 
-def test_the_order_of_the_columns_changes_no_number() -> None:
-    clip = drive()
-    backwards = Metrics(dict(reversed(list(METRICS.frame.items()))), {})
-    tables = [
-        score(ScoringContext(clip, PAST), predicted(clip, 1.0), each)
-        for each in (METRICS, backwards)
-    ]
-    for metric in METRICS.frame:
-        assert values(tables[0], metric) == values(tables[1], metric)
-
-
 def test_a_row_without_a_camera_has_no_stabilised_score() -> None:
     clip = drive()
     still = Prediction(np.tile(clip.frames[PAST - 1], (1, FUTURE, 1, 1, 1)))
@@ -140,28 +129,6 @@ def test_a_matrix_asks_for_them_by_the_names_of_its_frame_metrics() -> None:
     built = MetricSet.build(parsed.frame_metrics, {}).built["psnr-stabilised"]
     assert built == Stabilised(Psnr(ceiling_db=60.0))
     assert title("psnr-stabilised") == "PSNR, stabilised"
-
-
-@pytest.mark.parametrize(
-    ("metrics", "says"),
-    [
-        (
-            {"stabilised": "psnr"},
-            r"metrics.stabilised is 'psnr', expected a list of frame metrics such as",
-        ),
-        (
-            {"stabilised": ["psn"]},
-            r"metrics.stabilised has an unknown frame metric 'psn': did you mean 'psnr'",
-        ),
-        (
-            {"stabilised": ["psnr"], "frame": {"psnr": "psnr", "psnr-stabilised": "ssim"}},
-            r"metrics.frame has 'psnr-stabilised', as metrics.stabilised calls its own: give another name",
-        ),
-    ],
-)
-def test_a_wrong_word_is_one_sentence(metrics: dict[str, Any], says: str) -> None:
-    with pytest.raises(GeovpError, match=says):
-        matrix.parse("m", content(**metrics))
 
 
 @dataclass(frozen=True)
@@ -301,20 +268,3 @@ def test_more_futures_than_one_and_not_one_a_sample_are_refused(futures: int) ->
         match=f"{futures} predicted futures for 3 samples, expected one each or one for all",
     ):
         score(ScoringContext(drive(), PAST), halves(3, [0.0] * futures), METRICS)
-
-
-@pytest.mark.parametrize(("samples", "times"), [(4, 0), (5, 1), (12, 2)])
-def test_memory_is_released_after_every_fifth_sample(
-    samples: int, times: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    released: list[int] = []
-    monkeypatch.setattr(scoring, "release_free_memory", lambda: released.append(1))
-    score(ScoringContext(drive(), PAST), halves(samples), Metrics({}, {}))
-    assert len(released) == times
-
-
-def test_no_samples_and_no_metrics_are_no_rows() -> None:
-    rows = score(
-        ScoringContext(drive(), PAST), Prediction(drive().frames[None, PAST:]), Metrics({}, {})
-    )
-    assert (len(rows), rows.clip.categories, rows.metric.categories) == (0, (), ())

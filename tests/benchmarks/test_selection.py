@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import matrix
 from geovp_benchmarks.selection import Ranking, Selection
 from geovp_benchmarks.store import Results
 from geovp_classic.errors import BadData
-from tests.benchmarks.conftest import Command, Says
+from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_matrix, write_protocol, write_row
 
 PSNR = {"role": "frame", "unit": "dB", "higher_is_better": True, "unavailable": None}
@@ -89,13 +88,6 @@ def test_clips_are_chosen_by_their_scores(
     assert numbers(ranking.choose(fill(tmp_path, SCORES_OF, KINDS))) == expected
 
 
-def test_the_reason_says_metric_and_row(tmp_path: Path) -> None:
-    assert (
-        Ranking("worst", "psnr").choose(fill(tmp_path, SCORES_OF, KINDS)).by
-        == "worst PSNR of a + r"
-    )
-
-
 def test_clips_that_share_frames_are_one_example(tmp_path: Path) -> None:
     # clips of 4 + 2 frames, five apart: neighbours share one frame. In ascending order 1, 3, 6 and
     # 4 are the worst
@@ -116,11 +108,9 @@ def test_clips_that_share_frames_are_one_example(tmp_path: Path) -> None:
 
 def test_no_complete_row_is_one_sentence(tmp_path: Path) -> None:
     results = fill(tmp_path, {"half--r": [1.0]}, KINDS)
-    with pytest.raises(
-        BadData, match="--keep: no row is complete with psnr, by which clips are to be"
-    ):
+    with pytest.raises(BadData, match="--keep: no method is complete with psnr"):
         Ranking("worst", "psnr").choose(results)
-    with pytest.raises(BadData, match="the row 'half--r' is not complete with psnr"):
+    with pytest.raises(BadData, match="the method 'half--r' is not complete with psnr"):
         Ranking("worst", "psnr", "half--r").choose(results)
 
 
@@ -159,63 +149,3 @@ def test_the_report_shows_the_worst_clips_and_says_by_what(file: Path, printed: 
     assert chapters(file) == ["worst PSNR of copy-last"]
     page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == worst
-
-
-def test_named_clips_are_kept_and_earlier_ones_stand_behind_them(file: Path, printed: Says) -> None:
-    results = Results(file.parent / "out")
-    printed(*run(file, "1", "--no-report"))
-    assert results.protocol()["kept"] is None
-    clips = results.protocol()["clips"]
-    printed(*run(file, f"{clips[4]},{clips[0]}"))
-    assert {clip for clip, _ in results.predictions("copy-last")} == {clips[0], clips[2], clips[4]}
-    assert chapters(file) == ["asked for by name", "others"]
-    page = (file.parent / "out" / "report.html").read_text(encoding="utf-8")
-    assert re.findall(r"<h3>(seed[^<]*)</h3>", page) == [clips[4], clips[0], clips[2]]
-
-
-@pytest.mark.parametrize(
-    ("keep", "says"),
-    [
-        (
-            "wurst:psnr",
-            "has 'wurst', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did "
-            "you mean",
-        ),
-        (
-            "worst:psn",
-            "has 'psn', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: did you "
-            "mean 'psnr'",
-        ),
-        (
-            "worst",
-            "has '', expected N, all, clip names, or worst|best|median:METRIC[:ROW]: known are "
-            "confidence, coverage,",
-        ),
-        ("best:psnr:copy-lst", "has 'copy-lst', expected N, all, clip names"),
-        ("03/000180", "--keep: there is no clip '03/000180': they are called seed0-"),
-    ],
-)
-def test_a_wrong_word_is_one_sentence_before_anything_runs(
-    file: Path, refused: Says, keep: str, says: str
-) -> None:
-    line = refused(*run(file, keep, "--no-report"))
-    assert line.startswith("geovp: --keep")
-    assert says in line
-    assert not list(file.parent.glob("out/*/scores"))
-
-
-def test_what_was_computed_is_shown_though_no_clip_can_be_chosen(
-    file: Path, command: Command
-) -> None:
-    ended = command(
-        *run(file, "worst:coverage:copy-last", "--no-report")
-    )  # which covers nothing by itself
-    assert ended.code == 2
-    assert "| still + far" in ended.out
-    assert "--keep: the row 'copy-last' is not complete with coverage" in ended.err
-
-
-def test_a_rule_names_cells_by_folder_or_label(file: Path) -> None:
-    parsed = matrix.read(file)
-    for row in ("still--far", "still + far", "copy-last", ""):
-        assert Ranking.parse(f"median:coverage:{row}", parsed) == Ranking("median", "coverage", row)

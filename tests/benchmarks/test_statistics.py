@@ -34,12 +34,6 @@ def test_steps_have_their_own_means() -> None:
     np.testing.assert_allclose(estimate.error, [2.0, 3.0])
 
 
-def test_one_clip_has_no_standard_error() -> None:
-    estimate = statistics.overall(np.array([[2.0, 4.0]]))
-    assert float(estimate.mean) == 3.0
-    assert np.isnan(estimate.error)
-
-
 def test_an_undefined_step_does_not_count_and_an_undefined_clip_neither() -> None:
     table = rows(
         {
@@ -66,11 +60,6 @@ def test_best_sample_is_one_sample_over_all_steps() -> None:
     np.testing.assert_array_equal(statistics.mean_of_samples(cube, True), [[7.5, 3.5]])
 
 
-def test_a_sample_without_values_is_never_the_best() -> None:
-    cube = statistics.Cube(("a",), np.array([[[NAN, NAN], [1.0, 2.0]]]))
-    np.testing.assert_array_equal(statistics.best_of_samples(cube, True), [[1.0, 2.0]])
-
-
 def test_one_metric_can_choose_the_sample_of_all() -> None:
     # Clip a: sample 1 is best in PSNR; clip b: sample 0. LPIPS of just these: a 0.5, b 0.3, though
     # 0.1 and 0.2 exist.
@@ -92,15 +81,6 @@ def test_a_clip_that_the_judge_does_not_know_has_no_value() -> None:
     np.testing.assert_array_equal(statistics.best_by(judge, True)(whole, True), [[NAN]])
 
 
-def test_expected_best_of_k_worked_out() -> None:
-    # Scores 1, 2, 4. Of one: 7 / 3. Of two: sets {1,2} {1,4} {2,4} -> (2 + 4 + 4) / 3. Of three: 4.
-    cube = statistics.Cube(("a",), np.array([[[4.0], [1.0], [2.0]]]))
-    np.testing.assert_allclose(statistics.expected_best(cube, True), [[7 / 3, 10 / 3, 4.0]])
-    np.testing.assert_allclose(
-        statistics.expected_best(cube, False), [[7 / 3, 4 / 3, 1.0]]
-    )  # (1 + 1 + 2) / 3, then 1
-
-
 def test_expected_best_is_the_mean_over_all_sets() -> None:
     values = np.random.default_rng(0).normal(size=(3, 7, 4))
     cube = statistics.Cube(("a", "b", "c"), values)
@@ -111,61 +91,9 @@ def test_expected_best_is_the_mean_over_all_sets() -> None:
         np.testing.assert_allclose(statistics.expected_best(cube, True)[:, k - 1], wanted)
 
 
-def test_expected_best_ends_at_mean_and_best_even_of_a_hundred() -> None:
-    cube = statistics.Cube(("a",), np.random.default_rng(1).normal(size=(1, 100, 5)))
-    curve = statistics.expected_best(cube, False)[0]
-    np.testing.assert_allclose(curve[0], statistics.mean_of_samples(cube, False).mean())
-    np.testing.assert_allclose(curve[-1], statistics.best_of_samples(cube, False).mean())
-    assert (np.diff(curve) <= 1e-12).all()
-
-
-def test_expected_best_leaves_out_samples_without_a_value() -> None:
-    cube = statistics.Cube(
-        ("a", "b"), np.array([[[1.0, NAN], [NAN, NAN], [3.0, 3.0]], [[NAN, NAN]] * 3])
-    )
-    np.testing.assert_allclose(
-        statistics.expected_best(cube, True), [[2.0, 3.0, NAN], [NAN, NAN, NAN]]
-    )
-
-
-def test_other_metrics_do_not_mix_in() -> None:
-    table = Rows.concatenated(
-        [rows({("a", 0, 1): 1.0}), rows({("a", 0, 1): 9.0}, metric="psnr@covered")]
-    )
-    np.testing.assert_array_equal(statistics.cube(table, "psnr").values, [[[1.0]]])
-
-
-def test_no_rows_are_no_clips() -> None:
-    empty = statistics.cube(Rows.of(), "psnr")
-    assert (empty.clips, empty.values.size) == ((), 0)
-    assert int(statistics.overall(statistics.mean_of_samples(empty, True)).count) == 0
-    assert int(statistics.overall(statistics.best_of_samples(empty, True)).count) == 0
-    assert statistics.expected_best(empty, True).shape == (0, 0)
-
-
-def test_frames_without_an_error_are_infinitely_good() -> None:
-    estimate = statistics.overall(np.array([[np.inf, 20.0], [10.0, 20.0]]))
-    assert float(estimate.mean) == np.inf
-    assert np.isnan(estimate.error)
-
-
-def test_every_step_counts_the_clips_that_have_a_value() -> None:
-    estimate = statistics.over_clips(np.array([[1.0, 2.0, 3.0], [3.0, NAN, 7.0]]))
-    np.testing.assert_array_equal(estimate.count, [2, 1, 2])
-    np.testing.assert_array_equal(estimate.mean, [2.0, 2.0, 5.0])
-    np.testing.assert_allclose(estimate.error, [1.0, NAN, 2.0])  # half of the difference
-
-
 def test_samples_and_steps_that_no_row_names_are_undefined() -> None:
     cube = statistics.cube(rows({("b", 1, 3): 5.0, ("a", 0, 1): 1.0}), "psnr")
     assert cube.clips == ("b", "a")
     expected = np.full((2, 2, 3), NAN)
     expected[0, 1, 2], expected[1, 0, 0] = 5.0, 1.0
     np.testing.assert_array_equal(cube.values, expected)
-
-
-def test_a_judge_of_no_clips_judges_none() -> None:
-    empty = statistics.cube(Rows.of(), "psnr")
-    assert statistics.best_by(empty, True)(empty, True).shape == (0, 0)
-    one = statistics.Cube(("a",), np.ones((1, 2, 3)))
-    np.testing.assert_array_equal(statistics.best_by(empty, True)(one, True), np.full((1, 3), NAN))

@@ -215,14 +215,6 @@ def test_cells_and_clips_of_earlier_settings_come_back_with_these(tmp_path: Path
     assert results.with_rows_of("x", "0123456789abcdef0").root.name == "0123456789abcdef"
 
 
-def test_what_is_set_aside_replaces_what_was(tmp_path: Path) -> None:
-    for value in (1.0, 2.0):
-        begun(tmp_path).write_part("x", rows(value), Part(0, ("a",), "f", {}, {}, 0.0))
-        Results(tmp_path).swap("x", "f", "g")
-    Results(tmp_path).swap("x", "g", "f")
-    assert values(Results(tmp_path)) == [2.0]
-
-
 def test_damaged_kept_files_are_set_aside_by_cell_or_for_all(tmp_path: Path) -> None:
     results = begun(tmp_path)
     results.write_clip(clip())
@@ -298,14 +290,6 @@ def test_more_rows_than_fit_into_one_block_come_back_and_too_many_are_refused(
     monkeypatch.setattr(part_files, "LIMIT_ROWS", 50)
     with pytest.raises(BadData, match="more than 50 rows"):
         results.scores("x")
-
-
-def test_an_edited_record_is_refused(tmp_path: Path) -> None:
-    results = begun(tmp_path)
-    path = tmp_path / "x/cell.json"
-    path.write_text(path.read_text().replace('"num_samples": 1', '"num_samples": 7'))
-    with pytest.raises(BadData, match=r"cell\.json"):
-        results.cell("x")
 
 
 def test_facts_and_failures_of_clips_are_gathered_from_parts(tmp_path: Path) -> None:

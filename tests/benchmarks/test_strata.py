@@ -11,8 +11,6 @@ import pytest
 from geovp_benchmarks import plots, strata, tables
 from geovp_benchmarks.rescoring import rescore, stored_metrics
 from geovp_benchmarks.store import Results
-from geovp_classic.errors import BadData
-from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 
 FACTS: dict[str, dict[str, float]] = {
@@ -23,7 +21,7 @@ FACTS: dict[str, dict[str, float]] = {
     "e": {},
 }
 COVERED = {"a": 0.9, "b": 0.8, "c": 0.7, "d": 0.95, "e": 0.99}
-UNITS = {"psnr": ("dB", True), "coverage": ("", True)}
+UNITS = {"psnr": ("dB", True), "coverage": ("", None)}
 
 
 def fill(root: Path, facts: dict[str, dict[str, float]], num_clips: int = 5) -> Results:
@@ -158,35 +156,6 @@ def test_figures_of_strata_share_their_axes_and_leave_the_others(results: Result
     assert before < after
     list(plots.write_all(results))
     assert {path.name for path in results.plots.iterdir()} == after
-
-
-def test_the_command_line_prints_a_table_a_stratum(results: Results, printed: Says) -> None:
-    headings = [
-        line
-        for line in printed("table", results.root, "--by", "speed").splitlines()
-        if line.startswith("## ")
-    ]
-    speeds = [
-        "below 5 m/s (n = 1)",
-        "5 to 10 m/s (n = 1)",
-        "10 m/s or more (n = 1)",
-        "speed_m_s not known (n = 2)",
-    ]
-    assert [line.partition(", ")[2].partition(":")[0] for line in headings] == speeds
-    assert "strata-speed-1-psnr.png" in printed("plot", results.root, "--by", "speed")
-
-
-@pytest.mark.parametrize("verb", ["table", "plot"])
-def test_a_wrong_word_is_one_sentence(results: Results, refused: Says, verb: str) -> None:
-    said = "geovp: clips cannot be divided by 'turnin': did you mean 'turning'?"
-    assert refused(verb, results.root, "--by", "turnin") == said
-
-
-def test_what_nothing_is_known_of_cannot_be_divided(tmp_path: Path) -> None:
-    with pytest.raises(
-        BadData, match="does not say moving of any clip, by which it could be divided"
-    ):
-        strata.divide(fill(tmp_path, FACTS), "moving")
 
 
 @pytest.mark.usefixtures("toys")

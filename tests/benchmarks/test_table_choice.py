@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import formats, tables
-from geovp_benchmarks.latex import tex_escaped
 from geovp_benchmarks.store import Results
 from geovp_benchmarks.table_model import Choice
 from geovp_classic.errors import BadData
@@ -34,8 +33,15 @@ def results(tmp_path: Path) -> Results:
                 values[clip, sample, "translation-error"] = 100.0 if number == 5 else 0.1
                 values[clip, sample, "coverage"] = 0.9
         label = ODD if name == "odd" else name
-        grants = ["FUTURE_POSES"] if name == "oracle" else []
-        write(results, name, values, label=label, grants=grants, num_samples=samples)
+        privileged_inputs = ["FUTURE_POSES"] if name == "oracle" else []
+        write(
+            results,
+            name,
+            values,
+            label=label,
+            privileged_inputs=privileged_inputs,
+            num_samples=samples,
+        )
     return results
 
 
@@ -54,73 +60,18 @@ def test_a_method_stands_for_all_rows_of_its_samples(results: Results) -> None:
 
 
 def test_an_oracle_does_not_beat_those_without_truth(results: Results) -> None:
-    """It is 10 dB better, and stands alone with its grants: bold is among the others."""
+    """It is 10 dB better, and stands alone with its privileged_inputs: bold is among the others."""
     best = tables.build(results)[0].best
     assert ("plain", "psnr") in best
     assert ("oracle", "psnr") not in best
-
-
-def test_coverage_has_no_better(results: Results) -> None:
-    (table,) = tables.build(results, choice=Choice(metrics=("coverage",)))
-    assert table.columns[0].heading == "coverage"
-    assert not table.best
-
-
-def test_intervals_of_errors_do_not_go_below_zero(results: Results) -> None:
-    found = tables.build(results)[0].rows[0].intervals["translation-error"]
-    assert found.mean == pytest.approx(100.5 / 6)
-    assert found.low == 0.0
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (["--methods", "plane"], "no row is called 'plane': did you mean 'plain'?"),
-        (["--metrics", "psrn"], "no column is called 'psrn': did you mean 'psnr'?"),
-        (["--label", "tab:a"], "--label and --caption are LaTeX's, not for md: add --format tex"),
-        (["--format", "tex", "--label", "a}b"], "--label 'a}b' is not a name for LaTeX"),
-        (
-            ["--style", "thesis", "--metrics", "psnr"],
-            "--style thesis has the thesis's rows and columns",
-        ),
-    ],
-)
-def test_what_cannot_be_is_one_sentence(
-    results: Results, given: list[str], said: str, refused: Says
-) -> None:
-    assert said in refused("table", results.root, *given)
 
 
 def test_differences_of_chosen_rows(results: Results) -> None:
     table = tables.against(results, "oracle", choice=Choice(("plain",), ("psnr",)))
     assert [row.name for row in table.rows] == ["plain"]
     assert table.rows[0].intervals["psnr"].mean == -10.0
-    with pytest.raises(BadData, match="no row is called 'orcle'"):
+    with pytest.raises(BadData, match="no method is called 'orcle'"):
         tables.against(results, "orcle", choice=Choice(("plain",)))
-
-
-def test_a_page_says_what_was_chosen(results: Results, tmp_path: Path, printed: Says) -> None:
-    results.write_protocol({**results.protocol(), "versions": {}})
-    page = tmp_path / "page.md"
-    printed(
-        "table",
-        results.root,
-        "--page",
-        page,
-        "--metrics",
-        "psnr",
-        "coverage",
-        "--methods",
-        "plain",
-        ODD,
-    )
-    assert "--methods plain '50%_a & b {x}" in page.read_text()
-    assert "--metrics psnr coverage" in page.read_text()
-
-
-def test_letters_that_latex_would_take_for_commands() -> None:
-    assert tex_escaped("_&%$#{}") == r"\_\&\%\$\#\{\}"
-    assert tex_escaped("<\\>") == r"\textless{}\textbackslash{}\textgreater{}"
 
 
 class TestCompiled:

@@ -7,7 +7,6 @@ import pytest
 
 from geovp_benchmarks import matrix, thesis
 from geovp_benchmarks.store import Part, Results
-from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import scores, write_protocol, write_row
 
 VO = {"name": "chained", "odometry": {"name": "monocular"}}
@@ -68,8 +67,15 @@ def results(tmp_path: Path) -> Results:
             for sample in range(samples)
             for metric, scale in (("psnr", 1.0), ("lpips", 0.01))
         ]
-        grants = ["CAMERA_HEIGHT"] if name == "vo" else []
-        write_row(results, name, lines, components=components, num_samples=samples, grants=grants)
+        privileged_inputs = ["CAMERA_HEIGHT"] if name == "vo" else []
+        write_row(
+            results,
+            name,
+            lines,
+            components=components,
+            num_samples=samples,
+            privileged_inputs=privileged_inputs,
+        )
     absent = {"components": {"predictor": {"name": "slamp"}}, "fingerprint": ""}
     write_row(results, "slamp-1", **absent, status="skipped", reason="no weights")
     return results
@@ -172,7 +178,9 @@ def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) 
     for name in ("crossed", "flat"):
         cell = results.cell(name)
         assert cell is not None
-        results.write_cell(name, {**cell.record, "grants": ["PAST_POSES", "FUTURE_POSES"]})
+        results.write_cell(
+            name, {**cell.record, "privileged_inputs": ["PAST_POSES", "FUTURE_POSES"]}
+        )
     best = [
         ("x", 0, 1, "psnr", 40.0),
         ("x", 0, 1, "lpips", 0.01),
@@ -188,33 +196,6 @@ def test_true_poses_never_compete_but_the_cameras_height_does(results: Results) 
     ]  # the best by far, not in bold
     assert rows["vo [h]"][0] == "**17.250 ± 0.250**"
     assert rows["Ours"][2] == "**0.113 ± 0.003**"
-
-
-def test_weights_are_told_once_with_the_rows_that_use_them(results: Results) -> None:
-    for name in ("svg-1", "svg-4"):
-        cell = results.cell(name)
-        assert cell is not None
-        results.write_cell(
-            name, {**cell.record, "about": ["svg weights a.safetensors; works at 64x64"]}
-        )
-    assert "- svg weights a.safetensors; works at 64x64 (svg-4, svg-1)." in blocks(results)[0]
-
-
-def test_what_is_missing_is_told(results: Results) -> None:
-    ours, _ = blocks(results)
-    assert (
-        "Not in these results: SRVP - 1 Sample, SRVP - 100 Samples, SLAMP - 1 Sample, SLAMP - "
-        "100 Samples." in ours
-    )
-    assert "- slamp-1: skipped: no weights." in ours
-    assert "2 clips of kitti, split test; 10 frames seen, the next 20 predicted at 256x256." in ours
-
-
-def test_the_command_line_prints_it(results: Results, printed: Says, refused: Says) -> None:
-    asked = ("table", "--style", "thesis", results.root)
-    assert "SVG - 4 Samples" in printed(*asked)
-    assert LATEX in printed(*asked, "--format", "tex")
-    assert "written as md or tex, not as csv" in refused(*asked, "--format", "csv")
 
 
 @pytest.mark.parametrize("name", ["thesis", "thesis-colour"])

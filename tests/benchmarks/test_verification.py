@@ -4,7 +4,6 @@ the same twice.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -106,12 +105,6 @@ class TestReproduction:
             " grey levels; not deterministic: two computations here differ as well"
         )
 
-    def test_the_same_seed_draws_the_same_pairs(self, tmp_path: Path, verified: Verified) -> None:
-        go(tmp_path, content(predictors={"still": "toy-still", "noise": "toy-noise"}))
-        draws = [verified(tmp_path, "--sample", "3", "--seed", seed)[1] for seed in ("1", "1", "2")]
-        assert draws[0] == draws[1] != draws[2]
-        assert [len(draw) for draw in draws] == [4, 4, 4]
-
     def test_a_clip_that_failed_before_fails_again(
         self, tmp_path: Path, verified: Verified
     ) -> None:
@@ -134,23 +127,6 @@ class TestReproduction:
         assert code == 0
         assert lines[0].startswith("still, road/000: identical; stored by code abc, here it is ")
         assert lines[1] == f"numpy: stored with 1.0, here {np.__version__}"
-
-    def test_a_metric_that_cannot_be_computed_here_is_said(
-        self, tmp_path: Path, verified: Verified
-    ) -> None:
-        weights = tmp_path / "weights"
-        weights.touch()
-        metric = {"name": "toy-weightless", "weights": str(weights)}
-        metrics: Any = {"frame": ["toy-difference", metric], "trajectory": []}
-        go(tmp_path / "out", content({"clips": 1}, metrics, predictors={"still": "toy-still"}))
-        assert verified(tmp_path / "out")[0] == 0
-        weights.unlink()
-        code, lines = verified(tmp_path / "out")
-        why = "weights of toy-weightless are not here: fetch them"
-        assert (code, lines[0]) == (
-            1,
-            f"still, road/000: identical; toy-weightless cannot be compared: {why}",
-        )
 
 
 def test_another_root_is_read_and_a_missing_one_is_bad_input(

@@ -11,16 +11,14 @@ import pytest
 
 from geovp_benchmarks import matrix
 from geovp_benchmarks.intervals import Interval
-from geovp_benchmarks.progress import no_progress
 from geovp_benchmarks.studies.budget import offsets, stages
-from geovp_benchmarks.studies.budget.images import ClipImages, log_gain, with_true_depth
+from geovp_benchmarks.studies.budget.images import ClipImages, with_true_depth
 from geovp_benchmarks.studies.budget.offsets import Offset
 from geovp_benchmarks.studies.budget.poses import ClipMotions
-from geovp_benchmarks.studies.budget.scores import Scores, Subject, find_row, score, text
+from geovp_benchmarks.studies.budget.scores import Scores, Subject, find_row, text
 from geovp_benchmarks.studies.budget.stages import NONE, Budget
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.given import Given
-from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.odometry.recorded import Recorded as RecordedPast
@@ -84,7 +82,7 @@ def subject_of(metric: Psnr) -> Subject:
 
 @dataclass(frozen=True)
 class Half:
-    """Grey 100, of which the right half is invented as 0; nothing at all is known from 10 units
+    """Grey 100, of which the right half is inpainted as 0; nothing at all is known from 10 units
     ahead on.
     """
 
@@ -122,7 +120,7 @@ def test_holes_come_from_the_real_frame() -> None:
     assert (predicted[:, :, 32:] == 150).all()
 
 
-def test_exposure_is_matched_where_pixels_were_not_invented() -> None:
+def test_exposure_is_matched_where_pixels_were_not_inpainted() -> None:
     predicted, _ = toy_images().frames(frozenset({"exposure"}))
     assert abs(predicted[:, :, :32].astype(int) - 150).max() <= 1
     assert (predicted[:, :, 32:] == 0).all()
@@ -135,22 +133,6 @@ def test_dynamic_objects_come_from_the_real_frame() -> None:
     assert (predicted[0, :, :32] == 100).all()
     assert (predicted[1, :10] == 150).all()
     assert (predicted[1, 10:, :32] == 100).all()
-
-
-def test_frames_that_show_nothing_known_are_left_out_of_all_variants() -> None:
-    images = toy_images(step=1.9)  # the future is at 9.5, 11.4 and 13.3
-    assert len(images.frames(NONE)[0]) == len(images.frames(frozenset({"holes"}))[0]) == 1
-    with pytest.raises(Incompatible, match="toy shows next to nothing"):
-        toy_images(step=3.0).frames(NONE)
-
-
-def test_log_gain_is_a_median_of_comparable_cells() -> None:
-    covered = np.ones((64, 64), dtype=bool)
-    predicted, real = np.full((64, 64, 3), 80, np.uint8), np.full((64, 64, 3), 120, np.uint8)
-    real[:, :24] = 20  # three eighths show something else
-    assert log_gain(predicted, real, covered) == pytest.approx(np.log(1.5))
-    assert log_gain(predicted, np.full_like(real, 250), covered) == 0.0  # saturated
-    assert log_gain(predicted, real, ~covered) == 0.0
 
 
 def test_true_depth_is_recorded_or_there_is_none() -> None:
@@ -177,10 +159,6 @@ def test_changes_are_paired_and_leave_out_clips_without_a_value() -> None:
     assert (scores.count("a"), scores.count("a", "b")) == (4, 3)
     assert text(Interval(1.234, 1.0, -0.5, 4, 0.1), Psnr()) == "+1.23 [+1.00, -0.50]"
     assert text(Interval(1.234, np.nan, np.nan, 2, np.nan), Psnr()) == "+1.23"
-
-
-def test_one_clip_is_one_clip() -> None:
-    assert subject_of(Psnr()).about == "1 clip of synthetic, every 10 frames, horizons 1, 5"
 
 
 def test_the_budget_of_the_street_adds_up(matrix_file: Path, printed: Says) -> None:
@@ -221,27 +199,6 @@ def test_what_cannot_be_measured_is_named() -> None:
     assert budget.pair("put in one by one", "roll") == ({"yaw"}, {"yaw", "roll"})
     assert budget.pair("put in alone", "roll") == (NONE, {"roll"})
     assert budget.pair("taken away alone", "roll") == ({"yaw", "roll"}, {"yaw"})
-
-
-@pytest.mark.parametrize(
-    ("row", "says"),
-    [
-        ("past + fusoin", "did you mean 'past + fusion'"),
-        ("copy-last", "'copy-last' is no pose source with a renderer"),
-    ],
-)
-def test_a_wrong_row_gets_one_sentence(
-    row: str, says: str, matrix_file: Path, refused: Says
-) -> None:
-    assert says in refused("study", "budget", matrix_file, "--row", row)
-
-
-def test_of_several_rows_one_must_be_chosen() -> None:
-    several = {**TABLES, "renderers": {"fusion": "depth-fusion", "planes": "ground-far-plane"}}
-    with pytest.raises(
-        BadData, match="expected one of them: known are copy-last, past \\+ fusion, past \\+ planes"
-    ):
-        find_row(matrix.parse("m", several), None)
 
 
 def test_a_predictor_made_of_both_parts_is_a_row() -> None:
@@ -288,14 +245,3 @@ def test_larger_errors_cost_more(matrix_file: Path, printed: Says) -> None:
     assert not [
         line for line in [*lines, drawn] if "nan" in line or "95 %" in line
     ]  # one clip has no intervals
-
-
-def test_nothing_measured_is_an_error_with_its_reason() -> None:
-    def prepare(subject: object, clip: Clip) -> object:
-        def fail(variant: str) -> object:
-            raise Incompatible("no scale")
-
-        return fail
-
-    with pytest.raises(Incompatible, match="no scale"):
-        score(subject_of(Psnr()), ["a"], prepare, no_progress)  # type: ignore[arg-type]

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks.studies import depth
-from geovp_classic.depth.given import Given
-from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import Clip, Context, FloatArray, Intrinsics, PrivilegedInput, Trajectory
 from tests.benchmarks.conftest import Says
@@ -64,35 +62,11 @@ def test_errors_of_a_wall() -> None:
     assert rows["near-epipole"].num_pixels + rows["away"].num_pixels == rows["static"].num_pixels
 
 
-def test_exact_depth_has_no_error() -> None:
-    rows = depth.evaluate(Given(), _clip(), num_past=3)
-    assert all(row.absolute_relative_error < 1e-6 and row.share_within_factor == 1 for row in rows)
-
-
-def test_infinitely_far_counts_as_80_m() -> None:
-    rows = depth.evaluate(Wall(np.inf), _clip(), num_past=3)
-    moving = next(row for row in rows if row.pixels == "moving")
-    assert moving.absolute_relative_error == pytest.approx(3.0)  # (80 - 20) / 20
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_epipole_is_where_the_camera_heads(sign: float) -> None:
     past = _clip(step=(0.1 * sign, 0, sign)).trajectory
     assert past is not None
     np.testing.assert_allclose(depth.epipole(past, CAMERA), [59.5, 39.5])
-
-
-@pytest.mark.parametrize("step", [(0, 0, 0), (1.0, 0, 0)])
-def test_no_epipole_in_the_image_when_standing_or_going_aside(
-    step: tuple[float, float, float],
-) -> None:
-    rows = depth.evaluate(Wall(10.0), _clip(step=step), num_past=3)
-    assert "near-epipole" not in {row.pixels for row in rows}
-
-
-def test_a_clip_without_exact_depth() -> None:
-    with pytest.raises(Incompatible, match="street has no exact depth"):
-        depth.evaluate(Wall(10.0), _clip(depths=None), num_past=3)
 
 
 def test_the_table_has_medians_over_clips() -> None:

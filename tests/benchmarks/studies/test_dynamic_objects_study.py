@@ -3,14 +3,11 @@ one sentence.
 """
 
 import numpy as np
-import pytest
 
 from geovp_benchmarks.studies import dynamic_objects
 from geovp_benchmarks.studies.dynamic_objects import ClipScores
 from geovp_classic.data.synthetic.dataset import Synthetic
-from geovp_classic.errors import BadData
 from geovp_classic.metrics.image import Psnr
-from tests.benchmarks.conftest import Says
 
 
 def row(
@@ -68,10 +65,6 @@ def test_without_true_masks_there_is_no_overlap() -> None:
     assert not any("precision" in line for line in lines)
 
 
-def test_no_clip_gives_no_line_but_the_head() -> None:
-    assert len(list(dynamic_objects.table([]))) == 2
-
-
 def test_a_car_of_the_synthetic_street_is_measured() -> None:
     clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[5]
     assert clip.moving is not None
@@ -96,23 +89,3 @@ def test_seeds_and_sequences_become_data_sets() -> None:
     specs = dynamic_objects.dataset_specs("kitti", ["data", "03[0:180)", "00[600:725)", "raw0095"])
     assert [spec["sequences"] for spec in specs] == [["03[0:180)"], ["00[600:725)"], ["raw0095"]]
     assert [spec["size_px"] for spec in specs] == [[256, 256], [128, 128], [256, 256]]
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ("synthetic one", "expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`"),
-        ("kitti data", "expected `synthetic SEED...` or `kitti ROOT SEQUENCE...`"),
-        ("kitti nowhere 06", "nowhere"),
-    ],
-)
-def test_bad_arguments_get_one_sentence(words: str, says: str, refused: Says) -> None:
-    assert says in refused("study", "dynamic-objects", *words.split())
-
-
-def test_a_clip_without_poses_is_refused() -> None:
-    clip = Synthetic(seed=0, num_frames=13, num_clips=6, size_px=(128, 128))[5]
-    with pytest.raises(BadData, match="has no poses"):
-        dynamic_objects.measure(
-            type(clip)(clip.name, clip.frames, clip.times_s, clip.intrinsics), {}
-        )

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.plots.reliability import reliability_figure
-from geovp_benchmarks.studies.forecasting import evaluation, tables
+from geovp_benchmarks.studies.forecasting import evaluation
 from geovp_benchmarks.studies.forecasting.evaluation import (
     OdometryNoise,
     cut,
@@ -19,9 +18,7 @@ from geovp_benchmarks.studies.forecasting.evaluation import (
     measure,
 )
 from geovp_classic.data import pose_files
-from geovp_classic.errors import BadData
 from geovp_classic.forecasting.constant import ConstantTurn, Hold
-from geovp_classic.forecasting.kalman import TurnRateKalman
 from geovp_classic.forecasting.sampling import BodyForecast, PlanarForecast
 from geovp_classic.geometry import se3
 from geovp_classic.types import Trajectory
@@ -101,17 +98,6 @@ def test_ranks_are_the_ellipsoids_probability() -> None:
     assert np.isnan(alone[0, 1])
 
 
-def test_the_energy_of_one_component_is_in_its_unit() -> None:
-    scores = measure(TurnRateKalman(), cut(circle(40)))
-    row = tables.columns(scores)
-    assert scores.body_rank.shape == (len(scores.rank), 20, 4)
-    assert (
-        0 < row["height energy m"] < 0.2
-    )  # nothing moves over the plane: half the spread that is foretold, or so
-    assert 0.01 < row["pitch energy deg"] < 0.3
-    assert row["pitch in 90%"] == 1.0
-
-
 def test_odometry_noise_keeps_the_last_pose_and_repeats() -> None:
     past = circle(10)
     noisy = OdometryNoise()(past)
@@ -149,77 +135,6 @@ def test_the_command_writes_a_table_with_a_row_per_forecaster(folder: Path, prin
     assert "all six in 90% @20" in lines[8]
 
 
-def test_a_reliability_diagram_has_a_line_for_each_distribution(
-    folder: Path, printed: Says, refused: Says
-) -> None:
-    rows = [
-        "forecast",
-        "evaluate",
-        folder,
-        "--only",
-        "hold",
-        "CTRV, extended",
-        "--sequences",
-        "03",
-        "--plot",
-    ]
-    printed(*rows, folder / "reliable.svg")
-    assert (folder / "reliable.svg").read_text().startswith("<?xml")
-    with pytest.raises(SystemExit, match="2"):
-        printed(*rows, folder / "reliable.txt")
-    cuts = list(cut(circle(40)))
-    figure = reliability_figure(
-        {"hold": measure(Hold(), cuts), "filter": measure(TurnRateKalman(), cuts)}
-    )
-    assert [len(axes.lines) for axes in figure.axes] == [
-        2
-    ] * 5  # the diagonal and the one that has a distribution
-    (_, line) = figure.axes[2].lines
-    assert line.get_ydata() == pytest.approx(
-        1.0
-    )  # a body that never moves is inside every interval
-
-
-def test_a_mistyped_row_is_refused(folder: Path, refused: Says) -> None:
-    said = refused("forecast", "evaluate", folder, "--sequences", "03", "--only", "hol")
-    assert "no row is called 'hol'" in said
-
-
-def test_turning_windows_have_columns_of_their_own() -> None:
-    tight = next(cut(circle(30, 5.0, 0.2), 10, 20, 5))  # turns 0.4 rad = 22.9 degrees
-    wide = next(cut(circle(30, 10.0, 0.1), 10, 20, 5))  # turns 11.5 degrees
-    scores = measure(Hold(), [tight, wide])
-    np.testing.assert_allclose(scores.turned_deg, np.degrees([0.4, 0.2]))
-    row = tables.columns(scores)
-    assert row["ADE m, turning"] == pytest.approx(scores.position_m[0].mean())
-    assert row["yaw @20 deg, turning"] == pytest.approx(np.degrees(0.4))
-    assert np.isnan(tables.columns(measure(Hold(), [wide]))["ADE m, turning"])
-
-
-def test_progress_counts_every_window() -> None:
-    calls: list[tuple[int, int]] = []
-    cuts = list(cut(circle(40), 10, 20, 5))
-    rows = {"hold": Hold(), "turn": ConstantTurn()}
-    evaluation.evaluate(cuts, rows, progress=lambda done, total: calls.append((done, total)))
-    assert calls == [(done, 6) for done in range(1, 7)]  # 3 windows, 2 rows
-
-
-@pytest.mark.parametrize(
-    ("num_past", "num_future", "says"),
-    [(40, 40, "as long as one window"), (0, 20, "windows of 0 past and 20 future steps")],
-)
-def test_windows_that_cannot_be_are_refused(
-    folder: Path, num_past: int, num_future: int, says: str
-) -> None:
-    with pytest.raises(BadData, match=says):
-        evaluation.read_windows(folder, ["03"], num_past, num_future)
-
-
-def test_kalman_regions_cover_a_circle() -> None:
-    scores = measure(TurnRateKalman(), cut(circle(60)))
-    assert (scores.rank <= 0.9).all()
-
-
 def test_the_best_forecaster_beats_every_other_on_real_poses() -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None or not (Path(root) / "kitti_full_poses").is_dir():
@@ -254,8 +169,3 @@ def test_the_best_of_a_few_falls_with_their_number(folder: Path, printed: Says) 
             for cell in cells[f"more than {name.removesuffix(', representative')}"][1::2]
         ]
         np.testing.assert_allclose(three - drawn, more, atol=0.0011)
-
-
-def test_the_best_of_no_future_is_refused(folder: Path, refused: Says) -> None:
-    said = refused("forecast", "best-of", folder, "--sequences", "03", "--counts", "0")
-    assert "--counts 0: expected 1 or more futures" in said

@@ -8,7 +8,6 @@ import pytest
 
 import geovp_classic as geovp
 from geovp_benchmarks.studies.odometry import clips
-from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.types import BoolArray, Clip, Context, Intrinsics, PrivilegedInput, Trajectory
 from tests.benchmarks.conftest import Says
@@ -72,13 +71,6 @@ def test_a_path_without_metres_has_no_length() -> None:
     assert both.row("07")[-1] == "10.0"
 
 
-def test_poses_are_needed() -> None:
-    clip = drive(6)
-    without = Clip("blind", clip.frames, clip.times_s, clip.intrinsics, None)
-    with pytest.raises(Incompatible, match="blind has no real poses"):
-        clips.errors(Skewed(), without, num_past=5)
-
-
 def test_the_command_prints_one_row_a_stretch(street: Path, printed: Says) -> None:
     words = [
         "poses",
@@ -96,10 +88,6 @@ def test_the_command_prints_one_row_a_stretch(street: Path, printed: Says) -> No
     assert "rotation (deg/frame)" in head
     assert [row.split()[:2] for row in rows] == [["07[0:12)", "2"], ["07[2:12)", "1"]]
     assert float(rows[0].split()[3]) < 0.2  # degrees a frame
-
-
-def test_one_frame_has_no_motion(street: Path, refused: Says) -> None:
-    assert "expected 2 frames or more" in refused("poses", street, "07", "--clips", "1")
 
 
 @pytest.mark.parametrize(("name", "length"), [("tum", "0.0"), ("euroc", "0.0"), ("colmap", "-")])

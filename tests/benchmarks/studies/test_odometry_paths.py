@@ -1,4 +1,4 @@
-"""`geovp poses`: files that can be read back, drift that is never invented, one sentence for
+"""`geovp poses`: files that can be read back, drift that is never inpainted, one sentence for
 mistakes.
 """
 

@@ -49,6 +49,6 @@ def test_the_command_prints_a_table_a_metric_or_one_sentence(
     assert main(["study", "training-seeds", str(results.root), "base", "--metrics", METRIC]) == 0
     assert "difference from base" in capsys.readouterr().out
     assert main(["study", "training-seeds", str(results.root), "bas", "--metrics", METRIC]) == 2
-    assert "has no rows bas-SEED: methods with seeds are base, other" in capsys.readouterr().err
+    assert "has no methods bas-SEED: methods with seeds are base, other" in capsys.readouterr().err
     assert main(["study", "training-seeds", str(results.root), "base", "--metrics", "nothing"]) == 2
     assert "has no metric 'nothing': known are" in capsys.readouterr().err

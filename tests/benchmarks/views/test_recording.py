@@ -71,7 +71,7 @@ class TestFile:
 
         path = tmp_path / "one.rrd"
         assert (
-            cli.main(["view", str(results.root), KEPT, "--row", "gt + far", "--out", str(path)])
+            cli.main(["view", str(results.root), KEPT, "--method", "gt + far", "--out", str(path)])
             == 0
         )
         paths = {chunk.entity_path for chunk in RrdReader(path).stream().to_chunks()}
@@ -115,7 +115,7 @@ def test_another_world_and_unit_are_brought_into_the_true_one(results: Results) 
 def test_what_was_not_kept_is_one_sentence(results: Results) -> None:
     with pytest.raises(BadData, match="no clip 'd' is kept in"):
         KeptClip.read(results, "d")
-    with pytest.raises(BadData, match="no row 'copy-lst' is kept: did you mean 'copy-last'"):
+    with pytest.raises(BadData, match="no method 'copy-lst' is kept: did you mean 'copy-last'"):
         KeptClip.read(results, KEPT, ["copy-lst"])
 
 
