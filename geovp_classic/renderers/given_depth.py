@@ -6,10 +6,11 @@ import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.rendering import patches
-from geovp_classic.rendering.depth_edges import DepthEdges
+from geovp_classic.rendering.depth_edges import separated_edges
 from geovp_classic.rendering.inpainting import inpainted_views
 from geovp_classic.rendering.patches import Patches, PatchModel
 from geovp_classic.rendering.rasterizer import NO_INDEX, IndexArray
@@ -58,8 +59,7 @@ class GivenDepth:
         inverse_depth = 1 / np.where(depth > 0, depth, np.nan)
         last = Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
         cloud = self.patch_model.from_depth_map(inverse_depth, depth > 0, 0)
-        edges = DepthEdges.of(inverse_depth, context.intrinsics, self.patch_model)
-        return SurfaceScene(self, last, cloud, edges)
+        return SurfaceScene(self, last, inverse_depth, cloud)
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class SurfaceScene:
 
     settings: GivenDepth
     last: Source
+    inverse_depth: FloatArray  # [H, W] of the last frame, NaN where unknown
     cloud: Patches
-    edges: DepthEdges
 
     def view(
         self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
@@ -101,7 +101,10 @@ class SurfaceScene:
     ) -> BoolArray:
         """Return the pixels [H, W] whose patch shows surfaces that have separated."""
         cam_from_last = se3.inverse(world_from_cam) @ self.last.world_from_source
-        separated = self.edges.separated(cam_from_last, intrinsics, self.settings.min_gap_px)
+        epipolar = Epipolar.of(self.last.camera, cam_from_last, intrinsics)
+        separated = separated_edges(
+            self.inverse_depth, epipolar, self.settings.min_gap_px, self.settings.patch_model
+        )
         is_hit = winner != NO_INDEX
         columns, rows = self.cloud.pixels[winner[is_hit]].astype(int).T
         is_mixed = np.zeros(winner.shape, bool)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.rendering.depth_edges import DepthEdges
+from geovp_classic.geometry.epipolar import Epipolar
+from geovp_classic.rendering.depth_edges import separated_edges
 from geovp_classic.rendering.patches import PatchModel
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
@@ -20,8 +21,8 @@ def two_walls() -> FloatArray:
 def separated(
     inverse_depth: FloatArray, twist: list[float], camera: Intrinsics = CAMERA
 ) -> BoolArray:
-    edges = DepthEdges.of(inverse_depth, CAMERA, PatchModel())
-    return edges.separated(se3.exp(np.array(twist, float)), camera, min_gap_px=1.0)
+    epipolar = Epipolar.of(CAMERA, se3.exp(np.array(twist, float)), camera)
+    return separated_edges(inverse_depth, epipolar, 1.0, PatchModel())
 
 
 @pytest.mark.parametrize(
@@ -49,7 +50,7 @@ def test_rotations_separate_nothing() -> None:
 
 def test_planes_have_no_edges_however_steep() -> None:
     plane = 0.05 + 0.004 * np.arange(32) + 0.002 * np.arange(32)[:, None]
-    assert len(DepthEdges.of(plane, CAMERA, PatchModel()).pairs) == 0
+    assert not separated(plane, [5, 0, 2, 0, 0, 0]).any()
 
 
 def test_unknown_depth_has_no_edges() -> None:
