@@ -2,7 +2,7 @@
 estimated.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -61,13 +61,14 @@ class DynamicObjects:
         steps = tuple(step for step in self.steps if step < len(observed.past))
         if not steps:
             return []
-        evidence = self.residual.evidence(observed, steps)
+        observed = replace(observed, steps=steps)
+        evidence = self.residual.evidence(observed)
         objects: list[DynamicObject] = []
         for cluster in self._clusters(evidence.is_moving):
             overlaps = [other.mask[cluster].mean() for other in objects]
             if max(overlaps, default=0) > self.duplicate_fraction:
                 continue
-            candidate = self._dynamic_object(cluster, evidence.flow_pixels, steps, observed)
+            candidate = self._dynamic_object(cluster, evidence.flow_pixels, observed)
             if candidate is not None:
                 objects.append(candidate)
         return objects
@@ -86,24 +87,23 @@ class DynamicObjects:
         self,
         evidence: BoolArray,
         flow_pixels: FloatArray,
-        steps: tuple[int, ...],
         observed: PosedImages,
     ) -> DynamicObject | None:
         """Return the object of a cluster; None when it is unlike a vehicle on the road."""
         depth = self._foot_depth(evidence, observed)
         if depth is None:
             return None
-        velocity = self.velocity.from_flow(evidence, depth, flow_pixels, steps, observed)
-        mask = self.segmentation.segment(evidence, depth, velocity, steps, observed)
+        velocity = self.velocity.from_flow(evidence, depth, flow_pixels, observed)
+        mask = self.segmentation.segment(evidence, depth, velocity, observed)
         if mask is None or not self._has_vehicle_size(mask, depth, observed):
             return None
         depth = self._foot_depth(mask, observed)
         if depth is None:
             return None
         body = self._body(mask, observed)
-        velocity = self.velocity.from_flow(body, depth, flow_pixels, steps, observed)
+        velocity = self.velocity.from_flow(body, depth, flow_pixels, observed)
         velocity = self.velocity.track(velocity, body, depth, observed)
-        error = self.segmentation.photometric_error(body, depth, velocity, steps, observed)
+        error = self.segmentation.photometric_error(body, depth, velocity, observed)
         speed_hz = np.linalg.norm(velocity) / observed.road.height
         is_vehicle = self.min_speed_hz < speed_hz < self.max_speed_hz
         if error >= self.max_photometric_error or not is_vehicle:

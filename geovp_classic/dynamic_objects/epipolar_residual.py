@@ -40,10 +40,10 @@ class EpipolarResidual:
     # A static point has at least this fraction of the road's inverse depth: roads are not flat.
     min_road_fraction: float = 0.85
 
-    def evidence(self, observed: PosedImages, steps: tuple[int, ...]) -> Evidence:
+    def evidence(self, observed: PosedImages) -> Evidence:
         """Return the evidence as a median over earlier frames, against single chance matches."""
         limit = self._road_limit(observed)
-        tests = parallel_map(lambda step: self._test_frame(observed, step, limit), steps)
+        tests = parallel_map(lambda step: self._test_frame(observed, step, limit), observed.steps)
         strengths, shifts_px, flow_pixels = (np.stack(maps) for maps in zip(*tests, strict=True))
         is_strong = np.median(strengths, axis=0) > self.min_strength
         is_shifted = np.median(shifts_px, axis=0) > self.min_shift_px

@@ -15,16 +15,14 @@ Box = tuple[slice, slice]  # rows and columns of an image
 
 @dataclass(frozen=True)
 class PosedImages:
-    """Grey images with poses, and the geometry of the last one.
-
-    `step` counts frames back from the last one.
-    """
+    """Grey images with poses, and the geometry of the last one."""
 
     images: FloatArray  # [P, H, W] float32 grey 0..255, at equal exposure
     camera: Intrinsics
     past: Trajectory  # [P]
     inverse_depth: FloatArray  # [H, W] of the last frame, estimated as if all were static
     road: GroundPlane
+    steps: tuple[int, ...] = ()  # how many frames back the compared frames are
 
     def seconds(self, step: int) -> float:
         """Return the time from an earlier frame to the last one."""

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from geovp_classic.dynamic_objects.posed_images import Box, PosedImages
-from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, FloatArray
 
 
@@ -31,7 +30,6 @@ class MotionSegmentation:
         evidence: BoolArray,  # [H, W]
         depth: float,
         velocity: FloatArray,  # [3] in the last camera's frame
-        steps: tuple[int, ...],
         observed: PosedImages,
     ) -> BoolArray | None:
         """Return the mask [H, W] of an object; None when its motion does not explain the evidence.
@@ -40,13 +38,16 @@ class MotionSegmentation:
         """
         box = self._box(evidence, depth, observed)
         seed = evidence[box]
-        background = self._background(evidence, box, observed)
+        background = self._background(seed, box, observed)
+        body = np.full(seed.shape, 1 / depth)
         is_better = np.ones(seed.shape, bool)
-        for object_error, static_error in parallel_map(
-            lambda step: self._errors(step, box, depth, velocity, background, observed), steps
-        ):
-            min_gain = self.min_gain_grey + self.min_gain_fraction * object_error
-            is_better &= static_error - object_error > min_gain
+        for step in observed.steps:
+            moving_error = observed.motion_difference(step, box, body, velocity, self.window_px)
+            static_error = observed.motion_difference(
+                step, box, background, np.zeros(3), self.window_px
+            )
+            min_gain = self.min_gain_grey + self.min_gain_fraction * moving_error
+            is_better &= static_error - moving_error > min_gain
         if is_better[seed].mean() < self.min_explained_fraction:
             return None
         mask = np.zeros(evidence.shape, bool)
@@ -58,7 +59,6 @@ class MotionSegmentation:
         body: BoolArray,  # [H, W]
         depth: float,
         velocity: FloatArray,
-        steps: tuple[int, ...],
         observed: PosedImages,
     ) -> float:
         """Return the mean grey difference between a body and earlier frames, where it was then."""
@@ -67,7 +67,7 @@ class MotionSegmentation:
         inverse_depth = np.full(mask.shape, 1 / depth)
         errors = [
             observed.motion_difference(step, box, inverse_depth, velocity, self.window_px)[mask]
-            for step in steps
+            for step in observed.steps
         ]
         return float(np.mean(errors))
 
@@ -84,46 +84,22 @@ class MotionSegmentation:
         right = min(columns.stop + aside_px, width)
         return slice(top, bottom), slice(left, right)
 
-    def _background(
-        self, evidence: BoolArray, box: Box, observed: PosedImages
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return two hypotheses for the background's inverse depth [h, w] in the box.
+    def _background(self, seed: BoolArray, box: Box, observed: PosedImages) -> FloatArray:
+        """Return the background's inverse depth [h, w] in the box.
 
-        The first one is interpolated between both sides of the box. The second one is the
-        estimated depth. In the columns of the evidence both are interpolated, because there the
-        depth was estimated from the object as if it were static.
+        In the columns of the evidence it is interpolated between both sides of the box, because
+        the depth there was estimated from the object as if it were static.
         """
         rows, columns = box
-        width = evidence.shape[1]
-        sides = [side for side in (columns.start - 1, columns.stop) if 0 <= side < width] or [0]
-        left = observed.inverse_depth[rows, sides[0]][:, None]
-        right = observed.inverse_depth[rows, sides[-1]][:, None]
+        width = observed.inverse_depth.shape[1]
+        left = observed.inverse_depth[rows, max(columns.start - 1, 0)][:, None]
+        right = observed.inverse_depth[rows, min(columns.stop, width - 1)][:, None]
         fraction = np.linspace(0, 1, columns.stop - columns.start)
-        interpolated = left * (1 - fraction) + right * fraction
-        estimated = observed.inverse_depth[box].copy()
-        _, inner = bounding_box(evidence[box])
-        estimated[:, inner] = interpolated[:, inner]
-        return interpolated, estimated
-
-    def _errors(
-        self,
-        step: int,
-        box: Box,
-        depth: float,
-        velocity: FloatArray,
-        background: tuple[FloatArray, FloatArray],
-        observed: PosedImages,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return grey differences [h, w] under the object's motion and as static background."""
-        inverse_depth = np.full(background[0].shape, 1 / depth)
-        object_error = observed.motion_difference(
-            step, box, inverse_depth, velocity, self.window_px
-        )
-        static_errors = [
-            observed.motion_difference(step, box, hypothesis, np.zeros(3), self.window_px)
-            for hypothesis in background
-        ]
-        return object_error, np.minimum(*static_errors)
+        interpolated = left + fraction * (right - left)
+        background = observed.inverse_depth[box].copy()
+        _, inner = bounding_box(seed)
+        background[:, inner] = interpolated[:, inner]
+        return background
 
     def _filled(self, mask: BoolArray) -> BoolArray:
         """Return the mask [h, w] without gaps in any row and then in any column, and wider."""

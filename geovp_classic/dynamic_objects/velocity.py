@@ -33,7 +33,6 @@ class VelocityEstimator:
         body: BoolArray,  # [H, W]
         depth: float,
         flow_pixels: FloatArray,  # [K, H, W, 2] in the earlier frames
-        steps: tuple[int, ...],  # K
         observed: PosedImages,
     ) -> FloatArray:
         """Return the velocity [3] that explains the flow of the body best, at one depth.
@@ -45,7 +44,7 @@ class VelocityEstimator:
         points = depth * pinhole.rays(camera)[body]  # [N, 3]
         jacobians = []
         constants = []
-        for pixels, step in zip(flow_pixels, steps, strict=True):
+        for pixels, step in zip(flow_pixels, observed.steps, strict=True):
             motion = observed.cam_from_last(step)
             x = (pixels[body] - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
             static = points @ motion[:3, :3].T + motion[:3, 3]

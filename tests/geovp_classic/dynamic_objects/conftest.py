@@ -14,8 +14,14 @@ def observe(drive_behind: Callable[..., Any]) -> Callable[..., tuple[PosedImages
 
     def _observe(**street: Any) -> tuple[PosedImages, Any]:
         traffic = drive_behind(**street)
-        depth = traffic.inverse_depth
-        observed = PosedImages(traffic.images, traffic.camera, traffic.past, depth, traffic.road)
+        observed = PosedImages(
+            traffic.images,
+            traffic.camera,
+            traffic.past,
+            traffic.inverse_depth,
+            traffic.road,
+            steps=(1, 2, 3),
+        )
         return observed, traffic
 
     return _observe

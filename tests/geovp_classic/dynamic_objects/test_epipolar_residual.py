@@ -11,13 +11,12 @@ from geovp_classic.dynamic_objects.epipolar_residual import EpipolarResidual
 from geovp_classic.dynamic_objects.posed_images import PosedImages, grey_difference
 from geovp_classic.geometry import pinhole
 
-STEPS = (1, 2, 3)
 Observe = Callable[..., tuple[PosedImages, Any]]
 
 
 def test_evidence_covers_a_crossing_car_and_not_the_street(observe: Observe) -> None:
     observed, traffic = observe(velocity=(2.0, 0.0, 0.0))
-    evidence = EpipolarResidual().evidence(observed, STEPS)
+    evidence = EpipolarResidual().evidence(observed)
     assert evidence.is_moving[traffic.mask].mean() > 0.25
     assert evidence.is_moving[~traffic.mask].mean() < 0.002
 
@@ -26,7 +25,7 @@ def test_evidence_covers_a_crossing_car_and_not_the_street(observe: Observe) -> 
 @pytest.mark.parametrize("speed", [0.0, -5.0], ids=["parked", "oncoming"])
 def test_a_car_that_a_static_scene_explains_has_no_evidence(observe: Observe, speed: float) -> None:
     observed, traffic = observe(velocity=(0.0, 0.0, speed))
-    evidence = EpipolarResidual().evidence(observed, STEPS)
+    evidence = EpipolarResidual().evidence(observed)
     assert evidence.is_moving[traffic.mask].mean() < 0.05
     if speed == 0:
         assert not evidence.is_moving.any()
@@ -34,7 +33,7 @@ def test_a_car_that_a_static_scene_explains_has_no_evidence(observe: Observe, sp
 
 def test_flow_is_that_of_the_street(observe: Observe) -> None:
     observed, traffic = observe(velocity=(0.0, 0.0, 0.0))
-    flow_pixels = EpipolarResidual().evidence(observed, STEPS).flow_pixels
+    flow_pixels = EpipolarResidual().evidence(observed).flow_pixels
     assert flow_pixels.shape == (3, *traffic.mask.shape, 2)
     # Three frames ago the camera was 1.2 m further back.
     street = ~traffic.mask
@@ -45,7 +44,7 @@ def test_flow_is_that_of_the_street(observe: Observe) -> None:
 
 def test_uniform_images_have_no_evidence(observed: PosedImages) -> None:
     uniform = replace(observed, images=np.full_like(observed.images, 100.0))
-    assert not EpipolarResidual().evidence(uniform, STEPS).is_moving.any()
+    assert not EpipolarResidual().evidence(uniform).is_moving.any()
 
 
 def test_differences_are_averaged_over_their_window() -> None:

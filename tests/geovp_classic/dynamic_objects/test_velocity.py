@@ -11,7 +11,6 @@ from geovp_classic.dynamic_objects.velocity import VelocityEstimator, along_road
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray
 
-STEPS = (1, 2, 3)
 TRUE_VELOCITY = np.array([1.2, 0.0, 5.0])
 
 
@@ -26,7 +25,7 @@ def exact_flow(observed: PosedImages) -> FloatArray:
                 ),
                 observed.camera,
             )[0]
-            for k in STEPS
+            for k in observed.steps
         ]
     )
 
@@ -43,9 +42,7 @@ def body_of(traffic: Any) -> BoolArray:
 def test_exact_flow_gives_the_exact_velocity(
     traffic: Any, observed: PosedImages, depth: float, expected: list[float]
 ) -> None:
-    velocity = VelocityEstimator().from_flow(
-        traffic.mask, depth, exact_flow(observed), STEPS, observed
-    )
+    velocity = VelocityEstimator().from_flow(traffic.mask, depth, exact_flow(observed), observed)
     np.testing.assert_allclose(velocity, expected, atol=1e-6)
 
 
@@ -53,7 +50,7 @@ def test_a_sixth_of_outliers_is_rejected(traffic: Any, observed: PosedImages) ->
     flow_pixels = exact_flow(observed)
     rows = np.flatnonzero(traffic.mask.any(axis=1))
     flow_pixels[:, rows[: len(rows) // 6]] += 6.0
-    velocity = VelocityEstimator().from_flow(traffic.mask, 8.0, flow_pixels, STEPS, observed)
+    velocity = VelocityEstimator().from_flow(traffic.mask, 8.0, flow_pixels, observed)
     np.testing.assert_allclose(velocity, TRUE_VELOCITY, atol=0.02)
 
 
