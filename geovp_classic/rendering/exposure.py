@@ -92,7 +92,6 @@ class ExposureEstimator:
     max_rate_hz: float = 1.5  # log gain per second of a control
     min_jump_hz: float = 3.0  # a faster change is a jump, which no control makes
     steady_log_gain: float = 0.008  # RMS log gain between frames at confidence one half
-    level_soft_limit: float = 0.3  # log step of the mean from the level; beyond it is ignored
     tone_curve: ToneCurve = field(default_factory=ToneCurve)
 
     def estimate(
@@ -119,10 +118,8 @@ class ExposureEstimator:
         variance = float((np.diff(controlled) ** 2).mean()) if len(gains) > 1 else 0.0
         confidence = variance / (variance + self.steady_log_gain**2)
 
-        # A level that the camera has left for good is no longer held.
         levels = np.array([_log(float(grey.mean())) for grey in greys]) + jumped
-        offset = float(np.mean(levels) - levels[-1])
-        level = float(levels[-1] + offset / (1 + (offset / self.level_soft_limit) ** 4))
+        level = float(levels.mean())
         return Exposure(seconds, gains, rate, level, confidence, self.tone_curve)
 
     def _log_gains(
@@ -175,7 +172,6 @@ class ExposureControl:
     inertia_s: float = 0.11  # time constant of the rate of the log exposure
     pull_hz: float = 3.3  # target rate per log step of the mean from its level
     step_s: float = 0.1  # of the simulation, as between two frames
-    max_steps: int = 600  # the control has long settled then
     max_log_gain: float = math.log(2)
     meter_px: int = 64  # height of the whole images whose future mean is rendered
 
@@ -200,7 +196,7 @@ class ExposureControl:
         """
         if since_s <= 0:
             return float(-np.interp(since_s, observed.seconds, observed.log_gains))
-        num_steps = min(max(1, round(since_s / self.step_s)), self.max_steps)
+        num_steps = max(1, round(since_s / self.step_s))
         dt_s = since_s / num_steps
         decay = math.exp(-dt_s / self.inertia_s)
         pull_hz = observed.confidence * min(self.pull_hz, 1 / dt_s)
