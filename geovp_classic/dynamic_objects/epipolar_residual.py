@@ -16,7 +16,7 @@ from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import Epipolar, inside
 from geovp_classic.geometry.ground_plane import HORIZON_HEIGHTS
 from geovp_classic.parallel import parallel_map
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,8 @@ class EpipolarResidual:
         earlier = observed.images[-1 - step]
         epipolar = Epipolar.of(observed.camera, observed.cam_from_last(step))
         static_pixels, _ = epipolar.project(np.maximum(observed.inverse_depth, limit))
-        flow_pixels, flow_difference = self._flow(observed, last, earlier, static_pixels)
+        flow_pixels = self._flow(observed, last, earlier, static_pixels)
+        flow_difference = grey_difference(last, earlier, flow_pixels, self.window_px)
         nearest_depth = np.maximum(epipolar.triangulate(flow_pixels), limit)
         nearest_pixels, _ = epipolar.project(nearest_depth)
         static_difference = np.minimum(
@@ -84,25 +85,17 @@ class EpipolarResidual:
 
     def _flow(
         self, observed: PosedImages, last: FloatArray, earlier: FloatArray, static: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Match the last image in an earlier one; return pixels [H, W, 2] and differences [H, W].
+    ) -> FloatArray:
+        """Return correspondences [H, W, 2] of the last image in an earlier one.
 
-        Dense inverse search (Kroeger 2016) starts from zero flow and from the flow of a static
-        scene; the better match counts.
+        Dense inverse search (Kroeger 2016) starts from the flow of a static scene.
         """
         grid = pinhole.pixel_grid(observed.camera).astype(np.float32)
-        last_grey, earlier_grey = (
-            np.clip(image, 0, 255).astype(np.uint8) for image in (last, earlier)
-        )
-        static_flow = [cv2.medianBlur(axis, self.smoothing_px) for axis in cv2.split(static - grid)]
+        start = [cv2.medianBlur(axis, self.smoothing_px) for axis in cv2.split(static - grid)]
+        search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        flow = search.calc(_bytes(last), _bytes(earlier), cv2.merge(start))
+        return np.asarray(grid + flow, np.float32)
 
-        def search(start: FloatArray) -> tuple[FloatArray, FloatArray]:
-            flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
-            pixels = grid + flow.calc(last_grey, earlier_grey, start)
-            return pixels, grey_difference(last, earlier, pixels, self.window_px)
 
-        starts: list[FloatArray] = [np.zeros_like(grid), np.asarray(cv2.merge(static_flow))]
-        from_zero, from_static = parallel_map(search, starts)
-        is_zero_better = from_zero[1] < from_static[1]
-        pixels = np.where(is_zero_better[..., None], from_zero[0], from_static[0])
-        return pixels, np.minimum(from_zero[1], from_static[1])
+def _bytes(image: FloatArray) -> ByteArray:
+    return np.clip(image, 0, 255).astype(np.uint8)
