@@ -34,7 +34,7 @@ class MotionSegmentation:
     ) -> BoolArray | None:
         """Return the mask [H, W] of an object; None when its motion does not explain the evidence.
 
-        Gaps are filled: uniform doors and panes match anywhere.
+        The mask is convex: uniform doors and panes match anywhere.
         """
         box = self._box(evidence, depth, observed)
         seed = evidence[box]
@@ -51,7 +51,7 @@ class MotionSegmentation:
         if is_better[seed].mean() < self.min_explained_fraction:
             return None
         mask = np.zeros(evidence.shape, bool)
-        mask[box] = self._filled(_connected_to(is_better, seed & is_better))
+        mask[box] = self._convex(_connected_to(is_better, seed & is_better))
         return mask
 
     def photometric_error(
@@ -101,9 +101,10 @@ class MotionSegmentation:
         background[:, inner] = interpolated[:, inner]
         return background
 
-    def _filled(self, mask: BoolArray) -> BoolArray:
-        """Return the mask [h, w] without gaps in any row and then in any column, and wider."""
-        filled = _fill_rows(_fill_rows(mask).T).T.astype(np.uint8)
+    def _convex(self, mask: BoolArray) -> BoolArray:
+        """Return the convex hull of a mask [h, w], widened by a margin."""
+        hull = cv2.convexHull(cv2.findNonZero(mask.astype(np.uint8)))
+        filled = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, 1)
         size_px = 2 * self.margin_px + 1
         return np.asarray(cv2.dilate(filled, np.ones((size_px, size_px), np.uint8)) > 0)
 
@@ -119,10 +120,3 @@ def _connected_to(mask: BoolArray, seed: BoolArray) -> BoolArray:
     bridged = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8))
     _, labels = cv2.connectedComponents(bridged)
     return np.asarray(mask & np.isin(labels, np.unique(labels[seed])))
-
-
-def _fill_rows(mask: BoolArray) -> BoolArray:
-    """Fill each row from its first to its last pixel."""
-    from_left = np.logical_or.accumulate(mask, axis=1)
-    from_right = np.logical_or.accumulate(mask[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray(from_left & from_right)

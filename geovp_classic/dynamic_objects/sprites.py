@@ -48,42 +48,43 @@ class Sprite:
         rotation = cam_from_source[:3, :3]
         shift = rotation @ (seconds * self.velocity) + cam_from_source[:3, 3]
         motion = rotation + np.outer(shift / self.depth, [0, 0, 1])
-        view_from_source = camera.matrix @ motion @ np.linalg.inv(self.camera.matrix)
-        window = self._window(view_from_source, camera)
+        rays_from_source = motion @ np.linalg.inv(self.camera.matrix)
+        window = self._window(camera.matrix @ rays_from_source, camera)
         if window is None:
             return None
-        rows, columns = window
-        window_from_view = np.array([[1, 0, -columns.start], [0, 1, -rows.start], [0, 0, 1]])
-        homography = window_from_view @ view_from_source
-        size_px = (columns.stop - columns.start, rows.stop - rows.start)
+        left, top, width_px, height_px = window
+        part = camera.cropped(left, top, width_px, height_px)
+        homography = part.matrix @ rays_from_source
+        size_px = (width_px, height_px)
         border = cv2.BORDER_REPLICATE
         colours = cv2.warpPerspective(
             self.frame, homography, size_px, flags=cv2.INTER_CUBIC, borderMode=border
         )
         opacity = cv2.warpPerspective(self.mask.astype(np.float32), homography, size_px)
-        facing = rotation[:, 2]  # the normal of the sprite in the view
-        inverse_depth = pinhole.rays(camera)[window] @ facing / (self.depth + facing @ shift)
-        return SpriteLayer(
-            window, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth
-        )
+        normal = rotation[:, 2]
+        inverse_depth = pinhole.rays(part) @ normal / (self.depth + normal @ shift)
+        place = (slice(top, top + height_px), slice(left, left + width_px))
+        return SpriteLayer(place, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
 
     def _window(
         self, view_from_source: FloatArray, camera: Intrinsics, rim_px: int = 2
-    ) -> Window | None:
-        """Return the window of the view that holds the mask; None out of view or too near."""
+    ) -> tuple[int, int, int, int] | None:
+        """Return (left, top, width, height) of the mask in a view; None outside or too near."""
         left, top, width, height = cv2.boundingRect(self.mask.astype(np.uint8))
-        u = np.array([left - 1, left + width])
-        v = np.array([top - 1, top + height])
-        corners = np.array([(x, y, 1) for x in u for y in v]) @ view_from_source.T
-        if corners[:, 2].min() < self.min_depth_ratio:
+        corners = np.array(
+            [(u, v, 1) for u in (left - 1, left + width) for v in (top - 1, top + height)]
+        )
+        points = corners @ view_from_source.T
+        if points[:, 2].min() < self.min_depth_ratio:
             return None
-        pixels = corners[:, :2] / corners[:, 2:]
-        size_px = np.array([camera.width_px, camera.height_px])
+        pixels = points[:, :2] / points[:, 2:]
+        size_px = (camera.width_px, camera.height_px)
         first = np.clip(np.floor(pixels.min(axis=0)) - rim_px, 0, size_px).astype(int)
         end = np.clip(np.ceil(pixels.max(axis=0)) + rim_px + 1, 0, size_px).astype(int)
         if (first >= end).any():
             return None
-        return slice(int(first[1]), int(end[1])), slice(int(first[0]), int(end[0]))
+        width, height = end - first
+        return int(first[0]), int(first[1]), int(width), int(height)
 
 
 def mask_out(
