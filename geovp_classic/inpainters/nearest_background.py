@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.rendering.inpainting import inpaint_each
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,5 @@ class NearestBackground:
         """Return frames [F, H, W, 3]."""
         return inpaint_each(views, last, self._inpaint_frame)
 
-    def _inpaint_frame(
-        self, frame: ByteArray, covered: BoolArray, depth: FloatArray, hidden: IntArray
-    ) -> ByteArray:
-        return frame.reshape(-1, 3)[background_pixels(covered, depth).ravel()[hidden]]
+    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
+        return np.take(frame.reshape(-1, 3), background_pixels(covered, depth), axis=0)

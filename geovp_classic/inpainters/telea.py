@@ -7,7 +7,7 @@ import numpy as np
 
 from geovp_classic.errors import BadData
 from geovp_classic.rendering.inpainting import inpaint_each
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,7 @@ class Telea:
         """Return frames [F, H, W, 3]; a frame without covered pixels becomes the last one."""
         return inpaint_each(views, last, self._inpaint_frame)
 
-    def _inpaint_frame(
-        self, frame: ByteArray, covered: BoolArray, depth: FloatArray, hidden: IntArray
-    ) -> ByteArray:
+    def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
         known = np.where(covered[..., None], frame, np.uint8(0))
         hole = (~covered).astype(np.uint8)
-        inpainted = cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA)
-        return np.asarray(inpainted, np.uint8).reshape(-1, 3)[hidden]
+        return np.asarray(cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA), np.uint8)

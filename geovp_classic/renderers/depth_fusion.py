@@ -116,13 +116,8 @@ class DepthFusion:
 
     def _exposure(self, recent: Context, past: Trajectory, inverse_depth: FloatArray) -> Exposure:
         """Return the exposure of the frames relative to the last one."""
-        return self.exposure_estimator.estimate(
-            stream(recent, "crop").greys,
-            recent.intrinsics,
-            past.world_from_cam,
-            inverse_depth,
-            past.times_s - past.times_s[-1],
-        )
+        greys = stream(recent, "crop").greys
+        return self.exposure_estimator.estimate(greys, recent.intrinsics, past, inverse_depth)
 
     def _sprites(
         self, recent: Context, past: Trajectory, inverse_depth: FloatArray, exposure: Exposure

@@ -20,7 +20,7 @@ from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.interfaces import Scene
 from geovp_classic.parallel import parallel_map
 from geovp_classic.rendering.source import Source, resampled
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory, Views
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,12 @@ class ExposureEstimator:
         self,
         greys: ByteArray,  # [P, H, W]
         camera: Intrinsics,
-        world_from_cam: FloatArray,  # [P, 4, 4]
+        past: Trajectory,  # [P]
         inverse_depth: FloatArray,  # [H, W] of the last frame
-        seconds: FloatArray,  # [P], since the last frame
     ) -> Exposure:
         """Return the exposure; it is constant for a single frame."""
-        gains = self._log_gains(greys, camera, world_from_cam, inverse_depth)
+        seconds = past.times_s - past.times_s[-1]
+        gains = self._log_gains(greys, camera, past.world_from_cam, inverse_depth)
         steps = np.diff(gains, append=0.0)
         is_jump = np.abs(steps) > self.min_jump_hz * np.diff(seconds, append=0.0)
         jumps = np.where(is_jump, steps, 0.0)

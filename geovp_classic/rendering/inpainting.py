@@ -6,11 +6,10 @@ import numpy as np
 
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.parallel import parallel_map
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Views
+from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
-# From a frame [H, W, 3], its coverage [H, W], its depth [H, W] and the flat indices [N] of its
-# uncovered pixels to their colours [N, 3].
-InpaintFrame = Callable[[ByteArray, BoolArray, FloatArray, IntArray], ByteArray]
+# From a frame [H, W, 3], its coverage [H, W] and its depth [H, W] to the inpainted frame.
+InpaintFrame = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]
 
 
 def inpainted_views(
@@ -26,16 +25,15 @@ def inpainted_views(
 
 def inpaint_each(views: Views, last: ByteArray, inpaint_frame: InpaintFrame) -> ByteArray:
     """Inpaint view by view; a view without any covered pixel becomes the last frame."""
-    inpainted = views.frames.copy()
 
-    def inpaint_step(step: int) -> None:
+    def inpaint_step(step: int) -> ByteArray:
+        frame = views.frames[step]
         covered = views.covered[step]
-        colours = inpainted[step].reshape(-1, 3)
-        hidden = np.flatnonzero(~covered)
-        if len(hidden) == covered.size:
-            colours[:] = last.reshape(-1, 3)
-        elif len(hidden):
-            colours[hidden] = inpaint_frame(inpainted[step], covered, views.depths[step], hidden)
+        if not covered.any():
+            return last
+        if covered.all():
+            return frame
+        inpainted = inpaint_frame(frame, covered, views.depths[step])
+        return np.where(covered[..., None], frame, inpainted)
 
-    parallel_map(inpaint_step, range(len(inpainted)))
-    return inpainted
+    return np.stack(parallel_map(inpaint_step, range(len(views.frames))))

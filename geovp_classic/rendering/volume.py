@@ -18,7 +18,7 @@ from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.inpainting import inpainted_views
-from geovp_classic.rendering.source import Source, resampled, warp
+from geovp_classic.rendering.source import Source, resampled, to_bytes, warp
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
 
 
@@ -154,38 +154,32 @@ class VolumeScene:
         colours, inverse_depth = self.volume.cast(world_from_cam, camera)
         inverse_depth = close_gaps(inverse_depth, self.gap_px)
         is_solid = np.isfinite(inverse_depth)
-        near, is_near_shown, _ = self._from_last(
-            np.where(is_solid, inverse_depth, 0), world_from_cam, camera
-        )
-        far, is_far_shown, last_depth = self._from_last(
-            np.zeros(is_solid.shape), world_from_cam, camera
-        )
-        is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
-        is_far = ~is_solid & is_far_shown & is_beyond
-        is_near = is_solid & is_near_shown
+        # Pixels without a surface may lie on the far plane.
+        plane_depth = np.where(is_solid, inverse_depth, 0)
+        last_colours, is_shown, is_beyond = self._from_last(plane_depth, world_from_cam, camera)
+        is_last = is_shown & (is_solid | is_beyond)
         is_voxel = is_solid & (colours > 0).any(axis=-1)
-        covered = is_far | is_near | is_voxel
-        frame = np.clip(255 * colours + 0.5, 0, 255).astype(np.uint8)
-        frame[is_near] = near[is_near]
-        frame[is_far] = far[is_far]
+        covered = is_last | is_voxel
+        frame = to_bytes(255 * colours)
+        frame[is_last] = last_colours[is_last]
         frame[~covered] = 0
-        depths = patches.depths(np.where(is_far, 0, inverse_depth), covered)
-        return frame, covered, depths
+        return frame, covered, patches.depths(plane_depth, covered)
 
     def _from_last(
         self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics
-    ) -> tuple[ByteArray, BoolArray, FloatArray]:
+    ) -> tuple[ByteArray, BoolArray, BoolArray]:
         """Sample the last frame for surfaces at the view's inverse depth [H, W].
 
         Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither beside
-        its image nor behind its own surfaces, and its own inverse depth there [H, W].
+        its image nor behind its own surfaces, and where its own ones lie beyond the volume [H, W].
         """
-        colours, is_shown, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
-        u, v = cv2.split(np.where(is_shown[..., None], pixels, np.float32(0)))
+        colours, is_inside, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
+        u, v = cv2.split(np.where(is_inside[..., None], pixels, np.float32(0)))
         last_depth = np.asarray(cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST), np.float32)
-        depth_in_last = inverse_depth / np.where(is_shown, ratio, 1)
+        depth_in_last = inverse_depth / np.where(is_inside, ratio, 1)
         is_in_front = depth_in_last >= last_depth * (1 - self.max_depth_difference)
-        return colours, is_shown & (is_in_front | (inverse_depth == 0)), last_depth
+        is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
+        return colours, is_inside & (is_in_front | (inverse_depth == 0)), is_beyond
 
 
 def close_gaps(

@@ -15,7 +15,7 @@ from geovp_classic.rendering.exposure import (
     ToneCurve,
 )
 from geovp_classic.rendering.source import Source
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics, Trajectory, Views
 
 CAMERA = Intrinsics(100.0, 100.0, 63.5, 47.5, 128, 96)
 DISTANCE = 10.0
@@ -42,8 +42,8 @@ def estimate(gains: FloatArray) -> Exposure:
     poses, images = drive(np.asarray(gains))
     depth = DISTANCE - poses[-1, 2, 3]
     inverse_depth = np.full((CAMERA.height_px, CAMERA.width_px), 1 / depth, np.float32)
-    seconds = 0.1 * np.arange(1 - len(images), 1)
-    return ExposureEstimator().estimate(images, CAMERA, poses, inverse_depth, seconds)
+    past = Trajectory(poses, 0.1 * np.arange(len(images)), is_metric=True)
+    return ExposureEstimator().estimate(images, CAMERA, past, inverse_depth)
 
 
 def log_gains(
