@@ -1,5 +1,5 @@
-"""Depth completion: small islands of wrong matches, and pixels without a match, take the
-background's depth.
+"""Depth completion: islands of wrong matches, and pixels without a match, take the background's
+depth.
 """
 
 import cv2
@@ -8,34 +8,29 @@ import numpy as np
 from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.types import BoolArray, FloatArray
 
-SPECKLE_STEP = 2.0
 
-
-def speckles(
-    levels: FloatArray,  # [H, W], depth counted in hypotheses
-    largest_share: float,
+def find_islands(
+    levels: FloatArray,  # [H, W], depth counted in planes
+    max_fraction: float,
+    max_step: float = 2.0,  # planes, between neighbours of the same surface
 ) -> BoolArray:
-    """Islands [H, W] of at most that share of the image, cut off by steps of more than SPECKLE_STEP
-    hypotheses.
-    """
+    """Mask islands [H, W] of depth that cover at most a fraction of the image."""
     sixteenths = np.round(16 * levels).astype(np.int16)
-    marked = cv2.filterSpeckles(
-        sixteenths, -1, int(largest_share * levels.size), int(16 * SPECKLE_STEP)
-    )[0]
-    islands: BoolArray = np.asarray(marked) == -1
-    return islands
+    max_pixels = int(max_fraction * levels.size)
+    marked, _ = cv2.filterSpeckles(sixteenths, -1, max_pixels, int(16 * max_step))
+    return np.asarray(marked) == -1
 
 
 def fill_from_background(
     inverse_depth: FloatArray,  # [H, W]
-    known: BoolArray,  # [H, W]
+    is_known: BoolArray,  # [H, W]
 ) -> FloatArray:
-    """Unknown pixels get the farther of the next known depths left and right, else of those above
-    and below.
+    """Fill unknown pixels with the farther of the next known depths left and right, else of those
+    above and below; with 0 where nothing is known.
 
-    What one camera alone sees lies behind the object that hides it from the other. Where nothing is
-    known all is 0.
+    What only one of two cameras sees lies behind the object that hides it from the other.
     """
-    if not known.any():
+    if not is_known.any():
         return np.zeros(inverse_depth.shape, np.float32)
-    return np.asarray(inverse_depth, np.float32).ravel()[background_pixels(known, -inverse_depth)]
+    pixels = background_pixels(is_known, -inverse_depth)
+    return np.asarray(inverse_depth, np.float32).ravel()[pixels]

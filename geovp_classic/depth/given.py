@@ -12,11 +12,11 @@ from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
 class Given:
     """The recorded depth of the observed frames, in metres."""
 
-    needs = PrivilegedInput.PAST_DEPTHS  # the recorded past depths
+    needs = PrivilegedInput.PAST_DEPTHS
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where depth is recorded, 0
-        where unknown.
+        """Return inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where depth is
+        recorded, 0 where it is unknown.
 
         Incompatible when the clip has no depth or the poses are not in metres.
         """
@@ -35,7 +35,6 @@ class Given:
                 "recorded depth has negative numbers or NaN: write 0 where it is unknown, inf "
                 "for the sky"
             )
-        known = depths > 0
-        return np.where(known, 1 / np.where(known, depths, 1), 0).astype(np.float32), known.astype(
-            np.float32
-        )
+        confidence = (depths > 0).astype(np.float32)
+        inverse_depths = confidence / np.where(depths > 0, depths, 1)
+        return inverse_depths.astype(np.float32), confidence

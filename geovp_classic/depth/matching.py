@@ -1,249 +1,218 @@
-"""Matching costs of a plane sweep: how badly images agree with a reference image at given inverse
-depths.
+"""Matching costs of a plane sweep (Collins 1996): how badly images agree with a reference image.
 
-The measure is one minus the zero-mean normalised cross-correlation (ZNCC) of small windows, which
-neither gain nor offset of the exposure changes. Planes face the reference camera (Collins 1996).
+The measure is one minus the zero-mean normalised cross-correlation (ZNCC) of small windows. Neither
+a gain nor an offset of the exposure changes it. The planes face the reference camera.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import numba
 import numpy as np
+import numpy.typing as npt
 
-from geovp_classic.depth.correlation import (
-    NOISE_VARIANCE,
-    RADIUS_PX,
-    Buffers,
-    CostArray,
-    PackedArray,
-    add_band,
-    clear,
-)
-from geovp_classic.parallel import SAME_BITS, parallel_map
-from geovp_classic.types import BoolArray, FloatArray, IntArray
+from geovp_classic.parallel import parallel_map
+from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
-WORST = 247  # the cost of windows that don't correlate
-FAR_PRIOR = 8  # what the nearest hypothesis costs more than infinity
-UNSEEN = 128  # the cost where no source sees the point: neither good nor bad
-BAND_ROWS = 32  # that a thread works on at a time, so that they stay in its cache
-NEAR_SHARE, STRIDE = (
-    1 / 3,
-    4,
-)  # see near_sources; hypotheses from one comparison with these to the next
-BLOCK = 16  # hypotheses whose costs are written at a time: one by one they lie far apart
+CostArray = npt.NDArray[np.uint8]
 
-_ZERO, _WORST, _UNSEEN, _LEAST_SEEN = (
-    np.float32(0),
-    np.float32(WORST),
-    np.float32(UNSEEN),
-    np.float32(1 / 8),
-)
+RADIUS_PX = 2  # of a window; a constant, so that the compiler unrolls the sums over windows
+WINDOW_PX = 2 * RADIUS_PX + 1
+BAND_ROWS = 32  # of the image that a thread works on at once, so that they stay in its cache
 
 
-def sweep_costs(
-    reference: FloatArray,  # [H, W] float32 grey
-    sources: FloatArray,  # [S, H', W'] grey, whole numbers 0..255
-    # [S, 3, 3]; K' R inv(K): where a source shows points at infinity
-    infinity_from_pixel: FloatArray,
-    epipoles: FloatArray,  # [S, 3]; K' t: what a unit of inverse depth adds
-    inverse_depths: FloatArray,  # [N], the hypotheses
-    out: CostArray | None = None,  # [H, W, N], where the costs are written
-) -> CostArray:
-    """Costs [H, W, N]: the mean over the sources that see it, 0 (equal) to WORST, else UNSEEN; plus
-    `far_prior`.
+@dataclass(frozen=True)
+class WindowCorrelation:
+    """Costs from 0 to 255 of windows of a reference image in other images."""
 
-    From one hypothesis to the next the image of a near source hardly moves: it is compared at every
-    STRIDE-th one, and its scores are interpolated between.
-    """
-    window, num = (2 * RADIUS_PX + 1,) * 2, len(inverse_depths)
-    mean = np.asarray(
-        cv2.boxFilter(reference, -1, window, borderType=cv2.BORDER_REPLICATE), np.float32
-    )
-    square = np.asarray(
-        cv2.boxFilter(reference * reference, -1, window, borderType=cv2.BORDER_REPLICATE),
-        np.float32,
-    )
-    inverse_deviation = (1 / np.sqrt(np.maximum(square - mean * mean, 0) + NOISE_VARIANCE)).astype(
-        np.float32
-    )
-    shifts = (inverse_depths[:, None] * epipoles[:, None]).astype(np.float32)  # [S, N, 3]
-    infinity = infinity_from_pixel.astype(np.float32)
-    assert all(np.isfinite(one).all() for one in (infinity, shifts)), (
-        "a NaN would read outside the image"
-    )
-    packed, near = _packed(sources), near_sources(epipoles)
-    costs = np.empty((*reference.shape, num), np.uint8) if out is None else out
-    padded = np.pad(reference, RADIUS_PX, mode="edge")
+    # Windows whose grey values vary less match nothing: about the noise of a camera.
+    noise_variance: float = 2.0
+    # Cost where no source sees the point: neither good nor bad.
+    unseen_cost: int = 128
+    # Extra cost of the nearest plane, so that windows without texture, like the sky's, are far.
+    max_near_cost: int = 8
+    # Sources with less than this part of the longest baseline are compared at every
+    # `short_stride`-th plane, and their costs are interpolated. This saves a third of the time.
+    short_baseline_fraction: float = 1 / 3
+    short_stride: int = 4
 
-    def sweep_band(top: int) -> None:
-        band = slice(top, top + BAND_ROWS)
-        lines = np.clip(
-            np.arange(top - RADIUS_PX, top + len(mean[band]) + RADIUS_PX), 0, len(reference) - 1
-        )
-        own = padded[top : top + len(lines)], mean[band], inverse_deviation[band]
-        buffers = _buffers(*mean[band].shape)
-        _sweep(own, lines, infinity, shifts, near, packed, far_prior(num), buffers, costs[band])
+    def costs(
+        self,
+        reference: ByteArray,  # [H, W] grey
+        sources: ByteArray,  # [S, H, W] grey
+        # [S, 3, 3]; K R inv(K) maps pixels of the reference to a source, for points at infinity
+        infinity_from_pixel: FloatArray,
+        epipoles: FloatArray,  # [S, 3]; K t is added per unit of inverse depth
+        inverse_depths: FloatArray,  # [N], of the planes
+    ) -> CostArray:
+        """Return the costs [H, W, N], averaged over the sources that see a point."""
+        num_planes = len(inverse_depths)
+        images = sources.astype(np.float32)
+        baselines = np.linalg.norm(epipoles, axis=1)
+        is_short = baselines < self.short_baseline_fraction * baselines.max()
+        short_weight = float(is_short.mean())
+        coarse_steps = np.arange(0, num_planes + self.short_stride, self.short_stride)
+        coarse_depths = np.interp(coarse_steps, np.arange(num_planes), inverse_depths)
+        homographies = _homographies(infinity_from_pixel, epipoles, inverse_depths)
+        coarse_homographies = _homographies(infinity_from_pixel, epipoles, coarse_depths)
+        near_costs = self._near_costs(num_planes)
+        costs = np.empty((*reference.shape, num_planes), np.uint8)
 
-    parallel_map(sweep_band, range(0, len(reference), BAND_ROWS))
-    return costs
+        def match_band(top: int) -> None:
+            volume = self._match(reference, images[~is_short], homographies[:, ~is_short], top)
+            if is_short.any():
+                coarse = self._match(
+                    reference, images[is_short], coarse_homographies[:, is_short], top
+                )
+                for n in range(num_planes):
+                    step, rest = divmod(n, self.short_stride)
+                    after = rest / self.short_stride
+                    short = cv2.addWeighted(coarse[step], 1 - after, coarse[step + 1], after, 0)
+                    volume[n] = cv2.addWeighted(volume[n], 1 - short_weight, short, short_weight, 0)
+            # OpenCV transposes in blocks, ten times as fast as NumPy.
+            transposed = cv2.transpose(volume.reshape(num_planes, -1))
+            band = costs[top : top + BAND_ROWS]
+            np.add(transposed.reshape(band.shape), near_costs, out=band)
+
+        parallel_map(match_band, range(0, len(reference), BAND_ROWS))
+        return costs
+
+    def is_seen(
+        self,
+        costs: CostArray,  # [H, W, N]
+    ) -> BoolArray:
+        """Return whether a source sees the pixels [H, W] on the farthest or the nearest plane."""
+        unseen = self.unseen_cost + self._near_costs(costs.shape[-1])
+        outermost = [0, -1]
+        return np.asarray((costs[..., outermost] != unseen[outermost]).any(axis=-1))
+
+    def _near_costs(self, num_planes: int) -> CostArray:
+        """Return the extra costs [N] of the planes."""
+        return (self.max_near_cost * np.arange(num_planes) // num_planes).astype(np.uint8)
+
+    def _match(
+        self,
+        reference: ByteArray,
+        images: FloatArray,  # [S, H, W]
+        homographies: FloatArray,  # [N, S, 3, 3], source from reference
+        top: int,
+    ) -> CostArray:
+        """Return the mean costs [N, R, W] of the sources for a band of rows."""
+        height, width = reference.shape
+        bottom = min(top + BAND_ROWS, height)
+        first = max(top - RADIUS_PX, 0)
+        rows = reference[first : bottom + RADIUS_PX]
+        window = (WINDOW_PX, WINDOW_PX)
+        border = cv2.BORDER_REPLICATE
+        mean = np.asarray(cv2.boxFilter(rows, cv2.CV_32F, window, borderType=border), np.float32)
+        mean_square = cv2.sqrBoxFilter(rows, cv2.CV_32F, window, borderType=border)
+        variance = np.maximum(mean_square - mean**2, 0) + np.float32(self.noise_variance)
+        inverse_deviation = 1 / np.sqrt(variance)
+        grey = rows.astype(np.float32)
+        homographies = homographies @ np.array([[1, 0, 0], [0, 1, first], [0, 0, 1]])
+        warped = np.empty((len(images), *rows.shape), np.float32)
+        costs = np.empty((len(homographies), bottom - top, width), np.uint8)
+        for n, source_from_rows in enumerate(homographies):
+            for s, image in enumerate(images):
+                cv2.warpPerspective(
+                    image,
+                    source_from_rows[s],
+                    rows.shape[::-1],
+                    warped[s],
+                    flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                    borderMode=border,
+                )
+            _correlate(
+                grey,
+                mean,
+                inverse_deviation,
+                warped,
+                source_from_rows.astype(np.float32),
+                height,
+                top - first,
+                np.float32(self.noise_variance),
+                np.float32(255 - self.max_near_cost),
+                np.float32(self.unseen_cost),
+                costs[n],
+            )
+        return costs
 
 
-def near_sources(
+def _homographies(
+    infinity_from_pixel: FloatArray,  # [S, 3, 3]
     epipoles: FloatArray,  # [S, 3]
-) -> BoolArray:
-    """Which sources [S] are near: a hypothesis shifts their images by less than a third of the
-    farthest one's.
-    """
-    shift = np.linalg.norm(epipoles, axis=1)
-    return np.asarray(shift < NEAR_SHARE * shift.max())
+    inverse_depths: FloatArray,  # [N]
+) -> FloatArray:
+    """Return the homographies [N, S, 3, 3] that planes induce from the reference to the sources."""
+    homographies = np.repeat(infinity_from_pixel[None], len(inverse_depths), axis=0)
+    homographies[..., 2] += inverse_depths[:, None, None] * epipoles
+    return homographies
 
 
-def far_prior(num: int) -> CostArray:
-    """What each of the hypotheses [N] costs in itself, so that windows that tell nothing, like the
-    sky's, are far.
-    """
-    return (FAR_PRIOR * np.arange(num) // num).astype(np.uint8)
-
-
-def _packed(sources: FloatArray) -> PackedArray:
-    """The four pixels [S, H', W'] between which a value is interpolated, as the bytes of one
-    number.
-    """
-    four = np.zeros((*sources.shape, 4), np.uint8)
-    below = np.concatenate([sources[:, 1:], sources[:, -1:]], axis=1)
-    for n, image in enumerate((sources, below)):
-        four[..., 2 * n] = image
-        four[..., :-1, 2 * n + 1] = image[..., 1:]
-    return four.view("<i4")[..., 0]
-
-
-def _buffers(rows: int, width: int) -> Buffers:
-    """Memory of a band (the last two: whole numbers, costs of a block), made here: compiled, that
-    takes long.
-
-    Scores of a hypothesis, of the near sources at the two compared hypotheses around it, sums over
-    windows, rows.
-    """
-    row, sums = (
-        np.empty((8, width + 2 * RADIUS_PX), np.float32),
-        np.empty((6, 3, width), np.float32),
-    )
-    scores, near_scores = (
-        np.empty((rows, 2, width), np.float32),
-        np.empty((2, rows, 2, width), np.float32),
-    )
-    return (
-        scores,
-        near_scores,
-        sums,
-        row,
-        np.empty(width, np.int32),
-        np.empty((BLOCK, rows, width), np.uint8),
-    )
-
-
-@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
-def _sweep(
-    own: tuple[
-        FloatArray, FloatArray, FloatArray
-    ],  # padded by r all around; mean, one over deviation [rows, W]
-    lines: IntArray,  # [rows + 2 r], the band's and the ones around it
-    infinity_from_pixel: FloatArray,  # [S, 3, 3]
-    shifts: FloatArray,  # [S, N, 3]
-    near: BoolArray,  # [S]
-    packed: PackedArray,  # [S, H', W']
-    prior: CostArray,  # [N]
-    buffers: Buffers,
-    costs: CostArray,  # [rows, W, N], written
+@numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
+def _correlate(
+    reference: FloatArray,  # [Q, W], rows of the image
+    window_mean: FloatArray,  # [Q, W]
+    inverse_deviation: FloatArray,  # [Q, W]
+    warped: FloatArray,  # [S, Q, W]
+    source_from_rows: FloatArray,  # [S, 3, 3]
+    source_height: int,
+    margin: int,  # rows before the first one of interest
+    noise_variance: np.float32,
+    max_cost: np.float32,
+    unseen_cost: np.float32,
+    costs: CostArray,  # [R, W], written
 ) -> None:
-    scores, near_scores, block, last = buffers[0], buffers[1], buffers[5], costs.shape[2] - 1
-    for first in range(0, costs.shape[2], len(block)):
-        num = min(len(block), costs.shape[2] - first)
-        for k in range(num):
-            n = first + k
-            start, end = n - n % STRIDE, min(n - n % STRIDE + STRIDE, last)
-            before, after = near_scores[n // STRIDE % 2], near_scores[(n // STRIDE + 1) % 2]
-            if n == 0:
-                clear(before)
-                _add_sources(
-                    own,
-                    lines,
-                    infinity_from_pixel,
-                    shifts[:, 0],
-                    near,
-                    True,
-                    packed,
-                    buffers,
-                    before,
-                )
-            if n == start:
-                clear(after)
-                _add_sources(
-                    own,
-                    lines,
-                    infinity_from_pixel,
-                    shifts[:, end],
-                    near,
-                    True,
-                    packed,
-                    buffers,
-                    after,
-                )
-            _interpolate(
-                before, after, np.float32(n - start) / np.float32(max(end - start, 1)), scores
-            )
-            _add_sources(
-                own, lines, infinity_from_pixel, shifts[:, n], near, False, packed, buffers, scores
-            )
-            _finish(scores, prior[first + k], block[k])
-        for row in range(costs.shape[0]):
-            for column in range(costs.shape[1]):
-                for k in range(num):
-                    costs[row, column, first + k] = block[k, row, column]
-
-
-@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
-def _finish(
-    scores: FloatArray,  # [rows, 2, W]
-    prior: np.uint8,
-    costs: CostArray,  # [rows, W], written
-) -> None:
-    for row in range(costs.shape[0]):
-        for column in range(costs.shape[1]):
-            seen = scores[row, 1, column]
-            cost = (
-                _WORST * scores[row, 0, column] / max(seen, _LEAST_SEEN)
-                if seen > _ZERO
-                else _UNSEEN
-            )
-            costs[row, column] = np.uint8(cost) + prior
-
-
-@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
-def _interpolate(
-    before: FloatArray,  # [rows, 2, W]
-    after: FloatArray,  # [rows, 2, W]
-    share: np.float32,
-    between: FloatArray,  # [rows, 2, W], written
-) -> None:
-    for row in range(between.shape[0]):
-        for i in range(2):
-            for column in range(between.shape[2]):
-                first = before[row, i, column]
-                between[row, i, column] = first + share * (after[row, i, column] - first)
-
-
-@numba.njit(nogil=True, fastmath=SAME_BITS, cache=True, error_model="numpy")
-def _add_sources(
-    own: tuple[FloatArray, FloatArray, FloatArray],
-    lines: IntArray,
-    infinity_from_pixel: FloatArray,  # [S, 3, 3]
-    shifts: FloatArray,  # [S, 3]
-    near: BoolArray,  # [S]
-    chosen: bool,  # the near ones, or the others
-    packed: PackedArray,  # [S, H', W']
-    buffers: Buffers,
-    scores: FloatArray,  # [rows, 2, W], added to
-) -> None:
-    for s in range(len(packed)):
-        if near[s] == chosen:
-            add_band(own, lines, infinity_from_pixel[s], shifts[s], packed[s], buffers, scores)
+    """Write the mean costs of all sources on one plane; beyond the border images are constant."""
+    num_sources, num_rows, width = warped.shape
+    num_pixels = np.float32(WINDOW_PX * WINDOW_PX)
+    zero = np.float32(0)
+    unit = np.float32(1)
+    half = np.float32(0.5)
+    last_u = np.float32(width) - half
+    last_v = np.float32(source_height) - half
+    column_sums = np.empty((3, width + 2 * RADIUS_PX), np.float32)
+    total = np.empty(width, np.float32)
+    count = np.empty(width, np.float32)
+    for row in range(margin, margin + len(costs)):
+        total[:] = zero
+        count[:] = zero
+        for s in range(num_sources):
+            for x in range(width):
+                value_sum = square_sum = product_sum = zero
+                for i in range(row - RADIUS_PX, row + RADIUS_PX + 1):
+                    y = min(max(i, 0), num_rows - 1)
+                    value = warped[s, y, x]
+                    value_sum += value
+                    square_sum += value * value
+                    product_sum += value * reference[y, x]
+                column_sums[0, x + RADIUS_PX] = value_sum
+                column_sums[1, x + RADIUS_PX] = square_sum
+                column_sums[2, x + RADIUS_PX] = product_sum
+            for k in range(3):
+                column_sums[k, :RADIUS_PX] = column_sums[k, RADIUS_PX]
+                column_sums[k, -RADIUS_PX:] = column_sums[k, -RADIUS_PX - 1]
+            h = source_from_rows[s]
+            y = np.float32(row)
+            for x in range(width):
+                value_sum = square_sum = product_sum = zero
+                for i in range(x, x + WINDOW_PX):
+                    value_sum += column_sums[0, i]
+                    square_sum += column_sums[1, i]
+                    product_sum += column_sums[2, i]
+                mean = value_sum / num_pixels
+                variance = max(square_sum / num_pixels - mean * mean, zero) + noise_variance
+                covariance = product_sum / num_pixels - mean * window_mean[row, x]
+                correlation = covariance * inverse_deviation[row, x] / np.sqrt(variance)
+                z = max(h[2, 0] * np.float32(x) + h[2, 1] * y + h[2, 2], np.float32(1e-6))
+                u = (h[0, 0] * np.float32(x) + h[0, 1] * y + h[0, 2]) / z
+                v = (h[1, 0] * np.float32(x) + h[1, 1] * y + h[1, 2]) / z
+                is_inside = u > -half and u < last_u and v > -half and v < last_v
+                weight = unit if is_inside else zero
+                total[x] += weight * min(max(unit - correlation, zero), unit)
+                count[x] += weight
+        for x in range(width):
+            cost = unseen_cost
+            if count[x] > zero:
+                cost = max_cost * total[x] / count[x]
+            costs[row - margin, x] = np.uint8(cost)

@@ -6,14 +6,27 @@ decides there, the neighbours help, and pixels without any evidence come out far
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
-from geovp_classic.depth import viewpoints
-from geovp_classic.depth.sweep import TALL_PX, GroundPrior, sweep
+from geovp_classic.depth.aggregation import SemiGlobalAggregation, winners
+from geovp_classic.depth.completion import fill_from_background, find_islands
+from geovp_classic.depth.ground_prior import GroundPrior
+from geovp_classic.depth.matching import WindowCorrelation
+from geovp_classic.depth.viewpoints import PlaneSpacing, SourceSelection
 from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.geometry import se3
 from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.observation import stream
-from geovp_classic.types import Context, FloatArray, Observations, PrivilegedInput, Trajectory
+from geovp_classic.types import (
+    ByteArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Observations,
+    PrivilegedInput,
+    Trajectory,
+)
 
 
 @dataclass(frozen=True)
@@ -21,8 +34,9 @@ class LevelRoad:
     """A level road at the recorded camera height, for frames without parallax."""
 
     def inverse_depth(self, context: Context, past: Trajectory) -> FloatArray:
-        """Inverse depth [H, W] of the road, 0 above its horizon; Incompatible without a height or
-        without metres.
+        """Return the inverse depth [H, W] of the road, 0 above its horizon.
+
+        Incompatible without a camera height or metric poses.
         """
         if context.camera_height_m is None or not past.is_metric:
             raise Incompatible(
@@ -34,69 +48,111 @@ class LevelRoad:
 
 @dataclass(frozen=True)
 class Multiview:
-    """Plane sweep (Collins 1996) over the observed frames with the given poses, in whatever unit
-    these have.
+    """Plane sweep (Collins 1996) over the observed frames with the given poses, in their unit.
 
-    Where the camera stood still or only turned, nothing is known: confidence is 0 everywhere and
-    all is infinitely far, or lies on a level road where one is given.
+    A camera that did not move, or only turned, leaves depth unknown: the confidence is 0
+    everywhere, and everything is infinitely far or lies on a level road where one is given.
     """
 
-    frames: tuple[int, ...] = (
-        -1,
-    )  # steps whose depth is wanted, counted from the end when negative
-    num_planes: int = (
-        96  # of a sweep over images of up to TALL_PX rows; over taller ones proportionally more
-    )
+    frames: tuple[int, ...] = (-1,)  # steps to estimate, counted from the end when negative
+    num_planes: int = 96  # for images of up to `tall_px` rows; proportionally more for taller ones
+    tall_px: int = 256
+    sources: SourceSelection = field(default_factory=SourceSelection)
+    spacing: PlaneSpacing = field(default_factory=PlaneSpacing)
+    matching: WindowCorrelation = field(default_factory=WindowCorrelation)
+    aggregation: SemiGlobalAggregation = field(default_factory=SemiGlobalAggregation)
     ground: GroundPrior | None = field(default_factory=GroundPrior)  # None: no prior
     level_road: LevelRoad | None = None  # where there is no parallax
+    # Islands of depth up to this part of the image are wrong matches more often than objects.
+    max_speckle_fraction: float = 0.0045
+    confident_lead: float = 75.0  # cost by which all rivals are worse at confidence 1
 
     def __post_init__(self) -> None:
-        if not self.frames or self.num_planes < 4:
-            given = f"frames {self.frames} and num_planes {self.num_planes}"
-            raise BadData(f"multiview: {given}, expected at least one frame and at least 4 planes")
+        if not self.frames or self.num_planes < 6:
+            raise BadData(
+                f"multiview: frames {self.frames} and num_planes {self.num_planes}, expected at "
+                "least one frame and at least 6 planes"
+            )
 
     @property
     def needs(self) -> PrivilegedInput:
-        """Nothing beyond the frames, unless the camera's height is asked for."""
+        """Return the camera height for a level road, else nothing."""
         return PrivilegedInput.NONE if self.level_road is None else PrivilegedInput.CAMERA_HEIGHT
 
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Inverse depth [P, H, W] and confidence [P, H, W], float32; both are 0 for frames that are
-        not wanted.
+        """Return inverse depth [P, H, W] and confidence [P, H, W], float32; 0 for other frames.
 
-        BadData when a wanted frame was not observed.
+        Confidence is 0 where other depths fit as well. BadData for frames that were not observed.
         """
-        count = len(context.frames)
-        if not all(-count <= frame < count for frame in self.frames):
+        num_past = len(context.frames)
+        if not all(-num_past <= frame < num_past for frame in self.frames):
             raise BadData(
-                f"multiview: frames {self.frames} of {count} observed ones: choose from "
-                f"-{count} to -1"
+                f"multiview: frames {self.frames} of {num_past} observed ones: choose from "
+                f"-{num_past} to -1"
             )
-        still = None if self.level_road is None else self.level_road.inverse_depth(context, past)
         observations = stream(context, "crop")
-        inverse_depths, confidence = np.zeros((2, *context.frames.shape[:3]), np.float32)
-        for step in {frame % count for frame in self.frames}:
-            depth_map = self._depth_map(observations, past.world_from_cam, step)
+        depth_maps = [
+            self._depth_map(observations, past.world_from_cam, step % num_past)
+            for step in self.frames
+        ]
+        inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
+        confidence = np.zeros(context.frames.shape[:3], np.float32)
+        if self.level_road is not None:
+            inverse_depths[list(self.frames)] = self.level_road.inverse_depth(context, past)
+        for step, depth_map in zip(self.frames, depth_maps, strict=True):
             if depth_map is not None:
                 inverse_depths[step], confidence[step] = depth_map
-            elif still is not None:
-                inverse_depths[step] = still
         return inverse_depths, confidence
 
     def _depth_map(
         self, observations: Observations, world_from_cam: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return inverse depth and confidence [H, W] of a frame; None without any parallax."""
-        camera = observations.intrinsics
-        used = [step, *viewpoints.choose_sources(world_from_cam, step, camera)]
-        if len(used) == 1:
-            return None
-        poses = world_from_cam[used]
-        key = (self, tuple(used), len(world_from_cam), *poses.ravel().tolist())
+        """Return inverse depth and confidence [H, W] of a frame; None without parallax."""
+        key = (self, step, *world_from_cam.ravel().tolist())
         if key not in observations.depth_maps:
-            images = observations.greys[used].astype(np.float32)
-            num_planes = round(self.num_planes * max(1, camera.height_px / TALL_PX))
-            observations.depth_maps[key] = sweep(
-                images, camera, poses, 0, range(1, len(used)), num_planes, self.ground
+            camera = observations.intrinsics
+            sources = self.sources.choose(world_from_cam, step, camera)
+            source_from_reference = se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
+            greys = observations.greys
+            observations.depth_maps[key] = (
+                self._sweep(greys[step], greys[sources], source_from_reference, camera)
+                if sources
+                else None
             )
         return observations.depth_maps[key]
+
+    def _sweep(
+        self,
+        image: ByteArray,  # [H, W] grey
+        sources: ByteArray,  # [S, H, W] grey
+        source_from_reference: FloatArray,  # [S, 4, 4]
+        camera: Intrinsics,
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return inverse depth and confidence [H, W] of an image; None without parallax."""
+        num_planes = round(self.num_planes * max(1, camera.height_px / self.tall_px))
+        planes, step_px = self.spacing.spaced(source_from_reference, camera, num_planes)
+        intrinsics = camera.matrix
+        rotations = source_from_reference[:, :3, :3]
+        infinity_from_pixel = intrinsics @ rotations @ np.linalg.inv(intrinsics)
+        epipoles = source_from_reference[:, :3, 3] @ intrinsics.T
+
+        costs = self.matching.costs(image, sources, infinity_from_pixel, epipoles, planes)
+        sums = self.aggregation.aggregate(costs, image)
+        levels, lead = winners(sums)
+        levels = np.asarray(cv2.medianBlur(levels, 5))
+        if not self.spacing.has_parallax(levels * step_px):
+            return None
+        inverse_depth: FloatArray = np.interp(levels, np.arange(num_planes), planes)
+
+        ground = self.ground and self.ground.plane.fit(inverse_depth, camera)
+        if self.ground and ground:
+            inverse_depth = self.ground.lift(inverse_depth, sums, planes, ground, camera)
+            levels = np.interp(inverse_depth, planes, np.arange(num_planes))
+        is_wrong = find_islands(levels, self.max_speckle_fraction)
+        if self.ground and ground:
+            islands = find_islands(levels, self.ground.max_floating_fraction) & ~is_wrong
+            is_wrong |= self.ground.floating(inverse_depth, islands, ground, camera)
+
+        is_certain = ~is_wrong & self.matching.is_seen(costs)
+        confidence = is_certain * np.clip(lead / self.confident_lead, 0, 1)
+        return fill_from_background(inverse_depth, ~is_wrong), confidence.astype(np.float32)

@@ -11,7 +11,6 @@ from geovp_classic.depth.completion import fill_from_background
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import (
-    BoolArray,
     ByteArray,
     Context,
     ExtraView,
@@ -21,12 +20,6 @@ from geovp_classic.types import (
     Trajectory,
 )
 
-BLOCK_PX = 5
-# how far from a pure shift to the right the second camera may be: radians, and shares of the
-# baseline
-LEVEL = 0.01
-UNIT_PX = 1 / 16  # OpenCV's disparities count sixteenths
-
 
 @dataclass(frozen=True)
 class Stereo:
@@ -34,10 +27,11 @@ class Stereo:
     their instants.
     """
 
-    frames: tuple[int, ...] = (
-        -1,
-    )  # steps whose depth is wanted, counted from the end when negative
+    frames: tuple[int, ...] = (-1,)  # steps to estimate, counted from the end when negative
     nearest_m: float = 4.0  # nearer surfaces are not searched for
+    block_px: int = 5
+
+    needs = PrivilegedInput.RIGHT_FRAMES
 
     def __post_init__(self) -> None:
         if not self.frames or not self.nearest_m > 0:
@@ -46,11 +40,9 @@ class Stereo:
                 "and a distance"
             )
 
-    needs = PrivilegedInput.RIGHT_FRAMES  # the right images
-
     def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
-        """Inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0 where
-        filled or not wanted.
+        """Return inverse depth [P, H, W] per metre and confidence [P, H, W]: 1 where matched, 0
+        where filled or not estimated.
 
         Incompatible without right images, with unrectified ones, or when the poses are not in
         metres.
@@ -63,44 +55,42 @@ class Stereo:
             raise Incompatible(
                 "stereo depth is in metres, the poses are not: give the odometry a scale"
             )
-        baseline_m, num_past = _baseline_m(context.right), context.num_past
+        num_past = context.num_past
         if not all(-num_past <= frame < num_past for frame in self.frames):
             raise BadData(
                 f"stereo: frames {self.frames} of {num_past} observed ones: choose from "
                 f"-{num_past} to -1"
             )
-        inverse_depths, confidence = np.zeros((2, *context.frames.shape[:3]), np.float32)
         camera = context.intrinsics
-        for step in {frame % num_past for frame in self.frames}:
-            disparity_px, matched = self._disparity_px(
-                context.frames[step], context.right, step, camera, baseline_m
-            )
-            found = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
-            inverse_depths[step], confidence[step] = fill_from_background(found, matched), matched
+        baseline_m = _baseline_m(context.right)
+        num_disparities = 16 * int(np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16))
+        inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
+        confidence = np.zeros(context.frames.shape[:3], np.float32)
+        for step in self.frames:
+            right = right_at_scale(context.right, step % num_past, camera, num_disparities)
+            disparity_px = self._disparity_px(context.frames[step], right, num_disparities)
+            is_matched = disparity_px >= 0
+            inverse_depth = np.maximum(disparity_px, 0) / (baseline_m * camera.fx_px)
+            inverse_depths[step] = fill_from_background(inverse_depth, is_matched)
+            confidence[step] = is_matched
         return inverse_depths, confidence
 
-    def _disparity_px(
-        self, frame: ByteArray, right: ExtraView, step: int, camera: Intrinsics, baseline_m: float
-    ) -> tuple[FloatArray, BoolArray]:
-        """Disparity [H, W] in pixels of the frame, and where it was found."""
-        num = int(np.ceil(baseline_m * camera.fx_px / self.nearest_m / 16)) * 16
-        left = np.pad(frame, ((0, 0), (num, 0), (0, 0)), mode="edge")
+    def _disparity_px(self, frame: ByteArray, right: ByteArray, num_disparities: int) -> FloatArray:
+        """Return the disparity [H, W] in pixels of the frame, negative where nothing matched."""
+        left = np.pad(frame, ((0, 0), (num_disparities, 0), (0, 0)), mode="edge")
         matcher = cv2.StereoSGBM.create(
-            numDisparities=num,
-            blockSize=BLOCK_PX,
-            P1=8 * BLOCK_PX**2,
-            P2=32 * BLOCK_PX**2,
+            numDisparities=num_disparities,
+            blockSize=self.block_px,
+            P1=8 * self.block_px**2,  # the values that OpenCV's documentation recommends
+            P2=32 * self.block_px**2,
             disp12MaxDiff=1,
             uniquenessRatio=5,
             speckleWindowSize=60,
             speckleRange=2,
             mode=cv2.STEREO_SGBM_MODE_HH,
         )
-        other = right_at_scale(right, step, camera, num)
-        found = matcher.compute(
-            pinhole.grey(left).astype(np.uint8), pinhole.grey(other).astype(np.uint8)
-        )[:, num:]
-        return found.astype(np.float32) * np.float32(UNIT_PX), np.asarray(found >= 0)
+        sixteenths = matcher.compute(pinhole.grey8(left), pinhole.grey8(right))
+        return sixteenths[:, num_disparities:].astype(np.float32) / 16
 
 
 def right_at_scale(
@@ -109,36 +99,39 @@ def right_at_scale(
     camera: Intrinsics,
     left_px: int,
 ) -> ByteArray:
-    """The right image [H, left_px + W, 3] as `camera` would see it from there, with columns added
-    on its left.
+    """Render the right image [H, left_px + W, 3] as `camera` would see it from there, with columns
+    added on its left.
 
     Rows then match those of the camera's own image, and columns differ by the disparity alone.
     """
-    own = right.intrinsics
-    width_px = max(1, round(own.width_px * camera.fx_px / own.fx_px))
-    height_px = max(1, round(own.height_px * camera.fy_px / own.fy_px))
+    native = right.intrinsics
+    width_px = max(1, round(native.width_px * camera.fx_px / native.fx_px))
+    height_px = max(1, round(native.height_px * camera.fy_px / native.fy_px))
     small = cv2.resize(right.frames[step], (width_px, height_px), interpolation=cv2.INTER_AREA)
-    own = own.resized(width_px, height_px)
-    su, sv = camera.fx_px / own.fx_px, camera.fy_px / own.fy_px  # next to 1
-    shift_u, shift_v = camera.cx_px + left_px - su * own.cx_px, camera.cy_px - sv * own.cy_px
+    resized = native.resized(width_px, height_px)
+    scale_u = camera.fx_px / resized.fx_px  # next to 1
+    scale_v = camera.fy_px / resized.fy_px
+    shift_u = camera.cx_px + left_px - scale_u * resized.cx_px
+    shift_v = camera.cy_px - scale_v * resized.cy_px
+    affine = np.array([[scale_u, 0, shift_u], [0, scale_v, shift_v]])
     size_px = (camera.width_px + left_px, camera.height_px)
-    affine = np.array([[su, 0, shift_u], [0, sv, shift_v]])
-    moved = cv2.warpAffine(
-        small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
-    )
+    border = cv2.BORDER_REPLICATE
+    moved = cv2.warpAffine(small, affine, size_px, flags=cv2.INTER_CUBIC, borderMode=border)
     return np.asarray(moved, np.uint8)
 
 
-def _baseline_m(right: ExtraView) -> float:
-    """The distance of the two cameras; Incompatible unless the right one is shifted along x and no
-    more.
+def _baseline_m(right: ExtraView, tolerance: float = 0.01) -> float:
+    """Return the distance of the two cameras.
+
+    Incompatible unless the right one is only shifted along x, within `tolerance` in radians and
+    relative to the distance.
     """
-    rotation, shift = right.view_from_cam[:3, :3], right.view_from_cam[:3, 3]
+    rotation = right.view_from_cam[:3, :3]
+    shift = right.view_from_cam[:3, 3]
     baseline_m = float(-shift[0])
-    tilted = np.abs(rotation - np.eye(3)).max() > LEVEL or np.abs(shift[1:]).max() > LEVEL * abs(
-        baseline_m
-    )
-    if baseline_m <= 0 or tilted:
+    is_turned = np.abs(rotation - np.eye(3)).max() > tolerance
+    is_shifted_aside = np.abs(shift[1:]).max() > tolerance * abs(baseline_m)
+    if baseline_m <= 0 or is_turned or is_shifted_aside:
         raise Incompatible(
             "stereo needs rectified images with the second camera to the right: rectify them first"
         )

@@ -14,7 +14,6 @@ import numpy as np
 from geovp_classic.dynamic_objects.posed_images import PosedImages, grey_difference
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import Epipolar, inside
-from geovp_classic.geometry.ground_plane import HORIZON_HEIGHTS
 from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
@@ -52,7 +51,7 @@ class EpipolarResidual:
     def _road_limit(self, observed: PosedImages) -> FloatArray:
         """Return the lowest inverse depth [H, W] of static points; 0 beyond the near road."""
         road = observed.road.inverse_depth(observed.camera)
-        is_near = road * observed.road.height > 1 / HORIZON_HEIGHTS
+        is_near = observed.road.is_near(road)
         return np.where(is_near, self.min_road_fraction * road, np.float32(0))
 
     def _test_frame(

@@ -2,21 +2,10 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
-
-NUM_TRIALS = 80
-NUM_ROUNDS = 4
-STRIDE_PX = 4  # of the pixels of the lower half that are used
-CLOSE = 0.05  # relative difference of inverse depths that counts as on the plane
-MIN_SHARE = 0.2  # of the lower half that must lie on it
-MIN_UPRIGHT = 0.9  # cosine between its normal and the camera's y axis
-FLOATING_HEIGHTS = (0.3, 1.5)  # camera heights above the road between which no object floats
-LEVEL_HEIGHTS = 4.0  # camera heights: up to this distance a road is a plane
-HORIZON_HEIGHTS = 20.0  # camera heights: ground farther away is not changed
 
 
 @dataclass(frozen=True)
@@ -25,107 +14,74 @@ class GroundPlane:
 
     normal: FloatArray  # [3], unit length, pointing down
     height: float  # of the camera above it, in the poses' unit
+    max_range_heights: float = 20.0  # camera heights; farther ground need not be plane
 
     def inverse_depth(self, camera: Intrinsics) -> FloatArray:
-        """Inverse depth [H, W] float32 of the plane; negative above its horizon."""
+        """Return the inverse depth [H, W] float32 of the plane; negative above its horizon."""
         return (pinhole.rays(camera) @ self.normal / self.height).astype(np.float32)
 
-    def confidence(
+    def is_near(
         self,
-        inverse_depth: FloatArray,  # [H, W] of the plane
-    ) -> FloatArray:
-        """Confidence [H, W] that the road lies on the plane; 0 above the horizon.
-
-        It is 1 up to LEVEL_HEIGHTS and falls with the square of the distance beyond.
-        """
-        nearness: FloatArray = np.clip(LEVEL_HEIGHTS * self.height * inverse_depth, 0, 1)
-        return nearness**2
+        inverse_depth: FloatArray,  # [...]
+    ) -> BoolArray:
+        """Return where points are within the range of the plane."""
+        return np.asarray(inverse_depth * self.height * self.max_range_heights > 1)
 
 
-def fit_ground(
-    inverse_depth: FloatArray,  # [H, W]
-    camera: Intrinsics,
-    seed: int = 0,
-) -> GroundPlane | None:
-    """The plane that most of the image's lower half lies on (RANSAC, then least squares); None
-    without such a one.
-    """
-    half = camera.height_px // 2
-    rays = pinhole.rays(camera)[half::STRIDE_PX, ::STRIDE_PX].reshape(-1, 3)
-    found = inverse_depth[half::STRIDE_PX, ::STRIDE_PX].reshape(-1).astype(np.float64)
-    triples = np.random.default_rng(seed).integers(0, len(found), (NUM_TRIALS, 3))
-    corners = rays[triples]
-    solvable = np.abs(np.linalg.det(corners)) > 1e-6
-    planes = np.linalg.solve(corners[solvable], found[triples][solvable][..., None])[
-        ..., 0
-    ]  # normal / height
-    planes = planes[_upright(planes)]
-    if not len(planes):
-        return None
-    plane = planes[np.argmax(_on_plane(planes, rays, found).sum(axis=1))]
-    for _ in range(NUM_ROUNDS):
-        weight = _on_plane(plane[None], rays, found)[0] / np.maximum(
-            rays @ plane, 1e-12
-        )  # relative errors
-        plane = np.linalg.lstsq(rays * weight[:, None], found * weight, rcond=None)[0]
-    if not _upright(plane[None])[0] or _on_plane(plane[None], rays, found).mean() < MIN_SHARE:
-        return None
-    size = float(np.linalg.norm(plane))
-    return GroundPlane(plane / size, 1 / size)
+@dataclass(frozen=True)
+class GroundFit:
+    """RANSAC (Fischler & Bolles 1981) and least squares on the lower half of an image."""
 
+    num_trials: int = 80
+    stride_px: int = 4  # of the pixels that are used
+    max_relative_error: float = 0.05  # of the inverse depth of an inlier
+    min_inlier_fraction: float = 0.2  # of the lower half
+    min_upright_cosine: float = 0.9  # between the plane's normal and the camera's y axis
+    max_range_heights: float = 20.0  # farther points draw the plane to the foot of upright objects
+    seed: int = 0
 
-def clamp_to_ground(
-    inverse_depth: FloatArray,  # [H, W]
-    ground: GroundPlane,
-    camera: Intrinsics,
-    allowed: BoolArray,  # [H, W]; where the images do not contradict the ground
-) -> FloatArray:
-    """The inverse depth [H, W] with no surface below the ground, where `allowed`."""
-    plane = ground.inverse_depth(camera)
-    near = plane * ground.height > 1 / HORIZON_HEIGHTS
-    return np.where(near & allowed & (inverse_depth < plane), plane, inverse_depth)
+    def fit(
+        self,
+        inverse_depth: FloatArray,  # [H, W]
+        camera: Intrinsics,
+    ) -> GroundPlane | None:
+        """Return the plane with most inliers; None without enough of them."""
+        lower_half = np.s_[camera.height_px // 2 :: self.stride_px, :: self.stride_px]
+        rays = pinhole.rays(camera)[lower_half].reshape(-1, 3)
+        values = inverse_depth[lower_half].ravel().astype(np.float64)
+        planes = self._candidates(rays, values)
+        if not len(planes):
+            return None
+        plane = planes[np.argmax(self._is_inlier(planes, rays, values).sum(axis=1))]
+        for _ in range(4):
+            is_inlier = self._is_inlier(plane[None], rays, values)[0]
+            weight = is_inlier / np.maximum(rays @ plane, 1e-12)  # for relative errors
+            plane = np.linalg.lstsq(rays * weight[:, None], values * weight, rcond=None)[0]
+        inlier_fraction = self._is_inlier(plane[None], rays, values).mean()
+        if not self._is_upright(plane[None])[0] or inlier_fraction < self.min_inlier_fraction:
+            return None
+        inverse_height = float(np.linalg.norm(plane))
+        return GroundPlane(plane / inverse_height, 1 / inverse_height, self.max_range_heights)
 
+    def _candidates(self, rays: FloatArray, values: FloatArray) -> FloatArray:
+        """Return upright planes [N, 3] through random triples of points, as normal / height."""
+        rng = np.random.default_rng(self.seed)
+        triples = rng.integers(0, len(values), (self.num_trials, 3))
+        triples = triples[np.abs(np.linalg.det(rays[triples])) > 1e-6]
+        planes = np.linalg.solve(rays[triples], values[triples][..., None])[..., 0]
+        return planes[self._is_upright(planes)]
 
-def floating_mask(
-    inverse_depth: FloatArray,  # [H, W]
-    ground: GroundPlane,
-    camera: Intrinsics,
-    islands: BoolArray,  # [H, W], surfaces that are cut off from all around
-) -> BoolArray:
-    """Which islands [H, W] float low over the road: wrong matches, or objects that come towards the
-    camera.
+    def _is_upright(self, planes: FloatArray) -> BoolArray:
+        """Return which planes [N, 3] lie below an upright camera."""
+        inverse_heights = np.linalg.norm(planes, axis=1)
+        return np.asarray(
+            planes[:, 1] > np.maximum(self.min_upright_cosine * inverse_heights, 1e-12)
+        )
 
-    Oncoming objects shift along epipolar lines like nearer static ones, so that their foot seems to
-    float.
-    """
-    height = ground.height
-    above = 1 - height * ground.inverse_depth(camera) / np.maximum(
-        height * inverse_depth, 1e-9
-    )  # in camera heights
-    count, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
-    floating = np.zeros(islands.shape, dtype=bool)
-    for label in range(1, count):
-        island = labels == label
-        lowest, highest = np.percentile(above[island], (10, 90))
-        if FLOATING_HEIGHTS[0] < lowest and highest < FLOATING_HEIGHTS[1]:
-            floating |= island
-    return floating
-
-
-def _upright(planes: FloatArray) -> BoolArray:
-    """Which planes [N, 3] the camera stands upright above."""
-    upright: BoolArray = planes[:, 1] > np.maximum(
-        MIN_UPRIGHT * np.linalg.norm(planes, axis=1), 1e-12
-    )
-    return upright
-
-
-def _on_plane(planes: FloatArray, rays: FloatArray, found: FloatArray) -> BoolArray:
-    """Which points [M] lie on which planes [N], nearer than the horizon: [N, M].
-
-    Farther points would draw the plane to the foot of upright objects.
-    """
-    expected = planes @ rays.T
-    near = expected * HORIZON_HEIGHTS > np.linalg.norm(planes, axis=1, keepdims=True)
-    on_plane: BoolArray = near & (np.abs(expected - found) < CLOSE * expected)
-    return on_plane
+    def _is_inlier(self, planes: FloatArray, rays: FloatArray, values: FloatArray) -> BoolArray:
+        """Return which points [M] lie on which planes [N] and within their range: [N, M]."""
+        expected = planes @ rays.T
+        inverse_heights = np.linalg.norm(planes, axis=1, keepdims=True)
+        is_near = expected * self.max_range_heights > inverse_heights
+        is_close = np.abs(expected - values) < self.max_relative_error * expected
+        return np.asarray(is_near & is_close)

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.ground_plane import HORIZON_HEIGHTS, GroundPlane
+from geovp_classic.geometry.ground_plane import GroundPlane
 from geovp_classic.types import FloatArray, Intrinsics
 
 NEAR_PLANE = 0.1  # relative difference of inverse depths up to which a pixel is of the road
@@ -42,7 +42,7 @@ class RoadProfile:
     def of(cls, inverse_depth: FloatArray, camera: Intrinsics, ground: GroundPlane) -> Self:
         """The road of an image with this inverse depth [H, W]."""
         plane = ground.inverse_depth(camera)
-        is_road = (inverse_depth * ground.height * HORIZON_HEIGHTS > 1) & (
+        is_road = ground.is_near(inverse_depth) & (
             np.abs(inverse_depth - plane) < NEAR_PLANE * plane
         )
         depths = 1 / (inverse_depth[is_road] * ground.height)

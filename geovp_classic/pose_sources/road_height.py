@@ -10,7 +10,7 @@ import numpy as np
 from geovp_classic import observation
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.ground_plane import fit_ground
+from geovp_classic.geometry.ground_plane import GroundFit
 from geovp_classic.interfaces import DepthSource
 from geovp_classic.pose_refinement.road_height import RoadProfile
 from geovp_classic.types import Context, Motion, PrivilegedInput
@@ -41,7 +41,7 @@ class RoadHeight:
             context.only(self.needs), motion.past, self.frames, self.num_frames
         )
         inverse_depth = self.depth.inverse_depths(recent, past)[0][-1]
-        ground = fit_ground(inverse_depth, recent.intrinsics)
+        ground = GroundFit().fit(inverse_depth, recent.intrinsics)
         if ground is None:
             return motion
         profile = RoadProfile.of(inverse_depth, recent.intrinsics, ground)

@@ -10,7 +10,7 @@ from geovp_classic.dynamic_objects.detection import DynamicObjects
 from geovp_classic.dynamic_objects.posed_images import PosedImages
 from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, mask_out
 from geovp_classic.errors import BadData
-from geovp_classic.geometry.ground_plane import fit_ground
+from geovp_classic.geometry.ground_plane import GroundFit
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
 from geovp_classic.observation import recent as recent_frames
@@ -124,7 +124,7 @@ class DepthFusion:
     ) -> list[Sprite]:
         """Return the dynamic objects of the last frame; none where there is no road."""
         camera = recent.intrinsics
-        road = fit_ground(inverse_depth, camera)
+        road = GroundFit().fit(inverse_depth, camera)
         if self.dynamic_objects is None or road is None:
             return []
         gains = np.exp(exposure.log_gains).astype(np.float32)

@@ -7,14 +7,14 @@ from geovp_classic.depth import completion
 from geovp_classic.types import BoolArray, FloatArray
 
 
-def test_gaps_show_what_lies_behind() -> None:
+def test_gaps_show_the_background() -> None:
     values = np.array([[0.5, 0, 0.1, 0, 0], [0, 0, 0, 0, 0]], np.float32)
     filled = completion.fill_from_background(values, values > 0)
     np.testing.assert_allclose(filled, [[0.5, 0.1, 0.1, 0.1, 0.1], [0.5, 0.1, 0.1, 0.1, 0.1]])
     assert not completion.fill_from_background(values, np.zeros(values.shape, dtype=bool)).any()
 
 
-def _filled_slowly(values: FloatArray, known: BoolArray) -> FloatArray:
+def slow_fill(values: FloatArray, known: BoolArray) -> FloatArray:
     filled = np.where(known, values, np.nan)
     for _ in range(2):  # rows, then columns, turned back by the second turn
         before = filled.copy()
@@ -36,7 +36,7 @@ def test_gaps_are_filled_as_the_slow_twin_says(share: float) -> None:
     known = rng.uniform(size=values.shape) < share
     before = values.copy()
     np.testing.assert_array_equal(
-        completion.fill_from_background(values, known), _filled_slowly(values, known)
+        completion.fill_from_background(values, known), slow_fill(values, known)
     )
     np.testing.assert_array_equal(values, before)
 
@@ -46,6 +46,6 @@ def test_islands_are_found_by_their_size() -> None:
     levels[2:4, 2:4] = 15.0  # 4 px
     levels[10:15, 10:15] = 15.0  # 25 px
     levels[0, 10:] = 6.5  # a step of 1.5 is a slope
-    islands = completion.speckles(levels, 10 / 400)
+    islands = completion.find_islands(levels, 10 / 400)
     assert islands[2:4, 2:4].all()
     assert islands.sum() == 4

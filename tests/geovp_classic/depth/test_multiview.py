@@ -8,12 +8,12 @@ import pytest
 
 from geovp_classic import registry
 from geovp_classic.data.synthetic import Synthetic
-from geovp_classic.depth import multiview
+from geovp_classic.depth.ground_prior import GroundPrior
 from geovp_classic.depth.multiview import LevelRoad, Multiview
-from geovp_classic.depth.sweep import GroundPrior
+from geovp_classic.depth.viewpoints import PlaneSpacing
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
-from geovp_classic.types import BoolArray, Context, FloatArray, PrivilegedInput
+from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, PrivilegedInput
 
 Observe = Callable[..., tuple]
 
@@ -73,22 +73,19 @@ def test_the_unit_of_the_poses_is_the_unit_of_the_depth(observe: Observe) -> Non
     assert np.isclose(same_confidence, confidence, atol=0.02)[-1].mean() > 0.99
 
 
-@pytest.mark.parametrize(("times", "planes"), [(1, 20), (2, 20), (4, 35)])  # 112, 224 and 448 rows
-def test_sweeps_over_tall_images_take_more_planes(
-    times: int, planes: int, observe: Observe, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
     context, past, _ = observe(_drive(2))
-    counts: list[int] = []
+    planes: list[int] = []
 
-    def counted(*given: object) -> None:
-        counts.append(given[5])  # type: ignore[arg-type]
+    class CountedSpacing(PlaneSpacing):
+        def spaced(self, poses: FloatArray, camera: Intrinsics, num_planes: int) -> tuple:
+            planes.append(num_planes)
+            return super().spaced(poses, camera, num_planes)
 
-    monkeypatch.setattr(multiview, "sweep", counted)
-    frames = context.frames.repeat(times, axis=1).repeat(times, axis=2)
-    camera = context.intrinsics.resized(frames.shape[2], frames.shape[1])
-    tall = dataclasses.replace(context, frames=frames, intrinsics=camera)
-    Multiview(num_planes=20).inverse_depths(tall, past)
-    assert counts == [planes]
+    for tall_px in (56, 112, 224):  # the images have 112 rows
+        multiview = Multiview(num_planes=20, tall_px=tall_px, spacing=CountedSpacing())
+        multiview.inverse_depths(context, past)
+    assert planes == [40, 20, 20]
 
 
 def test_settings_are_checked_and_described() -> None:

@@ -18,7 +18,7 @@ from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.geometry import pinhole
-from geovp_classic.geometry.ground_plane import GroundPlane, fit_ground
+from geovp_classic.geometry.ground_plane import GroundFit, GroundPlane
 from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.types import Clip, FloatArray, Intrinsics, PrivilegedInput
 
@@ -196,7 +196,7 @@ def _scene(clip: Clip) -> tuple[Scene, FloatArray] | None:
     context, _ = clip.split(NUM_PAST, PrivilegedInput.PAST_POSES)
     past, ahead = clip.trajectory[:NUM_PAST], NUM_PAST - 1 + HORIZONS
     inverse_depth = Multiview().inverse_depths(context, past)[0][-1]
-    ground = fit_ground(inverse_depth, clip.intrinsics)
+    ground = GroundFit().fit(inverse_depth, clip.intrinsics)
     if ground is None:
         return None
     forecast = MotionPrior().forecast(past, clip.times_s[NUM_PAST:])[0]
