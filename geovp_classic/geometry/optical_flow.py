@@ -1,5 +1,6 @@
-"""Pyramidal Lucas-Kanade tracking of points with a forward-backward check (Lucas & Kanade 1981,
-Kalal 2010).
+"""Sparse tracking: pyramidal Lucas-Kanade with a forward-backward check.
+
+Lucas & Kanade 1981; Kalal et al. 2010.
 """
 
 import cv2
@@ -14,42 +15,44 @@ def track_points(
     predicted: FloatArray,  # [N, 2] in the image now, where the search starts
     window_px: int,
     num_levels: tuple[int, int] = (4, 4),  # of the pyramid, forward and backward
-    termination: tuple[int, float] = (
-        30,
-        0.01,
-    ),  # after so many iterations, or a step of so many pixels
-    max_return_px: float = 0.5,
+    termination: tuple[int, float] = (30, 0.01),  # iterations, pixels of a step
+    max_return_px: float = 0.5,  # between a point and where tracking it back ends
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Pixels [N, 2] float32 in the image now; which points were found [N]; mean grey difference of
-    the windows [N].
+    """Track points from one image to the next.
 
-    A point is found when tracking it back ends within `max_return_px` of its start.
+    Return pixels [N, 2] float32 in the image now, which points were tracked [N], and the mean grey
+    difference of their windows [N].
     """
     before, now = images
+    forward_levels, backward_levels = num_levels
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *termination)
-    window, flags = (window_px, window_px), cv2.OPTFLOW_USE_INITIAL_FLOW
-    start, guess = np.asarray(pixels, dtype=np.float32), np.array(predicted, dtype=np.float32)
-    forward, backward = num_levels
-    there, found, error = cv2.calcOpticalFlowPyrLK(
+    window = (window_px, window_px)
+    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
+    start = np.asarray(pixels, dtype=np.float32)
+    tracked, status, error = cv2.calcOpticalFlowPyrLK(
         before,
         now,
         start,
-        guess,
+        np.array(predicted, dtype=np.float32),
         winSize=window,
-        maxLevel=forward - 1,
+        maxLevel=forward_levels - 1,
         criteria=criteria,
         flags=flags,
     )
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(
+    returned, return_status, _ = cv2.calcOpticalFlowPyrLK(
         now,
         before,
-        there,
+        tracked,
         start.copy(),
         winSize=window,
-        maxLevel=backward - 1,
+        maxLevel=backward_levels - 1,
         criteria=criteria,
         flags=flags,
     )
-    returns = np.linalg.norm(back - start, axis=1) < max_return_px
-    kept = np.asarray(returns & (found.ravel() > 0) & (returned.ravel() > 0))
-    return np.asarray(there, np.float32), kept, np.asarray(error, np.float32).ravel()
+    is_tracked = np.linalg.norm(returned - start, axis=1) < max_return_px
+    is_tracked &= (status.ravel() > 0) & (return_status.ravel() > 0)
+    return (
+        np.asarray(tracked, np.float32),
+        np.asarray(is_tracked),
+        np.asarray(error, np.float32).ravel(),
+    )

@@ -1,4 +1,4 @@
-"""Places along epipolar lines against points that are moved and projected one after the other."""
+"""Dense reprojection against points that are moved and projected one by one."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_some_of_the_pixels_are_where_they_are_among_all(inverse_depth: FloatArr
         between.project(inverse_depth),
     )
     for part, whole in zip(some, every, strict=True):
-        np.testing.assert_array_equal(part, whole[::4, ::4])
+        np.testing.assert_allclose(part, whole[::4, ::4], atol=1e-4)
 
 
 def test_what_is_behind_is_far_outside() -> None:
