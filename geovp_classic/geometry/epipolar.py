@@ -1,8 +1,8 @@
 """Dense reprojection of one frame's pixels into another frame, and triangulation from there.
 
-A pixel (u, v, 1) with inverse depth q reprojects to A (u, v, 1) + q b. Here A = K R K^-1, and b = K t
-is the epipole (Hartley & Zisserman 2004, eq. 13.2). As q grows from 0 (infinity), the pixel moves
-along its epipolar line.
+A pixel (u, v, 1) with inverse depth q reprojects to A (u, v, 1) + q b. Here A = K R K^-1, and
+b = K t is the epipole (Hartley & Zisserman 2004, eq. 13.2). As q grows from 0 (infinity), the
+pixel moves along its epipolar line.
 """
 
 from dataclasses import dataclass
