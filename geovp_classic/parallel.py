@@ -14,11 +14,6 @@ from typing import ParamSpec, TypeVar
 import numba
 from threadpoolctl import ThreadpoolController
 
-# For numba's `fastmath`: loops become vectors without changing a result. What it leaves out (sums
-# in another order,
-# fused and approximate operations) gives other bits on other processors.
-SAME_BITS = {"nnan", "ninf", "nsz"}
-
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 Parameters = ParamSpec("Parameters")
