@@ -106,7 +106,10 @@ def _is_deterministic(trial: Trial) -> None:
 
 
 def _keeps_input(trial: Trial) -> None:
-    inputs = (trial.full_context.frames, trial.clip.frames, trial.past.world_from_cam)
+    context = trial.full_context
+    owners = (context, context.full, context.right, trial.past, trial.clip)
+    values = [value for owner in owners if owner for value in vars(owner).values()]
+    inputs = [value for value in values if isinstance(value, np.ndarray)]
     before = [array.copy() for array in inputs]
     trial.run()
     for array, copied in zip(inputs, before, strict=True):
