@@ -83,10 +83,8 @@ class Predicted:
         return None if steps is None else [round(float(value), 4) for value in steps[0]]
 
     @cached_property
-    def static_share(self) -> float:
-        """The share of the frame that shows no scene: black bars, the vehicle's own parts, one that
-        it follows.
-        """
+    def scene_mask_fraction(self) -> float:
+        """Return the fraction of the frame under the scene mask."""
         return round(
             float(Observer().observe(self.context).hidden_mask(self.predictor.needs).mean()), 4
         )
@@ -136,7 +134,7 @@ class Predicted:
             "photometric_residual": self.photometric_residual,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "confidence": self.confidence,
-            "static_share": self.static_share,
+            "scene_mask_fraction": self.scene_mask_fraction,
             "warnings": self.warnings,
             "scores": self.scores,
         }
@@ -166,10 +164,10 @@ class Predicted:
                 unit += f" +- {motion.past.scale_uncertainty:.0%}"
             count = f"{int(motion.tracked.sum())} of {len(motion.tracked)} observed frames tracked"
             lines.append(f"motion: {count}, lengths in {unit}")
-        if self.static_share:
+        if self.scene_mask_fraction:
             lines.append(
-                "static: black bars, parts of the vehicle or one ahead take "
-                f"{self.static_share:.0%} of the image"
+                "scene mask: letterbox bars, the ego vehicle or a vehicle ahead cover "
+                f"{self.scene_mask_fraction:.0%} of the image"
             )
         if self.confidence is not None:
             lines.append(
