@@ -148,9 +148,9 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     )
 
     def library() -> FloatArray:
-        return bundle_adjust(
-            given, triangulate(scene.rays, given), pixels, Lens(CAMERA), num_fixed=1
-        )[0][-1]
+        points = triangulate(scene.rays, given)
+        adjusted: FloatArray = bundle_adjust(given, points, pixels, Lens(CAMERA), num_fixed=1)[0]
+        return adjusted[-1]
 
     return Comparison(
         "local bundle adjustment",

@@ -30,7 +30,8 @@ def skimage_ssim(
         "use_sample_covariance": False,
     }
     pairs = zip(predicted, target, strict=True)
-    return np.array([structural_similarity(a, b, **given) for a, b in pairs])
+    scores = [structural_similarity(a, b, **given) for a, b in pairs]  # type: ignore[no-untyped-call]
+    return np.array(scores)
 
 
 def line(name: str, rounds: int) -> str:

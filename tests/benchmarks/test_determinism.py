@@ -1,5 +1,6 @@
-"""Same settings, same results within a tolerance: with any number of processes and threads, and on
-any processor.
+"""Same settings, same results: within one grey level with any number of processes and threads.
+
+On another processor, sums in compiled code round differently, and few pixels get another depth.
 """
 
 from pathlib import Path
@@ -50,11 +51,11 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 
 @pytest.mark.parametrize(
-    ("threads", "executor", "environment"),
+    ("threads", "executor", "environment", "max_fraction", "max_difference"),
     [
-        (2, Serial(), {}),
-        (1, Processes(2), {}),
-        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}),
+        (2, Serial(), {}, 0.0, 1e-3),
+        (1, Processes(2), {}, 0.0, 1e-3),
+        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, 0.01, 0.05),
     ],
     ids=["threads", "workers", "processors"],
 )
@@ -65,18 +66,21 @@ def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
     threads: int,
     executor: Executor,
     environment: dict[str, str],  # of the processes that are started
+    max_fraction: float,  # of pixels that are off by more than one grey level
+    max_difference: float,  # of a score at one step, in dB or metres
 ) -> None:
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     other = run(tmp_path, threads, executor)
     np.testing.assert_allclose(
-        other.scores(CELL).value, serial.scores(CELL).value, rtol=1e-6, atol=1e-3
+        other.scores(CELL).value, serial.scores(CELL).value, rtol=1e-6, atol=max_difference
     )
     clips = [clip for clip, _ in serial.predictions(CELL)]
     assert len(clips) == 3
     for clip in clips:
         one, two = (results.prediction(CELL, clip) for results in (serial, other))
-        np.testing.assert_allclose(one.frames.astype(int), two.frames, atol=1)
+        off = np.abs(one.frames.astype(int) - two.frames) > 1
+        assert off.mean() <= max_fraction
         assert one.motion is not None
         assert two.motion is not None
         np.testing.assert_allclose(one.motion.futures, two.motion.futures, atol=1e-6)
