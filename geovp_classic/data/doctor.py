@@ -12,10 +12,9 @@ import numpy as np
 
 from geovp_classic.data import layouts, splits
 from geovp_classic.data.findings import Finding, Findings
-from geovp_classic.data.frames import image_size
+from geovp_classic.data.frames import image_size, read_image
 from geovp_classic.data.scan import Scan
 from geovp_classic.data.undistortion import common_pinhole
-from geovp_classic.data.windows import FrameRange
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
@@ -60,18 +59,17 @@ class Doctor:
         if not folders:
             raise BadData(f"{root} holds no sequence: give a folder with sequences in it")
         rows = []
-        findings: list[Finding] = []
+        findings = Findings()
         num_frames = {}
         for name in watch(list(folders)):
             scans = layout.scans(folders[name])
-            row, found = self._sequence(name, folders[name], scans, deep=deep)
+            row, sequence_findings = self._sequence(name, folders[name], scans, deep=deep)
             rows.append(row)
-            findings += dict.fromkeys(found)  # cameras share files
-            num_frames[name] = min((len(scan.images) for scan in scans.values()), default=0)
+            findings += sequence_findings
+            num_frames[name] = min(len(scan.images) for scan in scans.values())
         for path in sorted((root / "poses").glob("*.txt")):
             if path.stem not in folders:
-                message = f"there is no sequence {path.stem!r} with images for these poses"
-                findings.append(Finding(path, None, "note", message))
+                findings.note(path, f"there is no sequence {path.stem!r} for these poses")
         return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
 
     def _sequence(
@@ -79,49 +77,43 @@ class Doctor:
     ) -> tuple[dict[str, str], Findings]:
         """Return the table row of a sequence with its cameras, and its findings."""
         findings = Findings()
+        frames = []
         sizes_px: set[Size] = set()
         focals = set()
-        for scan in scans.values():
+        for camera, scan in scans.items():
+            frames.append(f"{camera}: {len(scan.images)}".removeprefix(": "))
             findings += scan.findings
             camera_sizes_px = _image_sizes(scan.images, findings, deep=deep)
             sizes_px |= camera_sizes_px
             focals.add(self._calibration(folder, scan, camera_sizes_px, findings))
-        counts = {camera: len(scan.images) for camera, scan in scans.items()}
-        frames = ", ".join(f"{camera}: {count}".lstrip(": ") for camera, count in counts.items())
-        if len(set(counts.values())) > 1:
-            findings.error(folder, f"cameras have different numbers of frames: {frames}")
-        if not scans:
-            findings.error(folder, "holds no images: expected a folder image_0 to image_3")
-        first = next(iter(scans.values()), Scan((), np.zeros(0), (), Findings()))
+        first = next(iter(scans.values()))
         times_s = first.times_s[np.isfinite(first.times_s)]
+        duration_s = float(np.ptp(times_s)) if len(times_s) else 0.0
         self._times(first, findings)
-        if first.world_from_cam is None and first.images and not first.findings:
-            findings.note(folder, NO_POSES)
+        length = self._poses(folder, first, findings)
+        findings = Findings(dict.fromkeys(findings))  # cameras share files
+        severities = [finding.severity for finding in findings]
         row = {
             "sequence": name,
-            "frames": frames or "none",
+            "frames": ", ".join(frames),
             "size_px": ", ".join(map(_text, sorted(sizes_px))) or "-",
-            "calibrated": ", ".join(sorted(focals)) or "none",
+            "calibrated": ", ".join(sorted(focals)),
             "times": str(len(times_s)),
-            "duration_s": f"{np.ptp(times_s) if len(times_s) else 0.0:.1f}",
+            "duration_s": f"{duration_s:.1f}",
             "poses": "none" if first.world_from_cam is None else str(len(first.posed)),
-            "length_m": self._poses(folder, first, findings),
+            "length_m": length,
+            "errors": str(severities.count("error")),
+            "warnings": str(severities.count("warning")),
         }
-        for severity in ("error", "warning"):
-            count = sum(finding.severity == severity for finding in set(findings))
-            row[f"{severity}s"] = str(count)
         return row, findings
 
     def _calibration(
         self, folder: Path, scan: Scan, sizes_px: set[Size], findings: Findings
     ) -> str:
         """Check that cameras fit their images; return the focal length as text."""
-        if not scan.cameras:
-            if scan.images and not scan.findings:
-                message = "has no known calibration: give intrinsics = [fx, fy, cx, cy] to the data"
-                findings.note(folder, message)
-            return "none"
         calibrated = {camera.size_px for camera in scan.cameras}
+        if not calibrated:
+            return "none"
         if unknown := sizes_px - calibrated:
             expected = ", ".join(map(_text, sorted(calibrated)))
             message = f"has images of {_text(min(unknown))}, calibrated for {expected}"
@@ -142,42 +134,40 @@ class Doctor:
 
     def _times(self, scan: Scan, findings: Findings) -> None:
         """Warn of images much later than the one before."""
-        if len(scan.times_s) != len(scan.images) or len(scan.images) < 2:
-            return
         steps_s = np.diff(scan.times_s)
-        usual_s = np.nanmedian(steps_s)
+        if not np.isfinite(steps_s).any():
+            return
+        usual_s = float(np.nanmedian(steps_s))
         message = f"{{:.3f}} s after the image before, {usual_s:.3f} s is usual: frames are missing"
-        _warn_beyond(self.max_step_ratio * float(usual_s), steps_s, scan.images, message, findings)
+        _warn_beyond(self.max_step_ratio * usual_s, steps_s, scan.images, message, findings)
 
     def _poses(self, folder: Path, scan: Scan, findings: Findings) -> str:
         """Warn of missing poses and implausible motion; return the length in metres as text."""
-        if scan.world_from_cam is None:
-            return "-"
         numbers = scan.posed
         count = len(scan.images)
+        if scan.world_from_cam is None and count and not scan.findings:
+            findings.note(folder, NO_POSES)
         if len(numbers) < count and not scan.findings:
-            num_pieces = len(scan.breaks) + 1 if len(numbers) else 0
             message = (
-                f"{count - len(numbers)} of {count} images have no pose, leaving {num_pieces} "
-                "unbroken pieces"
+                f"{count - len(numbers)} of {count} images have no pose: "
+                f"{len(scan.breaks) + 1} unbroken pieces are left"
             )
             findings.warn(folder, message)
         if scan.depths is not None and (missing := scan.depths.count(None)):
             findings.warn(folder, f"{missing} of {count} images have no depth image")
-        poses = scan.world_from_cam[numbers]
-        if len(poses) < 2:
+        if scan.world_from_cam is None or len(numbers) < 2:
             return "-"
         images = [scan.images[number] for number in numbers]
+        poses = scan.world_from_cam[numbers]
         turns_rad = se3.rotation_angle_rad(se3.inverse(poses[:-1]) @ poses[1:])
         message = "turned by {:.0f} degrees from the pose before: more than a car turns"
         _warn_beyond(self.max_turn_deg, np.degrees(turns_rad), images, message, findings)
         if not scan.is_metric:
             return "-"
         steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-        if len(scan.times_s) == count:
-            speeds_m_s = steps_m / np.diff(scan.times_s[numbers])
-            message = "{:.0f} m/s from the pose before: more than a car drives"
-            _warn_beyond(self.max_speed_m_s, speeds_m_s, images, message, findings)
+        speeds_m_s = steps_m / np.diff(scan.times_s[numbers])
+        message = "{:.0f} m/s from the pose before: more than a car drives"
+        _warn_beyond(self.max_speed_m_s, speeds_m_s, images, message, findings)
         return f"{steps_m.sum():.0f}"
 
 
@@ -205,7 +195,11 @@ def _image_sizes(images: tuple[Path, ...], findings: Findings, *, deep: bool) ->
     sizes_px: list[Size] = []
     for path in images:
         try:
-            size_px = image_size(path, deep=deep or not sizes_px)
+            if deep or not sizes_px:
+                height_px, width_px = read_image(path).shape[:2]
+                size_px = (width_px, height_px)
+            else:
+                size_px = image_size(path)
         except BadData as problem:
             findings.add(path, problem)
             continue
@@ -218,9 +212,10 @@ def _image_sizes(images: tuple[Path, ...], findings: Findings, *, deep: bool) ->
 
 def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:
     """Return the named splits whose frames are all among the sequences' first `num_frames`."""
-
-    def is_present(frames: FrameRange) -> bool:
-        needed = frames.last or frames.first + 1
-        return num_frames.get(frames.sequence, 0) >= needed
-
-    return tuple(name for name in splits.names() if all(map(is_present, splits.load(name))))
+    usable = []
+    for name in splits.names():
+        ranges = splits.load(name)
+        needed = {frames.sequence: frames.last or frames.first + 1 for frames in ranges}
+        if all(num_frames.get(sequence, 0) >= count for sequence, count in needed.items()):
+            usable.append(name)
+    return tuple(usable)

@@ -78,8 +78,9 @@ def scan(folder: Path, camera: int = 0, max_difference_s: float = Euroc.max_diff
     for name in ("state_groundtruth_estimate0", "mocap0"):
         path = folder / "mav0" / name / "data.csv"
         if poses is None and path.exists():
-            table = pose_files.scan_asl(path, start_ns, findings)
-            poses = matched(times_s, table, max_difference_s) @ body_from_cam
+            pose_times_s, world_from_body = pose_files.scan_asl(path, start_ns, findings)
+            poses = matched(times_s, pose_times_s, world_from_body, max_difference_s)
+            poses = poses @ body_from_cam
     return Scan(images, times_s, (lens,) * len(images), findings, poses)
 
 

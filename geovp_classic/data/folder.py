@@ -39,7 +39,7 @@ class Folder(SequenceDataset):
     `frame_rate_hz`; with neither, from a TUM trajectory if there is one, else from the video's own
     rate, else 10 Hz are assumed. `trajectory` is a KITTI or TUM file with one pose a frame;
     `is_metric` says whether its unit is the metre. `frames` limits the clips of one sequence to
-    [first, last). `image_bits` is the number of used bits of 16-bit images.
+    [first, last). Other settings are `SequenceDataset`'s.
     """
 
     path: Path
@@ -48,14 +48,7 @@ class Folder(SequenceDataset):
     times: Path | None = None
     trajectory: Path | None = None
     is_metric: bool = True
-    camera_height_m: float | None = None
     frames: tuple[int, int] | None = None
-    num_frames: int = 30
-    stride: int = 10
-    size_px: tuple[int, int] = (256, 256)
-    with_full: bool = False
-    sequences: tuple[str, ...] | None = None
-    image_bits: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("path", "times", "trajectory"):  # scripts give text

@@ -65,14 +65,8 @@ def _eight_bits(path: Path, image: npt.NDArray[Any], bits: int | None) -> ByteAr
     return (image >> (bits - 8)).astype(np.uint8)
 
 
-def image_size(path: Path, *, deep: bool = False) -> tuple[int, int]:
-    """Return (width, height) of a file that is complete, or with `deep` of the decoded image.
-
-    BadData if the file is damaged.
-    """
-    if deep:
-        height_px, width_px = read_image(path).shape[:2]
-        return width_px, height_px
+def image_size(path: Path) -> tuple[int, int]:
+    """Return (width, height) of an image file; BadData if it is incomplete."""
     with files.opened(path) as file:
         return decoding.checked_size(path, file)
 
@@ -229,7 +223,7 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
 def scan_numbered(folder: Path, findings: Findings) -> tuple[Path, ...]:
     """Return the images 000000, 000001, ... of a folder; report gaps, duplicates, other files."""
     images: dict[int, Path] = {}
-    for path in sorted(folder.iterdir()):
+    for path in sorted(folder.glob("*")):
         if path.name.startswith("."):
             continue
         if not is_image(path) or not path.stem.isdecimal():

@@ -6,7 +6,7 @@ rectified to look the same way, and poses are camera 0's, so world_from_camk = w
 cam0_from_camk.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
@@ -17,9 +17,9 @@ from geovp_classic.data import pose_files, splits
 from geovp_classic.data.findings import Findings
 from geovp_classic.data.frames import Load, image_size, scan_numbered
 from geovp_classic.data.scan import Scan
-from geovp_classic.data.sequences import SequenceDataset
+from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
-from geovp_classic.data.windows import Fit, FrameRange, Recording, SideCamera
+from geovp_classic.data.windows import FrameRange, Recording, SideCamera
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
@@ -29,34 +29,25 @@ RIGHT_OF = {0: 1, 2: 3}
 
 
 @dataclass(frozen=True)
-class Kitti(SequenceDataset):
+class Kitti(PosedSequences):
     """KITTI odometry; one clip every `stride` frames of each range.
 
     Either `split` (a name, or a .toml file) or `sequences` ("06", "03[180:360)") says which frames;
     with neither, all sequences are used. Without `camera`, each sequence shows image_2 if it has
     it, else image_0, else what it has. Poses are those of the camera shown, or None for a sequence
-    without a pose file. Frames are the central square at `size_px`, or whole frames stretched to it
-    with `fit = "stretch"`; `with_full` adds the uncropped ones, `with_right` those of the right
-    camera where there is one. Everything but the images is read and checked on construction.
+    without a pose file. `with_right` adds the frames of the right camera where there is one. Other
+    settings are `SequenceDataset`'s.
     """
 
     name: ClassVar[str] = "kitti"  # in results
     prefix: ClassVar[str] = "image_"  # of the folders of images
 
-    root: Path
     split: str | None = None
-    sequences: tuple[str, ...] | None = None
     camera: int | None = None
-    num_frames: int = 30
-    stride: int = 10
-    size_px: tuple[int, int] = (256, 256)
-    fit: Fit = "crop"
-    camera_height_m: float = 1.65
-    with_full: bool = False
+    camera_height_m: float = field(default=1.65, kw_only=True)
     with_right: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "root", Path(self.root))  # scripts give text
         if self.split is not None and self.sequences is not None:
             raise BadData(
                 f"both split {self.split!r} and sequences {list(self.sequences)} are given: "
@@ -64,15 +55,11 @@ class Kitti(SequenceDataset):
             )
         if self.camera is not None and self.camera not in PREFERRED_CAMERAS:
             raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
-        self._check()
+        super().__post_init__()
 
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
         return super()._wanted if self.split is None else splits.load(self.split)
-
-    @cached_property
-    def _folders(self) -> dict[str, Path]:
-        return self.folders(self.root)
 
     @staticmethod
     def folders(root: Path) -> dict[str, Path]:
@@ -90,8 +77,9 @@ class Kitti(SequenceDataset):
         findings = Findings()
         images = scan_numbered(folder / f"image_{camera}", findings)
         projection = scan_projection(folder / "calib.txt", f"P{camera}", findings)
-        times_s = pose_files.scan_times(folder / "times.txt", findings)
-        check_count(folder / "times.txt", "times", len(times_s), len(images), findings)
+        times = folder / "times.txt"
+        times_s = pose_files.scan_times(times, findings)
+        times_s = one_per_frame(times, times_s, len(images), findings)
         poses = folder.parents[1] / "poses" / f"{folder.name}.txt"
         world_from_cam0 = _scan_poses(poses, len(images), findings) if poses.exists() else None
         return rectified(images, times_s, projection, world_from_cam0, findings)
@@ -105,51 +93,55 @@ class Kitti(SequenceDataset):
     def _cameras(cls, folder: Path) -> list[int]:
         """Return the cameras of a sequence that have a folder, the preferred one first."""
         cameras = PREFERRED_CAMERAS
-        return [camera for camera in cameras if (folder / f"{cls.prefix}{camera}").is_dir()]
+        present = [camera for camera in cameras if (folder / f"{cls.prefix}{camera}").is_dir()]
+        return present or [cameras[0]]
 
-    def _read(self, name: str, load: Load) -> Recording:
-        folder = self._folder(name)
+    def _camera(self, folder: Path) -> int:
+        """Return the camera that a sequence shows."""
         cameras = self._cameras(folder)
-        if not cameras:
-            raise BadData(f"{folder} holds no images: expected a folder {self.prefix}0 to 3")
         camera = cameras[0] if self.camera is None else self.camera
         if camera not in cameras:
             present = ", ".join(f"{self.prefix}{number}" for number in cameras)
             raise BadData(f"{folder} has no {self.prefix}{camera}: it has {present}")
-        left = self.scan(folder, camera)
-        recording = left.recording(name, folder, load, self.camera_height_m)
-        right_camera = RIGHT_OF.get(camera)
-        if not self.with_right or right_camera not in cameras:
+        return camera
+
+    def _scan(self, folder: Path) -> Scan:
+        return self.scan(folder, self._camera(folder))
+
+    def _read(self, name: str, load: Load) -> Recording:
+        recording = super()._read(name, load)
+        folder = self._folder(name)
+        right_camera = RIGHT_OF.get(self._camera(folder))
+        if not self.with_right or right_camera not in self._cameras(folder):
             return recording
         right = self.scan(folder, right_camera)
         side = right.recording(name, folder, load, self.camera_height_m)
-        right_from_left = right.cam_from_rig @ se3.inverse(left.cam_from_rig)
+        right_from_left = right.cam_from_rig @ se3.inverse(self._scan(folder).cam_from_rig)
         return replace(recording, right=SideCamera(side.frames, side.intrinsics, right_from_left))
 
 
-def check_count(path: Path, what: str, count: int, num_frames: int, findings: Findings) -> None:
-    """Report a file without exactly one row per frame."""
-    if count not in (0, num_frames):
-        message = f"{count} {what} for {num_frames} frames, expected one each"
-        findings.error(path, message)
+def one_per_frame(path: Path, rows: FloatArray, num_frames: int, findings: Findings) -> FloatArray:
+    """Return the rows of a file; NaN for each frame with a finding if there are fewer or more."""
+    if len(rows) == num_frames:
+        return rows
+    if len(rows):
+        findings.error(path, f"{len(rows)} rows for {num_frames} frames, expected one each")
+    return np.full((num_frames, *rows.shape[1:]), np.nan)
 
 
 def _scan_poses(path: Path, num_frames: int, findings: Findings) -> FloatArray:
-    """Scan world_from_cam0 [N, 4, 4], one pose per frame; all are NaN if their numbers differ."""
-    table = pose_files.scan_kitti(path, findings)
-    if table.keys is not None:
-        missing = np.setdiff1d(np.arange(num_frames), table.keys)
+    """Scan world_from_cam0 [N, 4, 4], one pose per frame."""
+    indices, world_from_cam0 = pose_files.scan_kitti(path, findings)
+    if indices is not None:
+        missing = np.setdiff1d(np.arange(num_frames), indices)
         if len(missing):
             findings.error(path, f"expected a pose of every frame, frames {missing} have none")
-    check_count(path, "poses", len(table.world_from_cam), num_frames, findings)
-    if len(table.world_from_cam) == num_frames:
-        return table.world_from_cam
-    return np.full((num_frames, 4, 4), np.nan)
+    return one_per_frame(path, world_from_cam0, num_frames, findings)
 
 
 def scan_entry(path: Path, name: str, count: int, findings: Findings) -> FloatArray | None:
     """Scan the numbers of the line `name: ...` of a calibration file."""
-    for line, text in pose_files.read_lines(path, findings, "calibration"):
+    for line, text in pose_files.read_lines(path, findings):
         key, _, numbers = text.partition(":")
         if key == name:
             return pose_files.parse_numbers(path, line, numbers.split(), (count,), findings)

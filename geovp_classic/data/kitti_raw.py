@@ -58,7 +58,7 @@ class KittiRaw(Kitti):
         projection = kitti.scan_projection(calibration, f"P_rect_0{camera}", findings)
         path = folder / f"image_0{camera}" / "timestamps.txt"
         times_s = scan_timestamps(path, findings)
-        kitti.check_count(path, "times", len(times_s), len(images), findings)
+        times_s = kitti.one_per_frame(path, times_s, len(images), findings)
         world_from_cam0 = None
         if (folder / "oxts").is_dir():
             world_from_cam0 = _scan_poses(folder, len(images), findings)
@@ -76,7 +76,7 @@ class KittiRaw(Kitti):
 
 def scan_timestamps(path: Path, findings: Findings) -> FloatArray:
     """Scan the times [N] in seconds since the first."""
-    lines = pose_files.read_lines(path, findings, "times")
+    lines = pose_files.read_lines(path, findings)
     stamps = np.full(len(lines), "NaT", "datetime64[ns]")
     for number, (line, text) in enumerate(lines):
         is_time = re.fullmatch(r"[\d-]+ [\d:.]+", text)
@@ -98,7 +98,7 @@ def _scan_poses(folder: Path, num_frames: int, findings: Findings) -> FloatArray
     readings = np.full((num_frames, NUM_READINGS), np.nan)
     for number in range(num_frames):
         path = folder / "oxts" / "data" / f"{number:010d}.txt"
-        for line, text in pose_files.read_lines(path, findings, "reading")[:1]:
+        for line, text in pose_files.read_lines(path, findings)[:1]:
             numbers = pose_files.parse_numbers(path, line, text.split(), (NUM_READINGS,), findings)
             if numbers is None:
                 continue

@@ -7,8 +7,9 @@ skipped. A `scan_` function adds a finding for every bad line and returns NaN in
 `read_` function raises BadData for the first bad line.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,46 +26,38 @@ MAX_NUMBER = 2.0**63  # times in nanoseconds are below it
 ROTATION_TOLERANCE = 1e-3  # of R R' - I and of a quaternion's length, as text files round them
 IndexArray = npt.NDArray[np.int64]
 Lines = list[tuple[int, str]]  # number, from 1, and text
-
-
-@dataclass(frozen=True)
-class PoseTable:
-    """The rows of a pose file; bad ones are NaN."""
-
-    keys: FloatArray | None  # [N] frame indices (KITTI with 13 numbers) or times in seconds (TUM)
-    world_from_cam: FloatArray  # [N, 4, 4]
+Scanned = TypeVar("Scanned")
 
 
 def read_kitti(path: Path) -> tuple[IndexArray | None, FloatArray]:
     """Read frame indices [N] (None if the lines hold 12 numbers) and world_from_cam [N, 4, 4]."""
-    findings = Findings()
-    table = scan_kitti(path, findings)
-    findings.raise_first()
-    indices = None if table.keys is None else table.keys.astype(np.int64)
-    return indices, table.world_from_cam
+    keys, world_from_cam = _read(scan_kitti, path)
+    return None if keys is None else keys.astype(np.int64), world_from_cam
 
 
 def read_tum(path: Path, *, is_metric: bool = True) -> Trajectory:
     """Read a TUM file; the caller states whether its unit is the metre, the file does not."""
-    findings = Findings()
-    table = scan_tum(path, findings)
-    findings.raise_first()
-    assert table.keys is not None
-    return Trajectory(table.world_from_cam, table.keys, is_metric)
+    times_s, world_from_cam = _read(scan_tum, path)
+    return Trajectory(world_from_cam, times_s, is_metric)
 
 
 def read_times(path: Path) -> FloatArray:
     """Read the times in seconds [N] of a file with one increasing number per line."""
+    return _read(scan_times, path)
+
+
+def _read(scan: Callable[[Path, Findings], Scanned], path: Path) -> Scanned:
+    """Scan a file; BadData for the first error."""
     findings = Findings()
-    times_s = scan_times(path, findings)
+    scanned = scan(path, findings)
     findings.raise_first()
-    return times_s
+    return scanned
 
 
 def has_times(path: Path) -> bool:
     """Return whether a trajectory file is TUM (True) or KITTI (False), by its first line."""
     findings = Findings()
-    lines = read_lines(path, findings, "poses")
+    lines = read_lines(path, findings)
     findings.raise_first()
     number, text = lines[0]
     count = len(text.split())
@@ -113,8 +106,8 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     _write_rows(path, np.hstack(columns), "# t_s x y z qx qy qz qw\n")
 
 
-def scan_kitti(path: Path, findings: Findings) -> PoseTable:
-    """Scan the poses of a KITTI file."""
+def scan_kitti(path: Path, findings: Findings) -> tuple[FloatArray | None, FloatArray]:
+    """Scan the frame indices [N] of a KITTI file, if it has them, and world_from_cam [N, 4, 4]."""
     lines, numbers = _scan_rows(path, (12, 13), findings)
     keys = None
     if numbers.shape[1] == 13:
@@ -132,17 +125,17 @@ def scan_kitti(path: Path, findings: Findings) -> PoseTable:
             findings.error(path, str(problem), lines[number])
             pose = np.full((4, 4), np.nan)
         world_from_cam[number] = pose
-    return PoseTable(keys, world_from_cam)
+    return keys, world_from_cam
 
 
-def scan_tum(path: Path, findings: Findings) -> PoseTable:
-    """Scan the times and poses of a TUM file."""
+def scan_tum(path: Path, findings: Findings) -> tuple[FloatArray, FloatArray]:
+    """Scan the times in seconds [N] and world_from_cam [N, 4, 4] of a TUM file."""
     lines, numbers = _scan_rows(path, (8,), findings)
     return _from_quaternions(path, lines, numbers, findings)
 
 
-def scan_asl(path: Path, start_ns: float, findings: Findings) -> PoseTable:
-    """Scan the times, in seconds after a start, and poses of EuRoC's data.csv."""
+def scan_asl(path: Path, start_ns: float, findings: Findings) -> tuple[FloatArray, FloatArray]:
+    """Scan the times [N], in seconds after a start, and world_from_body of EuRoC's data.csv."""
     lines, numbers = _scan_rows(path, (17, 8), findings, separator=",")
     numbers = numbers[:, [0, 1, 2, 3, 5, 6, 7, 4]]  # from t, x, y, z, qw, qx, qy, qz, ...
     numbers[:, 0] = (numbers[:, 0] - start_ns) / 1e9
@@ -154,7 +147,7 @@ def _from_quaternions(
     lines: list[int],  # N
     numbers: FloatArray,  # [N, 8]: t, x, y, z, qx, qy, qz, qw
     findings: Findings,
-) -> PoseTable:
+) -> tuple[FloatArray, FloatArray]:
     length = np.linalg.norm(numbers[:, 4:], axis=1)
     for number in np.flatnonzero(np.abs(length - 1) > ROTATION_TOLERANCE):
         message = f"the quaternion has length {length[number]:.4g}, expected 1"
@@ -165,7 +158,7 @@ def _from_quaternions(
     if good.any():
         rotation = Rotation.from_quat(numbers[good, 4:]).as_matrix()
         world_from_cam[good] = se3.compose(rotation, numbers[good, 1:4])
-    return PoseTable(numbers[:, 0], world_from_cam)
+    return numbers[:, 0], world_from_cam
 
 
 def scan_times(path: Path, findings: Findings) -> FloatArray:
@@ -173,11 +166,8 @@ def scan_times(path: Path, findings: Findings) -> FloatArray:
     return _scan_rows(path, (1,), findings)[1][:, 0]
 
 
-def read_lines(path: Path, findings: Findings, content: str = "") -> Lines:
-    """Read every line that is not empty once comments (#) are removed.
-
-    With `content`, a file without such lines is reported as one that holds none of it.
-    """
+def read_lines(path: Path, findings: Findings) -> Lines:
+    """Read every line that is not empty once comments (#) are removed."""
     try:
         text = files.read_text(path)
     except BadData as problem:
@@ -191,8 +181,8 @@ def read_lines(path: Path, findings: Findings, content: str = "") -> Lines:
         line = line.partition("#")[0].strip()
         if line:
             lines.append((number, line))
-    if content and not lines:
-        findings.error(path, f"holds no {content}")
+    if not lines:
+        findings.error(path, "is empty")
     return lines
 
 
@@ -228,7 +218,7 @@ def _scan_rows(
     Rows of another length are reported, as are first columns that do not increase, unless they are
     of a rotation matrix (K = 12).
     """
-    lines = read_lines(path, findings, "times" if counts == (1,) else "poses")
+    lines = read_lines(path, findings)
     count = len(lines[0][1].split(separator)) if lines else 0
     if count in counts:
         counts = (count,)

@@ -130,16 +130,17 @@ def nearest(
 
 def matched(
     times_s: FloatArray,  # [N]
-    table: pose_files.PoseTable,
+    pose_times_s: FloatArray,  # [M], increasing
+    poses: FloatArray,  # [M, 4, 4], NaN where a line is bad
     max_difference_s: float,
 ) -> FloatArray:
     """Return the pose [N, 4, 4] nearest in time, NaN beyond the difference."""
-    assert table.keys is not None
-    good = np.isfinite(table.world_from_cam[:, 0, 0])
-    numbers = nearest(times_s, table.keys[good], max_difference_s)
-    poses = np.full((len(times_s), 4, 4), np.nan)
-    poses[numbers >= 0] = table.world_from_cam[good][numbers[numbers >= 0]]
-    return poses
+    good = np.isfinite(poses[:, 0, 0])
+    numbers = nearest(times_s, pose_times_s[good], max_difference_s)
+    is_near = numbers >= 0
+    matches = np.full((len(times_s), 4, 4), np.nan)
+    matches[is_near] = poses[good][numbers[is_near]]
+    return matches
 
 
 def scan_list(
@@ -148,7 +149,7 @@ def scan_list(
     """Scan a list of times [N] and images in a folder, without its bad lines."""
     times_s: list[float] = []
     images: list[Path] = []
-    for number, text in pose_files.read_lines(path, findings, "images"):
+    for number, text in pose_files.read_lines(path, findings):
         time, _, file = (part.strip() for part in text.partition(separator))
         numbers = pose_files.parse_numbers(path, number, [time], (1,), findings)
         if numbers is None:

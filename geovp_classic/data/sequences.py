@@ -3,7 +3,7 @@
 import dataclasses
 from abc import ABC, abstractmethod
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,24 +17,27 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, Clip
 
 
+@dataclass(frozen=True, kw_only=True)
 class SequenceDataset(ABC):
-    """The common behaviour of such data sets; each is a frozen dataclass with these settings.
+    """Clips of sequences, one every `stride` frames, and the settings that all data sets share.
 
     `sequences` names sequences or frames of them ("06", "03[180:360)"); without it, all are used.
+    Frames are cropped to their central square at `size_px`, or with `fit = "stretch"` resized
+    whole; `with_full` adds the uncropped ones. `image_bits` is the number of used bits of 16-bit
+    images. Everything but the images is checked on construction.
     """
 
-    sequences: tuple[str, ...] | None
-    num_frames: int
-    stride: int
-    size_px: tuple[int, int]
-    with_full: bool
-    camera_height_m: float | None
-    fit: Fit = "crop"
+    sequences: tuple[str, ...] | None = None
+    num_frames: int = 30
+    stride: int = 10
+    size_px: tuple[int, int] = (256, 256)
+    with_full: bool = False
+    camera_height_m: float | None = None
     image_bits: int | None = None
 
     def _check(self) -> None:
         """Raise BadData unless all named sequences can be used."""
-        windows.check_protocol(self.num_frames, self.stride, self.size_px, self.fit)
+        windows.check_protocol(self.num_frames, self.stride, self.size_px, self._fit)
         for name, count in Counter(self.clip_names).items():
             files.check_name(name, "the clip")
             if count > 1:
@@ -42,7 +45,12 @@ class SequenceDataset(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings alone, so that a copy in another process reads its own files."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @property
+    def _fit(self) -> Fit:
+        """Return the setting `fit` of the data sets that have it."""
+        return getattr(self, "fit", "crop")
 
     @cached_property
     def ranges(self) -> tuple[FrameRange, ...]:
@@ -82,7 +90,7 @@ class SequenceDataset(ABC):
         sequence, first = self._starts[index]
         recording = self.recordings[sequence]
         return windows.cut(
-            recording, first, self.num_frames, self.size_px, with_full=self.with_full, fit=self.fit
+            recording, first, self.num_frames, self.size_px, with_full=self.with_full, fit=self._fit
         )
 
     @cached_property
@@ -126,23 +134,14 @@ class SequenceDataset(ABC):
 
 @dataclass(frozen=True)
 class PosedSequences(SequenceDataset):
-    """Sequences below one root, or a root that is one itself; one clip every `stride` frames.
+    """Sequences below one root, or a root that is one itself, shown without lens distortion.
 
-    `sequences` names them ("office", "office[100:400)"; frames are counted among those with a
-    pose). Frames are undistorted, then cropped to their central square at `size_px`, or with `fit =
-    "stretch"` resized whole. `image_bits` is the number of used bits of 16-bit images. Everything
-    but the images is checked on construction.
+    Frames are counted among those with a pose.
     """
 
     root: Path
-    sequences: tuple[str, ...] | None = None
-    num_frames: int = 30
-    stride: int = 10
-    size_px: tuple[int, int] = (256, 256)
+    _: KW_ONLY
     fit: Fit = "crop"
-    camera_height_m: float | None = None
-    image_bits: int | None = None
-    with_full: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "root", Path(self.root))  # scripts give text

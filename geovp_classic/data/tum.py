@@ -92,8 +92,8 @@ def scan(
         depths = tuple(paths[number] if number >= 0 else None for number in numbers)
     poses = None
     if (folder / "groundtruth.txt").exists():
-        table = pose_files.scan_tum(folder / "groundtruth.txt", findings)
-        poses = matched(times_s, table, max_difference_s)
+        pose_times_s, poses = pose_files.scan_tum(folder / "groundtruth.txt", findings)
+        poses = matched(times_s, pose_times_s, poses, max_difference_s)
     match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
     if lens is None and match:
         lens = FREIBURG[match[1]]

@@ -176,7 +176,7 @@ DRIVE = f"2011_09_26/{NAME}_sync"
         (f"{DRIVE}/image_02/timestamps.txt", 3, "2011-09-26 13:02:25.0", "is not after"),
         (f"{DRIVE}/oxts/data/0000000003.txt", 1, "49 8 100", "line 1: 3 numbers, expected 30"),
         (f"{DRIVE}/oxts/data/0000000003.txt", 1, "95" + 29 * " 0", "line 1: latitude 95"),
-        (f"{DRIVE}/oxts/data/0000000003.txt", 1, "", "holds no reading"),
+        (f"{DRIVE}/oxts/data/0000000003.txt", 1, "", "is empty"),
     ],
 )
 def test_loader_and_doctor_report_damage_by_file_and_line(

@@ -109,9 +109,9 @@ def test_a_bad_line_is_named(tmp_path: Path, kind: str, bad: str) -> None:
         read(path)
     assert str(caught.value).startswith(f"{path} line 2: {BAD_LINES[kind][bad]}")
     findings = Findings()
-    table = scan(path, findings)
+    _, world_from_cam = scan(path, findings)
     assert [finding.line for finding in findings] == [2]
-    assert np.isfinite(table.world_from_cam).all(axis=(1, 2)).tolist() == [True, False, True]
+    assert np.isfinite(world_from_cam).all(axis=(1, 2)).tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_files_without_poses_or_text_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
     for content, message in (
         (None, "does not exist"),
-        (b"# nothing but this\n\n", "holds no poses"),
+        (b"# nothing but this\n\n", "is empty"),
         (b"\x89PNG\xff\xfe", "cannot be read as text"),
     ):
         if content is not None:
@@ -167,7 +167,7 @@ def test_the_format_is_that_of_the_first_line(tmp_path: Path) -> None:
     [
         ("0\n0.1\n0.1\n", r"line 3: 0\.1 is not after 0\.1"),
         ("0\n1 2\n", "line 2: 2 numbers, expected 1"),
-        ("", "holds no times"),
+        ("", "is empty"),
     ],
 )
 def test_times_must_increase(tmp_path: Path, text: str, message: str) -> None:

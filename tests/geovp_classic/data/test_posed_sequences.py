@@ -86,14 +86,16 @@ def test_tum_cameras_follow_from_the_name(tmp_path: Path, write_tum: Write) -> N
     clip = Clip("grey", grey, np.arange(5) / 30, wide)
     for name in ("rgbd_dataset_freiburg3_office", "rgbd_dataset_freiburg1_desk", "hall"):
         write_tum(tmp_path, name, clip)
-    third = Tum(tmp_path, ("rgbd_dataset_freiburg3_office",), with_full=True, **CUT)[0].full
-    first = Tum(tmp_path, ("rgbd_dataset_freiburg1_desk",), with_full=True, **CUT)[0].full
+    third = Tum(tmp_path, sequences=("rgbd_dataset_freiburg3_office",), with_full=True, **CUT)[
+        0
+    ].full
+    first = Tum(tmp_path, sequences=("rgbd_dataset_freiburg1_desk",), with_full=True, **CUT)[0].full
     assert (third.intrinsics.fx_px, third.intrinsics.cx_px) == (535.4, 320.1)  # no distortion
     zoom = first.intrinsics.fx_px / 517.3
     assert first.intrinsics.fy_px / 516.5 == pytest.approx(zoom)
     assert 1.0 <= zoom < 1.1
     with pytest.raises(BadData, match="is not of freiburg1, 2 or 3 by its name: give intrinsics"):
-        Tum(tmp_path, ("hall",), **CUT)
+        Tum(tmp_path, sequences=("hall",), **CUT)
     with pytest.raises(BadData, match="distortion is given without intrinsics"):
         Tum(tmp_path, distortion=(0.1, 0, 0, 0, 0), **CUT)
 
@@ -113,7 +115,9 @@ def test_euroc_poses_are_those_of_the_camera(
     assert data.clip_names[0] == "MH_01/000000"
     assert_same(data[2], grey, 8)
     assert data[0].times_s[0] == 0
-    assert Euroc(tmp_path / "MH_01", ("MH_01[2:8)",), **CUT).clip_names == ("MH_01/000002",)
+    assert Euroc(tmp_path / "MH_01", sequences=("MH_01[2:8)",), **CUT).clip_names == (
+        "MH_01/000002",
+    )
 
 
 @pytest.mark.parametrize("model", ["radial-tangential", "equidistant"])
@@ -275,7 +279,7 @@ def test_damaged_lists_of_euroc_are_named(
         with pytest.raises(BadData, match=message):
             Euroc(tmp_path, **CUT)
     images.write_text("#timestamp [ns],filename\n")
-    with pytest.raises(BadData, match=r"cam0/data\.csv: holds no images"):
+    with pytest.raises(BadData, match=r"cam0/data\.csv: is empty"):
         Euroc(tmp_path, **CUT)
 
 
