@@ -174,7 +174,7 @@ def colmap_model(file: str) -> Write:
 
 
 def read_colmap(path: Path) -> Any:
-    scanned = colmap.scan(path.parents[1])
+    scanned = colmap.Colmap.scan(path.parents[1])
     scanned.findings.raise_first()
     return scanned.world_from_cam, [dataclasses.astuple(camera) for camera in scanned.cameras]
 

@@ -23,6 +23,10 @@ from geovp_classic.types import Intrinsics
 
 FILM_DIAGONAL_MM = 43.27  # of 36 x 24 mm, to which an equivalent focal length refers (CIPA DCG-001)
 EXPECTED = "KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
+# COLMAP's distortion models by the names of ROS, Kalibr and the ASL layout
+MODELS = dict.fromkeys(["equidistant", "fisheye"], "OPENCV_FISHEYE") | dict.fromkeys(
+    ["none", "plumb_bob", "radtan", "radial-tangential", "rational_polynomial"], "FULL_OPENCV"
+)
 
 
 @dataclass(frozen=True)
@@ -37,15 +41,14 @@ class Calibration:
     model: str = "FULL_OPENCV"
 
     def __post_init__(self) -> None:
-        if not all(abs(coefficient) < 1e4 for coefficient in self.distortion):
-            raise BadData(
-                f"the calibration's distortion is {list(self.distortion)}: give {EXPECTED}"
-            )
         width_px, height_px = self.size_px or (1, 1)
         Intrinsics(*self.numbers, width_px, height_px)
 
     def of_size(self, path: Path, width_px: int, height_px: int) -> Intrinsics:
-        """Return the camera of images of a size; BadData if theirs have another aspect ratio."""
+        """Return the camera of images of a size.
+
+        BadData if the file is about images of another aspect ratio.
+        """
         width, height = self.size_px or (width_px, height_px)
         if abs(np.log(width * height_px / (height * width_px))) > 0.01:
             raise BadData(
@@ -55,7 +58,10 @@ class Calibration:
         return Intrinsics(*self.numbers, width, height).resized(width_px, height_px)
 
     def lens(self, camera: Intrinsics) -> DistortedCamera | None:
-        """Return `camera`, which is this one at some size, with its distortion; None without."""
+        """Return `camera`, which is this one at some size, with the distortion.
+
+        None without distortion; BadData for a wrong number of coefficients.
+        """
         if not any(self.distortion):
             return None
         coefficients = self.distortion
@@ -83,7 +89,10 @@ def read_calibration(path: Path, images: Path) -> Calibration:
 
 
 def exif_focal_px(photo: Path) -> float | None:
-    """Return the focal length in pixels by the 35 mm equivalent in a photo's EXIF data, if any."""
+    """Return the focal length in pixels by the 35 mm equivalent in a photo's EXIF data.
+
+    None if the data state none.
+    """
     try:
         with files.opened(photo) as file, Image.open(file) as image:
             tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
@@ -103,8 +112,7 @@ def _from_kitti(path: Path, prefix: str, images: Path) -> Calibration:
     for camera in cameras:
         projection = kitti.scan_projection(path, f"{prefix}{camera}", findings)
         if projection is not None:
-            (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
-            return Calibration((fx, fy, cx, cy))
+            return Calibration(projection[0])
     findings.raise_first()
     raise AssertionError
 
@@ -118,8 +126,9 @@ def _from_colmap(path: Path, text: str) -> Calibration:
         raise BadData(f"{path} holds {len(rows)} lines of cameras, expected one: give {EXPECTED}")
     try:
         _, name, width, height, *params = rows[0]
+        model = pycolmap.CameraModelId(name)  # Camera(model=name) leaks for unknown names
         camera = pycolmap.Camera(
-            model=pycolmap.CameraModelId(name),
+            model=model,
             width=int(width),
             height=int(height),
             params=[float(param) for param in params],
@@ -151,7 +160,10 @@ def load_yaml(path: Path) -> Mapping[str, Any]:
 
 
 def from_yaml(path: Path, table: Mapping[str, Any]) -> Calibration:
-    """Convert the table of a ROS camera_info, of Kalibr or of the ASL layout (pinhole)."""
+    """Convert the table of a ROS camera_info, of Kalibr or of the ASL layout.
+
+    BadData for other camera models than pinhole, and unknown distortion models.
+    """
     try:
         if table.get("camera_model", "pinhole") != "pinhole":
             raise ValueError(f"camera_model is {table['camera_model']!r}, expected pinhole")
@@ -164,12 +176,11 @@ def from_yaml(path: Path, table: Mapping[str, Any]) -> Calibration:
         height = _first(table, "image_height", "height")
         width, height = table.get("resolution", (width, height))
         lens = _first(table, "distortion_coeffs", "distortion_coefficients", "D", "d")
-        is_fisheye = str(table.get("distortion_model")) in ("equidistant", "fisheye")
         return Calibration(
             (float(fx), float(fy), float(cx), float(cy)),
             None if width is None or height is None else (int(width), int(height)),
             tuple(float(coefficient) for coefficient in matrix_data(lens)),
-            "OPENCV_FISHEYE" if is_fisheye else "FULL_OPENCV",
+            MODELS[table.get("distortion_model") or "none"],
         )
     except Exception as problem:
         raise _not_a_calibration(path, problem) from problem

@@ -53,58 +53,53 @@ class Colmap(PosedSequences):
         )
 
     @staticmethod
-    def scans(folder: Path) -> dict[str, Scan]:
-        """Scan a sequence as the default settings see it."""
-        return {"": scan(folder)}
+    def scan(folder: Path, rate_hz: float = rate_hz, is_metric: bool = False) -> Scan:
+        """Scan a sequence; it has images alone if the model cannot be used."""
+        findings = Findings()
+        root = folder / "images" if (folder / "images").is_dir() else folder
+        images = sorted(
+            filter(is_image, root.rglob("*")), key=lambda path: (path.parent, natural_order(path))
+        )
+        times_s = np.arange(len(images)) / rate_hz
+        names = [path.relative_to(root).as_posix() for path in images]
+        model = _model(folder)
+        registered: Registered = {}
+        try:
+            registered = {} if model is None else _read_model(model)
+        except BadData as problem:
+            findings.add(folder, problem)
+        missing = sorted(registered.keys() - set(names))
+        if missing:
+            message = (
+                f"lacks {len(missing)} of {len(registered)} images of the model, the first being "
+                f"{missing[0][:200]}: put the folder that COLMAP was given as --image_path here"
+            )
+            findings.error(root, message)
+        if not registered and not findings:
+            findings.error(root, "has a model without a registered image: rerun COLMAP's mapper")
+        if findings:
+            return Scan(tuple(images), times_s, (), findings)
+        world_from_cam = np.full((len(images), 4, 4), np.nan)
+        _, any_camera = next(iter(registered.values()))
+        cameras = [any_camera] * len(images)
+        starts = set()
+        for number, name in enumerate(names):
+            if name in registered:
+                world_from_cam[number], cameras[number] = registered[name]
+            if images[number].parent != images[number - 1].parent:
+                starts.add(number)
+        return Scan(
+            tuple(images),
+            times_s,
+            tuple(cameras),
+            findings,
+            world_from_cam,
+            is_metric=is_metric,
+            starts=frozenset(starts),
+        )
 
     def _scan(self, folder: Path) -> Scan:
-        return scan(folder, self.rate_hz, self.is_metric)
-
-
-def scan(folder: Path, rate_hz: float = Colmap.rate_hz, is_metric: bool = False) -> Scan:
-    """Scan a sequence; it has images alone if the model cannot be used."""
-    findings = Findings()
-    root = folder / "images" if (folder / "images").is_dir() else folder
-    images = sorted(
-        filter(is_image, root.rglob("*")), key=lambda path: (path.parent, natural_order(path))
-    )
-    times_s = np.arange(len(images)) / rate_hz
-    names = [path.relative_to(root).as_posix() for path in images]
-    model = _model(folder)
-    registered: Registered = {}
-    try:
-        registered = {} if model is None else _read_model(model)
-    except BadData as problem:
-        findings.add(folder, problem)
-    missing = sorted(registered.keys() - set(names))
-    if missing:
-        message = (
-            f"lacks {len(missing)} of {len(registered)} images of the model, the first being "
-            f"{missing[0][:200]}: put the folder that COLMAP was given as --image_path here"
-        )
-        findings.error(root, message)
-    if not registered and not findings:
-        findings.error(root, "has a model without a registered image: rerun COLMAP's mapper")
-    if findings:
-        return Scan(tuple(images), times_s, (), findings)
-    world_from_cam = np.full((len(images), 4, 4), np.nan)
-    _, any_camera = next(iter(registered.values()))
-    cameras = [any_camera] * len(images)
-    starts = set()
-    for number, name in enumerate(names):
-        if name in registered:
-            world_from_cam[number], cameras[number] = registered[name]
-        if images[number].parent != images[number - 1].parent:
-            starts.add(number)
-    return Scan(
-        tuple(images),
-        times_s,
-        tuple(cameras),
-        findings,
-        world_from_cam,
-        is_metric=is_metric,
-        starts=frozenset(starts),
-    )
+        return self.scan(folder, self.rate_hz, self.is_metric)
 
 
 def _model(folder: Path) -> Path | None:
@@ -135,9 +130,6 @@ def _read_model(model: Path) -> Registered:
         raise BadData(
             f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one"
         ) from problem
-    for name, (world_from_cam, lens) in registered.items():
-        if not np.isfinite([*world_from_cam.ravel(), *lens.distortion]).all():
-            raise BadData(f"{model}: image {name} has a pose or camera that is not finite")
     return registered
 
 

@@ -41,13 +41,14 @@ def checked_size(path: Path, file: BinaryIO) -> tuple[int, int]:
     try:
         with Image.open(file) as image:
             size_px = image.size
-            if math.prod(size_px) <= MAX_PIXELS:
+            is_too_large = math.prod(size_px) > MAX_PIXELS
+            if not is_too_large:
                 _check_content(image)
     except Exception as problem:  # Pillow's plug-ins raise many types for damaged bytes
         raise BadData(
             f"{path} cannot be decoded as an image, it is damaged or truncated: restore the file"
         ) from problem
-    if math.prod(size_px) > MAX_PIXELS:
+    if is_too_large:
         raise BadData(
             f"{path} is {size_px[0]}x{size_px[1]} pixels, more than {MAX_PIXELS:,}: shrink it"
         )

@@ -67,15 +67,15 @@ class Doctor:
             rows.append(row)
             findings += sequence_findings
             num_frames[name] = min(len(scan.images) for scan in scans.values())
-        for path in sorted((root / "poses").glob("*.txt")):
-            if path.stem not in folders:
-                findings.note(path, f"there is no sequence {path.stem!r} for these poses")
         return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
 
     def _sequence(
         self, name: str, folder: Path, scans: dict[str, Scan], *, deep: bool
     ) -> tuple[dict[str, str], Findings]:
-        """Return the table row of a sequence with its cameras, and its findings."""
+        """Return the table row of a sequence with its cameras, and its findings.
+
+        Times and poses are those of the first camera.
+        """
         findings = Findings()
         frames = []
         sizes_px: set[Size] = set()
@@ -110,7 +110,10 @@ class Doctor:
     def _calibration(
         self, folder: Path, scan: Scan, sizes_px: set[Size], findings: Findings
     ) -> str:
-        """Check that cameras fit their images; return the focal length as text."""
+        """Check that cameras fit their images; return the focal length as text.
+
+        It is the focal length without distortion.
+        """
         calibrated = {camera.size_px for camera in scan.cameras}
         if not calibrated:
             return "none"
@@ -123,7 +126,8 @@ class Doctor:
         except BadData as problem:
             findings.add(folder, problem)
             return "none"
-        right, down = view.cx_px / view.width_px, view.cy_px / view.height_px
+        right = view.cx_px / view.width_px
+        down = view.cy_px / view.height_px
         if max(abs(right - 0.5), abs(down - 0.5)) > self.max_off_centre_ratio:
             message = (
                 f"has the principal point at {right:.0%} of the width, {down:.0%} of the height: "
@@ -142,7 +146,10 @@ class Doctor:
         _warn_beyond(self.max_step_ratio * usual_s, steps_s, scan.images, message, findings)
 
     def _poses(self, folder: Path, scan: Scan, findings: Findings) -> str:
-        """Warn of missing poses and implausible motion; return the length in metres as text."""
+        """Warn of missing poses and implausible motion.
+
+        Return the length of the path in metres as text, "-" if it is unknown.
+        """
         numbers = scan.posed
         count = len(scan.images)
         if scan.world_from_cam is None and count and not scan.findings:
@@ -159,9 +166,10 @@ class Doctor:
             return "-"
         images = [scan.images[number] for number in numbers]
         poses = scan.world_from_cam[numbers]
-        turns_rad = se3.rotation_angle_rad(se3.inverse(poses[:-1]) @ poses[1:])
+        earlier_from_later = se3.inverse(poses[:-1]) @ poses[1:]
+        turns_deg = np.degrees(se3.rotation_angle_rad(earlier_from_later))
         message = "turned by {:.0f} degrees from the pose before: more than a car turns"
-        _warn_beyond(self.max_turn_deg, np.degrees(turns_rad), images, message, findings)
+        _warn_beyond(self.max_turn_deg, turns_deg, images, message, findings)
         if not scan.is_metric:
             return "-"
         steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
@@ -195,11 +203,9 @@ def _image_sizes(images: tuple[Path, ...], findings: Findings, *, deep: bool) ->
     sizes_px: list[Size] = []
     for path in images:
         try:
+            size_px = image_size(path)
             if deep or not sizes_px:
-                height_px, width_px = read_image(path).shape[:2]
-                size_px = (width_px, height_px)
-            else:
-                size_px = image_size(path)
+                read_image(path)
         except BadData as problem:
             findings.add(path, problem)
             continue

@@ -20,13 +20,6 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Intrinsics
 
-MODELS = {  # COLMAP's by the names in use
-    "radial-tangential": "OPENCV",
-    "radtan": "OPENCV",
-    "plumb_bob": "OPENCV",
-    "equidistant": "OPENCV_FISHEYE",
-}
-
 
 @dataclass(frozen=True)
 class Euroc(PosedSequences):
@@ -50,54 +43,43 @@ class Euroc(PosedSequences):
         )
 
     @staticmethod
-    def scans(folder: Path) -> dict[str, Scan]:
-        """Scan a sequence as the default settings see it."""
-        return {"": scan(folder)}
+    def scan(folder: Path, camera: int = 0, max_difference_s: float = max_difference_s) -> Scan:
+        """Scan a sequence with one of its cameras."""
+        findings = Findings()
+        cam = folder / "mav0" / f"cam{camera}"
+        if not cam.is_dir():
+            present = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
+            findings.error(cam, f"does not exist: mav0 has {present}")
+            return Scan((), np.zeros(0), (), findings)
+        stamps_ns, images = scan_list(cam / "data.csv", cam / "data", findings, ",")
+        start_ns = float(stamps_ns[0]) if images else 0.0
+        times_s = (stamps_ns - start_ns) / 1e9
+        try:
+            lens, body_from_cam = read_sensor(cam / "sensor.yaml")
+        except BadData as problem:
+            findings.add(cam / "sensor.yaml", problem)
+            return Scan(images, times_s, (), findings)
+        poses = None
+        for name in ("state_groundtruth_estimate0", "mocap0"):
+            path = folder / "mav0" / name / "data.csv"
+            if poses is None and path.exists():
+                pose_times_s, world_from_body = pose_files.scan_asl(path, start_ns, findings)
+                poses = matched(times_s, pose_times_s, world_from_body, max_difference_s)
+                poses = poses @ body_from_cam
+        return Scan(images, times_s, (lens,) * len(images), findings, poses)
 
     def _scan(self, folder: Path) -> Scan:
-        return scan(folder, self.camera, self.max_difference_s)
-
-
-def scan(folder: Path, camera: int = 0, max_difference_s: float = Euroc.max_difference_s) -> Scan:
-    """Scan a sequence with one of its cameras."""
-    findings = Findings()
-    cam = folder / "mav0" / f"cam{camera}"
-    if not cam.is_dir():
-        present = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
-        findings.error(cam, f"does not exist: mav0 has {present}")
-        return Scan((), np.zeros(0), (), findings)
-    stamps_ns, images = scan_list(cam / "data.csv", cam / "data", findings, ",")
-    start_ns = float(stamps_ns[0]) if images else 0.0
-    times_s = (stamps_ns - start_ns) / 1e9
-    try:
-        lens, body_from_cam = read_sensor(cam / "sensor.yaml")
-    except BadData as problem:
-        findings.add(cam / "sensor.yaml", problem)
-        return Scan(images, times_s, (), findings)
-    poses = None
-    for name in ("state_groundtruth_estimate0", "mocap0"):
-        path = folder / "mav0" / name / "data.csv"
-        if poses is None and path.exists():
-            pose_times_s, world_from_body = pose_files.scan_asl(path, start_ns, findings)
-            poses = matched(times_s, pose_times_s, world_from_body, max_difference_s)
-            poses = poses @ body_from_cam
-    return Scan(images, times_s, (lens,) * len(images), findings, poses)
+        return self.scan(folder, self.camera, self.max_difference_s)
 
 
 def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
     """Read the camera of a sensor.yaml, and its body_from_cam [4, 4]."""
     table = calibration_files.load_yaml(path)
     calibration = calibration_files.from_yaml(path, table)
-    distortion_model = str(table.get("distortion_model"))
-    if distortion_model not in MODELS:
-        raise BadData(
-            f"{path} has the distortion_model {distortion_model!r}: expected {list(MODELS)}"
-        )
-    if calibration.size_px is None or len(calibration.distortion) != 4:
-        raise BadData(
-            f"{path} needs resolution: [width, height] and 4 distortion_coefficients: complete it"
-        )
+    if calibration.size_px is None:
+        raise BadData(f"{path} lacks resolution: [width, height]: complete it")
     view = Intrinsics(*calibration.numbers, *calibration.size_px)
+    lens = calibration.lens(view) or DistortedCamera(view)
     try:
         numbers = np.array(calibration_files.matrix_data(table["T_BS"]), np.float64)
         transform = numbers.reshape(4, 4)
@@ -106,5 +88,4 @@ def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
         raise BadData(
             f"{path} has no T_BS of 16 numbers that is a rigid motion ({problem}): complete it"
         ) from problem
-    camera = DistortedCamera(view, MODELS[distortion_model], calibration.distortion)
-    return camera, body_from_cam
+    return lens, body_from_cam

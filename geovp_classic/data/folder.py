@@ -17,7 +17,7 @@ from geovp_classic.data.frames import (
     VideoFrames,
     image_files,
 )
-from geovp_classic.data.scan import Scan
+from geovp_classic.data.scan import Scan, sequence_folders
 from geovp_classic.data.sequences import SequenceDataset
 from geovp_classic.data.windows import FrameRange, Recording
 from geovp_classic.errors import BadData
@@ -116,18 +116,8 @@ class Folder(SequenceDataset):
         rate_hz = self.frame_rate_hz or rate_hz
         folder = path if self._is_root else Path()
         trajectory, times_s = self._timed(folder, name, len(reader), rate_hz)
-        camera = self._camera(size_px)
-        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
-
-    def _camera(self, size_px: tuple[int, int]) -> Intrinsics:
         camera = Intrinsics(*self.intrinsics, *size_px)
-        if not (0 <= camera.cx_px < size_px[0] and 0 <= camera.cy_px < size_px[1]):
-            raise BadData(
-                f"intrinsics {list(self.intrinsics)} put the principal point outside the images of "
-                f"{size_px[0]}x{size_px[1]}: give (fx, fy, cx, cy) in pixels of the images as "
-                "they are stored"
-            )
-        return camera
+        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
 
     def _timed(
         self, folder: Path, name: str, num_frames: int, rate_hz: float | None
@@ -154,17 +144,8 @@ class Folder(SequenceDataset):
     @staticmethod
     def folders(root: Path) -> dict[str, Path]:
         """Return the folders of images by name: the root, or those in it if it has no images."""
-        if not root.is_dir():
-            raise BadData(f"{root} does not exist: give a folder of images or a video file")
-        if image_files(root):
-            return {root.resolve().name: root}
-        inside = sorted(path for path in root.iterdir() if path.is_dir())
-        sequences = {path.name: path for path in inside if image_files(path)}
-        if not sequences:
-            raise BadData(
-                f"{root} holds no images (png, jpg, webp, bmp, tif, ppm, jp2), nor do its folders"
-            )
-        return sequences
+        expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"
+        return sequence_folders(root, lambda path: bool(image_files(path)), expected)
 
     @staticmethod
     def scans(folder: Path) -> dict[str, Scan]:

@@ -1,8 +1,7 @@
 """The frames of one camera, read one at a time: a list of image files, or a video."""
 
+import functools
 import re
-import threading
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from geovp_classic import files
 from geovp_classic.data import decoding
@@ -42,27 +40,20 @@ def read_image(path: Path, bits: int | None = None) -> ByteArray:
     alike. BadData if the file is damaged.
     """
     image = decoding.decoded(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if image.dtype == np.uint16 and bits is not None and 8 <= bits <= 16:
+        max_value = int(image.max())
+        if max_value >= 2**bits:
+            raise BadData(
+                f"{path} has the value {max_value}, more than {bits} bits hold: give a larger "
+                "image_bits"
+            )
+        image = (image >> (bits - 8)).astype(np.uint8)
     if image.dtype != np.uint8:
-        image = _eight_bits(path, image, bits)
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-
-
-def _eight_bits(path: Path, image: npt.NDArray[Any], bits: int | None) -> ByteArray:
-    """Return the upper 8 of the used bits."""
-    if image.dtype != np.uint16 or bits is None:
         raise BadData(
             f"{path} holds {image.dtype} values, expected 8 bits a channel: convert the images, "
-            "or set image_bits to the number of used bits (12 or 16) if they are uint16"
+            "or set image_bits to the number of used bits (8 to 16) if they are uint16"
         )
-    if not 8 <= bits <= 16:
-        raise BadData(f"image_bits is {bits}, expected 8 to 16: give the number of used bits")
-    max_value = int(image.max())
-    if max_value >= 2**bits:
-        raise BadData(
-            f"{path} has the value {max_value}, more than {bits} bits hold: give a larger "
-            "image_bits"
-        )
-    return (image >> (bits - 8)).astype(np.uint8)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -97,36 +88,6 @@ def load_sized(path: Path, size_px: tuple[int, int], load: Callable[[Path], Any]
             "first frame or the calibration: restore the file"
         )
     return image
-
-
-class FrameCache:
-    """The latest decoded frames up to a number of bytes: overlapping clips decode a frame once."""
-
-    def __init__(
-        self, load: Callable[[Any], ByteArray], limit_bytes: int = 128 * files.MIB
-    ) -> None:
-        self._load = load
-        self._limit_bytes = limit_bytes
-        self._num_bytes = 0
-        self._frames: OrderedDict[Any, ByteArray] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def __call__(self, key: Any) -> ByteArray:
-        """Return the frame of a key, which is shared and therefore read-only."""
-        with self._lock:
-            if key in self._frames:
-                self._frames.move_to_end(key)
-                return self._frames[key]
-        frame = self._load(key)
-        frame.flags.writeable = False
-        with self._lock:
-            if key not in self._frames:
-                self._frames[key] = frame
-                self._num_bytes += frame.nbytes
-            while self._num_bytes > self._limit_bytes:
-                _, oldest = self._frames.popitem(last=False)
-                self._num_bytes -= oldest.nbytes
-        return frame
 
 
 @dataclass
@@ -173,7 +134,7 @@ class VideoFrames:
         return cls(path, count, (width_px, height_px), rate_hz if is_plausible else None, capture)
 
     def __post_init__(self) -> None:
-        self._cached = FrameCache(self._decode)
+        self._cached = functools.lru_cache(maxsize=64)(self._decode)
 
     def __len__(self) -> int:
         return self.count
@@ -223,24 +184,18 @@ def natural_order(path: Path) -> list[tuple[int, str]]:
 def scan_numbered(folder: Path, findings: Findings) -> tuple[Path, ...]:
     """Return the images 000000, 000001, ... of a folder; report gaps, duplicates, other files."""
     images: dict[int, Path] = {}
-    for path in sorted(folder.glob("*")):
-        if path.name.startswith("."):
-            continue
+    for path in sorted(folder.glob("[!.]*")):
         if not is_image(path) or not path.stem.isdecimal():
             findings.note(path, "is not a numbered image: ignored")
             continue
         first = images.setdefault(int(path.stem), path)
         if first is not path:
-            message = f"is frame {int(path.stem)} as {first.name} is: keep one of them"
-            findings.error(path, message)
+            findings.error(path, f"has the same number as {first.name}: keep one of them")
     if not images:
-        message = "holds no images, expected 000000.png (or jpg, webp, ...) and so on"
-        findings.error(folder, message)
-    next_number = 0
-    for number in sorted(images):
-        if number > next_number:
-            gap = f"{next_number:06d} to {number - 1:06d}"
-            message = f"lacks frames {gap}: number the frames from 000000 without a gap"
-            findings.error(folder, message)
-        next_number = number + 1
-    return tuple(images[number] for number in sorted(images))
+        findings.error(folder, "holds no images, expected 000000.png (or jpg, webp, ...) and so on")
+    numbers = sorted(images)
+    for expected, number in enumerate(numbers):
+        if number != expected:
+            findings.error(folder, f"lacks frame {expected:06d}: number frames without a gap")
+            break
+    return tuple(images[number] for number in numbers)

@@ -15,8 +15,8 @@ import numpy as np
 
 from geovp_classic.data import pose_files, splits
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames import Load, image_size, scan_numbered
-from geovp_classic.data.scan import Scan
+from geovp_classic.data.frames import Load, scan_numbered
+from geovp_classic.data.scan import Scan, first_size
 from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.data.windows import FrameRange, Recording, SideCamera
@@ -26,6 +26,7 @@ from geovp_classic.types import FloatArray, Intrinsics
 
 PREFERRED_CAMERAS = (2, 0, 1, 3)  # left colour, left grey, then the others
 RIGHT_OF = {0: 1, 2: 3}
+Projection = tuple[tuple[float, float, float, float], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,6 @@ class Kitti(PosedSequences):
                 f"both split {self.split!r} and sequences {list(self.sequences)} are given: "
                 "keep one of them"
             )
-        if self.camera is not None and self.camera not in PREFERRED_CAMERAS:
-            raise BadData(f"camera is {self.camera}, expected 0 to 3 for image_0 to image_3")
         super().__post_init__()
 
     @cached_property
@@ -65,15 +64,16 @@ class Kitti(PosedSequences):
     def folders(root: Path) -> dict[str, Path]:
         """Return the sequences of a root by name; BadData if it is not KITTI odometry."""
         if not (root / "sequences").is_dir():
-            inside = root / "dataset"
-            hint = f"{inside}" if (inside / "sequences").is_dir() else "KITTI odometry's folder"
-            raise BadData(f"{root} holds no folder 'sequences': give {hint}")
+            raise BadData(f"{root} holds no folder 'sequences': give KITTI odometry's 'dataset'")
         paths = sorted((root / "sequences").iterdir())
         return {path.name: path for path in paths if path.is_dir() and path.name[0] != "."}
 
     @staticmethod
     def scan(folder: Path, camera: int) -> Scan:
-        """Scan a sequence with one of its cameras."""
+        """Scan a sequence with one of its cameras.
+
+        `folder` is root/sequences/NN; the poses are root/poses/NN.txt, if there are any.
+        """
         findings = Findings()
         images = scan_numbered(folder / f"image_{camera}", findings)
         projection = scan_projection(folder / "calib.txt", f"P{camera}", findings)
@@ -81,7 +81,9 @@ class Kitti(PosedSequences):
         times_s = pose_files.scan_times(times, findings)
         times_s = one_per_frame(times, times_s, len(images), findings)
         poses = folder.parents[1] / "poses" / f"{folder.name}.txt"
-        world_from_cam0 = _scan_poses(poses, len(images), findings) if poses.exists() else None
+        world_from_cam0 = None
+        if poses.exists():
+            world_from_cam0 = _scan_poses(poses, len(images), findings)
         return rectified(images, times_s, projection, world_from_cam0, findings)
 
     @classmethod
@@ -121,7 +123,10 @@ class Kitti(PosedSequences):
 
 
 def one_per_frame(path: Path, rows: FloatArray, num_frames: int, findings: Findings) -> FloatArray:
-    """Return the rows of a file; NaN for each frame with a finding if there are fewer or more."""
+    """Return the rows [N, ...] of a file, which should be one for each of N frames.
+
+    If there are fewer or more, the difference is reported and all rows are NaN.
+    """
     if len(rows) == num_frames:
         return rows
     if len(rows):
@@ -140,7 +145,10 @@ def _scan_poses(path: Path, num_frames: int, findings: Findings) -> FloatArray:
 
 
 def scan_entry(path: Path, name: str, count: int, findings: Findings) -> FloatArray | None:
-    """Scan the numbers of the line `name: ...` of a calibration file."""
+    """Scan the numbers of the line `name: ...` of a calibration file.
+
+    Return None with a finding if the line is missing or holds anything else.
+    """
     for line, text in pose_files.read_lines(path, findings):
         key, _, numbers = text.partition(":")
         if key == name:
@@ -149,45 +157,39 @@ def scan_entry(path: Path, name: str, count: int, findings: Findings) -> FloatAr
     return None
 
 
-def scan_projection(path: Path, name: str, findings: Findings) -> FloatArray | None:
-    """Scan the projection K [I | t] [3, 4] of a camera."""
+def scan_projection(path: Path, name: str, findings: Findings) -> Projection | None:
+    """Scan the projection K [I | t] of a camera.
+
+    Return fx, fy, cx, cy in pixels, and cam_from_cam0 [4, 4]; None with a finding if it is not the
+    projection of a rectified camera.
+    """
     numbers = scan_entry(path, name, 12, findings)
     if numbers is None:
         return None
     projection = numbers.reshape(3, 4)
-    camera_matrix = projection[:, :3]
-    expected = np.triu(camera_matrix)
-    expected[0, 1] = 0
-    expected[2, 2] = 1
-    if np.allclose(camera_matrix, expected) and min(np.diag(camera_matrix)) > 0:
-        return projection
-    findings.error(
-        path,
-        f"{name} is not K [I | t] of a rectified camera: expected positive focal lengths, zeros "
-        "beside them, and 0 0 1 below",
-    )
-    return None
+    (fx, _, cx, _), (_, fy, cy, _), _ = projection.tolist()
+    camera_matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    if min(fx, fy) <= 0 or not np.allclose(projection[:, :3], camera_matrix):
+        message = "expected positive focal lengths, zeros beside them, and 0 0 1 below"
+        findings.error(path, f"{name} is not K [I | t] of a rectified camera: {message}")
+        return None
+    translation = np.linalg.solve(camera_matrix, projection[:, 3])
+    return (fx, fy, cx, cy), se3.compose(np.eye(3), translation)
 
 
 def rectified(
     images: tuple[Path, ...],  # N
     times_s: FloatArray,  # [N]
-    projection: FloatArray | None,  # K [I | t], [3, 4]
+    projection: Projection | None,
     world_from_cam0: FloatArray | None,  # [N, 4, 4]
     findings: Findings,
 ) -> Scan:
-    """Return the scan of a rectified camera."""
-    if projection is None or not images:
+    """Return the scan of a rectified camera from its projection and the poses of camera 0."""
+    size_px = first_size(images, findings)
+    if projection is None or size_px is None:
         return Scan(images, times_s, (), findings)
-    try:
-        size_px = image_size(images[0])
-    except BadData as problem:
-        findings.add(images[0], problem)
-        return Scan(images, times_s, (), findings)
-    camera_matrix = projection[:, :3]
-    (fx, _, cx), (_, fy, cy), _ = camera_matrix.tolist()
-    lens = DistortedCamera(Intrinsics(fx, fy, cx, cy, *size_px))
-    cam_from_cam0 = se3.compose(np.eye(3), np.linalg.solve(camera_matrix, projection[:, 3]))
+    numbers, cam_from_cam0 = projection
+    lens = DistortedCamera(Intrinsics(*numbers, *size_px))
     world_from_cam = None
     if world_from_cam0 is not None:
         world_from_cam = world_from_cam0 @ se3.inverse(cam_from_cam0)

@@ -51,7 +51,10 @@ class KittiRaw(Kitti):
 
     @staticmethod
     def scan(folder: Path, camera: int) -> Scan:
-        """Scan a drive with one of its cameras."""
+        """Scan a drive with one of its cameras.
+
+        `folder` is root/DATE/DATE_drive_NNNN_sync; the calibration of the date lies beside it.
+        """
         findings = Findings()
         images = scan_numbered(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
@@ -99,7 +102,8 @@ def _scan_poses(folder: Path, num_frames: int, findings: Findings) -> FloatArray
     for number in range(num_frames):
         path = folder / "oxts" / "data" / f"{number:010d}.txt"
         for line, text in pose_files.read_lines(path, findings)[:1]:
-            numbers = pose_files.parse_numbers(path, line, text.split(), (NUM_READINGS,), findings)
+            words = text.split()
+            numbers = pose_files.parse_numbers(path, line, words, (NUM_READINGS,), findings)
             if numbers is None:
                 continue
             readings[number] = numbers
@@ -135,28 +139,23 @@ def mercator_poses(
 
 
 def _scan_cam0_from_imu(date: Path, findings: Findings) -> FloatArray | None:
-    """Scan the rectified camera 0 from the IMU [4, 4] in a date's calibration."""
-    rect_from_cam = _transform(date / "calib_cam_to_cam.txt", "R_rect_00", None, findings)
-    cam_from_velo = _transform(date / "calib_velo_to_cam.txt", "R", "T", findings)
-    velo_from_imu = _transform(date / "calib_imu_to_velo.txt", "R", "T", findings)
-    if rect_from_cam is None or cam_from_velo is None or velo_from_imu is None:
-        return None
-    return rect_from_cam @ cam_from_velo @ velo_from_imu
+    """Scan cam0_from_imu [4, 4] of a date, camera 0 being the rectified one.
 
-
-def _transform(
-    path: Path, rotation: str, translation: str | None, findings: Findings
-) -> FloatArray | None:
-    """Scan the rigid transform [4, 4] of two lines of a calibration file, or of its rotation."""
-    matrix = kitti.scan_entry(path, rotation, 9, findings)
-    vector: FloatArray | None = np.zeros(3)
-    if translation is not None:
-        vector = kitti.scan_entry(path, translation, 3, findings)
-    if matrix is None or vector is None:
+    The calibration states velo_from_imu, cam_from_velo and the rotation of the rectification.
+    """
+    cam0_from_imu = np.eye(4)
+    for file in ("calib_imu_to_velo.txt", "calib_velo_to_cam.txt"):
+        rotation = kitti.scan_entry(date / file, "R", 9, findings)
+        translation = kitti.scan_entry(date / file, "T", 3, findings)
+        if rotation is None or translation is None:
+            return None
+        cam0_from_imu = se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
+    rectification = kitti.scan_entry(date / "calib_cam_to_cam.txt", "R_rect_00", 9, findings)
+    if rectification is None:
         return None
-    transform = se3.compose(matrix.reshape(3, 3), vector)
+    rect_from_cam = se3.compose(rectification.reshape(3, 3), np.zeros(3))
     try:
-        return se3.orthonormalised(transform, pose_files.ROTATION_TOLERANCE)
+        return se3.orthonormalised(rect_from_cam @ cam0_from_imu, pose_files.ROTATION_TOLERANCE)
     except BadData as problem:
-        findings.error(path, f"{rotation}: {problem}")
+        findings.error(date, f"the calibration's rotations are invalid: {problem}")
         return None

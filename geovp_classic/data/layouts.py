@@ -29,10 +29,9 @@ def name_of(root: Path) -> str:
         except BadData:
             continue
         return name
-    state = "holds no known data set" if root.is_dir() else "does not exist"
     raise BadData(
-        f"{root} {state}: give a folder of KITTI odometry or raw, TUM RGB-D, EuRoC, a COLMAP "
-        "model with its images, or a folder of images"
+        f"{root} does not exist or holds no known data set: give a folder of KITTI odometry or "
+        "raw, TUM RGB-D, EuRoC, a COLMAP model with its images, or a folder of images"
     )
 
 

@@ -9,10 +9,9 @@ skipped. A `scan_` function adds a finding for every bad line and returns NaN in
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from geovp_classic import files
@@ -20,17 +19,19 @@ from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.findings import Findings
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import FloatArray, Trajectory
+from geovp_classic.types import FloatArray, IntArray, Trajectory
 
 MAX_NUMBER = 2.0**63  # times in nanoseconds are below it
 ROTATION_TOLERANCE = 1e-3  # of R R' - I and of a quaternion's length, as text files round them
-IndexArray = npt.NDArray[np.int64]
-Lines = list[tuple[int, str]]  # number, from 1, and text
+
 Scanned = TypeVar("Scanned")
 
 
-def read_kitti(path: Path) -> tuple[IndexArray | None, FloatArray]:
-    """Read frame indices [N] (None if the lines hold 12 numbers) and world_from_cam [N, 4, 4]."""
+def read_kitti(path: Path) -> tuple[IntArray | None, FloatArray]:
+    """Read frame indices [N] and world_from_cam [N, 4, 4].
+
+    Indices are None if the lines hold 12 numbers. BadData for a bad line.
+    """
     keys, world_from_cam = _read(scan_kitti, path)
     return None if keys is None else keys.astype(np.int64), world_from_cam
 
@@ -56,15 +57,8 @@ def _read(scan: Callable[[Path, Findings], Scanned], path: Path) -> Scanned:
 
 def has_times(path: Path) -> bool:
     """Return whether a trajectory file is TUM (True) or KITTI (False), by its first line."""
-    findings = Findings()
-    lines = read_lines(path, findings)
-    findings.raise_first()
-    number, text = lines[0]
-    count = len(text.split())
-    if count not in (8, 12, 13):
-        findings.error(path, f"{count} numbers, expected 8 (TUM), 12 or 13 (KITTI)", number)
-        findings.raise_first()
-    return count == 8
+    _, first_line = _read(read_lines, path)[0]
+    return len(first_line.split()) == 8
 
 
 def read_trajectory(
@@ -107,58 +101,64 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
 
 def scan_kitti(path: Path, findings: Findings) -> tuple[FloatArray | None, FloatArray]:
-    """Scan the frame indices [N] of a KITTI file, if it has them, and world_from_cam [N, 4, 4]."""
-    lines, numbers = _scan_rows(path, (12, 13), findings)
-    keys = None
-    if numbers.shape[1] == 13:
-        keys = numbers[:, 0]
-        numbers = numbers[:, 1:]
-        for number in np.flatnonzero((keys < 0) | (keys % 1 > 0)):
-            message = f"frame index {keys[number]:g}, expected a whole number from 0"
-            findings.error(path, message, lines[number])
-    entries = numbers.reshape(-1, 3, 4)
-    world_from_cam = se3.compose(entries[:, :, :3], entries[:, :, 3])
-    for number in np.flatnonzero(np.isfinite(numbers[:, 0])):
-        try:
-            pose = se3.orthonormalised(world_from_cam[number], ROTATION_TOLERANCE)
-        except BadData as problem:
-            findings.error(path, str(problem), lines[number])
-            pose = np.full((4, 4), np.nan)
-        world_from_cam[number] = pose
-    return keys, world_from_cam
+    """Scan the frame indices [N], None if there are none, and world_from_cam [N, 4, 4] of a
+    KITTI file.
+    """
+    return _scan_poses(path, (12, 13), _pose_of_matrix, findings)
 
 
 def scan_tum(path: Path, findings: Findings) -> tuple[FloatArray, FloatArray]:
     """Scan the times in seconds [N] and world_from_cam [N, 4, 4] of a TUM file."""
-    lines, numbers = _scan_rows(path, (8,), findings)
-    return _from_quaternions(path, lines, numbers, findings)
+    return _scan_poses(path, (8,), _pose_of_quaternion, findings)
 
 
 def scan_asl(path: Path, start_ns: float, findings: Findings) -> tuple[FloatArray, FloatArray]:
-    """Scan the times [N], in seconds after a start, and world_from_body of EuRoC's data.csv."""
-    lines, numbers = _scan_rows(path, (17, 8), findings, separator=",")
-    numbers = numbers[:, [0, 1, 2, 3, 5, 6, 7, 4]]  # from t, x, y, z, qw, qx, qy, qz, ...
-    numbers[:, 0] = (numbers[:, 0] - start_ns) / 1e9
-    return _from_quaternions(path, lines, numbers, findings)
+    """Scan the times [N] and world_from_body [N, 4, 4] of EuRoC's data.csv.
+
+    Times are seconds after `start_ns`.
+    """
+
+    def pose_of(numbers: FloatArray) -> FloatArray:
+        return _pose_of_quaternion(numbers[[0, 1, 2, 3, 5, 6, 7, 4]])  # the real part comes first
+
+    times_ns, world_from_body = _scan_poses(path, (17, 8), pose_of, findings, ",")
+    return (times_ns - start_ns) / 1e9, world_from_body
 
 
-def _from_quaternions(
+def _scan_poses(
     path: Path,
-    lines: list[int],  # N
-    numbers: FloatArray,  # [N, 8]: t, x, y, z, qx, qy, qz, qw
+    counts: tuple[int, ...],
+    pose_of: Callable[[FloatArray], FloatArray],  # [K] -> [4, 4]; BadData for a bad line
     findings: Findings,
-) -> tuple[FloatArray, FloatArray]:
-    length = np.linalg.norm(numbers[:, 4:], axis=1)
-    for number in np.flatnonzero(np.abs(length - 1) > ROTATION_TOLERANCE):
-        message = f"the quaternion has length {length[number]:.4g}, expected 1"
-        findings.error(path, message, lines[number])
-        numbers[number] = np.nan
-    world_from_cam = np.full((len(lines), 4, 4), np.nan)
-    good = np.isfinite(numbers[:, 0])
-    if good.any():
-        rotation = Rotation.from_quat(numbers[good, 4:]).as_matrix()
-        world_from_cam[good] = se3.compose(rotation, numbers[good, 1:4])
-    return numbers[:, 0], world_from_cam
+    separator: str | None = None,
+) -> tuple[Any, FloatArray]:
+    """Scan the times or frame indices [N], None if there are none, and poses [N, 4, 4]."""
+    lines, rows = _scan_rows(path, counts, findings, separator)
+    poses = np.full((len(rows), 4, 4), np.nan)
+    for number in np.flatnonzero(np.isfinite(rows[:, 0])):
+        try:
+            poses[number] = pose_of(rows[number])
+        except BadData as problem:
+            findings.error(path, str(problem), lines[number])
+    return None if rows.shape[1] == 12 else rows[:, 0], poses
+
+
+def _pose_of_matrix(numbers: FloatArray) -> FloatArray:
+    """Convert the rows of a matrix [12], or a frame index and these [13], to a pose."""
+    if len(numbers) == 13 and (numbers[0] < 0 or numbers[0] % 1):
+        raise BadData(f"frame index {numbers[0]:g}, expected a whole number from 0")
+    matrix = numbers[-12:].reshape(3, 4)
+    pose = se3.compose(matrix[:, :3], matrix[:, 3])
+    return se3.orthonormalised(pose, ROTATION_TOLERANCE)
+
+
+def _pose_of_quaternion(numbers: FloatArray) -> FloatArray:
+    """Convert t, x, y, z, qx, qy, qz, qw to a pose."""
+    length = np.linalg.norm(numbers[4:])
+    if abs(length - 1) > ROTATION_TOLERANCE:
+        raise BadData(f"the quaternion has length {length:.4g}, expected 1")
+    rotation = Rotation.from_quat(numbers[4:]).as_matrix()
+    return se3.compose(rotation, numbers[1:4])
 
 
 def scan_times(path: Path, findings: Findings) -> FloatArray:
@@ -166,8 +166,8 @@ def scan_times(path: Path, findings: Findings) -> FloatArray:
     return _scan_rows(path, (1,), findings)[1][:, 0]
 
 
-def read_lines(path: Path, findings: Findings) -> Lines:
-    """Read every line that is not empty once comments (#) are removed."""
+def read_lines(path: Path, findings: Findings) -> list[tuple[int, str]]:
+    """Read the numbers, from 1, and texts of the lines that hold more than a comment (#)."""
     try:
         text = files.read_text(path)
     except BadData as problem:
@@ -176,7 +176,7 @@ def read_lines(path: Path, findings: Findings) -> Lines:
         else:
             findings.error(path, "does not exist")
         return []
-    lines: Lines = []
+    lines = []
     for number, line in enumerate(text.splitlines(), start=1):
         line = line.partition("#")[0].strip()
         if line:
@@ -189,7 +189,10 @@ def read_lines(path: Path, findings: Findings) -> Lines:
 def parse_numbers(
     path: Path, line: int, words: list[str], counts: tuple[int, ...], findings: Findings
 ) -> FloatArray | None:
-    """Return one of `counts` finite numbers of a line; None with a finding for anything else."""
+    """Return the finite numbers of a line, as many as one of `counts`.
+
+    Return None with a finding for anything else.
+    """
     try:
         numbers = np.array([_number(word) for word in words])
     except ValueError as problem:

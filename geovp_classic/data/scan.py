@@ -13,7 +13,7 @@ import numpy as np
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames import FrameFiles, Load
+from geovp_classic.data.frames import FrameFiles, Load, image_size
 from geovp_classic.data.undistortion import (
     DistortedCamera,
     UndistortedDepths,
@@ -103,15 +103,25 @@ def sequence_folders(
 
     BadData if there is none.
     """
-    if not root.is_dir():
-        raise BadData(f"{root} does not exist: give {expected}, or a folder of such folders")
     if is_sequence(root):
         return {root.resolve().name: root}
-    inside = sorted(path for path in root.iterdir() if path.is_dir())
+    inside = sorted(path for path in root.glob("*") if path.is_dir())
     sequences = {path.name: path for path in inside if is_sequence(path)}
     if not sequences:
-        raise BadData(f"{root} holds no sequence: give {expected}, or a folder of such folders")
+        raise BadData(
+            f"{root} does not exist or holds no sequence: give {expected}, or a folder of such "
+            "folders"
+        )
     return sequences
+
+
+def first_size(images: tuple[Path, ...], findings: Findings) -> tuple[int, int] | None:
+    """Return the size of the first image; None if there is none or it is damaged."""
+    try:
+        return image_size(images[0]) if images else None
+    except BadData as problem:
+        findings.add(images[0], problem)
+        return None
 
 
 def nearest(

@@ -3,14 +3,15 @@
 import dataclasses
 from abc import ABC, abstractmethod
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from geovp_classic import files
 from geovp_classic.data import splits, windows
-from geovp_classic.data.frames import FrameCache, Load, read_image
+from geovp_classic.data.frames import Load, read_image
 from geovp_classic.data.scan import Scan
 from geovp_classic.data.windows import Fit, FrameRange, Recording
 from geovp_classic.errors import BadData
@@ -78,7 +79,7 @@ class SequenceDataset(ABC):
     @cached_property
     def recordings(self) -> dict[str, Recording]:
         """Return the sequences in use, by name."""
-        load = FrameCache(self._load)
+        load = lru_cache(maxsize=2 * self.num_frames)(self._load)  # clips overlap
         names = dict.fromkeys(frames.sequence for frames in self._wanted)
         return {name: self._read(name, load) for name in names}
 
@@ -139,6 +140,9 @@ class PosedSequences(SequenceDataset):
     Frames are counted among those with a pose.
     """
 
+    # scan(folder) scans a sequence as the default settings see it
+    scan: ClassVar[Callable[..., Scan]]
+
     root: Path
     _: KW_ONLY
     fit: Fit = "crop"
@@ -151,6 +155,11 @@ class PosedSequences(SequenceDataset):
     @abstractmethod
     def folders(root: Path) -> dict[str, Path]:
         """Return the sequences of a root by name; BadData if it has another layout."""
+
+    @classmethod
+    def scans(cls, folder: Path) -> dict[str, Scan]:
+        """Scan a sequence by the names of its cameras, "" for one."""
+        return {"": cls.scan(folder)}
 
     @abstractmethod
     def _scan(self, folder: Path) -> Scan:

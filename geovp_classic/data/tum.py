@@ -12,8 +12,7 @@ from typing import ClassVar
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames import image_size
-from geovp_classic.data.scan import Scan, matched, nearest, scan_list, sequence_folders
+from geovp_classic.data.scan import Scan, first_size, matched, nearest, scan_list, sequence_folders
 from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
@@ -56,9 +55,34 @@ class Tum(PosedSequences):
         )
 
     @staticmethod
-    def scans(folder: Path) -> dict[str, Scan]:
-        """Scan a sequence as the default settings see it."""
-        return {"": scan(folder)}
+    def scan(
+        folder: Path,
+        lens: tuple[Numbers, Distortion] | None = None,
+        max_difference_s: float = max_difference_s,
+    ) -> Scan:
+        """Scan a sequence; the default lens is the one in the folder's name."""
+        findings = Findings()
+        times_s, images = scan_list(folder / "rgb.txt", folder, findings)
+        depths = None
+        if (folder / "depth.txt").exists():
+            depth_times_s, paths = scan_list(folder / "depth.txt", folder, findings)
+            matches = nearest(times_s, depth_times_s, max_difference_s)
+            depths = tuple(paths[number] if number >= 0 else None for number in matches)
+        poses = None
+        if (folder / "groundtruth.txt").exists():
+            pose_times_s, poses = pose_files.scan_tum(folder / "groundtruth.txt", findings)
+            poses = matched(times_s, pose_times_s, poses, max_difference_s)
+        match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
+        if lens is None and match:
+            lens = FREIBURG[match[1]]
+        cameras: tuple[DistortedCamera, ...] = ()
+        size_px = first_size(images, findings)
+        if size_px and lens:
+            numbers, distortion = lens
+            view = Intrinsics(*numbers, *size_px)
+            camera = DistortedCamera(view, "FULL_OPENCV", (*distortion, 0.0, 0.0, 0.0))
+            cameras = (camera,) * len(images)
+        return Scan(images, times_s, cameras, findings, poses, depths, VALUES_PER_M)
 
     def _scan(self, folder: Path) -> Scan:
         lens = None
@@ -68,55 +92,10 @@ class Tum(PosedSequences):
             raise BadData(
                 "distortion is given without intrinsics: give both, they are of one calibration"
             )
-        result = scan(folder, lens, self.max_difference_s)
+        result = self.scan(folder, lens, self.max_difference_s)
         if not result.cameras:
             result.findings.error(
                 folder,
                 "is not of freiburg1, 2 or 3 by its name: give intrinsics = [fx, fy, cx, cy]",
             )
         return result
-
-
-def scan(
-    folder: Path,
-    lens: tuple[Numbers, Distortion] | None = None,
-    max_difference_s: float = Tum.max_difference_s,
-) -> Scan:
-    """Scan a sequence; the default lens is the one in the folder's name."""
-    findings = Findings()
-    times_s, images = scan_list(folder / "rgb.txt", folder, findings)
-    depths = None
-    if (folder / "depth.txt").exists():
-        depth_times_s, paths = scan_list(folder / "depth.txt", folder, findings)
-        numbers = nearest(times_s, depth_times_s, max_difference_s)
-        depths = tuple(paths[number] if number >= 0 else None for number in numbers)
-    poses = None
-    if (folder / "groundtruth.txt").exists():
-        pose_times_s, poses = pose_files.scan_tum(folder / "groundtruth.txt", findings)
-        poses = matched(times_s, pose_times_s, poses, max_difference_s)
-    match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
-    if lens is None and match:
-        lens = FREIBURG[match[1]]
-    cameras = _cameras(images, lens, findings) if images and lens else ()
-    return Scan(images, times_s, cameras, findings, poses, depths, VALUES_PER_M)
-
-
-def _cameras(
-    images: tuple[Path, ...], lens: tuple[Numbers, Distortion], findings: Findings
-) -> tuple[DistortedCamera, ...]:
-    """Return the camera of every image, all of the first one's size."""
-    numbers, distortion = lens
-    try:
-        view = Intrinsics(*numbers, *image_size(images[0]))
-    except BadData as problem:
-        findings.add(images[0], problem)
-        return ()
-    if not (0 <= view.cx_px < view.width_px and 0 <= view.cy_px < view.height_px):
-        message = (
-            f"is {view.width_px}x{view.height_px}, and intrinsics {list(numbers)} put the "
-            "principal point outside: give those of the images as they are stored"
-        )
-        findings.error(images[0], message)
-        return ()
-    camera = DistortedCamera(view, "FULL_OPENCV", (*distortion, 0.0, 0.0, 0.0))
-    return (camera,) * len(images)

@@ -34,7 +34,11 @@ class DistortedCamera:
 
     @classmethod
     def from_colmap(cls, camera: Any) -> Self:
-        """Convert a pycolmap.Camera, in which (0.5, 0.5) is the centre of the top-left pixel."""
+        """Convert a pycolmap.Camera.
+
+        Its parameters are one or two focal lengths, the principal point, and the distortion; the
+        centre of the top-left pixel is (0.5, 0.5).
+        """
         params = [float(value) for value in camera.params]
         num_focals = len(camera.focal_length_idxs())
         fx_px, fy_px = params[0], params[num_focals - 1]
@@ -48,16 +52,21 @@ class DistortedCamera:
         return self.pinhole.width_px, self.pinhole.height_px
 
     def pixels(self, rays: FloatArray) -> FloatArray:
-        """Project rays [N, 3] to pixels [N, 2], (0, 0) being the centre of the top-left one."""
+        """Project rays [N, 3] to pixels [N, 2].
+
+        The centre of the top-left pixel is (0, 0) here and (0.5, 0.5) in COLMAP.
+        """
         from geovp_classic.colmap_library import pycolmap
 
         if not any(self.distortion):
             return pinhole.project(rays, self.pinhole)[0]
         camera = pycolmap.Camera(model=self.model)
-        focal_px = (self.pinhole.fx_px, self.pinhole.fy_px)[: len(camera.focal_length_idxs())]
+        num_focals = len(camera.focal_length_idxs())
+        focal_px = (self.pinhole.fx_px, self.pinhole.fy_px)[:num_focals]
         centre_px = (self.pinhole.cx_px + 0.5, self.pinhole.cy_px + 0.5)
         camera.params = (*focal_px, *centre_px, *self.distortion)
-        return np.asarray(camera.img_from_cam(np.ascontiguousarray(rays, np.float64))) - 0.5
+        contiguous = np.ascontiguousarray(rays, np.float64)
+        return np.asarray(camera.img_from_cam(contiguous)) - 0.5
 
 
 def common_pinhole(cameras: Iterable[DistortedCamera], source: Path) -> Intrinsics:

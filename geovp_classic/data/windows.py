@@ -31,20 +31,16 @@ class FrameRange:
     def parse(cls, text: str) -> Self:
         """Parse "03" or "03[180:360)"."""
         match = re.fullmatch(r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip())
-        if match is None:
-            raise BadData(
-                f"{text!r} is not a range of frames, expected a sequence such as '03' or "
-                "'03[180:360)'"
-            )
-        sequence, first, last = match.groups()
-        if first is None:
-            return cls(sequence)
-        if int(first) >= int(last):
-            raise BadData(
-                f"{text!r} holds no frame: the first is inclusive and the last exclusive, give "
-                "first < last"
-            )
-        return cls(sequence, int(first), int(last))
+        if match is not None:
+            sequence, first, last = match.groups()
+            if first is None:
+                return cls(sequence)
+            if int(first) < int(last):
+                return cls(sequence, int(first), int(last))
+        raise BadData(
+            f"{text!r} is not a range of frames, expected a sequence such as '03' or "
+            "'03[180:360)', the first frame inclusive, the last exclusive"
+        )
 
     def within(self, num_frames: int) -> Self:
         """Return the range with its end spelled out; BadData if the sequence is shorter."""
@@ -111,22 +107,18 @@ class Recording:
 
 
 def _check_camera(name: str, camera: Intrinsics) -> None:
-    """Raise BadData for a camera whose images cannot be of its size.
+    """Raise BadData for focal lengths and principal points that do not fit the images.
 
     Focal lengths of 0.05 to 100 widths are fields of view from 169 to half a degree.
     """
     size_px = np.array([camera.width_px, camera.height_px])
     focal_ratio = np.array([camera.fx_px, camera.fy_px]) / size_px.max()
-    centre_ratio = np.array([camera.cx_px, camera.cy_px]) / size_px
-    is_plausible = (
-        focal_ratio.min() > 0.05
-        and focal_ratio.max() < 100
-        and np.abs(centre_ratio - 0.5).max() < 2.5
-    )
-    if not is_plausible:
+    centre_px = np.array([camera.cx_px, camera.cy_px])
+    is_focal_plausible = focal_ratio.min() > 0.05 and focal_ratio.max() < 100
+    if not is_focal_plausible or (centre_px < -0.5).any() or (centre_px > size_px - 0.5).any():
         raise BadData(
-            f"{name}: no camera of {camera.width_px}x{camera.height_px} pixels has {camera}: "
-            "check the calibration, which is in pixels of the images as they are stored"
+            f"{name}: {camera} has an implausible focal length or its principal point outside the "
+            "images: give the calibration in pixels of the images as they are stored"
         )
 
 

@@ -130,8 +130,8 @@ def test_a_path_without_frames_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mp4").write_text("text")
     for name, message in (
-        ("none", "does not exist: give a folder of images or a video file"),
-        ("empty", "holds no images"),
+        ("none", "cannot be listed .*: give a folder of images"),
+        ("empty", "holds no sequence: give a folder of images"),
         ("text.mp4", "cannot be decoded as a video"),
     ):
         with pytest.raises(BadData, match=message):

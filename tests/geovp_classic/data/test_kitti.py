@@ -125,7 +125,6 @@ WRONG_SETTINGS: list[tuple[dict[str, object], str]] = [
     ({"split": "tets"}, "did you mean 'test'"),
     ({"split": "test", "sequences": ("00",)}, "both split 'test' and sequences"),
     ({"camera": 1}, "has no image_1: it has image_2, image_3"),
-    ({"camera": 4}, "camera is 4, expected 0 to 3"),
     ({"num_frames": 1}, "num_frames is 1"),
 ]
 
@@ -143,7 +142,7 @@ def test_another_folder_is_refused(kitti_root: Path, tmp_path: Path) -> None:
         Kitti(tmp_path / "none")
     (tmp_path / "outer").mkdir()
     kitti_root.rename(tmp_path / "outer" / "dataset")
-    with pytest.raises(BadData, match=r"give .*outer/dataset"):
+    with pytest.raises(BadData, match="give KITTI odometry's 'dataset'"):
         Kitti(tmp_path / "outer")
 
 
@@ -186,7 +185,7 @@ def test_missing_and_damaged_images_are_named(kitti_root: Path) -> None:
     with pytest.raises(BadData, match=r"000005\.png is 60x24 pixels, expected 64x24"):
         data[1]
     image.unlink()
-    with pytest.raises(BadData, match="image_2: lacks frames 000005"):
+    with pytest.raises(BadData, match="image_2: lacks frame 000005"):
         kitti(kitti_root)
     for camera in ("image_2", "image_3"):
         shutil.rmtree(kitti_root / "sequences" / "00" / camera)

@@ -251,7 +251,7 @@ def test_the_doctor_lists_all_errors(
     sensor = write_euroc(tmp_path / "euroc", "MH", street) / "mav0" / "cam0" / "sensor.yaml"
     whole = sensor.read_text()
     for old, new, expected in (
-        ("radial-tangential", "fov", "sensor.yaml: has the distortion_model 'fov': expected"),
+        ("radial-tangential", "fov", "is not a calibration ('fov')"),
         ("T_BS", "T_SB", "sensor.yaml: has no T_BS of 16 numbers that is a rigid motion"),
         ("[64, 64]", "[32, 32]", "MH: has images of 64x64, calibrated for 32x32"),
         ("camera_model: pinhole", "camera_model: omni", "camera_model is 'omni', expected pinhole"),

@@ -81,7 +81,7 @@ def test_a_file_is_a_split(tmp_path: Path) -> None:
         ("", "expected ranges"),
         ("ranges = []", "expected ranges"),
         ("ranges = [6]", "expected ranges"),
-        ('ranges = ["06[3:1)"]', "holds no frame"),
+        ('ranges = ["06[3:1)"]', "is not a range of frames"),
         ('ranges = ["06"]\nsequences = ["07"]', "expected ranges"),
     ],
 )

@@ -160,7 +160,7 @@ def test_times_in_milliseconds_and_impossible_cameras_are_refused() -> None:
     with pytest.raises(BadData, match="give times in seconds"):
         Recording("a", frames, 100 * np.arange(5.0), camera)
     for wrong in ({"fx_px": 0.1}, {"cx_px": 100.0}):
-        with pytest.raises(BadData, match="check the calibration"):
+        with pytest.raises(BadData, match="give the calibration in pixels"):
             Recording("a", frames, np.arange(5.0), replace(camera, **wrong))
 
 
