@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import enum
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -186,10 +186,11 @@ class Context(ShortRepr):
             "full_observations": PrivilegedInput.FULL_FRAMES,
             "right": PrivilegedInput.RIGHT_FRAMES,
         }
-        hidden: dict[str, Any] = {
-            field: None for field, needed in input_of_field.items() if needed not in needs
-        }
-        return replace(self, **hidden)
+        hidden = copy.copy(self)  # its arrays were checked when it was made
+        for field, needed in input_of_field.items():
+            if needed not in needs:
+                object.__setattr__(hidden, field, None)
+        return hidden
 
 
 @dataclass(frozen=True, repr=False)
