@@ -22,7 +22,7 @@ from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
 from geovp_classic.parallel import single_threaded_blas
-from geovp_classic.pose_refinement import local_bundle
+from geovp_classic.pose_refinement.local_bundle import Corners, LocalBundle
 from geovp_classic.types import FloatArray, Intrinsics
 from performance import rounds_parser, timed
 
@@ -143,9 +143,7 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
         Lens(CAMERA).pixels(scene.rays),
     )
     visible = np.ones((NUM_VIEWS - 1, NUM_POINTS), dtype=bool)
-    corners = local_bundle.Corners(
-        homogeneous(scene.rays[0]), pixels[1:], visible, CAMERA, given[1:]
-    )
+    corners = Corners(homogeneous(scene.rays[0]), pixels[1:], visible, CAMERA)
 
     def library() -> FloatArray:
         points = triangulate(scene.rays, given)
@@ -155,7 +153,7 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     return Comparison(
         "local bundle adjustment",
         "m",
-        lambda: local_bundle.adjust(corners)[-1],
+        lambda: LocalBundle().adjust(corners, given[1:])[-1],
         library,
         lambda pose: _distance(pose, poses[-1]),
     )

@@ -1,53 +1,55 @@
 """Kernels of Gaussian processes for a vehicle's angles over time (Rasmussen & Williams 2006)."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_classic.types import FloatArray
 
-Kernel = Callable[
-    [FloatArray], FloatArray
-]  # covariance of angles as a function of their distance in seconds, up to a constant
+# Covariance of two angles, up to a constant, as a function of the seconds between them.
+Kernel = Callable[[FloatArray], FloatArray]
 
 
-def matern52(deviation_rad: float, time_constant_s: float) -> Kernel:
-    """Matern kernel with nu = 5/2 for angles that return to their mean (Rasmussen & Williams 2006,
-    eq. 4.17).
-    """
+@dataclass(frozen=True)
+class Matern52:
+    """Matern kernel with nu = 5/2 for angles that return to their mean (eq. 4.17)."""
 
-    def covariance(apart_s: FloatArray) -> FloatArray:
-        far = np.sqrt(5) * np.abs(apart_s) / time_constant_s
-        return np.asarray(deviation_rad**2 * (1 + far + far**2 / 3) * np.exp(-far))
+    deviation_rad: float
+    time_constant_s: float
 
-    return covariance
+    def __call__(self, apart_s: FloatArray) -> FloatArray:
+        """Return the covariances [...] in rad^2."""
+        ratio = np.sqrt(5) * np.abs(apart_s) / self.time_constant_s
+        return np.asarray(self.deviation_rad**2 * (1 + ratio + ratio**2 / 3) * np.exp(-ratio))
 
 
-def integrated_ornstein_uhlenbeck(deviation_rad_s: float, time_constant_s: float) -> Kernel:
-    """Angles whose rate is an Ornstein-Uhlenbeck process: minus half the variance of their
+@dataclass(frozen=True)
+class IntegratedOrnsteinUhlenbeck:
+    """Angles with an Ornstein-Uhlenbeck process as their rate: minus half the variance of their
     increment.
     """
 
-    def covariance(apart_s: FloatArray) -> FloatArray:
-        lasts = np.abs(apart_s) / time_constant_s
-        return np.asarray(-((deviation_rad_s * time_constant_s) ** 2) * (lasts + np.expm1(-lasts)))
+    deviation_rad_s: float
+    time_constant_s: float
 
-    return covariance
+    def __call__(self, apart_s: FloatArray) -> FloatArray:
+        """Return the covariances [...] in rad^2."""
+        ratio = np.abs(apart_s) / self.time_constant_s
+        deviation_rad = self.deviation_rad_s * self.time_constant_s
+        return np.asarray(-(deviation_rad**2) * (ratio + np.expm1(-ratio)))
 
 
 def covariance_of_differences(
     kernel: Kernel,
-    one_s: FloatArray,  # [N]
-    one_from_s: FloatArray | float,  # [N]
-    other_s: FloatArray,  # [M]
-    other_from_s: FloatArray | float,  # [M]
+    a_s: FloatArray,  # [N]
+    a_from_s: FloatArray | float,  # [N]
+    b_s: FloatArray,  # [M]
+    b_from_s: FloatArray | float,  # [M]
 ) -> FloatArray:
-    """Covariance [N, M] of angle(one_s) - angle(one_from_s) and angle(other_s) -
-    angle(other_from_s).
-    """
-    ones = one_s, np.broadcast_to(one_from_s, one_s.shape)
-    others = other_s, np.broadcast_to(other_from_s, other_s.shape)
-    (to_to, to_from), (from_to, from_from) = (
-        [kernel(one[:, None] - other) for other in others] for one in ones
-    )
-    return np.asarray(to_to - to_from - from_to + from_from)
+    """Return the covariance [N, M] of angle(a) - angle(a_from) and angle(b) - angle(b_from)."""
+    a_from = np.broadcast_to(a_from_s, a_s.shape)
+    b_from = np.broadcast_to(b_from_s, b_s.shape)
+    ends = kernel(np.subtract.outer(a_s, b_s)) + kernel(np.subtract.outer(a_from, b_from))
+    mixed = kernel(np.subtract.outer(a_s, b_from)) + kernel(np.subtract.outer(a_from, b_s))
+    return np.asarray(ends - mixed)

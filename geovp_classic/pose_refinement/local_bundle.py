@@ -1,218 +1,132 @@
 """Local bundle adjustment (Triggs 2000) of poses and inverse depths of corners, with the given
 poses as a prior.
 
-Given poses are either right to within a standard deviation or far off. So their deviations count
-together by Cauchy's function: poses that agree with the images stay, and poses that contradict them
-by pixels lose their prior. COLMAP has no such prior for rotations
-(benchmarks/performance/libraries.py compares both).
+Given poses are either right to within a standard deviation or far off. Their deviations therefore
+count together by Cauchy's function: poses that agree with the images stay, and poses that
+contradict them by pixels lose their prior. COLMAP has no such prior for rotations.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+from scipy.linalg import block_diag
 
-from geovp_classic.geometry import se3
+from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.robust import cauchy_weight
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
-
-ROBUST_PX = 0.5  # errors of this size count half (Cauchy)
-ROTATION_RAD = 1.7e-4  # standard deviation of a given rotation
-SHIFT_SHARE = 7e-4  # and of a given position, of the distance from the reference
-PRIOR_SCALE = 30.0  # scale of Cauchy's function of the squared deviation from the given poses
-NUM_ROUNDS = 8
-START_DAMPING = 1e-3
-TOLERANCE = 1e-4  # relative decrease of the cost at which it stops
-NEAR = 1e-3
 
 
 @dataclass(frozen=True)
 class Corners:
-    """The observations: corners of the reference image in the other frames, and the given poses."""
+    """Corners of the reference image, tracked through the other frames (the sources)."""
 
     rays: FloatArray  # [N, 3], z = 1, in the reference
     pixels: FloatArray  # [S, N, 2]
-    visible: BoolArray  # [S, N]
+    is_visible: BoolArray  # [S, N]
     camera: Intrinsics
-    given: FloatArray  # [S, 4, 4], source from reference
 
-    def deviation(self, poses: FloatArray) -> FloatArray:
-        """Deviations of the poses from the given ones [S, 6], in standard deviations."""
-        return se3.log(poses @ se3.inverse(self.given)) * self.precision
-
-    @property
-    def precision(self) -> FloatArray:
-        """One over the standard deviations of the given poses [S, 6]."""
-        distance = np.linalg.norm(self.given[:, :3, 3], axis=1)
-        shift = SHIFT_SHARE * np.maximum(distance, SHIFT_SHARE * distance.max())
-        return np.concatenate(
-            [np.tile(1 / shift[:, None], 3), np.full((len(shift), 3), 1 / ROTATION_RAD)], axis=1
-        )
-
-    def cost(self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray) -> float:
-        """The cost: Cauchy's function of the reprojection errors in units of ROBUST_PX, and of the
-        deviation.
-        """
-        squared = (deviation**2).sum()
-        return float(
-            _robust_error(*self._observed, poses, inverse_depth)
-            + PRIOR_SCALE * np.log1p(squared / PRIOR_SCALE)
-        )
-
-    def equations(
-        self, inverse_depth: FloatArray, poses: FloatArray, deviation: FloatArray
-    ) -> Equations:
-        """The cost near the poses and inverse depths, as a quadratic function of their changes."""
-        h_twist, g_twist, h_depth, g_depth, mixed = _equations(
-            *self._observed, poses, inverse_depth
-        )
-        precision = self.precision
-        prior_weight = 1 / (1 + (deviation**2).sum() / PRIOR_SCALE)
-        h_twist += prior_weight * precision[:, :, None] ** 2 * np.eye(6)
-        return Equations(
-            h_twist, g_twist + prior_weight * precision * deviation, h_depth, g_depth, mixed
-        )
-
-    def triangulate(self) -> FloatArray:
-        """Inverse depths [N] from the given poses: (u, v) (a_z + q b_z) = (a + q b)_xy solved for
-        q, at least 0.
-        """
+    def triangulate(
+        self,
+        poses: FloatArray,  # [S, 4, 4], source from reference
+    ) -> FloatArray:
+        """Return inverse depths q >= 0 [N] that solve (u, v) (a_z + q b_z) = (a + q b)_xy."""
         matrix = self.camera.matrix
-        a = self.rays @ np.swapaxes(matrix @ self.given[:, :3, :3], -1, -2)  # [S, N, 3]
-        b = (self.given[:, :3, 3] @ matrix.T)[:, None]
-        factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.visible[..., None]
-        wanted = a[..., :2] - self.pixels * a[..., 2:]
+        a = self.rays @ np.swapaxes(matrix @ poses[:, :3, :3], -1, -2)  # [S, N, 3]
+        b = (poses[:, :3, 3] @ matrix.T)[:, None]  # [S, 1, 3]
+        factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.is_visible[..., None]
+        target = a[..., :2] - self.pixels * a[..., 2:]
         square = (factor**2).sum(axis=(0, 2))
-        return np.maximum((factor * wanted).sum(axis=(0, 2)) / np.maximum(square, 1e-12), 0)
+        return np.maximum((factor * target).sum(axis=(0, 2)) / np.maximum(square, 1e-12), 0)
 
-    @property
-    def _observed(self) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
-        camera = self.camera
-        return (
-            self.rays,
-            self.pixels,
-            self.visible,
-            np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]),
-        )
+    def linearise(
+        self, poses: FloatArray, inverse_depth: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return reprojection errors [S, N, 2] in pixels and their derivatives by the twists of the
+        poses [S, N, 2, 6] and by the inverse depths [S, N, 2]; 0 for invisible corners.
+        """
+        positions = poses[:, None, :3, 3]  # [S, 1, 3]
+        rotations = np.swapaxes(poses[:, :3, :3], -1, -2)
+        points = self.rays @ rotations + inverse_depth[:, None] * positions  # [S, N, 3]
+        is_valid = self.is_visible & (points[..., 2] > 1e-3)
+        points = np.where(is_valid[..., None], points, [0.0, 0.0, 1.0])
+        pixels, depth = pinhole.project(points, self.camera)
+        errors = is_valid[..., None] * (pixels - self.pixels)
+        by_point = np.zeros((*points.shape[:2], 2, 3))
+        by_point[..., 0, 0] = self.camera.fx_px / depth
+        by_point[..., 1, 1] = self.camera.fy_px / depth
+        centre = [self.camera.cx_px, self.camera.cy_px]
+        by_point[..., 2] = -(pixels - centre) / depth[..., None]
+        by_point *= is_valid[..., None, None]
+        by_translation = inverse_depth[:, None, None] * by_point
+        by_rotation = -by_point @ se3.cross_matrix(points)
+        by_twist = np.concatenate([by_translation, by_rotation], axis=-1)
+        by_depth = (by_point @ positions[..., None])[..., 0]
+        return errors, by_twist, by_depth
 
 
 @dataclass(frozen=True)
-class Equations:
-    """Second and first derivatives of half the cost by the poses' twists (from the left) and the
-    inverse depths.
-    """
+class LocalBundle:
+    """Iteratively reweighted Gauss-Newton with the inverse depths eliminated (Schur complement)."""
 
-    h_twist: FloatArray  # [S, 6, 6]
-    g_twist: FloatArray  # [S, 6]
-    h_depth: FloatArray  # [N]
-    g_depth: FloatArray  # [N]
-    mixed: FloatArray  # [N, S, 6]
+    error_scale_px: float = 0.5  # reprojection errors of this size have half the weight (Cauchy)
+    rotation_deviation_rad: float = 1.7e-4  # standard deviation of a given rotation
+    # Standard deviation of a given position, over its distance from the reference.
+    position_deviation_fraction: float = 7e-4
+    # Deviation of all given poses, in standard deviations, that halves their weight (Cauchy).
+    prior_scale: float = 5.5
+    num_rounds: int = 8
+    min_step: float = 0.1  # standard deviations of the given poses; a smaller step is the last one
+    damping: float = 1e-3  # of the inverse depths and poses, relative to their curvature
 
-    def solved(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Twists [S, 6] of the poses and changes [N] of the inverse depths; these are eliminated
-        (Schur complement).
-        """
-        count = len(self.h_twist)
-        h_depth, mixed = self.h_depth * (1 + damping) + 1e-12, self.mixed.reshape(-1, 6 * count)
-        whole = -(mixed / h_depth[:, None]).T @ mixed
-        for s, h_twist in enumerate(self.h_twist * (1 + damping * np.eye(6))):
-            whole[6 * s : 6 * s + 6, 6 * s : 6 * s + 6] += h_twist
-        twists = np.linalg.solve(whole, mixed.T @ (self.g_depth / h_depth) - self.g_twist.ravel())
-        return twists.reshape(count, 6), -(self.g_depth + mixed @ twists) / h_depth
+    def adjust(
+        self,
+        corners: Corners,
+        given: FloatArray,  # [S, 4, 4], source from reference
+    ) -> FloatArray:
+        """Return the adjusted poses [S, 4, 4]."""
+        num_poses = len(given)
+        precision = self._precision(given)
+        inverse_depth = corners.triangulate(given)
+        poses = given
+        for _ in range(self.num_rounds):
+            errors, by_twist, by_depth = corners.linearise(poses, inverse_depth)
+            distance = np.linalg.norm(errors, axis=-1)
+            weights = cauchy_weight(distance, self.error_scale_px) / self.error_scale_px**2
+            deviation = se3.log(poses @ se3.inverse(given)) * precision  # [S, 6]
+            squared = (deviation**2).sum()
+            prior_weight = 1 / (1 + squared / self.prior_scale**2)
 
+            weighted_twist = weights[..., None, None] * by_twist
+            weighted_depth = weights[..., None] * by_depth
+            flat_twist = by_twist.reshape(num_poses, -1, 6)  # [S, 2 N, 6]
+            twist_hessian = weighted_twist.reshape(flat_twist.shape).mT @ flat_twist
+            twist_hessian += prior_weight * precision[..., None] ** 2 * np.eye(6)
+            twist_gradient = np.einsum("snki,snk->si", weighted_twist, errors)
+            twist_gradient += prior_weight * precision * deviation
+            depth_hessian = (weighted_depth * by_depth).sum(axis=(0, 2)) * (
+                1 + self.damping
+            ) + 1e-12
+            depth_gradient = (weighted_depth * errors).sum(axis=(0, 2))
+            mixed = np.einsum("snki,snk->nsi", weighted_twist, by_depth)
+            mixed = mixed.reshape(-1, 6 * num_poses)
 
-def adjust(corners: Corners) -> FloatArray:
-    """The poses [S, 4, 4] of least cost (Levenberg 1944, Marquardt 1963)."""
-    poses, inverse_depth = corners.given, corners.triangulate()
-    deviation = corners.deviation(poses)
-    cost, damping = corners.cost(inverse_depth, poses, deviation), START_DAMPING
-    equations = corners.equations(inverse_depth, poses, deviation)
-    for _ in range(NUM_ROUNDS):
-        twists, deeper = equations.solved(damping)
-        trial_poses, trial_depth = se3.exp(twists) @ poses, np.maximum(inverse_depth + deeper, 0)
-        deviation = corners.deviation(trial_poses)
-        trial_cost = corners.cost(trial_depth, trial_poses, deviation)
-        damping = damping / 5 if trial_cost < cost else damping * 10
-        if trial_cost < cost:
-            converged = cost - trial_cost < TOLERANCE * cost
-            poses, inverse_depth, cost = trial_poses, trial_depth, trial_cost
-            if converged:
+            eliminated = mixed / depth_hessian[:, None]  # [N, 6 S]
+            damped = twist_hessian * (1 + self.damping * np.eye(6))
+            reduced = block_diag(*damped) - eliminated.T @ mixed
+            twists = np.linalg.solve(
+                reduced, eliminated.T @ depth_gradient - twist_gradient.ravel()
+            )
+            poses = se3.exp(twists.reshape(num_poses, 6)) @ poses
+            depth_step = -(depth_gradient + mixed @ twists) / depth_hessian
+            inverse_depth = np.maximum(inverse_depth + depth_step, 0)
+            if np.abs(twists * precision.ravel()).max() < self.min_step:
                 break
-            equations = corners.equations(inverse_depth, poses, deviation)
-    return poses
+        return poses
 
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _robust_error(
-    rays: FloatArray,  # [N, 3]
-    pixels: FloatArray,  # [S, N, 2]
-    visible: BoolArray,  # [S, N]
-    camera: FloatArray,  # [4]: fx, fy, cx, cy
-    poses: FloatArray,  # [S, 4, 4]
-    inverse_depth: FloatArray,  # [N]
-) -> float:
-    """The sum of Cauchy's function of the errors of all corners that are visible and in front."""
-    total = 0.0
-    for s in range(len(poses)):
-        for n in range(len(rays)):
-            x, y, z = _point(rays[n], poses[s], inverse_depth[n])
-            if visible[s, n] and z > NEAR:
-                off_u = (camera[0] * x / z + camera[2] - pixels[s, n, 0]) / ROBUST_PX
-                off_v = (camera[1] * y / z + camera[3] - pixels[s, n, 1]) / ROBUST_PX
-                total += np.log1p(off_u * off_u + off_v * off_v)
-    return total
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _equations(
-    rays: FloatArray,  # [N, 3]
-    pixels: FloatArray,  # [S, N, 2]
-    visible: BoolArray,  # [S, N]
-    camera: FloatArray,  # [4]: fx, fy, cx, cy
-    poses: FloatArray,  # [S, 4, 4]
-    inverse_depth: FloatArray,  # [N]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """See `Equations`; without the prior."""
-    count, num = len(poses), len(rays)
-    h_twist, g_twist = np.zeros((count, 6, 6)), np.zeros((count, 6))
-    h_depth, g_depth, mixed = np.zeros(num), np.zeros(num), np.zeros((num, count, 6))
-    slope = np.empty(6)  # of an error by the pose's twist
-    for s in range(count):
-        for n in range(num):
-            q = inverse_depth[n]
-            x, y, z = _point(rays[n], poses[s], q)
-            if not (visible[s, n] and z > NEAR):
-                continue
-            off_u = (camera[0] * x / z + camera[2] - pixels[s, n, 0]) / ROBUST_PX
-            off_v = (camera[1] * y / z + camera[3] - pixels[s, n, 1]) / ROBUST_PX
-            weight = 1 / (1 + off_u * off_u + off_v * off_v)
-            for axis in range(2):
-                off, focal, along = (off_u, camera[0], x) if axis == 0 else (off_v, camera[1], y)
-                by_near, by_z = focal / ROBUST_PX / z, -focal / ROBUST_PX * along / (z * z)
-                by_x, by_y = (by_near, 0.0) if axis == 0 else (0.0, by_near)
-                slope[0], slope[1], slope[2] = q * by_x, q * by_y, q * by_z
-                slope[3], slope[4], slope[5] = (
-                    y * by_z - z * by_y,
-                    z * by_x - x * by_z,
-                    x * by_y - y * by_x,
-                )
-                by_depth = by_x * poses[s, 0, 3] + by_y * poses[s, 1, 3] + by_z * poses[s, 2, 3]
-                h_depth[n] += weight * by_depth * by_depth
-                g_depth[n] += weight * by_depth * off
-                for i in range(6):
-                    weighted = weight * slope[i]
-                    g_twist[s, i] += weighted * off
-                    mixed[n, s, i] += weighted * by_depth
-                    for j in range(6):
-                        h_twist[s, i, j] += weighted * slope[j]
-    return h_twist, g_twist, h_depth, g_depth, mixed
-
-
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def _point(ray: FloatArray, pose: FloatArray, inverse_depth: float) -> tuple[float, float, float]:
-    """The corner in the other frame, over its depth in the reference."""
-    x = pose[0, 0] * ray[0] + pose[0, 1] * ray[1] + pose[0, 2] * ray[2] + inverse_depth * pose[0, 3]
-    y = pose[1, 0] * ray[0] + pose[1, 1] * ray[1] + pose[1, 2] * ray[2] + inverse_depth * pose[1, 3]
-    z = pose[2, 0] * ray[0] + pose[2, 1] * ray[1] + pose[2, 2] * ray[2] + inverse_depth * pose[2, 3]
-    return x, y, z
+    def _precision(self, given: FloatArray) -> FloatArray:
+        """Return one over the standard deviations of the given poses [S, 6]."""
+        distance = np.linalg.norm(given[:, :3, 3], axis=1)
+        fraction = self.position_deviation_fraction
+        deviation = np.full((len(given), 6), self.rotation_deviation_rad)
+        deviation[:, :3] = fraction * np.maximum(distance, fraction * distance.max())[:, None]
+        return 1 / deviation

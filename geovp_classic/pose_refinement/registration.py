@@ -8,7 +8,7 @@ check), and their inverse depths are adjusted together with the poses (Triggs 20
 are the prior, which also fixes the scale.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import cv2
@@ -18,7 +18,7 @@ from geovp_classic import observation
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.optical_flow import track_points
-from geovp_classic.pose_refinement.local_bundle import Corners, adjust
+from geovp_classic.pose_refinement.local_bundle import Corners, LocalBundle
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -29,18 +29,77 @@ from geovp_classic.types import (
     PrivilegedInput,
 )
 
-TALL_PX = 256  # rows of an image up to which windows keep their size
-MAX_CORNERS = 400  # in a square image
-MIDDLE = 1.6  # widths of the square; corners farther out make the fit within the square worse
-CORNER_QUALITY = 0.01
-CORNER_SPACING = 0.025  # of the image's height
-WINDOW_PX = 15  # in images of up to TALL_PX rows; proportionally more in taller ones
-RETURN_PX = 0.5  # largest forward-backward error of a track
-MIN_CORNERS = 30  # visible in at least one other frame; with fewer the given poses stay
-DIRECTION_SHARE = (
-    0.2  # of the longest distance from the reference; shorter ones have no reliable direction
-)
-PERSISTENCE = 0.8  # share of the past error of the direction that is expected in the future
+
+@dataclass(frozen=True)
+class CornerTracker:
+    """Corners of the middle of a reference image, tracked from frame to frame until lost."""
+
+    max_corners: int = 400  # in a square image; proportionally more in wider ones
+    # Width over height of the middle. Corners farther out make the fit within the square worse.
+    max_aspect: float = 1.6
+    quality: float = 0.01  # of the best corner, for cv2.goodFeaturesToTrack
+    spacing_fraction: float = 0.025  # least distance of corners, over the image's height
+    window_px: int = 15  # in images of up to `tall_px` rows; proportionally more in taller ones
+    tall_px: int = 256
+    max_return_px: float = 0.5  # forward-backward error of a track
+
+    def track(
+        self,
+        images: ByteArray,  # [P, H, W] grey
+        reference: int,
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return pixels [P, N, 2] of corners in all images, and where they are visible [P, N]."""
+        start = self._corners(images[reference])
+        pixels = np.tile(start, (len(images), 1, 1))
+        is_visible = np.zeros(pixels.shape[:2], dtype=bool)
+        is_visible[reference] = True
+        height = images.shape[1]
+        window_px = int(self.window_px * max(1, height / self.tall_px)) | 1  # odd
+        backward = range(reference - 1, -1, -1)
+        forward = range(reference + 1, len(images))
+        for steps in (backward, forward):
+            before = reference
+            motion = np.zeros_like(start)
+            num_levels = (4, 1)
+            for step in steps:
+                tracked = is_visible[before]
+                pixels[step] = pixels[before]
+                if tracked.any():
+                    pixels[step, tracked], is_visible[step, tracked], _ = track_points(
+                        (images[before], images[step]),
+                        pixels[before, tracked],
+                        pixels[before, tracked] + motion[tracked],
+                        window_px,
+                        num_levels,
+                        max_return_px=self.max_return_px,
+                    )
+                motion = pixels[step] - pixels[before]
+                num_levels = (2, 1)  # the last motion is a good prediction
+                before = step
+        return pixels.astype(np.float64), is_visible
+
+    def _corners(self, image: ByteArray) -> FloatArray:
+        """Return corners [N, 2] of the middle of an image, the strongest first."""
+        height, width = image.shape
+        aspect = float(np.clip(width / height, 1, self.max_aspect))
+        margin = max(0, round((width - self.max_aspect * height) / 2))
+        middle = np.zeros((height, width), np.uint8)
+        middle[:, margin : width - margin] = 255
+        max_corners = int(self.max_corners * aspect)
+        spacing_px = self.spacing_fraction * height
+        corners = cv2.goodFeaturesToTrack(image, max_corners, self.quality, spacing_px, mask=middle)
+        if corners is None:
+            return np.zeros((0, 2), np.float32)
+        return np.asarray(corners, np.float32).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class Registered:
+    """Poses that fit the images, and the correction of the given directions of motion."""
+
+    world_from_cam: FloatArray  # [P, 4, 4]
+    # [3, 3] rotation of the given directions, in the reference camera's frame
+    direction_correction: FloatArray
 
 
 @dataclass(frozen=True)
@@ -54,6 +113,11 @@ class Registration:
 
     frames: Literal["crop", "full"] = "crop"
     num_frames: int = 10
+    tracker: CornerTracker = field(default_factory=CornerTracker)
+    bundle: LocalBundle = field(default_factory=LocalBundle)
+    min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
+    # Part of the past error of the direction of motion that is expected in the future.
+    persistence: float = 0.8
 
     def __post_init__(self) -> None:
         if self.num_frames < 2:
@@ -61,66 +125,60 @@ class Registration:
 
     @property
     def needs(self) -> PrivilegedInput:
-        """Nothing beyond the frames, or the uncropped ones."""
+        """Return the uncropped frames if they are used, else nothing."""
         return PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion with registered past poses, its futures turned about the last one."""
+        """Return the motion with registered past poses, its futures turned about the last one."""
         stream = observation.stream(context.only(self.needs), self.frames)
         steps = np.flatnonzero(stream.is_usable)
         steps = steps[steps >= len(stream.is_usable) - self.num_frames]
-        given, first = motion.past.world_from_cam, steps[0]
-        images, kept = stream.greys[steps], steps
-        found = registered(images, stream.intrinsics, given[kept], len(kept) - 1)
+        given = motion.past.world_from_cam
+        reference = len(steps) - 1
+        registered = self.register(stream.greys[steps], stream.intrinsics, given[steps], reference)
+        first = steps[0]
         past = given.copy()
-        past[:first] = found.world_from_cam[0] @ se3.inverse(given[first]) @ given[:first]
-        past[kept] = found.world_from_cam
+        past[:first] = registered.world_from_cam[0] @ se3.inverse(given[first]) @ given[:first]
+        past[steps] = registered.world_from_cam
         last_from_cam = se3.inverse(given[-1]) @ motion.futures
-        futures = given[-1] @ se3.compose(
-            last_from_cam[..., :3, :3], last_from_cam[..., :3, 3] @ found.direction_correction.T
-        )
+        last_from_cam[..., :3, 3] @= registered.direction_correction.T
+        futures = given[-1] @ last_from_cam
         return motion.refined(replace(motion.past, world_from_cam=past), futures)
 
-
-@dataclass(frozen=True)
-class Registered:
-    """Poses that fit the images, and the correction of the given directions of motion."""
-
-    world_from_cam: FloatArray  # [P, 4, 4]
-    direction_correction: (
-        FloatArray  # [3, 3] rotation of the given directions, in the reference camera's frame
-    )
-
-
-def registered(
-    images: ByteArray | FloatArray,  # [P, H, W] grey 0..255
-    camera: Intrinsics,
-    world_from_cam: FloatArray,  # [P, 4, 4]
-    reference: int,
-) -> Registered:
-    """The poses after adjustment; that of the reference stays, and all do with too few corners."""
-    others = np.array([step for step in range(len(images)) if step != reference], dtype=int)
-    source_from_reference = se3.inverse(world_from_cam[others]) @ world_from_cam[reference]
-    if not (np.linalg.norm(source_from_reference[:, :3, 3], axis=1) > 0).any():
-        return Registered(world_from_cam, np.eye(3))
-    pixels, visible = track(images, reference)
-    kept = visible[others].any(axis=0)
-    if kept.sum() < MIN_CORNERS:
-        return Registered(world_from_cam, np.eye(3))
-    rays = pinhole.unproject(pixels[reference, kept], np.ones(kept.sum()), camera)
-    corners = Corners(
-        rays, pixels[others][:, kept], visible[others][:, kept], camera, source_from_reference
-    )
-    reference_from_source = se3.inverse(adjust(corners))
-    adjusted = world_from_cam.copy()
-    adjusted[others] = world_from_cam[reference] @ reference_from_source
-    return Registered(
-        adjusted, direction_correction(se3.inverse(source_from_reference), reference_from_source)
-    )
+    def register(
+        self,
+        images: ByteArray,  # [P, H, W] grey
+        camera: Intrinsics,
+        world_from_cam: FloatArray,  # [P, 4, 4]
+        reference: int,
+    ) -> Registered:
+        """Return the adjusted poses; that of the reference stays, and all do without enough
+        corners or without motion.
+        """
+        unchanged = Registered(world_from_cam, np.eye(3))
+        sources = np.delete(np.arange(len(images)), reference)
+        source_from_reference = se3.inverse(world_from_cam[sources]) @ world_from_cam[reference]
+        if not source_from_reference[:, :3, 3].any():
+            return unchanged
+        pixels, is_visible = self.tracker.track(images, reference)
+        is_used = is_visible[sources].any(axis=0)
+        if is_used.sum() < self.min_corners:
+            return unchanged
+        rays = pinhole.unproject(pixels[reference, is_used], np.ones(is_used.sum()), camera)
+        corners = Corners(
+            rays, pixels[sources][:, is_used], is_visible[sources][:, is_used], camera
+        )
+        reference_from_source = se3.inverse(self.bundle.adjust(corners, source_from_reference))
+        adjusted = world_from_cam.copy()
+        adjusted[sources] = world_from_cam[reference] @ reference_from_source
+        correction = direction_correction(
+            se3.inverse(source_from_reference), reference_from_source, self.persistence
+        )
+        return Registered(adjusted, correction)
 
 
 def unrefined(motion: Motion, name: str) -> Motion:
-    """The motion of the pose source itself; Incompatible where nothing has been registered."""
+    """Return the motion of the pose source; Incompatible where nothing has been registered."""
     if motion.unrefined is None:
         raise Incompatible(
             f"{name} compares given with registered poses: put registration before it"
@@ -131,58 +189,28 @@ def unrefined(motion: Motion, name: str) -> Motion:
 def direction_correction(
     given: FloatArray,  # [S, 4, 4], reference from source
     adjusted: FloatArray,  # [S, 4, 4]
+    persistence: float,
 ) -> FloatArray:
-    """The rotation [3, 3] from the given to the adjusted directions of motion, times PERSISTENCE.
+    """Return `persistence` times the rotation [3, 3] from given to adjusted directions of motion.
 
     A wrong mounting angle of the recorded camera, or a drifting height, rotates all directions
     alike, future ones too.
     """
-    was, now = given[:, :3, 3], adjusted[:, :3, 3]
-    length, length_now = np.linalg.norm(was, axis=1), np.linalg.norm(now, axis=1)
-    reliable = (length > DIRECTION_SHARE * length.max()) & (length_now > 0)
-    if not reliable.any():
+    before = given[:, :3, 3]
+    after = adjusted[:, :3, 3]
+    is_reliable = has_direction(before) & after.any(axis=1)
+    if not is_reliable.any():
         return np.eye(3)
-    turns = np.cross(was[reliable], now[reliable]) / (length * length_now)[reliable, None]
-    return se3.exp(np.concatenate([np.zeros(3), PERSISTENCE * turns.mean(axis=0)]))[:3, :3]
+    lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
+    turns = np.cross(before[is_reliable], after[is_reliable]) / lengths[is_reliable, None]
+    twist = np.concatenate([np.zeros(3), persistence * turns.mean(axis=0)])
+    return se3.exp(twist)[:3, :3]
 
 
-def track(
-    images: ByteArray | FloatArray,  # [P, H, W]
-    reference: int,
-) -> tuple[FloatArray, BoolArray]:
-    """Corners of the middle of the reference image: pixels [P, N, 2] in all images, and where they
-    are visible [P, N].
-
-    They are tracked from frame to frame, away from the reference both ways, until they are lost.
-    """
-    grey = [np.ascontiguousarray(image, dtype=np.uint8) for image in images]
-    height, width = grey[reference].shape
-    wideness = float(np.clip(width / height, 1, MIDDLE))
-    margin = max(0, round((width - MIDDLE * height) / 2))
-    middle = np.zeros((height, width), np.uint8)
-    middle[:, margin : width - margin] = 255
-    count, spacing_px = int(MAX_CORNERS * wideness), CORNER_SPACING * height
-    corners = cv2.goodFeaturesToTrack(
-        grey[reference], count, CORNER_QUALITY, spacing_px, mask=middle
-    )
-    start = (
-        np.zeros((0, 2), np.float32)
-        if corners is None
-        else np.asarray(corners, np.float32).reshape(-1, 2)
-    )
-    pixels = np.tile(start, (len(images), 1, 1))
-    visible = np.zeros(pixels.shape[:2], dtype=bool)
-    visible[reference] = True
-    window_px = int(WINDOW_PX * max(1, height / TALL_PX)) | 1  # odd
-    for steps in (range(reference - 1, -1, -1), range(reference + 1, len(images))):
-        before, motion = reference, None
-        for step in steps:
-            known, pixels[step] = visible[before], pixels[before]
-            if known.any():
-                pair, start = (grey[before], grey[step]), pixels[before][known]
-                guess, levels = (start, 4) if motion is None else (start + motion[known], 2)
-                pixels[step, known], visible[step, known], _ = track_points(
-                    pair, start, guess, window_px, (levels, 1), max_return_px=RETURN_PX
-                )
-            before, motion = step, pixels[step] - pixels[before]
-    return pixels.astype(np.float64), visible
+def has_direction(
+    positions: FloatArray,  # [S, 3]
+    min_fraction: float = 0.2,  # of the longest distance; shorter ones have no reliable direction
+) -> BoolArray:
+    """Return which positions [S] are far enough from the origin to show a direction."""
+    distance = np.linalg.norm(positions, axis=1)
+    return np.asarray(distance > min_fraction * distance.max(initial=0))

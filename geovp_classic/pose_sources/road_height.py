@@ -22,30 +22,31 @@ class RoadHeight:
     shows.
     """
 
-    depth: DepthSource = field(
-        default_factory=Multiview
-    )  # the renderer's, so that it is computed once
+    depth: DepthSource = field(default_factory=Multiview)  # the renderer's: it is computed once
     frames: Literal["crop", "full"] = "crop"
     num_frames: int = 10
+    ground: GroundFit = field(default_factory=GroundFit)
+    profile: RoadProfile = field(default_factory=RoadProfile)
 
     @property
     def needs(self) -> PrivilegedInput:
-        """What the depth source needs, and the uncropped frames when they are asked for."""
-        return self.depth.needs | (
-            PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
-        )
+        """Return what the depth source needs, and the uncropped frames if they are used."""
+        full = PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        return self.depth.needs | full
 
     def refine(self, context: Context, motion: Motion) -> Motion:
-        """The motion with other future heights; unchanged where no road is visible."""
+        """Return the motion with other future heights; unchanged where no road is visible."""
         recent, past = observation.recent(
             context.only(self.needs), motion.past, self.frames, self.num_frames
         )
         inverse_depth = self.depth.inverse_depths(recent, past)[0][-1]
-        ground = GroundFit().fit(inverse_depth, recent.intrinsics)
+        ground = self.ground.fit(inverse_depth, recent.intrinsics)
         if ground is None:
             return motion
-        profile = RoadProfile.of(inverse_depth, recent.intrinsics, ground)
+        points = self.profile.points(inverse_depth, recent.intrinsics, ground)
         world_from_last = past.world_from_cam[-1]
         last_from_cam = se3.inverse(world_from_last) @ motion.futures
-        futures = np.stack([profile.correct_heights(future) for future in last_from_cam])
+        futures = np.stack(
+            [self.profile.correct_heights(future, points, ground) for future in last_from_cam]
+        )
         return motion.refined(motion.past, world_from_last @ futures)

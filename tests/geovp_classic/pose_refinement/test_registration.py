@@ -1,4 +1,4 @@
-"""Poses are adjusted to the images where these contradict them, and left alone where they don't."""
+"""Registration adjusts poses to the images where these contradict them."""
 
 from collections.abc import Callable
 
@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
-from geovp_classic.pose_refinement import registration
+from geovp_classic.pose_refinement.registration import (
+    CornerTracker,
+    Registration,
+    direction_correction,
+)
 from geovp_classic.types import FloatArray, Intrinsics
 
 Image = Callable[..., FloatArray]
@@ -18,54 +22,48 @@ def straight(num: int = 6, step: float = 0.8) -> FloatArray:
     return se3.exp(np.arange(num)[:, None] * np.array([0, 0, step, 0, 0, 0]))
 
 
-def test_a_pose_that_is_off_by_a_degree_is_found_again(image: Image) -> None:
+def test_a_pose_that_is_off_by_a_degree_is_corrected(image: Image) -> None:
     truth = straight()
-    images = np.stack([image(pose)[..., 0] for pose in truth]).astype(np.float32)
+    images = np.stack([image(pose)[..., 0] for pose in truth])
     given = truth.copy()
     given[2] = given[2] @ se3.exp(np.array([0, 0, 0, np.deg2rad(1.0), 0, 0]))  # 2 px up or down
-    found = registration.registered(images, CAMERA, given, reference=5)
-    off = se3.inverse(found.world_from_cam) @ truth
-    assert np.rad2deg(se3.rotation_angle_rad(off)).max() < 0.15
-    np.testing.assert_array_equal(found.world_from_cam[5], given[5])
+    registered = Registration().register(images, CAMERA, given, reference=5)
+    errors = se3.inverse(registered.world_from_cam) @ truth
+    assert np.rad2deg(se3.rotation_angle_rad(errors)).max() < 0.15
+    np.testing.assert_array_equal(registered.world_from_cam[5], given[5])
 
 
-def test_directions_that_all_err_alike_give_the_steering() -> None:
+def test_common_errors_of_directions_turn_the_future() -> None:
     given = straight(5)[:4]
     given[:, :3, 3] -= straight(5)[4, :3, 3]
     turn = se3.exp(np.array([0, 0, 0, 0, np.deg2rad(2.0), 0]))
-    better = given.copy()
-    better[:, :3, 3] = given[:, :3, 3] @ turn[:3, :3].T
-    found = registration.direction_correction(given, better)
-    angle = np.rad2deg(se3.rotation_angle_rad(se3.compose(found, np.zeros(3))))
-    assert angle == pytest.approx(2.0 * registration.PERSISTENCE, abs=0.01)
-    np.testing.assert_allclose(found[0, 2], np.sin(np.deg2rad(angle)), atol=1e-6)
-    np.testing.assert_array_equal(registration.direction_correction(given, given), np.eye(3))
+    adjusted = given.copy()
+    adjusted[:, :3, 3] = given[:, :3, 3] @ turn[:3, :3].T
+    correction = direction_correction(given, adjusted, persistence=0.8)
+    assert np.rad2deg(np.arcsin(correction[0, 2])) == pytest.approx(0.8 * 2.0, abs=0.01)
+    np.testing.assert_array_equal(direction_correction(given, given, 0.8), np.eye(3))
 
 
-def test_nothing_to_see_or_no_motion_leaves_the_poses(image: Image) -> None:
-    blank = np.full((6, 112, 128), 90, np.float32)
-    found = registration.registered(blank, CAMERA, straight(), reference=5)
-    np.testing.assert_array_equal(found.world_from_cam, straight())
-    still = np.tile(np.eye(4), (3, 1, 1))
-    images = np.tile(image(np.eye(4))[..., 0].astype(np.float32), (3, 1, 1))
-    found = registration.registered(images, CAMERA, still, reference=2)
-    np.testing.assert_array_equal(found.world_from_cam, still)
-    np.testing.assert_array_equal(found.direction_correction, np.eye(3))
+def test_poses_stay_without_texture_or_motion(image: Image) -> None:
+    blank = np.full((6, 112, 128), 90, np.uint8)
+    registered = Registration().register(blank, CAMERA, straight(), reference=5)
+    np.testing.assert_array_equal(registered.world_from_cam, straight())
+    stationary = np.tile(np.eye(4), (3, 1, 1))
+    images = np.tile(image(np.eye(4))[..., 0], (3, 1, 1))
+    registered = Registration().register(images, CAMERA, stationary, reference=2)
+    np.testing.assert_array_equal(registered.world_from_cam, stationary)
+    np.testing.assert_array_equal(registered.direction_correction, np.eye(3))
 
 
-def test_tracks_end_where_they_should(image: Image) -> None:
-    poses = straight(3)
-    images = np.stack([image(pose)[..., 0] for pose in poses]).astype(np.float32)
-    pixels, visible = registration.track(images, reference=1)
-    assert visible[1].all()
-    assert visible[0].mean() > 0.5
-    assert visible[2].mean() > 0.5
-    # Driving on, everything moves away from the epipole at (63.5, 55).
-    before, after = (pixels[step] - [63.5, 55] for step in (1, 2))
-    kept = visible[2]
-    assert (np.linalg.norm(after, axis=-1) > np.linalg.norm(before, axis=-1) - 0.3)[
-        kept
-    ].mean() > 0.95
+def test_tracks_move_away_from_the_epipole(image: Image) -> None:
+    images = np.stack([image(pose)[..., 0] for pose in straight(3)])
+    pixels, is_visible = CornerTracker().track(images, reference=1)
+    assert is_visible[1].all()
+    assert is_visible[0].mean() > 0.5
+    assert is_visible[2].mean() > 0.5
+    radius = np.linalg.norm(pixels - [63.5, 55], axis=-1)
+    is_outward = radius[2] > radius[1] - 0.3
+    assert is_outward[is_visible[2]].mean() > 0.95
 
 
 @pytest.mark.parametrize(("rows", "side"), [(64, 15), (256, 15), (370, 21), (512, 31)])
@@ -80,17 +78,17 @@ def test_windows_of_tracks_grow_with_tall_images(
         return follow(*given, winSize=winSize, **named)  # type: ignore[call-overload]
 
     monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", noted)
-    registration.track(
-        np.random.default_rng(5).uniform(0, 255, (2, rows, 80)).astype(np.float32), reference=0
-    )
+    images = np.random.default_rng(5).integers(0, 256, (2, rows, 80)).astype(np.uint8)
+    CornerTracker().track(images, reference=0)
     assert set(sides) == {(side, side)}
 
 
 def test_a_wide_image_is_registered_by_its_middle() -> None:
-    images = np.random.default_rng(4).uniform(0, 255, (2, 64, 200)).astype(np.float32)
-    columns = registration.track(images, reference=0)[0][0, :, 0]
+    images = np.random.default_rng(4).integers(0, 256, (2, 64, 200)).astype(np.uint8)
+    columns = CornerTracker().track(images, reference=0)[0][0, :, 0]
     assert columns.min() >= 49  # (200 - 1.6 * 64) / 2
     assert columns.max() < 151
-    square = registration.track(images[:, :, :64], reference=0)[0][0, :, 0]
-    assert square.min() < 8
-    assert square.max() > 56
+    square = np.ascontiguousarray(images[:, :, :64])
+    columns = CornerTracker().track(square, reference=0)[0][0, :, 0]
+    assert columns.min() < 8
+    assert columns.max() > 56

@@ -1,6 +1,4 @@
-"""Errors of past rotations say how coming ones will err."""
-
-from __future__ import annotations
+"""Errors of past rotations predict those of future ones."""
 
 import numpy as np
 import pytest
@@ -18,9 +16,7 @@ NOW = 9
 
 
 def samples(errors: DriftModel, count: int) -> FloatArray:
-    """Errors [count, 30] of 30 frames against the tenth, step by step: rates decay and are stirred,
-    and add up.
-    """
+    """Return simulated errors [count, 30] of 30 frames against the tenth: integrated random rates."""
     random = np.random.default_rng(0)
     fine_s = 0.01
     rate = random.normal(size=count)
@@ -42,7 +38,7 @@ def corrected(
     is_metric: bool = True,
     *refinements: PoseRefinement,
 ) -> FloatArray:
-    """The futures [F, 4, 4] of a recording whose past the images show otherwise."""
+    """Return the refined futures [F, 4, 4] of a recording that deviates from registration."""
     now, clock_s = len(seen), 5 + times_s
     context = Context(np.zeros((now, 1, 1, 3), np.uint8), clock_s, Intrinsics(1, 1, 0, 0, 1, 1))
     recorded = Motion(
@@ -55,9 +51,7 @@ def corrected(
 
 
 def turned(errors_rad: FloatArray) -> FloatArray:
-    """Rotation vectors [20, 3] after a camera stood still whose recorded rotations [P, 3] before
-    the last one err.
-    """
+    """Return future rotation vectors [20, 3] of a stationary camera, for errors [P, 3] of the past."""
     count = len(errors_rad)
     still = np.tile(np.eye(4), (count + 21, 1, 1))
     seen = np.concatenate([se3.turned(still[:count], errors_rad), still[:1]])
@@ -65,7 +59,7 @@ def turned(errors_rad: FloatArray) -> FloatArray:
 
 
 def driven(times_s: FloatArray) -> FloatArray:
-    """A car that pitches and turns now to one side, now to the other: poses [T, 4, 4] in metres."""
+    """Return poses [T, 4, 4] in metres of a car that pitches and turns left and right."""
     zero = np.zeros_like(times_s)
     pitch, yaw = 0.02 * np.sin(5 * times_s), 0.3 * np.sin(2 * times_s)
     across = 10 * 0.3 / 2 * (1 - np.cos(2 * times_s))
@@ -76,29 +70,29 @@ def driven(times_s: FloatArray) -> FloatArray:
 
 
 def from_now(world_from_cam: FloatArray) -> FloatArray:
-    """Reference from camera."""
+    """Return poses relative to the reference."""
     return se3.inverse(world_from_cam[NOW]) @ world_from_cam
 
 
 @pytest.mark.parametrize(
     "errors", [DriftModel(0.4, 0.2), DriftModel(0.2, 0.4), DriftModel(0.05, 1.0, 0.1)]
 )
-def test_nothing_linear_foretells_simulated_errors_better(errors: DriftModel) -> None:
+def test_no_linear_predictor_of_simulated_errors_is_better(errors: DriftModel) -> None:
     wrong = samples(errors, 20_000)
     noisy = wrong[:, :9] + errors.registration_s * np.random.default_rng(1).normal(
         size=(len(wrong), 9)
     )
     truth = wrong[:, 10:]
-    foretold = noisy @ np.linalg.solve(
+    predicted = noisy @ np.linalg.solve(
         errors.observed_covariance(PAST_S), errors.covariance(PAST_S, FUTURE_S)
     )
     fitted = noisy @ np.linalg.lstsq(noisy, truth, rcond=None)[0]
-    left, best = (((given - truth) ** 2).mean(axis=0) for given in (foretold, fitted))
+    left, best = (((given - truth) ** 2).mean(axis=0) for given in (predicted, fitted))
     np.testing.assert_allclose(left, best, rtol=0.01)
     assert (left < (truth**2).mean(axis=0)).all()
 
 
-def test_the_last_frame_s_trembling_is_in_every_coming_pose() -> None:
+def test_vibration_of_the_last_frame_is_in_every_future_pose() -> None:
     # All past frames say that the last one looks a twentieth of a degree too high.
     trembled = np.zeros((9, 3))
     trembled[:, 0] = np.radians(0.05)
@@ -108,7 +102,7 @@ def test_the_last_frame_s_trembling_is_in_every_coming_pose() -> None:
     np.testing.assert_allclose(after[:, 1:], 0, atol=1e-12)
 
 
-def test_a_heading_that_drifts_goes_on_for_a_while() -> None:
+def test_a_drifting_heading_continues_for_a_while() -> None:
     drifting = np.zeros((9, 3))
     drifting[:, 1] = np.radians(0.01) * np.arange(-9, 0)
     after = turned(drifting)[:, 1]
@@ -116,14 +110,14 @@ def test_a_heading_that_drifts_goes_on_for_a_while() -> None:
     assert np.radians(0.01) < after[-1] < np.radians(0.15)
 
 
-def test_rotations_that_jumped_are_no_drift() -> None:
+def test_jumps_of_rotations_do_not_continue() -> None:
     jumped = np.zeros((9, 3))
     jumped[:5, 1] = np.radians(3)
     assert np.abs(turned(jumped)).max() < np.radians(0.03)
 
 
 @pytest.mark.parametrize("lag_s", [0.006, -0.004])
-def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
+def test_a_lag_of_the_recording_is_corrected(lag_s: float) -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + lag_s))
     corrected_poses = corrected(given, truth[: NOW + 1])
     before, after = (
@@ -138,7 +132,7 @@ def test_a_recording_out_of_step_is_brought_into_step(lag_s: float) -> None:
     assert after.mean() < 0.6 * before.mean()
 
 
-def test_a_lag_is_nothing_to_a_pose_that_does_not_go_on_from_the_past() -> None:
+def test_a_discontinuous_future_gets_no_lag() -> None:
     given, truth = from_now(driven(TIMES_S)), from_now(driven(TIMES_S + 0.006))
     last = given[-1:]
     corrected_poses = corrected(
@@ -149,9 +143,7 @@ def test_a_lag_is_nothing_to_a_pose_that_does_not_go_on_from_the_past() -> None:
 
 
 def evenly(first: int, last: int) -> FloatArray:
-    """The same car, recorded at an even rate from one pose to the other: nothing measured those
-    between.
-    """
+    """Return the same drive, with uniform motion in place of the poses between two steps."""
     poses = driven(TIMES_S)
     fraction = (np.arange(first + 1, last) - first) / (last - first)
     ends = poses[[first, last]]
@@ -161,7 +153,7 @@ def evenly(first: int, last: int) -> FloatArray:
     return poses
 
 
-def test_a_gap_that_the_reference_lies_in_is_bridged() -> None:
+def test_an_interval_around_the_reference_is_bridged() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
     corrected_poses = corrected(
         given, truth[: NOW + 1], TIMES_S, True, UnmeasuredIntervals(), RotationDrift()
@@ -175,7 +167,7 @@ def test_a_gap_that_the_reference_lies_in_is_bridged() -> None:
     assert after.max() < 0.1 * before.max()
 
 
-def test_without_metres_no_gap_is_known() -> None:
+def test_without_metres_intervals_are_not_detected() -> None:
     given, truth = from_now(evenly(4, 16)), from_now(driven(TIMES_S))
     corrected_poses = corrected(
         given, truth[: NOW + 1], TIMES_S, False, UnmeasuredIntervals(), RotationDrift()
@@ -187,13 +179,13 @@ def test_without_metres_no_gap_is_known() -> None:
     assert after > 0.8 * before
 
 
-def test_a_gap_in_the_past_says_nothing_of_what_is_measured() -> None:
+def test_a_past_interval_does_not_change_measured_poses() -> None:
     given, truth = from_now(evenly(0, 6)), from_now(driven(TIMES_S))
     corrected_poses = corrected(given, truth[: NOW + 1])
     np.testing.assert_allclose(corrected_poses, given[NOW + 1 :], atol=1e-6)
 
 
-def test_poses_that_the_images_agree_with_stay() -> None:
+def test_poses_that_agree_with_the_images_stay() -> None:
     poses = se3.exp(np.arange(30)[:, None] * np.array([0.1, 0, 1.0, 0, 0.02, 0]))
     past, future = poses[:10], poses[10:]
     np.testing.assert_allclose(corrected(poses, past), future, atol=1e-12)
@@ -204,7 +196,7 @@ def test_poses_that_the_images_agree_with_stay() -> None:
     np.testing.assert_allclose(kept[:, :3, 3], future[:, :3, 3], atol=1e-4)
 
 
-def test_registered_poses_are_needed() -> None:
+def test_registered_poses_are_required() -> None:
     context = Context(np.zeros((10, 1, 1, 3), np.uint8), TIMES_S, Intrinsics(1, 1, 0, 0, 1, 1))
     poses = driven(TIMES_S)
     motion = Motion(
