@@ -147,8 +147,9 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
 
     def library() -> FloatArray:
         points = triangulate(scene.rays, given)
-        adjusted: FloatArray = bundle_adjust(given, points, pixels, Lens(CAMERA), num_fixed=1)[0]
-        return adjusted[-1]
+        adjusted, *_ = bundle_adjust(given, points, pixels, Lens(CAMERA), num_fixed=1)
+        last: FloatArray = adjusted[-1]
+        return last
 
     return Comparison(
         "local bundle adjustment",
