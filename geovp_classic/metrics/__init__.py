@@ -1,1 +1,1 @@
-"""One number per future step from a prediction and what really came."""
+"""Scores of predictions, one number per future step."""

@@ -1,4 +1,4 @@
-"""What the true trajectory says about a clip's future: how far it turns, how fast it goes."""
+"""Attributes of a clip's future: how far the camera turns and how fast it moves."""
 
 import numpy as np
 
@@ -7,24 +7,24 @@ from geovp_classic.types import Context, Target
 
 
 def clip_facts(context: Context, target: Target) -> dict[str, float]:
-    """Numbers by name, {} for a clip without poses; `context` needs every grant.
+    """Return numbers by name, {} for a clip without poses.
 
-    `yaw_deg`: the largest change of heading within the future, against the last observed camera and
-    in its x-z plane, either way; `speed_m_s` and `step_m`: the mean over the future, absent where
-    poses are not metric.
+    `yaw_deg` is the largest change of heading in the future, relative to the last observed camera
+    and in its x-z plane. `speed_m_s` and `step_m` are means over the future; they need metric
+    poses. `context` needs all privileged inputs.
     """
-    past, future = context.past, target.trajectory
+    past = context.past
+    future = target.trajectory
     if past is None or future is None:
         return {}
     path = past[-1:].then(future)
-    states = planar.reduce(
-        path.world_from_cam, path.world_from_cam[0], planar.level_vehicle_from_cam()
-    )
-    facts = {"yaw_deg": float(np.rad2deg(np.abs(np.unwrap(states[:, 2])).max()))}
+    poses = path.world_from_cam
+    states = planar.reduce(poses, poses[0], planar.level_vehicle_from_cam())
+    yaw_rad = np.unwrap(states[:, 2])
+    facts = {"yaw_deg": float(np.rad2deg(np.abs(yaw_rad).max()))}
     if path.is_metric:
-        length_m = float(
-            np.linalg.norm(np.diff(path.world_from_cam[:, :3, 3], axis=0), axis=1).sum()
-        )
-        facts["speed_m_s"] = length_m / float(path.times_s[-1] - path.times_s[0])
-        facts["step_m"] = length_m / len(future)
+        steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+        duration_s = path.times_s[-1] - path.times_s[0]
+        facts["speed_m_s"] = float(steps_m.sum() / duration_s)
+        facts["step_m"] = float(steps_m.mean())
     return facts

@@ -1,115 +1,87 @@
 """Masks of future pixels: observed before, never observed, or on moving objects.
 
-Needs exact depth, so it serves synthetic and RGB-D clips. The masks are for metrics to be taken
-over, never for predictors.
+They need exact depth: synthetic and RGB-D clips have it. Metrics use the masks, predictors do not
+see them.
 """
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Target
 
 
 def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[str, BoolArray]:
-    """Masks [F, H, W] by name, {} for a clip without depth or without metric poses; `context` needs
-    every grant.
+    """Return masks [F, H, W] by name, {} for a clip without depth or without metric poses.
 
-    "seen": static, and the surface point was visible in at least one observed frame; "disoccluded":
-    static and visible in none, be it hidden or outside the image; "static", "moving": as the clip
-    marks things, absent where it marks nothing (then all counts as static). Pixels of unknown depth
-    are neither seen nor disoccluded. Visible means: projected into the observed frame, its inverse
-    depth is the recorded one within the fraction `tolerance`; sky (depth inf) is compared by
-    direction alone.
+    "seen" is static, and its surface point was visible in an observed frame. "disoccluded" is
+    static and visible in none: hidden, or outside the image. "static" and "moving" are the clip's
+    marks; without them all pixels count as static. Pixels of unknown depth are neither seen nor
+    disoccluded.
+
+    A point is visible if its inverse depth in the observed frame equals the recorded one within the
+    fraction `tolerance`. Sky is compared by direction. `context` needs all privileged inputs.
     """
-    past, future = context.past, target.trajectory
+    past = context.past
+    future = target.trajectory
     if past is None or future is None or context.past_depths is None or target.depths is None:
         return {}
     if not (past.is_metric and future.is_metric):
         return {}
-    observed, real = _inverse(context.past_depths), _inverse(target.depths)
-    static = np.ones(real.shape, dtype=bool) if target.moving is None else ~target.moving
-    comparable = static & np.isfinite(real)
+    observed = _inverse(context.past_depths)
+    inverse_depths = _inverse(target.depths)
+    static = np.ones(inverse_depths.shape, dtype=bool)
+    if target.moving is not None:
+        static = ~target.moving
+    comparable = static & np.isfinite(inverse_depths)
     seen = np.zeros_like(static)
-    for step in range(len(real)):
-        past_from_cam = se3.inverse(past.world_from_cam) @ future.world_from_cam[step]
-        seen[step] = _seen(
-            real[step], comparable[step], past_from_cam, observed, context.intrinsics, tolerance
-        )
+    for step, world_from_cam in enumerate(future.world_from_cam):
+        past_from_cam = se3.inverse(past.world_from_cam) @ world_from_cam
+        pending = comparable[step].copy()
+        for cam_from_cam, image in zip(past_from_cam, observed, strict=True):
+            pending[pending] = ~_is_visible(
+                pinhole.rays(context.intrinsics)[pending],
+                inverse_depths[step][pending],
+                cam_from_cam,
+                image,
+                context.intrinsics,
+                tolerance,
+            )
+        seen[step] = comparable[step] & ~pending
     masks = {"seen": seen, "disoccluded": comparable & ~seen}
-    return (
-        masks
-        if target.moving is None
-        else {**masks, "static": static, "moving": np.array(target.moving)}
-    )
+    if target.moving is not None:
+        masks |= {"static": static, "moving": np.array(target.moving)}
+    return masks
 
 
-def _seen(
-    inverse_depth: FloatArray,  # [H, W]
-    comparable: BoolArray,  # [H, W], the pixels to test
-    past_from_cam: FloatArray,  # [P, 4, 4]
-    observed: FloatArray,  # [P, H, W], inverse depths
+def _is_visible(
+    rays: FloatArray,  # [N, 3]
+    inverse_depth: FloatArray,  # [N]
+    past_from_cam: FloatArray,  # [4, 4]
+    observed: FloatArray,  # [H, W], inverse depths, NaN where unknown
     camera: Intrinsics,
     tolerance: float,
 ) -> BoolArray:
-    """Where one future frame's surface points are visible in an observed frame [H, W]; the latest
-    is tested first.
+    """Return whether surface points on rays are visible in an observed frame [N].
+
+    On a plane, inverse depth is linear in the pixel: interpolation is exact, however steep the
+    plane is. At edges it would mix two surfaces; there the nearest pixel decides.
     """
-    seen = np.zeros_like(comparable)
-    pending = np.flatnonzero(comparable)
-    directions, inverse = pinhole.rays(camera).reshape(-1, 3), inverse_depth.ravel()
-    for step in reversed(range(len(observed))):
-        rotation, translation = past_from_cam[step, :3, :3], past_from_cam[step, :3, 3]
-        scaled = (
-            directions[pending] @ rotation.T + inverse[pending, None] * translation
-        )  # the point times inverse depth
-        pixels, growth = pinhole.project(scaled, camera)
-        expected = inverse[pending] / np.where(
-            growth > 0, growth, np.nan
-        )  # inverse depth from there; 0 stays 0
-        visible = _matches(pixels, expected, observed[step], tolerance)
-        seen.ravel()[pending[visible]] = True
-        pending = pending[~visible]
-    return seen
-
-
-def _matches(
-    pixels: FloatArray,  # [N, 2], NaN behind the camera
-    expected: FloatArray,  # [N], inverse depths
-    observed: FloatArray,  # [H, W], inverse depths, NaN where unknown
-    tolerance: float,
-) -> BoolArray:
-    """Whether the recorded inverse depth at each pixel is the expected one [N].
-
-    On a plane inverse depth is linear in the pixel, so interpolating it is exact however steep the
-    plane; beside an edge that would mix two surfaces, and the nearest pixel decides.
-    """
-    height_px, width_px = observed.shape
-    u, v = pixels[:, 0], pixels[:, 1]
-    inside = (u >= -0.5) & (u < width_px - 0.5) & (v >= -0.5) & (v < height_px - 0.5)
-    u, v, wanted = u[inside], v[inside], expected[inside]
-    nearest = observed[np.floor(v + 0.5).astype(np.intp), np.floor(u + 0.5).astype(np.intp)]
-    slack = tolerance * wanted
-    good = (np.abs(nearest - wanted) <= slack) | (
-        np.abs(_bilinear(observed, u, v) - wanted) <= slack
-    )
-    matches = np.zeros(len(pixels), dtype=bool)
-    matches[inside] = good
-    return matches
-
-
-def _bilinear(image: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """The image [H, W] at (u, v) [N]; beyond the outermost pixel centres the line through the last
-    two goes on.
-    """
-    left = np.clip(np.floor(u).astype(np.intp), 0, image.shape[1] - 2)
-    top = np.clip(np.floor(v).astype(np.intp), 0, image.shape[0] - 2)
-    right_share, low_share = u - left, v - top
-    upper = image[top, left] * (1 - right_share) + image[top, left + 1] * right_share
-    lower = image[top + 1, left] * (1 - right_share) + image[top + 1, left + 1] * right_share
-    return upper * (1 - low_share) + lower * low_share
+    # points times inverse depth, so that sky is a direction
+    points = rays @ past_from_cam[:3, :3].T + inverse_depth[:, None] * past_from_cam[:3, 3]
+    pixels, depth = pinhole.project(points, camera)
+    pixels = np.nan_to_num(pixels, nan=-1e6)  # behind the camera
+    inside = np.clip(pixels, -0.5, [camera.width_px - 0.5, camera.height_px - 0.5])
+    is_inside = (inside == pixels).all(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = np.where(is_inside, inverse_depth / depth, np.nan)
+    is_visible = np.zeros(len(rays), dtype=bool)
+    for order in (0, 1):  # the nearest pixel, and linear interpolation
+        recorded = map_coordinates(observed, inside.T[::-1], order=order, mode="nearest")
+        is_visible |= np.abs(recorded - expected) <= tolerance * expected
+    return is_visible
 
 
 def _inverse(depths: FloatArray) -> FloatArray:
-    """Inverse depths, 0 for sky and NaN for unknown."""
-    known = depths > 0
-    return np.where(known, 1.0 / np.where(known, depths, 1.0).astype(np.float64), np.nan)
+    """Return inverse depths, 0 for sky and NaN for unknown."""
+    return 1 / np.where(depths > 0, depths, np.nan).astype(np.float64)

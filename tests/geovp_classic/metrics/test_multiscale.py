@@ -158,9 +158,7 @@ def test_it_is_registered_and_says_which_definition_it_follows() -> None:
 
 def test_frames_below_161_pixels_are_refused() -> None:
     blank = np.zeros((1, 160, 200, 3), np.uint8)
-    with pytest.raises(
-        BadData, match=r"\(160, 200, 3\), expected at least 161x161 pixels for its five scales"
-    ):
+    with pytest.raises(BadData, match=r"\(160, 200, 3\), expected at least 161x161"):
         MsSsim()(blank, blank, None)
     enough = np.zeros((1, 161, 161, 3), np.uint8)
     np.testing.assert_allclose(MsSsim()(enough, enough, None), [1.0])

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import map_coordinates
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.metrics.strata import _bilinear, strata
+from geovp_classic.metrics.strata import strata
 from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Target, Trajectory
 
 CAMERA = Intrinsics(64.0, 64.0, 31.5, 31.5, 64, 64)  # sees 5 m of the wall to either side
@@ -187,15 +186,3 @@ def test_clips_without_depth_or_metric_poses_have_no_strata(missing: str) -> Non
         "metres": {"trajectory": unmetric},
     }
     assert strata(context, replace(target, **changes.get(missing, {}))) == {}
-
-
-def test_between_pixels_and_beyond_the_rim_lines_go_on() -> None:
-    v, u = np.mgrid[:6, :9].astype(float)
-    rng = np.random.default_rng(0)
-    at_u, at_v = rng.uniform(-0.5, 8.5, 200), rng.uniform(-0.5, 5.5, 200)
-    found = _bilinear(2 + 0.3 * u - 0.7 * v + 0.11 * u * v, at_u, at_v)  # bilinear itself
-    np.testing.assert_allclose(found, 2 + 0.3 * at_u - 0.7 * at_v + 0.11 * at_u * at_v, atol=1e-12)
-    rough = rng.uniform(size=(6, 9))
-    expected = map_coordinates(rough, [at_v, at_u], order=1)
-    inner = (at_u > 0) & (at_u < 8) & (at_v > 0) & (at_v < 5)
-    np.testing.assert_allclose(_bilinear(rough, at_u, at_v)[inner], expected[inner], atol=1e-12)
