@@ -1,260 +1,240 @@
-"""The images of the textures: every function paints RGBA bytes [SIZE, SIZE, 4]; alpha is the share
-of the tint.
+"""Painters of the texture images: each returns RGBA bytes [SIZE, SIZE, 4].
+
+Alpha is the fraction of the object's tint that shows; parts with alpha 0 keep their own colour.
 """
 
-import enum
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from numpy.random import Generator
 from scipy import fft
 
 from geovp_classic.types import ByteArray, FloatArray
 
-IntArray = npt.NDArray[np.integer[Any]]
-Colour = tuple[float, float, float]
-SIZE, GLASS = 512, (0.87, 0.98, 1.1)
-WHITE, DARK, BLACK = (236, 236, 230, 0), (50, 50, 52, 0), (26, 26, 28, 0)  # untinted
-# Every image there is; the number is its place in the stack, the name that of its function below.
-Texture = enum.IntEnum(
-    "Texture",
-    "PLAIN ASPHALT ROAD ZEBRA PAVEMENT GRASS PLASTER BRICK PLASTER_WINDOWS BRICK_WINDOWS ROOF "
-    "LEAVES "
-    "CAR_PAINT CAR_SIDE CAR_END CAR_WINDOW CLOUDS STAINS",
-    start=0,
-)
-# The size of a tile; images that are stretched over a surface once have size 1.
-TILE_M = np.ones(len(Texture))
-TILE_M[[Texture.ROAD, Texture.ZEBRA, Texture.PLASTER_WINDOWS, Texture.BRICK_WINDOWS]] = (
-    18.0,
-    6.0,
-    5.6,
-    5.6,
-)
-TILE_M[[Texture.PLAIN, Texture.LEAVES, Texture.ROOF, Texture.PAVEMENT]] = 2.0, 3.0, 4.0, 4.0
-TILE_M[[Texture.ASPHALT, Texture.GRASS, Texture.PLASTER, Texture.BRICK, Texture.STAINS]] = (
-    6.0,
-    6.0,
-    5.6,
-    5.6,
-    37.0,
-)
+Rgb = tuple[float, float, float]
+Painter = Callable[[Generator], ByteArray]
+SIZE = 512  # a power of two
+UNTINTED_WHITE = (236, 236, 230, 0)
+UNTINTED_BLACK = (26, 26, 28, 0)
 
 
-def noise(rng: np.random.Generator, slope: float, coarsest: float = 1.0) -> FloatArray:
-    """Tileable noise [SIZE, SIZE] of zero mean and unit spread whose amplitude falls as
-    frequency**-slope.
+def noise(rng: Generator, slope: float, min_frequency: float = 1.0) -> FloatArray:
+    """Return tileable noise [SIZE, SIZE] of zero mean and unit standard deviation.
 
-    Frequencies are in cycles per tile; those below `coarsest` are left out.
+    The amplitude falls as frequency**-slope. Frequencies are in cycles per tile.
     """
-    frequency = np.hypot(fft.fftfreq(SIZE, 1 / SIZE)[:, None], fft.rfftfreq(SIZE, 1 / SIZE)[None])
-    gain = np.where(frequency >= coarsest, np.maximum(frequency, 1e-9) ** -slope, 0.0)
-    shaped: FloatArray = fft.irfft2(
-        fft.rfft2(rng.standard_normal((SIZE, SIZE))) * gain, (SIZE, SIZE)
-    )
+    rows = fft.fftfreq(SIZE, 1 / SIZE)[:, None]
+    columns = fft.rfftfreq(SIZE, 1 / SIZE)
+    frequency = np.hypot(rows, columns)
+    gain = np.maximum(frequency, 1e-9) ** -slope
+    gain[frequency < min_frequency] = 0
+    white = rng.standard_normal((SIZE, SIZE))
+    shaped: FloatArray = fft.irfft2(fft.rfft2(white) * gain, (SIZE, SIZE))
     return shaped / shaped.std()
 
 
 def rgba(
-    brightness: FloatArray, colour: Colour = (1.0, 1.0, 1.0), alpha: FloatArray | float = 1.0
+    brightness: FloatArray, colour: Rgb = (1.0, 1.0, 1.0), alpha: FloatArray | float = 1.0
 ) -> ByteArray:
-    """An image of one colour; brightness and alpha are [SIZE, SIZE], 0 to 1."""
-    layers = [
-        *(brightness * channel for channel in colour),
-        np.broadcast_to(alpha, brightness.shape),
-    ]
-    return np.asarray(np.clip(np.stack(layers, axis=-1), 0.0, 1.0) * 255 + 0.5, dtype=np.uint8)
+    """Return an image of one colour; brightness and alpha are [SIZE, SIZE], 0 to 1."""
+    red, green, blue = (brightness * channel for channel in colour)
+    layers = [red, green, blue, np.broadcast_to(alpha, brightness.shape)]
+    image = np.clip(np.stack(layers, axis=-1), 0.0, 1.0)
+    return np.asarray(image * 255 + 0.5, dtype=np.uint8)
 
 
-def noisy(
-    mean: float, *layers: tuple[float, float, float], colour: Colour = (1.0, 1.0, 1.0)
-) -> Callable[[np.random.Generator], ByteArray]:
-    """A painter of brightness around a mean; each layer of noise has (spread, slope, coarsest)."""
-    return lambda rng: rgba(
-        mean + np.sum([spread * noise(rng, *kind) for spread, *kind in layers], axis=0), colour
-    )
+def plain(rng: Generator) -> ByteArray:
+    """Paint an almost even surface."""
+    return rgba(0.93 + 0.02 * noise(rng, 1.0))
 
 
-plain = car_paint = noisy(0.93, (0.02, 1.0, 1))
-asphalt = noisy(0.46, (0.035, 1.2, 1), (0.04, 0.3, 40))
-grass = noisy(1.0, (0.12, 1.3, 1), (0.2, 0.45, 24), colour=(0.37, 0.48, 0.21))
-stains = noisy(0.5, (0.16, 1.1, 1))
+def asphalt(rng: Generator) -> ByteArray:
+    """Paint grey with stains and grains."""
+    return rgba(0.46 + 0.035 * noise(rng, 1.2) + 0.04 * noise(rng, 0.3, 40))
 
 
-def road(rng: np.random.Generator) -> ByteArray:
-    """18 m of a road, 9.2 m across: asphalt with repairs, cracks, manholes and a dashed centre
-    line.
-    """
+def grass(rng: Generator) -> ByteArray:
+    """Paint green with patches and blades."""
+    brightness = 1.0 + 0.12 * noise(rng, 1.3) + 0.2 * noise(rng, 0.45, 24)
+    return rgba(brightness, (0.37, 0.48, 0.21))
+
+
+def stains(rng: Generator) -> ByteArray:
+    """Paint large soft stains."""
+    return rgba(0.5 + 0.16 * noise(rng, 1.1))
+
+
+def clouds(rng: Generator) -> ByteArray:
+    """Paint fair-weather clouds; alpha is the fraction of the sky that they hide."""
+    brightness = 0.93 + 0.05 * noise(rng, 1.5)
+    cover = np.clip(0.32 + 0.42 * noise(rng, 1.7), 0, 1)
+    return rgba(brightness, alpha=cover)
+
+
+def road(rng: Generator) -> ByteArray:
+    """Paint 18 m of a road of 9.2 m: repairs, cracks, manholes and a dashed centre line."""
     image = asphalt(rng)
-    worn = cv2.GaussianBlur(image, (5, 5), 0)
-    for x, y, width, height in rng.integers((0, 0, 40, 40), (450, 450, 160, 160), (6, 4)).tolist():
-        cv2.rectangle(worn, (x, y), (x + width, y + height), 3 * (int(rng.integers(85, 108)),), -1)
-    image = np.asarray(cv2.addWeighted(image, 0.65, worn, 0.35, 0), dtype=np.uint8)
+    for x, y, width, height in rng.integers((0, 0, 40, 40), (450, 450, 160, 160), (6, 4)):
+        repair = image[y : y + height, x : x + width]
+        repair[:] = 0.65 * repair + 0.35 * rng.integers(85, 108)
     for _ in range(7):
-        crack = rng.uniform((30, 0), (480, 330)) + rng.normal((0, 9), (4, 3), (22, 2)).cumsum(
-            axis=0
-        )
+        start = rng.uniform((30, 0), (480, 330))
+        crack = start + rng.normal((0, 9), (4, 3), (22, 2)).cumsum(axis=0)
         cv2.polylines(image, [crack.astype(np.int32)], False, (72, 72, 74, 255), 2, cv2.LINE_AA)
     for x, y in ((150, 60), (365, 300)):
         cv2.line(image, (0, y + 80), (SIZE, y + 76), (74, 74, 76, 255), 2, cv2.LINE_AA)
         cv2.ellipse(image, (x, y), (20, 10), 0, 0, 360, (78, 75, 72, 255), -1, cv2.LINE_AA)
-        cv2.rectangle(image, (252, y - 30), (259, y + 56), (222, 222, 216, 255), -1)
+        image[y - 30 : y + 57, 252:260] = (222, 222, 216, 255)
     return image
 
 
-def zebra(rng: np.random.Generator) -> ByteArray:
-    """A zebra crossing: worn stripes along the road, 9.2 m from kerb to kerb."""
-    stripe = (np.arange(SIZE) + 48) % 64 < 31
-    return rgba(
-        np.where(stripe, 0.84, 0.46) * (1 + 0.06 * noise(rng, 0.8) + 0.05 * noise(rng, 0.2, 40))
-    )
+def zebra(rng: Generator) -> ByteArray:
+    """Paint a zebra crossing: worn stripes along the road, 9.2 m from kerb to kerb."""
+    is_stripe = (np.arange(SIZE) + 48) % 64 < 31
+    wear = 1 + 0.06 * noise(rng, 0.8) + 0.05 * noise(rng, 0.2, 40)
+    return rgba(np.where(is_stripe, 0.84, 0.46) * wear)
 
 
-def _courses(
-    rng: np.random.Generator, num: tuple[int, int], spread: float, joint: float, shift: float
-) -> FloatArray:
-    """Brightness [SIZE, SIZE] of rows of stones, num = (across, down); NaN in the joints, every
-    second row shifted.
-    """
-    down, across = np.mgrid[:SIZE, :SIZE] / SIZE * np.array([num[1], num[0]])[:, None, None]
-    row = np.floor(down).astype(int)
-    across = across + shift * (row % 2)
-    stones = 1 + spread * rng.standard_normal((num[1], num[0]))
-    joints = (across % 1 < 0.06) | (down % 1 < joint)
-    return np.where(joints, np.nan, stones[row, np.floor(across).astype(int) % num[0]])
+def pavement(rng: Generator) -> ByteArray:
+    """Paint concrete slabs of half a metre."""
+    slabs, is_joint = _stone_courses(rng, (8, 8), 0.06, joint=0.06, shift=0.0)
+    slabs[is_joint] = 0.72
+    return rgba(0.62 * slabs + 0.03 * noise(rng, 0.7))
 
 
-def pavement(rng: np.random.Generator) -> ByteArray:
-    """Concrete slabs of half a metre."""
-    return rgba(
-        0.62 * np.nan_to_num(_courses(rng, (8, 8), 0.06, 0.06, 0.0), nan=0.72)
-        + 0.03 * noise(rng, 0.7)
-    )
-
-
-def plaster(rng: np.random.Generator) -> ByteArray:
-    """A rendered wall, streaked by rain; also bark, when it is tinted brown."""
+def plaster(rng: Generator) -> ByteArray:
+    """Paint a rendered wall with streaks of rain; tinted brown, it serves as bark."""
     streaks = cv2.GaussianBlur(noise(rng, 0.6), (0, 0), sigmaX=2, sigmaY=40)
-    return rgba(
-        0.86 + 0.025 * noise(rng, 1.4) + 0.02 * streaks / streaks.std() + 0.02 * noise(rng, 0.2, 60)
-    )
+    brightness = 0.86 + 0.025 * noise(rng, 1.4) + 0.02 * streaks / streaks.std()
+    return rgba(brightness + 0.02 * noise(rng, 0.2, 60))
 
 
-def brick(rng: np.random.Generator) -> ByteArray:
-    """Bricks of 25 x 8 cm with light joints."""
-    stones = _courses(rng, (22, 68), 0.13, 0.15, 0.5)
-    shade = np.nan_to_num(0.76 * stones, nan=0.72) * (1 + 0.05 * noise(rng, 0.8))
-    return rgba(shade, (1.0, 0.96, 0.94), np.where(np.isnan(stones), 0.4, 1.0))
+def brick(rng: Generator) -> ByteArray:
+    """Paint bricks of 25 x 8 cm with light joints."""
+    stones, is_joint = _stone_courses(rng, (22, 68), 0.13, joint=0.15, shift=0.5)
+    shade = np.where(is_joint, 0.72, 0.76 * stones) * (1 + 0.05 * noise(rng, 0.8))
+    return rgba(shade, (1.0, 0.96, 0.94), np.where(is_joint, 0.4, 1.0))
 
 
-def roof(rng: np.random.Generator) -> ByteArray:
-    """Tiles of 25 x 29 cm, each row dark where the next one covers it."""
+def roof(rng: Generator) -> ByteArray:
+    """Paint tiles of 25 x 29 cm, each row dark where the next one covers it."""
+    tiles, is_joint = _stone_courses(rng, (16, 14), 0.09, joint=0.1, shift=0.5)
     slope = (np.arange(SIZE) * 14 / SIZE % 1)[:, None]
-    tiles = np.nan_to_num(_courses(rng, (16, 14), 0.09, 0.1, 0.5) * (0.78 + 0.25 * slope), nan=0.62)
+    tiles = np.where(is_joint, 0.62, tiles * (0.78 + 0.25 * slope))
     return rgba(0.85 * tiles * (1 + 0.05 * noise(rng, 0.9)))
 
 
-def plaster_windows(rng: np.random.Generator) -> ByteArray:
-    """Two by two bays of 2.8 m: plaster, and windows with shutters."""
+def plaster_windows(rng: Generator) -> ByteArray:
+    """Paint two by two bays of 2.8 m: plaster, and windows with shutters."""
     wall = plaster(rng)
-    for x, y in (
-        (22, 28),
-        (186, 28),
-        (278, 28),
-        (442, 28),
-        (22, 284),
-        (186, 284),
-        (278, 284),
-        (442, 284),
-    ):
-        cv2.rectangle(wall, (x, y), (x + 46, y + 133), (92, 44, 38, 0), -1)
-    return _with_windows(rng, wall, 2)
+    for left, top in _windows():
+        for shutter in (left - 54, left + 110):
+            wall[top - 5 : top + 129, shutter : shutter + 47] = (92, 44, 38, 0)
+    return _with_windows(rng, wall, num_rows=2)
 
 
-def brick_windows(rng: np.random.Generator) -> ByteArray:
-    """Two by two bays of 2.8 m: bricks, and windows of six panes."""
-    return _with_windows(rng, brick(rng), 3)
+def brick_windows(rng: Generator) -> ByteArray:
+    """Paint two by two bays of 2.8 m: bricks, and windows of six panes."""
+    return _with_windows(rng, brick(rng), num_rows=3)
 
 
-def _with_windows(rng: np.random.Generator, wall: ByteArray, num_rows: int) -> ByteArray:
-    """A window with curtains in every quarter of the wall: frame, panes in two
-    columns, and sill.
-    """
-    glass = rgba(np.linspace(0.42, 0.16, SIZE)[:, None] * (1 + 0.25 * noise(rng, 1.4)), GLASS, 0.0)
-    for left, top in ((76, 33), (332, 33), (76, 289), (332, 289)):
-        right, bottom, curtain = left + 104, top + 123, int(rng.integers(12, 40))
-        wall[top:bottom, left:right] = cv2.resize(glass, (104, 123))
-        wall[top:bottom, [*range(left, left + curtain), *range(right - curtain, right)]] = (
-            168,
-            164,
-            154,
-            0,
-        )
-        for row in range(num_rows):
-            level = top + row * 123 // num_rows
-            cv2.rectangle(wall, (left, level), (left + 52, bottom), WHITE, 5)
-            cv2.rectangle(wall, (left + 52, level), (right, bottom), WHITE, 5)
-        cv2.rectangle(wall, (left, top), (right, bottom), WHITE, 10)
-        cv2.rectangle(
-            wall, (left - 14, bottom + 6), (right + 14, bottom + 15), (205, 203, 196, 0), -1
-        )
-    return wall
-
-
-def leaves(rng: np.random.Generator) -> ByteArray:
-    """Overlapping leaves, the upper ones lighter."""
+def leaves(rng: Generator) -> ByteArray:
+    """Paint overlapping leaves, the upper ones lighter."""
     image = np.full((SIZE, SIZE, 4), (25, 25, 25, 255), dtype=np.uint8)
     for count in range(2600):
         light = 255 * (0.28 + 0.5 * count / 2600 + 0.10 * rng.standard_normal())
-        colour = (light * rng.uniform(0.72, 0.95), light, light * rng.uniform(0.3, 0.5), 255)
-        place, axes = (
-            rng.integers(16, SIZE - 16, 2).tolist(),
-            rng.integers((8, 4), (15, 8)).tolist(),
-        )
-        cv2.ellipse(image, place, axes, float(rng.uniform(0, 180)), 0, 360, colour, -1, cv2.LINE_AA)
-        if count % 50 == 0:
-            image = np.roll(
-                image, rng.integers(0, SIZE, 2), axis=(0, 1)
-            )  # so that the tile has no seam
+        red = light * rng.uniform(0.72, 0.95)
+        colour = (red, light, light * rng.uniform(0.3, 0.5), 255)
+        place = rng.integers(16, SIZE - 16, 2).tolist()
+        axes = rng.integers((8, 4), (15, 8)).tolist()
+        angle_deg = rng.uniform(0, 180)
+        cv2.ellipse(image, place, axes, angle_deg, 0, 360, colour, -1, cv2.LINE_AA)
+        if count % 50 == 0:  # shift the border, so that the tile has no seam
+            image = np.roll(image, rng.integers(0, SIZE, 2), axis=(0, 1))
     return image
 
 
-def car_side(rng: np.random.Generator) -> ByteArray:
-    """Doors, handles, a sill and wheel arches; from tail to nose and from the shoulder down to the
-    floor.
+def car_side(rng: Generator) -> ByteArray:
+    """Paint doors, handles, a sill and wheel arches.
+
+    The image reaches from tail to nose and from the shoulder down to the floor.
     """
     image = plain(rng)
     for x in (150, 262, 366):
-        cv2.line(image, (x, 20), (x - 6, 440), BLACK, 3, cv2.LINE_AA)
-        cv2.rectangle(image, (x + 16, 90), (x + 44, 118), BLACK, -1)
-    cv2.rectangle(image, (0, 440), (SIZE, SIZE), DARK, -1)
+        cv2.line(image, (x, 20), (x - 6, 440), UNTINTED_BLACK, 3, cv2.LINE_AA)
+        image[90:119, x + 16 : x + 45] = UNTINTED_BLACK
+    image[440:] = (50, 50, 52, 0)
     for x in (92, 420):
-        cv2.ellipse(image, (x, 460), (48, 285), 0, 0, 360, BLACK, -1, cv2.LINE_AA)
+        cv2.ellipse(image, (x, 460), (48, 285), 0, 0, 360, UNTINTED_BLACK, -1, cv2.LINE_AA)
     return image
 
 
-def car_end(rng: np.random.Generator) -> ByteArray:
-    """Lamps, plate and bumper: the tail on the left half, the nose on the right."""
+def car_end(rng: Generator) -> ByteArray:
+    """Paint lamps, plate and bumper: the tail on the left half, the nose on the right."""
     image = plain(rng)
     for x, lamp in ((0, (165, 16, 16, 0)), (256, (240, 242, 248, 0))):
-        cv2.rectangle(image, (x + 10, 70), (x + 60, 210), lamp, -1)
-        cv2.rectangle(image, (x + 195, 70), (x + 245, 210), lamp, -1)
-        cv2.rectangle(image, (x, 345), (x + 255, SIZE), BLACK, -1)
-        cv2.rectangle(image, (x + 86, 235), (x + 170, 325), WHITE, -1)
+        image[70:211, x + 10 : x + 61] = lamp
+        image[70:211, x + 195 : x + 246] = lamp
+        image[345:, x : x + 256] = UNTINTED_BLACK
+        image[235:326, x + 86 : x + 171] = UNTINTED_WHITE
     return image
 
 
-def car_window(rng: np.random.Generator) -> ByteArray:
-    """Dark glass, lighter at the top, in a painted frame."""
+def car_window(rng: Generator) -> ByteArray:
+    """Paint dark glass, lighter at the top, in a painted frame."""
     image = plain(rng)
-    image[60:470, 40:472] = rgba(
-        np.linspace(0.36, 0.10, SIZE)[:, None] + np.zeros(SIZE), GLASS, 0.0
-    )[60:470, 40:472]
+    glass = _glass(np.linspace(0.36, 0.10, SIZE)[:, None] + np.zeros(SIZE))
+    image[60:470, 40:472] = glass[60:470, 40:472]
     return image
 
 
-def clouds(rng: np.random.Generator) -> ByteArray:
-    """Fair-weather clouds; alpha is how much of the sky they hide."""
-    return rgba(0.93 + 0.05 * noise(rng, 1.5), alpha=np.clip(0.32 + 0.42 * noise(rng, 1.7), 0, 1))
+def _glass(brightness: FloatArray) -> ByteArray:
+    """Return untinted bluish glass."""
+    return rgba(brightness, (0.87, 0.98, 1.1), 0.0)
+
+
+def _stone_courses(
+    rng: Generator,
+    num: tuple[int, int],  # stones across and down
+    spread: float,  # standard deviation of their brightness
+    joint: float,  # thickness of the bed joints in stone heights
+    shift: float,  # of every second row, in stone widths
+) -> tuple[FloatArray, FloatArray]:
+    """Return the brightness of rows of stones and the mask of joints, each [SIZE, SIZE]."""
+    num_across, num_down = num
+    rows, columns = np.mgrid[:SIZE, :SIZE] / SIZE
+    down = rows * num_down
+    row = np.floor(down).astype(int)
+    across = columns * num_across + shift * (row % 2)
+    column = np.floor(across).astype(int) % num_across
+    stones = 1 + spread * rng.standard_normal((num_down, num_across))
+    is_joint = (across % 1 < 0.06) | (down % 1 < joint)
+    return stones[row, column], is_joint
+
+
+def _windows() -> list[tuple[int, int]]:
+    """Return the left and top pixels of the windows of 2 x 2 bays."""
+    return [(left, top) for top in (33, 289) for left in (76, 332)]
+
+
+def _with_windows(rng: Generator, wall: ByteArray, num_rows: int) -> ByteArray:
+    """Paint windows with frames, curtains, sills and two columns of panes on a wall."""
+    width = 104
+    height = 123
+    brightness = np.linspace(0.42, 0.16, SIZE)[:, None] * (1 + 0.25 * noise(rng, 1.4))
+    glass = cv2.resize(_glass(brightness), (width, height))
+    for left, top in _windows():
+        right = left + width
+        bottom = top + height
+        window = wall[top:bottom, left:right]
+        curtain = int(rng.integers(12, 40))
+        window[:] = glass
+        window[:, :curtain] = window[:, -curtain:] = (168, 164, 154, 0)
+        for row in range(num_rows):
+            level = top + row * height // num_rows
+            cv2.rectangle(wall, (left, level), (left + 52, bottom), UNTINTED_WHITE, 5)
+            cv2.rectangle(wall, (left + 52, level), (right, bottom), UNTINTED_WHITE, 5)
+        cv2.rectangle(wall, (left, top), (right, bottom), UNTINTED_WHITE, 10)
+        wall[bottom + 6 : bottom + 16, left - 14 : right + 15] = (205, 203, 196, 0)
+    return wall

@@ -1,152 +1,134 @@
-"""Render the street: a ray from every pixel to the nearest surface, more of them at edges, shadows
-from the sun.
-"""
+"""Ray-traced images of the street: one ray per pixel, four at edges, and shadows of the sun."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from geovp_classic.data.synthetic.images import IntArray, Texture
-from geovp_classic.data.synthetic.mesh import Hits, Surfaces, joined
-from geovp_classic.data.synthetic.shading import Optics, Weather, shade, sky_light
+from geovp_classic.data.synthetic.mesh import joined
+from geovp_classic.data.synthetic.ray_casting import Hits, RayCaster
+from geovp_classic.data.synthetic.shading import Optics, Weather, shade
 from geovp_classic.data.synthetic.street import Street
+from geovp_classic.data.synthetic.textures import Texture
 from geovp_classic.geometry import pinhole
+from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
-SUBPIXELS = np.array(
-    [(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)]
-)  # with the centre, a spread of four
-LEAF_GAP_M = 0.7  # leaves are not shaded by their nearest neighbours, which would be all flicker
-UP = np.array([0, -1, 0], dtype=np.float32)
-BLUR_REACH = 3.0  # in spreads
-MAX_THREADS = 4
 
+class Rendering(NamedTuple):
+    """The frames of a drive without noise."""
 
-@dataclass(frozen=True)
-class Rendering:
-    """The frames of a drive, without noise."""
-
-    light: FloatArray  # [T, H, W, 3] float32, linear
-    depths: FloatArray  # [T, H, W] float32 z-depth at pixel centres; inf = sky
-    moving: BoolArray  # [T, H, W]; True on moving cars and in their shadows
+    light: FloatArray  # [T, H, W, 3], linear
+    depths: FloatArray  # [T, H, W], float32, z-depth at pixel centres; inf = sky
+    moving: BoolArray  # [T, H, W], on moving cars and in their shadows
 
 
 def render_drive(
     street: Street,
-    world_from_cam: FloatArray,
+    world_from_cam: FloatArray,  # [T, 4, 4]
     camera: Intrinsics,
-    times_s: FloatArray,
+    times_s: FloatArray,  # [T]
     optics: Optics,
 ) -> Rendering:
-    """The street from cameras [T, 4, 4] at any times [T]; pixels at edges are averages of four
-    rays.
-    """
-    static = street.surfaces
+    """Render the street at any times; pixels at edges are averages of four rays."""
 
-    def image(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
-        traffic = street.traffic_at(float(times_s[step]))
-        layers = [static, Surfaces(joined(traffic))] if traffic else [static]
-        return _Frame(layers, street.weather, optics, world_from_cam[step], camera).image()
+    def render(step: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        layers = [street.ray_caster]
+        if street.traffic:
+            traffic = street.traffic_at(float(times_s[step]))
+            layers.append(RayCaster(joined(traffic)))
+        frame = _Frame(layers, street.weather, optics, world_from_cam[step], camera)
+        return frame.render()
 
-    with ThreadPoolExecutor(min(MAX_THREADS, os.cpu_count() or 1)) as pool:
-        frames = list(pool.map(image, range(len(times_s))))
-    return Rendering(*(np.stack(parts) for parts in zip(*frames, strict=True)))
+    frames = parallel_map(render, range(len(times_s)))
+    return Rendering(*(np.stack(images) for images in zip(*frames, strict=True)))
 
 
 @dataclass(frozen=True)
 class _Frame:
     """One instant seen from one place."""
 
-    layers: list[Surfaces]  # the street, and the traffic if there is any
+    layers: list[RayCaster]  # the street, and the traffic if there is any
     weather: Weather
     optics: Optics
     world_from_cam: FloatArray  # [4, 4]
     camera: Intrinsics
+    blur_reach: float = 3.0  # in standard deviations
+    max_contrast: float = 0.5  # of light among neighbours, (high - low) / (high + low)
+    leaf_gap_m: float = 0.7  # leaves are not shaded by closer neighbours, to avoid flicker
 
-    def image(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Light [H, W, 3], depth [H, W] and moving [H, W]; edges and blur look beyond the
-        border.
+    def render(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return light [H, W, 3], depth [H, W] and moving [H, W].
+
+        Pixels are averages of four rays if their neighbours show another texture, or if the
+        contrast exceeds `max_contrast` (Mitchell 1987). Both look beyond the border of the image.
         """
         blur_px = self.optics.blur_px
-        margin = int(BLUR_REACH * blur_px + 0.5) + 1
-        size = (self.camera.height_px + 2 * margin, self.camera.width_px + 2 * margin)
-        grid = pinhole.pixel_grid(self.camera.cropped(-margin, -margin, size[1], size[0])) - margin
-        light, moving, depths, label, normal = self.trace(grid)
-        edge = _edges(depths, label, normal)
-        more_light, more_moving, *_ = self.trace(grid[edge][:, None] + SUBPIXELS)
-        light[edge] = (light[edge] + more_light.sum(axis=1)) / (len(SUBPIXELS) + 1)
-        moving[edge] |= more_moving.any(axis=1)
-        inner = (slice(margin, -margin), slice(margin, -margin))
-        blurred = gaussian_filter(light, (blur_px, blur_px, 0), truncate=BLUR_REACH)
-        return blurred[inner], depths[inner], moving[inner]
+        margin_px = int(self.blur_reach * blur_px + 0.5) + 1
+        width_px = self.camera.width_px + 2 * margin_px
+        height_px = self.camera.height_px + 2 * margin_px
+        padded = self.camera.cropped(-margin_px, -margin_px, width_px, height_px)
+        pixels = pinhole.pixel_grid(padded) - margin_px
+        light, depth, is_moving, texture = self._trace(pixels)
 
-    def trace(
-        self, pixels: FloatArray
-    ) -> tuple[FloatArray, BoolArray, FloatArray, IntArray, FloatArray]:
-        """What rays through pixels [..., 2] meet: light [..., 3], moving, depth and a label [...],
-        normal [..., 3].
+        channels = np.dstack([light, texture])
+        high = cv2.dilate(channels, np.ones((3, 3)))
+        low = cv2.erode(channels, np.ones((3, 3)))
+        max_contrast = [self.max_contrast] * 3 + [0.0]
+        is_edge = (high - low > max_contrast * (high + low)).any(axis=-1)
+        offsets_px = np.array([(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)])
+        more_light, _, more_moving, _ = self._trace(pixels[is_edge][:, None] + offsets_px)
+        light[is_edge] = (light[is_edge] + more_light.sum(axis=1)) / 4
+        is_moving[is_edge] |= more_moving.any(axis=1)
 
-        The label differs between textures, colours, and sun and shadow. Leaves and sky all have the
-        same normal.
+        light = gaussian_filter(light, (blur_px, blur_px, 0), truncate=self.blur_reach)
+        inner = np.s_[margin_px:-margin_px, margin_px:-margin_px]
+        return light[inner], depth[inner].astype(np.float32), is_moving[inner]
+
+    def _trace(self, pixels: FloatArray) -> list[npt.NDArray[Any]]:
+        """Return light [..., 3], depth, moving and texture [...] of rays through pixels [..., 2].
+
+        The texture of the sky is -1.
         """
-        rotation, eye = self.world_from_cam[:3, :3], self.world_from_cam[:3, 3]
-        rays_cam = pinhole.unproject(pixels, np.ones(pixels.shape[:-1]), self.camera).reshape(-1, 3)
-        rays = rays_cam.astype(np.float32) @ rotation.T.astype(np.float32)
-        steps = np.stack([rotation[:, 0] / self.camera.fx_px, rotation[:, 1] / self.camera.fy_px])
-        found = [surfaces.cast(eye, rays) for surfaces in self.layers]
-        depths = np.min([depth for depth, _ in found], axis=0)
-        label, moving = np.zeros(len(rays), np.int32), np.zeros(len(rays), dtype=bool)
-        normal, light = np.zeros_like(rays) + UP, np.empty_like(rays)
-        free = np.isinf(depths)
-        light[free] = sky_light(
-            self.weather, rays[free] / np.linalg.norm(rays[free], axis=-1, keepdims=True)
-        )
-        for number, (surfaces, (depth, triangles)) in enumerate(
-            zip(self.layers, found, strict=True)
-        ):
-            where = np.nonzero(~free & (depth == depths))[0]
-            hits = surfaces.hits(eye, rays[where], depths[where], triangles[where], steps)
-            lit, shaded_by_traffic = self._sunlight(hits)
-            light[where] = shade(hits, eye, lit, self.weather, self.optics)
-            label[where] = (
-                1 + hits.texture + 64 * ((hits.tint[:, 0] * 255).astype(np.int32) + 512 * lit)
-            )
-            normal[where] = np.where(
-                hits.texture[:, None] == Texture.LEAVES, normal[where], hits.normal
-            )
-            moving[where] = shaded_by_traffic | (number > 0)
         shape = pixels.shape[:-1]
-        surface = (depths.reshape(shape), label.reshape(shape), normal.reshape(*shape, 3))
-        return light.reshape(*shape, 3), moving.reshape(shape), *surface
+        rotation = self.world_from_cam[:3, :3]
+        eye = self.world_from_cam[:3, 3]
+        rays_cam = pinhole.unproject(pixels, np.ones(shape), self.camera)
+        rays = rays_cam.reshape(-1, 3) @ rotation.T
+        focal_px = np.array([self.camera.fx_px, self.camera.fy_px])
+        pixel_steps = rotation[:, :2].T / focal_px[:, None]
+        casts = [layer.cast(eye, rays) for layer in self.layers]
+        depth = np.min([lengths for lengths, _ in casts], axis=0)
+
+        light = np.empty_like(rays)
+        is_sky = np.isinf(depth)
+        sky_rays = rays[is_sky]
+        sky_rays /= np.linalg.norm(sky_rays, axis=-1, keepdims=True)
+        light[is_sky] = self.weather.sky_light(sky_rays)
+        is_moving = np.zeros(len(rays), dtype=bool)
+        texture = np.full(len(rays), -1)
+        for layer, (lengths, triangles) in zip(self.layers, casts, strict=True):
+            index = np.flatnonzero(~is_sky & (lengths == depth))
+            hits = layer.hits(eye, rays[index], depth[index], triangles[index], pixel_steps)
+            is_lit, is_shaded_by_traffic = self._sunlight(hits)
+            light[index] = shade(hits, eye, is_lit, self.weather, self.optics)
+            texture[index] = hits.texture
+            is_moving[index] = is_shaded_by_traffic | (layer is not self.layers[0])
+        maps = (depth, is_moving, texture)
+        return [light.reshape(*shape, 3), *(values.reshape(shape) for values in maps)]
 
     def _sunlight(self, hits: Hits) -> tuple[BoolArray, BoolArray]:
-        """Whether the sun reaches the hits [K], and whether only the traffic keeps it off [K]."""
-        to_sun, leaf = self.weather.to_sun, hits.texture == Texture.LEAVES
-        facing = np.nonzero((hits.normal @ to_sun > 0) | leaf)[0]
-        gap = np.where(leaf[facing], np.float32(LEAF_GAP_M), np.float32(0.01))[:, None]
-        points = hits.points[facing] + np.float32(0.01) * hits.normal[facing] + gap * to_sun
-        blocked = np.array([surfaces.blocks(points, to_sun) for surfaces in self.layers])
-        lit, by_traffic = np.zeros((2, len(leaf)), dtype=bool)
-        lit[facing] = ~blocked.any(axis=0)
-        by_traffic[facing] = blocked.any(axis=0) & ~blocked[0]
-        return lit, by_traffic
-
-
-def _edges(depths: FloatArray, label: IntArray, normal: FloatArray) -> BoolArray:
-    """Pixels [H, W] whose neighbours show something else, or the same in another light."""
-    inverse, edge = 1.0 / depths, np.zeros(depths.shape, dtype=bool)
-    jump = np.where(
-        label % 64 == Texture.LEAVES + 1, 0.2, 0.06
-    )  # leaves before leaves show little of an edge
-    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        turned = np.einsum("hwk,hwk->hw", normal[here], normal[there]) < 0.8
-        step = np.abs(inverse[here] - inverse[there]) > jump[here] * np.maximum(
-            inverse[here], inverse[there]
-        )
-        differs = (label[here] != label[there]) | step | turned
-        edge[here] |= differs
-        edge[there] |= differs
-    return edge
+        """Return whether the sun reaches the hits [N], and whether only traffic blocks it [N]."""
+        to_sun = self.weather.to_sun
+        is_leaf = hits.texture == Texture.LEAVES
+        facing = np.flatnonzero((hits.normal @ to_sun > 0) | is_leaf)
+        gap_m = np.where(is_leaf, self.leaf_gap_m, 0.01)[facing, None]
+        points = hits.points[facing] + 0.01 * hits.normal[facing] + gap_m * to_sun
+        is_blocked, *by_traffic = (layer.is_blocked(points, to_sun) for layer in self.layers)
+        is_lit, is_shaded_by_traffic = np.zeros((2, len(is_leaf)), dtype=bool)
+        is_shaded_by_traffic[facing] = ~is_blocked & np.any(by_traffic, axis=0)
+        is_lit[facing] = ~is_blocked
+        return is_lit & ~is_shaded_by_traffic, is_shaded_by_traffic
