@@ -3,7 +3,8 @@
 Alpha is the fraction of the object's tint that shows; parts with alpha 0 keep their own colour.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,13 +14,11 @@ from scipy import fft
 from geovp_classic.types import ByteArray, FloatArray
 
 Rgb = tuple[float, float, float]
-Painter = Callable[[Generator], ByteArray]
 SIZE = 512  # a power of two
 UNTINTED_WHITE = (236, 236, 230, 0)
-UNTINTED_BLACK = (26, 26, 28, 0)
 
 
-def noise(rng: Generator, slope: float, min_frequency: float = 1.0) -> FloatArray:
+def noise_of(rng: Generator, slope: float, min_frequency: float = 1.0) -> FloatArray:
     """Return tileable noise [SIZE, SIZE] of zero mean and unit standard deviation.
 
     The amplitude falls as frequency**-slope. Frequencies are in cycles per tile.
@@ -44,37 +43,39 @@ def rgba(
     return np.asarray(image * 255 + 0.5, dtype=np.uint8)
 
 
-def plain(rng: Generator) -> ByteArray:
-    """Paint an almost even surface."""
-    return rgba(0.93 + 0.02 * noise(rng, 1.0))
+def paint(name: str, table: dict[str, Any], rng: Generator) -> ByteArray:
+    """Paint a texture of textures.toml."""
+    painters = [road, zebra, pavement, plaster, brick, roof, leaves, clouds]
+    painters += [plaster_windows, brick_windows, car_window]
+    by_name = {painter.__name__: painter for painter in painters}
+    image = by_name[name](rng) if name in by_name else even(rng, **table)
+    for shape in table.get("shapes", []):
+        _draw(image, **shape)
+    return image
 
 
-def asphalt(rng: Generator) -> ByteArray:
-    """Paint grey with stains and grains."""
-    return rgba(0.46 + 0.035 * noise(rng, 1.2) + 0.04 * noise(rng, 0.3, 40))
-
-
-def grass(rng: Generator) -> ByteArray:
-    """Paint green with patches and blades."""
-    brightness = 1.0 + 0.12 * noise(rng, 1.3) + 0.2 * noise(rng, 0.45, 24)
-    return rgba(brightness, (0.37, 0.48, 0.21))
-
-
-def stains(rng: Generator) -> ByteArray:
-    """Paint large soft stains."""
-    return rgba(0.5 + 0.16 * noise(rng, 1.1))
+def even(
+    rng: Generator,
+    noise: Sequence[tuple[float, float, float]] = ((0.02, 1.0, 1.0),),
+    brightness: float = 1.0,
+    colour: Rgb = (1.0, 1.0, 1.0),
+    **_: Any,
+) -> ByteArray:
+    """Paint one colour with layers of noise."""
+    layers = [amplitude * noise_of(rng, *spectrum) for amplitude, *spectrum in noise]
+    return rgba(brightness + np.sum(layers, axis=0), colour)
 
 
 def clouds(rng: Generator) -> ByteArray:
     """Paint fair-weather clouds; alpha is the fraction of the sky that they hide."""
-    brightness = 0.93 + 0.05 * noise(rng, 1.5)
-    cover = np.clip(0.32 + 0.42 * noise(rng, 1.7), 0, 1)
+    brightness = 0.93 + 0.05 * noise_of(rng, 1.5)
+    cover = np.clip(0.32 + 0.42 * noise_of(rng, 1.7), 0, 1)
     return rgba(brightness, alpha=cover)
 
 
 def road(rng: Generator) -> ByteArray:
-    """Paint 18 m of a road of 9.2 m: repairs, cracks, manholes and a dashed centre line."""
-    image = asphalt(rng)
+    """Paint asphalt with repairs and cracks."""
+    image = even(rng, [(0.035, 1.2, 1), (0.04, 0.3, 40)], 0.46)
     for x, y, width, height in rng.integers((0, 0, 40, 40), (450, 450, 160, 160), (6, 4)):
         repair = image[y : y + height, x : x + width]
         repair[:] = 0.65 * repair + 0.35 * rng.integers(85, 108)
@@ -82,17 +83,13 @@ def road(rng: Generator) -> ByteArray:
         start = rng.uniform((30, 0), (480, 330))
         crack = start + rng.normal((0, 9), (4, 3), (22, 2)).cumsum(axis=0)
         cv2.polylines(image, [crack.astype(np.int32)], False, (72, 72, 74, 255), 2, cv2.LINE_AA)
-    for x, y in ((150, 60), (365, 300)):
-        cv2.line(image, (0, y + 80), (SIZE, y + 76), (74, 74, 76, 255), 2, cv2.LINE_AA)
-        cv2.ellipse(image, (x, y), (20, 10), 0, 0, 360, (78, 75, 72, 255), -1, cv2.LINE_AA)
-        image[y - 30 : y + 57, 252:260] = (222, 222, 216, 255)
     return image
 
 
 def zebra(rng: Generator) -> ByteArray:
     """Paint a zebra crossing: worn stripes along the road, 9.2 m from kerb to kerb."""
     is_stripe = (np.arange(SIZE) + 48) % 64 < 31
-    wear = 1 + 0.06 * noise(rng, 0.8) + 0.05 * noise(rng, 0.2, 40)
+    wear = 1 + 0.06 * noise_of(rng, 0.8) + 0.05 * noise_of(rng, 0.2, 40)
     return rgba(np.where(is_stripe, 0.84, 0.46) * wear)
 
 
@@ -100,20 +97,20 @@ def pavement(rng: Generator) -> ByteArray:
     """Paint concrete slabs of half a metre."""
     slabs, is_joint = _stone_courses(rng, (8, 8), 0.06, joint=0.06, shift=0.0)
     slabs[is_joint] = 0.72
-    return rgba(0.62 * slabs + 0.03 * noise(rng, 0.7))
+    return rgba(0.62 * slabs + 0.03 * noise_of(rng, 0.7))
 
 
 def plaster(rng: Generator) -> ByteArray:
     """Paint a rendered wall with streaks of rain; tinted brown, it serves as bark."""
-    streaks = cv2.GaussianBlur(noise(rng, 0.6), (0, 0), sigmaX=2, sigmaY=40)
-    brightness = 0.86 + 0.025 * noise(rng, 1.4) + 0.02 * streaks / streaks.std()
-    return rgba(brightness + 0.02 * noise(rng, 0.2, 60))
+    streaks = cv2.GaussianBlur(noise_of(rng, 0.6), (0, 0), sigmaX=2, sigmaY=40)
+    brightness = 0.86 + 0.025 * noise_of(rng, 1.4) + 0.02 * streaks / streaks.std()
+    return rgba(brightness + 0.02 * noise_of(rng, 0.2, 60))
 
 
 def brick(rng: Generator) -> ByteArray:
     """Paint bricks of 25 x 8 cm with light joints."""
     stones, is_joint = _stone_courses(rng, (22, 68), 0.13, joint=0.15, shift=0.5)
-    shade = np.where(is_joint, 0.72, 0.76 * stones) * (1 + 0.05 * noise(rng, 0.8))
+    shade = np.where(is_joint, 0.72, 0.76 * stones) * (1 + 0.05 * noise_of(rng, 0.8))
     return rgba(shade, (1.0, 0.96, 0.94), np.where(is_joint, 0.4, 1.0))
 
 
@@ -122,7 +119,7 @@ def roof(rng: Generator) -> ByteArray:
     tiles, is_joint = _stone_courses(rng, (16, 14), 0.09, joint=0.1, shift=0.5)
     slope = (np.arange(SIZE) * 14 / SIZE % 1)[:, None]
     tiles = np.where(is_joint, 0.62, tiles * (0.78 + 0.25 * slope))
-    return rgba(0.85 * tiles * (1 + 0.05 * noise(rng, 0.9)))
+    return rgba(0.85 * tiles * (1 + 0.05 * noise_of(rng, 0.9)))
 
 
 def plaster_windows(rng: Generator) -> ByteArray:
@@ -155,38 +152,27 @@ def leaves(rng: Generator) -> ByteArray:
     return image
 
 
-def car_side(rng: Generator) -> ByteArray:
-    """Paint doors, handles, a sill and wheel arches.
-
-    The image reaches from tail to nose and from the shoulder down to the floor.
-    """
-    image = plain(rng)
-    for x in (150, 262, 366):
-        cv2.line(image, (x, 20), (x - 6, 440), UNTINTED_BLACK, 3, cv2.LINE_AA)
-        image[90:119, x + 16 : x + 45] = UNTINTED_BLACK
-    image[440:] = (50, 50, 52, 0)
-    for x in (92, 420):
-        cv2.ellipse(image, (x, 460), (48, 285), 0, 0, 360, UNTINTED_BLACK, -1, cv2.LINE_AA)
-    return image
-
-
-def car_end(rng: Generator) -> ByteArray:
-    """Paint lamps, plate and bumper: the tail on the left half, the nose on the right."""
-    image = plain(rng)
-    for x, lamp in ((0, (165, 16, 16, 0)), (256, (240, 242, 248, 0))):
-        image[70:211, x + 10 : x + 61] = lamp
-        image[70:211, x + 195 : x + 246] = lamp
-        image[345:, x : x + 256] = UNTINTED_BLACK
-        image[235:326, x + 86 : x + 171] = UNTINTED_WHITE
-    return image
-
-
 def car_window(rng: Generator) -> ByteArray:
     """Paint dark glass, lighter at the top, in a painted frame."""
-    image = plain(rng)
+    image = even(rng, brightness=0.93)
     glass = _glass(np.linspace(0.36, 0.10, SIZE)[:, None] + np.zeros(SIZE))
     image[60:470, 40:472] = glass[60:470, 40:472]
     return image
+
+
+def _draw(
+    image: ByteArray, kind: str, at: Sequence[int], colour: Sequence[int], width: int = -1
+) -> None:
+    """Draw a shape on an image."""
+    first = at[:2]
+    second = at[2:]
+    match kind:
+        case "rectangle":
+            cv2.rectangle(image, first, second, colour, width)
+        case "line":
+            cv2.line(image, first, second, colour, width, cv2.LINE_AA)
+        case "ellipse":
+            cv2.ellipse(image, first, second, 0, 0, 360, colour, width, cv2.LINE_AA)
 
 
 def _glass(brightness: FloatArray) -> ByteArray:
@@ -222,7 +208,7 @@ def _with_windows(rng: Generator, wall: ByteArray, num_rows: int) -> ByteArray:
     """Paint windows with frames, curtains, sills and two columns of panes on a wall."""
     width = 104
     height = 123
-    brightness = np.linspace(0.42, 0.16, SIZE)[:, None] * (1 + 0.25 * noise(rng, 1.4))
+    brightness = np.linspace(0.42, 0.16, SIZE)[:, None] * (1 + 0.25 * noise_of(rng, 1.4))
     glass = cv2.resize(_glass(brightness), (width, height))
     for left, top in _windows():
         right = left + width

@@ -20,7 +20,7 @@ from geovp_classic.data.synthetic.mesh import (
     sheet,
     triangles,
 )
-from geovp_classic.data.synthetic.textures import Texture
+from geovp_classic.data.synthetic.textures import TILE_M, Texture
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
@@ -87,7 +87,7 @@ def _roof(
     gables = np.array([[(end, ridge, 0), (end, top, z), (end, top, -z)] for end in (-x, x)])
     rows = ((eaves_y, -eaves_z), (ridge, 0), (eaves_y, eaves_z))
     slopes = [[(end, *row) for end in (-x - 0.4, x + 0.4)] for row in rows]
-    slope_tiles = eaves_z * np.hypot(1, rise) / Texture.ROOF.tile_m
+    slope_tiles = eaves_z * np.hypot(1, rise) / TILE_M[Texture.ROOF]
     uv = ([0.0, x / 2], [[slope_tiles], [0.0], [slope_tiles]])
     chimney = (0.4 * x, ridge + 0.35, 0.65)
     return joined(

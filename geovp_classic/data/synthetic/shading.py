@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.data.synthetic.ray_casting import Hits
-from geovp_classic.data.synthetic.textures import TILE_M, Texture, sample
+from geovp_classic.data.synthetic.textures import TABLES, TILE_M, Texture, sample
 from geovp_classic.types import BoolArray, FloatArray
 
 Rgb = tuple[float, float, float]
@@ -77,8 +77,7 @@ def shade(
     ray = sight / distance_m
     facing = -np.einsum("nj,nj->n", hits.normal, ray)[:, None]
     reflected = weather.sky_light(ray + 2 * facing * hits.normal)
-    gloss = np.array([texture.gloss for texture in Texture])[hits.texture, None]
-    gloss = optics.gloss * gloss * (1 - 0.7 * is_tinted)
+    gloss = optics.gloss * _column("gloss", hits) * (1 - 0.7 * is_tinted)
     gloss *= 0.25 + 0.75 * (1 - np.clip(facing, 0, 1)) ** 5  # Schlick 1994
     light += gloss * (reflected - light)
 
@@ -98,9 +97,14 @@ def _irradiance(hits: Hits, is_lit: BoolArray, weather: Weather) -> FloatArray:
 
 def _stains(hits: Hits) -> FloatArray:
     """Return the factors [N, 1] of large stains, which hide the repetition of the textures."""
-    tile_m = Texture.STAINS.tile_m
+    tile_m = TILE_M[Texture.STAINS]
     uv = hits.points @ [[1.0, 0.0], [0.5, 0.7], [0.0, 1.0]] / tile_m
     uv_steps = np.minimum(hits.sizes_m, 8.0)[:, :, None] / tile_m * np.eye(2)
     pattern = sample(Texture.STAINS, uv, uv_steps)[:, :1]
-    amplitude = np.array([texture.stains for texture in Texture])[hits.texture, None]
-    return 1 + amplitude * (2 * pattern - 1)
+    return 1 + _column("stains", hits) * (2 * pattern - 1)
+
+
+def _column(name: str, hits: Hits) -> FloatArray:
+    """Return a property [N, 1] of the textures that were hit; default: 0."""
+    values = np.array([table.get(name, 0.0) for table in TABLES.values()])
+    return values[hits.texture, None]

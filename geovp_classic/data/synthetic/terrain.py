@@ -123,7 +123,7 @@ def _lane(
     start_m: float,
     end_m: float,
     texture: Texture = Texture.ROAD,
-    tile_m: float = Texture.ROAD.tile_m,
+    tile_m: float = 18.0,
 ) -> TriangleMesh:
     """Return the carriageway along a piece of a path."""
     reach_m = roads.half_width_m + 0.02

@@ -1,62 +1,30 @@
-"""The textures of all surfaces, and their colour averaged over the footprint of a pixel."""
+"""The textures of textures.toml, and their colour averaged over the footprint of a pixel."""
 
 import enum
 import functools
 import math
-from typing import Self
+import tomllib
+from pathlib import Path
 
 import cv2
 import numba
 import numpy as np
 
 from geovp_classic.data.synthetic import images
-from geovp_classic.data.synthetic.images import SIZE, Painter
+from geovp_classic.data.synthetic.images import SIZE
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
 MAX_TAPS = 8  # along the longer side of a footprint
 
 
-class Texture(enum.IntEnum):
-    """Image, size and reflectance of each texture; its number is its place in the mip maps."""
-
-    PLAIN = images.plain, 2.0
-    ASPHALT = images.asphalt, 6.0, 0.28
-    ROAD = images.road, 18.0, 0.28
-    ZEBRA = images.zebra, 6.0, 0.28
-    PAVEMENT = images.pavement, 4.0, 0.14
-    GRASS = images.grass, 6.0, 0.28
-    PLASTER = images.plaster, 5.6, 0.14
-    BRICK = images.brick, 5.6, 0.14
-    PLASTER_WINDOWS = images.plaster_windows, 5.6, 0.14, 0.35
-    BRICK_WINDOWS = images.brick_windows, 5.6, 0.14, 0.35
-    ROOF = images.roof, 4.0, 0.28
-    LEAVES = images.leaves, 3.0
-    CAR_SIDE = images.car_side, 1.0, 0.0, 0.35
-    CAR_END = images.car_end, 1.0, 0.0, 0.1
-    CAR_WINDOW = images.car_window, 1.0, 0.0, 0.5
-    CLOUDS = images.clouds, 1.0
-    STAINS = images.stains, 37.0
-
-    paint: Painter
-    tile_m: float  # size of the image; 1 for images that cover a surface once
-    stains: float  # relative amplitude of large stains, which hide the repetition
-    gloss: float  # fraction of the sky light that untinted parts reflect
-
-    def __new__(
-        cls, paint: Painter, tile_m: float, stains: float = 0.0, gloss: float = 0.0
-    ) -> Self:
-        """Create the next texture; numbers start at 0."""
-        number = len(cls.__members__)
-        texture = int.__new__(cls, number)
-        texture._value_ = number
-        texture.paint = paint
-        texture.tile_m = tile_m
-        texture.stains = stains
-        texture.gloss = gloss
-        return texture
-
-
-TILE_M = np.array([texture.tile_m for texture in Texture])
+Texture = enum.IntEnum(
+    "Texture",
+    "PLAIN ASPHALT ROAD ZEBRA PAVEMENT GRASS PLASTER BRICK PLASTER_WINDOWS BRICK_WINDOWS ROOF "
+    "LEAVES CAR_SIDE CAR_END CAR_WINDOW CLOUDS STAINS",
+    start=0,
+)
+TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
+TILE_M = np.array([table.get("tile_m", 1.0) for table in TABLES.values()])
 
 
 @functools.lru_cache(maxsize=1)
@@ -66,14 +34,14 @@ def mip_maps() -> ByteArray:
     Level k of a texture starts at row 2 SIZE - (2 SIZE >> k).
     """
     stack = np.zeros((len(Texture), 2 * SIZE, SIZE, 4), dtype=np.uint8)
-    for texture in Texture:
+    for number, (name, table) in enumerate(TABLES.items()):
         # All streets share the images; they differ by tints and layout.
-        image = texture.paint(np.random.default_rng([20_110_926, texture]))
+        image = images.paint(name, table, np.random.default_rng([20_110_926, number]))
         for level in range(SIZE.bit_length()):
             size = SIZE >> level
             first = 2 * SIZE - 2 * size
             resized = cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
-            stack[texture, first : first + size, :size] = resized
+            stack[number, first : first + size, :size] = resized
     return stack
 
 
