@@ -97,7 +97,8 @@ def plan(manoeuvre: Manoeuvre, rng: Generator) -> Plan:
         main = straight((0.0, -200.0), 0.0, 560.0)
         cross = straight((-260.0, 0.0), np.pi / 2, 520.0)
         roads = Roads([main, cross], (200.0, 260.0))
-    ego, *traffic = (_journey(rng, roads, **journey) for journey in table["journeys"])
+    default = {"speed_m_s": _draw(rng, table["speed_m_s"])}
+    ego, *traffic = (_journey(rng, roads, **default | journey) for journey in table["journeys"])
     if "turn" in table:
         ego = replace(ego, path=_turn(**table["turn"]), right_m=0.0)
     return Plan(roads, ego, traffic)
@@ -114,13 +115,16 @@ def _journey(
     lane: float = 1,
 ) -> Journey:
     """Return a journey; numbers given as [low, high] are drawn at random."""
-    speed_m_s, start_m, headway_s = (
-        rng.uniform(*value) if isinstance(value, list) else value
-        for value in (speed_m_s, start_m, headway_s)
-    )
+    drawn_m_s = _draw(rng, speed_m_s)
+    start_m = _draw(rng, start_m) + _draw(rng, headway_s) * drawn_m_s
     times_s, factors = np.transpose(profile)
-    speed = Speed(speed_m_s * factors, times_s)
-    return Journey(roads.paths[path], speed, start_m + headway_s * speed_m_s, lane * LANE_M)
+    speed = Speed(drawn_m_s * factors, times_s)
+    return Journey(roads.paths[path], speed, start_m, lane * LANE_M)
+
+
+def _draw(rng: Generator, value: Any) -> float:
+    """Return a number from a pair [low, high], or the number given."""
+    return rng.uniform(*value) if isinstance(value, list) else value
 
 
 def _turn(side: float, radius_m: float) -> Path:

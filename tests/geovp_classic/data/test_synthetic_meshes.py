@@ -7,7 +7,7 @@ from geovp_classic.data.synthetic import objects
 from geovp_classic.data.synthetic.mesh import box, joined, lathe, sheet, triangles
 from geovp_classic.data.synthetic.roads import Roads, straight
 from geovp_classic.data.synthetic.terrain import Terrain, ground
-from geovp_classic.data.synthetic.textures import Texture
+from geovp_classic.data.synthetic.textures import TILE_M, Texture
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
@@ -61,7 +61,7 @@ def test_textures_keep_their_size_on_upright_and_flat_triangles() -> None:
     wall = np.array([[(0, 0, 0), (2, 0, 0), (0, 3, 0)]], dtype=float)
     floor = np.array([[(0, 0, 0), (2, 0, 0), (0, 0, 3)]], dtype=float)
     for corners in (wall, floor):
-        uv = triangles(corners, Texture.BRICK).uv * Texture.BRICK.tile_m
+        uv = triangles(corners, Texture.BRICK).uv * TILE_M[Texture.BRICK]
         assert area(np.pad(uv, ((0, 0), (0, 0), (0, 1)))) == pytest.approx(3.0)
 
 

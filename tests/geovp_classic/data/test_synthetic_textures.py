@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geovp_classic.data.synthetic.images import SIZE, noise, rgba
+from geovp_classic.data.synthetic.images import SIZE, noise_of, rgba
 from geovp_classic.data.synthetic.textures import MAX_TAPS, Texture, mip_maps, sample
 from geovp_classic.types import FloatArray
 
@@ -100,11 +100,11 @@ def test_repeating_textures_have_no_seam(texture: Texture) -> None:
 
 def test_noise_is_normalised_and_has_the_spectrum_of_its_slope() -> None:
     rng = np.random.default_rng(5)
-    smooth, rough = noise(rng, 2.0), noise(rng, 0.0)
+    smooth, rough = noise_of(rng, 2.0), noise_of(rng, 0.0)
     for image in (smooth, rough):
         np.testing.assert_allclose([image.std(), image.mean()], [1.0, 0.0], atol=1e-5)
     assert np.abs(np.diff(smooth, axis=0)).mean() < 0.2 * np.abs(np.diff(rough, axis=0)).mean()
-    spectrum = np.abs(np.fft.rfft2(noise(rng, 0.5, min_frequency=10.0)))
+    spectrum = np.abs(np.fft.rfft2(noise_of(rng, 0.5, min_frequency=10.0)))
     assert spectrum[:5, :5].max() < 1e-2 * spectrum.max()
 
 
