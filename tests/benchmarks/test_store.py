@@ -13,7 +13,7 @@ import pytest
 
 from geovp_benchmarks import part_files
 from geovp_benchmarks.store import Part, Results, Rows, check_clip_name, write_bytes
-from geovp_classic.errors import BadData
+from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import dicts, scores, write_row
 
@@ -315,3 +315,12 @@ def test_a_fork_writes_parts_into_a_file_of_its_own() -> None:
     with multiprocessing.get_context("fork").Pool(1) as pool:
         assert pool.apply(file_of_the_database) != own
     assert file_of_the_database() == own
+
+
+def test_the_database_reads_no_other_file(tmp_path: Path) -> None:
+    (tmp_path / "secret.csv").write_text("1")
+    with (
+        pytest.raises(GeovpError, match="refuses a file"),
+        part_files._database() as (database, _, _),
+    ):
+        database.execute(f"SELECT * FROM read_csv('{tmp_path}/secret.csv')")
