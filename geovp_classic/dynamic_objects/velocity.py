@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from geovp_classic.dynamic_objects.posed_images import PosedImages
-from geovp_classic.geometry import pinhole
+from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.epipolar import inside
 from geovp_classic.geometry.robust import geman_mcclure_weight, irls, median
 from geovp_classic.types import BoolArray, FloatArray
@@ -77,22 +77,25 @@ class VelocityEstimator:
         points = depth * pinhole.rays(observed.camera)[rows, columns]
         directions = along_road(observed.road.normal)
         images = [cv2.GaussianBlur(image, (0, 0), self.blur_px) for image in observed.images]
-        slopes = [image_slopes(image) for image in images]
+        channels = [np.dstack([image, image_slopes(image)]) for image in images]
         greys = images[-1][rows, columns]
 
-        def linearise(velocity: FloatArray, steps: range) -> tuple[FloatArray, FloatArray]:
-            parts = [
-                _residuals(velocity, points, greys, images[-1 - k], slopes[-1 - k], k, observed)
-                for k in steps
-            ]
-            residuals, jacobians = (np.concatenate(part) for part in zip(*parts, strict=True))
-            return residuals, jacobians @ directions
+        def linearise(steps: range, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+            residuals = []
+            jacobians = []
+            for step in steps:
+                sampled, by_velocity = _sample(
+                    channels[-1 - step], points, velocity, step, observed
+                )
+                residuals.append(np.where(np.isfinite(sampled), sampled - greys, 0))
+                jacobians.append(by_velocity @ directions)
+            return np.concatenate(residuals), np.concatenate(jacobians)
 
         for max_step in self.stages:
             steps = range(1, min(max_step, len(images) - 1) + 1)
             velocity = irls(
                 velocity,
-                functools.partial(linearise, steps=steps),
+                functools.partial(linearise, steps),
                 lambda velocity, step: velocity + directions @ step,
                 self.grey_scale,
                 num_rounds=self.rounds_per_stage,
@@ -112,32 +115,28 @@ def image_slopes(image: FloatArray) -> FloatArray:
     return np.stack([along_u, along_v], axis=-1)
 
 
-def _residuals(
-    velocity: FloatArray,
+def _sample(
+    channels: FloatArray,  # [H, W, 3], an earlier image and its slopes
     points: FloatArray,  # [N, 3] of the object, in the last camera's frame
-    greys: FloatArray,  # [N], theirs in the last image
-    image: FloatArray,  # [H, W], an earlier one
-    slopes: FloatArray,  # [H, W, 2], its own
+    velocity: FloatArray,
     step: int,
     observed: PosedImages,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return grey differences [N] to an earlier image and their derivatives [N, 3] by the velocity.
+    """Return the grey values [N] of moved points and their derivatives [N, 3] by the velocity.
 
-    Both are 0 outside of the image.
+    Outside of the image the grey values are NaN and the derivatives 0.
     """
     camera = observed.camera
     motion = observed.cam_from_last(step)
-    rotation = motion[:3, :3]
     seconds = observed.seconds(step)
-    moved = (points - seconds * velocity) @ rotation.T + motion[:3, 3]
+    moved = se3.transform(motion, points - seconds * velocity)
     moved[:, 2] = np.maximum(moved[:, 2], 1e-3)
     pixels, _ = pinhole.project(moved, camera)
-    is_shown = inside(pixels, camera)
+    is_shown = inside(pixels, camera)[:, None]
     u, v = pixels.T[:, None].astype(np.float32)
-    border = cv2.BORDER_REPLICATE
-    grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=border)[0]
-    slope = cv2.remap(slopes, u, v, cv2.INTER_LINEAR, borderMode=border)[0]
-    by_xy = slope * [camera.fx_px, camera.fy_px] / moved[:, 2:]
+    sampled = cv2.remap(channels, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+    by_xy = sampled[:, 1:] * [camera.fx_px, camera.fy_px] / moved[:, 2:]
     by_z = -(by_xy * moved[:, :2]).sum(axis=1, keepdims=True) / moved[:, 2:]
-    by_velocity = -seconds * np.concatenate([by_xy, by_z], axis=1) @ rotation
-    return np.where(is_shown, grey - greys, 0), np.where(is_shown[:, None], by_velocity, 0)
+    by_velocity = -seconds * np.hstack([by_xy, by_z]) @ motion[:3, :3]
+    greys = np.where(is_shown, sampled[:, :1], np.nan)
+    return greys[:, 0], np.where(is_shown, by_velocity, 0)

@@ -130,11 +130,8 @@ class ExposureEstimator:
         inverse_depth: FloatArray,
     ) -> FloatArray:
         """Return log gains [P] to the last frame, as medians over comparable pixels."""
-        scale = min(1.0, self.width_px / camera.width_px)
-        width_px = max(1, round(camera.width_px * scale))
-        height_px = max(1, round(camera.height_px * scale))
-        size_px = (width_px, height_px)
-        small = camera.resized(*size_px)
+        small = _shrunk(camera, self.width_px / camera.width_px)
+        size_px = (small.width_px, small.height_px)
         nearest = cv2.INTER_NEAREST
         depth = np.asarray(cv2.resize(inverse_depth, size_px, interpolation=nearest), np.float32)
         images = [self._small(grey, size_px) for grey in greys]
@@ -228,7 +225,9 @@ class ExposedScene:
         """Return the views from the poses [F, 4, 4] at the times [F]."""
         views = self.scene.view(world_from_cam, times_s, intrinsics)
         if self.is_whole:
-            metered = self.scene.view(world_from_cam, times_s, self._meter()).frames
+            camera = self.last.camera
+            meter = _shrunk(camera, self.control.meter_px / camera.height_px)
+            metered = self.scene.view(world_from_cam, times_s, meter).frames
             last = self.last.frame
             level = self.exposure.log_level
         else:
@@ -246,12 +245,13 @@ class ExposedScene:
 
         return replace(views, frames=np.stack(parallel_map(expose, range(len(times_s)))))
 
-    def _meter(self) -> Intrinsics:
-        """Return a small camera that takes whole images, for their mean."""
-        camera = self.last.camera
-        scale = min(1.0, self.control.meter_px / camera.height_px)
-        width_px = max(1, round(camera.width_px * scale))
-        return camera.resized(width_px, max(1, round(camera.height_px * scale)))
+
+def _shrunk(camera: Intrinsics, scale: float) -> Intrinsics:
+    """Return the camera of images at a scale of at most 1."""
+    scale = min(1.0, scale)
+    width_px = max(1, round(camera.width_px * scale))
+    height_px = max(1, round(camera.height_px * scale))
+    return camera.resized(width_px, height_px)
 
 
 def _histogram(frame: ByteArray) -> FloatArray:
