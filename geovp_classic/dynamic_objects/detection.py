@@ -10,7 +10,7 @@ import numpy as np
 from geovp_classic.dynamic_objects.epipolar_residual import EpipolarResidual
 from geovp_classic.dynamic_objects.posed_images import PosedImages
 from geovp_classic.dynamic_objects.segmentation import MotionSegmentation, bounding_box
-from geovp_classic.dynamic_objects.velocity import VelocityEstimator, image_slopes
+from geovp_classic.dynamic_objects.velocity import VelocityEstimator
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import BoolArray, FloatArray
@@ -100,7 +100,7 @@ class DynamicObjects:
         depth = self._foot_depth(mask, observed)
         if depth is None:
             return None
-        body = self._body(mask, observed)
+        body = self._body(mask)
         velocity = self.velocity.from_flow(body, depth, flow_pixels, observed)
         velocity = self.velocity.track(velocity, body, depth, observed)
         error = self.segmentation.photometric_error(body, depth, velocity, observed)
@@ -131,11 +131,9 @@ class DynamicObjects:
         size = metric / observed.road.height
         return is_whole and bool((size > self.min_size).all() and (size < self.max_size).all())
 
-    def _body(self, mask: BoolArray, observed: PosedImages) -> BoolArray:
-        """Return the pixels [H, W] with the object's own flow: textured, and above its shadow."""
+    def _body(self, mask: BoolArray) -> BoolArray:
+        """Return the pixels [H, W] of the mask above the object's shadow."""
         rows, _ = bounding_box(mask)
         shadow_top = rows.stop - 1 - self.shadow_fraction * (rows.stop - rows.start)
         is_above = np.arange(len(mask)) < shadow_top
-        body: BoolArray = mask & is_above[:, None]
-        texture = np.abs(image_slopes(observed.images[-1])).max(axis=-1)
-        return body & (texture >= np.median(texture[body]))
+        return mask & is_above[:, None]
