@@ -9,6 +9,7 @@ from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.interfaces import Inpainter
 from geovp_classic.parallel import parallel_map
 from geovp_classic.rendering.detail_transfer import wide_blur
+from geovp_classic.rendering.source import to_bytes
 from geovp_classic.types import ByteArray, Views
 
 
@@ -43,8 +44,8 @@ class DetailTransfer:
             covered = views.covered[step, ..., None]
             if covered.all():
                 return inpainted[step]
-            coarse = wide_blur(inpainted[step].astype(np.float32), sigma_px)
-            detailed = np.clip(coarse + detail + 0.5, 0, 255).astype(np.uint8)
+            coarse = wide_blur(inpainted[step], sigma_px)
+            detailed = to_bytes(coarse + detail)
             return np.where(covered, inpainted[step], detailed)
 
         return np.stack(parallel_map(add_detail, range(len(inpainted))))

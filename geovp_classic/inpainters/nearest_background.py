@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from geovp_classic.geometry.occlusion import background_pixels
 from geovp_classic.rendering.inpainting import inpaint_each
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
@@ -23,4 +21,7 @@ class NearestBackground:
         return inpaint_each(views, last, self._inpaint_frame)
 
     def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        return np.take(frame.reshape(-1, 3), background_pixels(covered, depth), axis=0)
+        copied = background_pixels(covered, depth)[~covered]
+        inpainted = frame.copy()
+        inpainted[~covered] = frame.reshape(-1, 3)[copied]
+        return inpainted

@@ -74,7 +74,7 @@ class MagnifiedDetail:
 
 
 def wide_blur(
-    image: FloatArray,  # [H, W, 3] or [H, W], float32
+    image: FloatArray | ByteArray,  # [H, W, 3] or [H, W]
     sigma_px: float,
 ) -> FloatArray:
     """Blur with a Gaussian that is wide compared to a pixel, on a smaller image for speed."""
@@ -82,5 +82,5 @@ def wide_blur(
     height, width = image.shape[:2]
     small_px = (max(1, width // shrink), max(1, height // shrink))
     small = cv2.resize(image, small_px, interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small, (0, 0), sigma_px / shrink)
+    blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma_px / shrink)
     return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR))

@@ -8,7 +8,8 @@ from geovp_classic.interfaces import Inpainter
 from geovp_classic.parallel import parallel_map
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Views
 
-# From a frame [H, W, 3], its coverage [H, W] and its depth [H, W] to the inpainted frame.
+# From a frame [H, W, 3], its coverage [H, W] and its depth [H, W] to the inpainted frame, in which
+# covered pixels are unchanged.
 InpaintFrame = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]
 
 
@@ -33,7 +34,6 @@ def inpaint_each(views: Views, last: ByteArray, inpaint_frame: InpaintFrame) -> 
             return last
         if covered.all():
             return frame
-        inpainted = inpaint_frame(frame, covered, views.depths[step])
-        return np.where(covered[..., None], frame, inpainted)
+        return inpaint_frame(frame, covered, views.depths[step])
 
     return np.stack(parallel_map(inpaint_step, range(len(views.frames))))

@@ -110,8 +110,8 @@ def warp(
 
 
 def to_bytes(colours: FloatArray) -> ByteArray:
-    """Return colours [..., 3] rounded to 8 bits."""
-    return np.clip(colours + 0.5, 0, 255).astype(np.uint8)
+    """Return colours [H, W, 3] rounded to 8 bits."""
+    return np.asarray(cv2.convertScaleAbs(np.maximum(colours, 0)), np.uint8)
 
 
 def resampled(source: Source, camera: Intrinsics) -> ByteArray:
