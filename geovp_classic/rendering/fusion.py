@@ -117,7 +117,7 @@ def close_cracks(
     source_index: IndexArray,  # [H, W], NO_INDEX in gaps
     crack_px: int,
 ) -> tuple[FloatArray, IndexArray]:
-    """Close gaps between surfaces that are at most 2 crack_px wide with the farther surface.
+    """Close gaps of at most 2 crack_px between surfaces.
 
     In each round the pixels of gaps take the farthest of their four neighbours.
     """

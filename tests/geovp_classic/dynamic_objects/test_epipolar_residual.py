@@ -56,14 +56,3 @@ def test_differences_are_averaged_over_their_window() -> None:
     assert mean[4, [4, 6, 7]] == pytest.approx([50 / 25, 50 / 25, 0], abs=1e-6)
     pixels[..., 0] += 0.5  # half of the bright pixel is sampled by each of its neighbours
     assert grey_difference(last, earlier, pixels, 1)[4, 3:5] == pytest.approx([25, 25])
-
-
-def test_a_body_matches_where_its_motion_took_it(observed: PosedImages, traffic: Any) -> None:
-    box = (slice(0, traffic.mask.shape[0]), slice(0, traffic.mask.shape[1]))
-    depth = np.full(traffic.mask.shape, 1 / 8.0)
-    errors = {
-        speed: observed.motion_difference(2, box, depth, np.array([1.2, 0.0, speed]), 3)
-        for speed in (5.0, 0.0)
-    }
-    assert errors[5.0][traffic.mask].mean() < 8
-    assert errors[0.0][traffic.mask].mean() > 15

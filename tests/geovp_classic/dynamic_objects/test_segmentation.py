@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.dynamic_objects.posed_images import PosedImages
-from geovp_classic.dynamic_objects.segmentation import MotionSegmentation, bounding_box
+from geovp_classic.dynamic_objects.segmentation import MotionSegmentation
 from geovp_classic.types import BoolArray, FloatArray
 
 TRUE_VELOCITY = np.array([1.2, 0.0, 5.0])
@@ -52,9 +52,3 @@ def test_photometric_error_is_small_for_the_true_motion(
     # is 60.
     error = MotionSegmentation().photometric_error(traffic.mask, 8.0, np.array(velocity), observed)
     assert error < 8 if is_true else error > 20
-
-
-def test_a_bounding_box_is_tight() -> None:
-    mask = np.zeros((6, 8), bool)
-    mask[2, 3] = mask[4, 5] = True
-    assert bounding_box(mask) == (slice(2, 5), slice(3, 6))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from geovp_classic.dynamic_objects.posed_images import PosedImages
-from geovp_classic.dynamic_objects.velocity import VelocityEstimator, along_road
+from geovp_classic.dynamic_objects.velocity import VelocityEstimator
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import BoolArray, FloatArray
 
@@ -54,10 +54,6 @@ def test_a_sixth_of_outliers_is_rejected(traffic: Any, observed: PosedImages) ->
     np.testing.assert_allclose(velocity, TRUE_VELOCITY, atol=0.02)
 
 
-def test_seconds_count_back_from_the_last_frame(observed: PosedImages) -> None:
-    assert [observed.seconds(0), observed.seconds(3)] == pytest.approx([0, 0.3])
-
-
 def test_tracking_corrects_the_velocity(traffic: Any, observed: PosedImages) -> None:
     start = np.array([1.0, 0.0, 4.8])
     velocity = VelocityEstimator().track(start, body_of(traffic), 8.0, observed)
@@ -76,10 +72,3 @@ def test_tracking_in_uniform_images_changes_nothing(traffic: Any, observed: Pose
     start = np.array([1.0, 0.0, 4.0])
     velocity = VelocityEstimator().track(start, body_of(traffic), 8.0, uniform)
     np.testing.assert_allclose(velocity, start, atol=1e-9)
-
-
-def test_directions_lie_in_the_road() -> None:
-    normal = np.array([0.1, 0.97, -0.2])
-    directions = along_road(normal / np.linalg.norm(normal))
-    np.testing.assert_allclose(normal @ directions, 0, atol=1e-12)
-    np.testing.assert_allclose(directions.T @ directions, np.eye(2), atol=1e-12)

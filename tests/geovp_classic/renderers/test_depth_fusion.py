@@ -7,7 +7,7 @@ from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.depth.stereo import Stereo
 from geovp_classic.renderers.depth_fusion import DepthFusion
-from geovp_classic.types import Clip, Context, FloatArray, PrivilegedInput, Trajectory, Views
+from geovp_classic.types import Clip, Context, PrivilegedInput, Trajectory
 
 
 def street(index: int) -> tuple[Clip, Context, Trajectory]:
@@ -46,7 +46,9 @@ def test_a_moving_car_is_masked_and_moved() -> None:
     assert overlap / true.sum() > 0.4  # of 1214, shadow included
 
     def moving_error(renderer: DepthFusion) -> float:
-        views = view(renderer, context, past, clip, clip.trajectory.world_from_cam[10:])
+        scene = renderer.reconstruct(context, past)
+        poses = clip.trajectory.world_from_cam[10:]
+        views = scene.view(poses, clip.times_s[10:], clip.intrinsics)
         difference = np.abs(views.frames.astype(float) - clip.frames[10:])
         return float(difference[clip.moving[10:]].mean())
 
@@ -65,13 +67,6 @@ def test_a_change_of_exposure_moves_nothing() -> None:
 def test_the_last_pose_shows_the_last_frame() -> None:
     for index in (0, 5):  # without and with a moving car
         clip, context, past = street(index)
-        views = view(DepthFusion(), context, past, clip, past.world_from_cam[-1:])
+        scene = DepthFusion().reconstruct(context, past)
+        views = scene.view(past.world_from_cam[-1:], past.times_s[-1:], clip.intrinsics)
         assert np.abs(views.frames[0].astype(int) - context.frames[-1]).max() <= 1
-
-
-def view(
-    renderer: DepthFusion, context: Context, past: Trajectory, clip: Clip, poses: FloatArray
-) -> Views:
-    scene = renderer.reconstruct(context, past)
-    first = 9 if len(poses) == 1 else 10
-    return scene.view(poses, clip.times_s[first : first + len(poses)], clip.intrinsics)

@@ -123,11 +123,6 @@ def test_without_any_depth_the_last_frame_is_shown(
     assert (views.frames == clip.frames[NUM_PAST - 1]).all()
 
 
-def test_looking_back_covers_nothing(plain: Any, camera: Intrinsics) -> None:
-    poses = se3.exp(np.outer(np.arange(8) >= NUM_PAST, [0, 0, 0, 0, np.pi, 0]))
-    assert not predict(plain.clip(poses, camera)).covered.any()
-
-
 def test_inpainting_keeps_covered_pixels(
     walled_plain: Any, camera: Intrinsics, drive: FloatArray
 ) -> None:

@@ -12,7 +12,7 @@ from geovp_classic.geometry import planar, se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.inpainters.nearest_background import NearestBackground
 from geovp_classic.renderers.ground_far_plane import GroundFarPlane
-from geovp_classic.types import Clip, FloatArray, Intrinsics, PrivilegedInput, Trajectory, Views
+from geovp_classic.types import Clip, FloatArray, Intrinsics, PrivilegedInput, Views
 
 NUM_PAST = 8
 
@@ -74,31 +74,6 @@ def test_a_stationary_camera_sees_the_last_frame(plain: Any, camera: Intrinsics)
     views = predict(clip, GroundFarPlane())
     assert views.covered.all()
     np.testing.assert_array_equal(views.frames, clip.frames[NUM_PAST:])
-
-
-def test_a_straight_road_edge_stays_straight(camera: Intrinsics) -> None:
-    # A white strip of the plain, x in [0.5, 1] m.
-    rays_x = (np.arange(camera.width_px) - camera.cx_px) / camera.fx_px
-    rays_y = (np.arange(camera.height_px) - camera.cy_px)[:, None] / camera.fy_px
-    x = rays_x * 1.65 / np.maximum(rays_y, 1e-6)
-    frame = (
-        np.where(((x > 0.5) & (x < 1.0))[..., None], 255, 60).astype(np.uint8).repeat(3, axis=-1)
-    )
-    poses = se3.compose(np.eye(3), np.array([[0, 0, 0.5 * k] for k in range(12)]))
-    clip = Clip(
-        "road", np.tile(frame, (12, 1, 1, 1)), np.arange(12.0), camera, camera_height_m=1.65
-    )
-    past = Trajectory(poses[:NUM_PAST], np.arange(float(NUM_PAST)), is_metric=True)
-    context, _ = clip.split(NUM_PAST, PrivilegedInput.CAMERA_HEIGHT)
-    scene = GroundFarPlane().reconstruct(context, past)
-    views = scene.view(poses[NUM_PAST:], np.zeros(4), camera)
-    for row in (75, 90, 110):  # below the horizon at 60
-        expected = np.abs(
-            np.array([0.5, 1.0]) * (row - camera.cy_px) / camera.fy_px / 1.65 * camera.fx_px
-            + camera.cx_px
-        )
-        bright = np.flatnonzero(views.frames[-1, row, :, 0] > 157)
-        np.testing.assert_allclose([bright[0] - 0.5, bright[-1] + 0.5], expected, atol=1.0)
 
 
 def test_turning_away_uncovers_pixels_that_are_inpainted(plain: Any, camera: Intrinsics) -> None:

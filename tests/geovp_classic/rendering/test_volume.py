@@ -5,35 +5,13 @@ import pytest
 
 from geovp_classic.depth.given import Given
 from geovp_classic.errors import BadData
-from geovp_classic.geometry import pinhole, se3
 from geovp_classic.inpainters.blank import Blank
 from geovp_classic.renderers.volume_fusion import VolumeFusion
 from geovp_classic.rendering.volume import VolumeSettings, close_gaps
-from geovp_classic.types import ByteArray, Context, FloatArray, Intrinsics, Trajectory, Views
+from geovp_classic.types import Context, FloatArray, Trajectory, Views
+from tests.geovp_classic.rendering.wall import CAMERA, at, past_of, wall
 
-CAMERA = Intrinsics(60, 60, 31.5, 23.5, 64, 48)
 RENDERER = VolumeFusion(Given(), inpainter=Blank())
-
-
-def wall(world_from_cam: FloatArray, distance: float = 8.0) -> tuple[ByteArray, FloatArray]:
-    """Return image [H, W, 3] and depth [H, W] of a smooth wall at z = distance."""
-    directions = pinhole.rays(CAMERA) @ world_from_cam[:3, :3].T
-    reach = (distance - world_from_cam[2, 3]) / directions[..., 2]
-    place = (world_from_cam[:3, 3] + reach[..., None] * directions) * 8 / distance
-    paint = 128 + 60 * np.sin(1.3 * place[..., 0]) + 50 * np.cos(1.7 * place[..., 1])
-    return np.repeat(paint[..., None], 3, axis=2).astype(np.uint8), reach.astype(np.float32)
-
-
-def at(*positions: tuple[float, float]) -> FloatArray:
-    """Return poses [N, 4, 4] at positions (x, z)."""
-    return se3.compose(np.eye(3), np.array([(x, 0.0, z) for x, z in positions]))
-
-
-def past_of(poses: FloatArray, distance: float = 8.0) -> tuple[Context, Trajectory]:
-    images, depths = zip(*(wall(pose, distance) for pose in poses), strict=True)
-    times_s = np.arange(len(poses) + 1) * 0.1
-    past = Trajectory(poses, times_s[:-1], True)
-    return Context(np.stack(images), times_s, CAMERA, past=past, past_depths=np.stack(depths)), past
 
 
 def view(past: tuple[Context, Trajectory], pose: FloatArray, renderer: VolumeFusion) -> Views:
@@ -79,13 +57,6 @@ def test_surfaces_beyond_reach_do_not_come_nearer() -> None:
     assert np.isinf(views.depths[0, :16]).all()
     np.testing.assert_array_equal(views.frames[0, :16], context.frames[1, :16])
     assert views.covered[0, :16].all()
-
-
-def test_looking_back_shows_nothing() -> None:
-    backward = se3.exp(np.array([[0, 0, 0, 0, np.pi, 0.0]]))
-    views = view(past_of(at((0, 0), (0, 1))), backward, RENDERER)
-    assert not views.covered.any()
-    assert (views.depths == 0).all()
 
 
 def test_a_volume_without_surfaces_is_empty() -> None:
