@@ -51,24 +51,22 @@ class WindowCorrelation:
         baselines = np.linalg.norm(epipoles, axis=1)
         is_short = baselines < self.short_baseline_fraction * baselines.max()
         short_weight = float(is_short.mean())
+        homographies = np.repeat(infinity_from_pixel[None], num_planes, axis=0)  # [N, S, 3, 3]
+        homographies[..., 2] += inverse_depths[:, None, None] * epipoles
         coarse_steps = np.arange(0, num_planes + self.short_stride, self.short_stride)
-        coarse_depths = np.interp(coarse_steps, np.arange(num_planes), inverse_depths)
-        homographies = _homographies(infinity_from_pixel, epipoles, inverse_depths)
-        coarse_homographies = _homographies(infinity_from_pixel, epipoles, coarse_depths)
+        coarse_homographies = homographies[np.minimum(coarse_steps, num_planes - 1)]
         near_costs = self._near_costs(num_planes)
         costs = np.empty((*reference.shape, num_planes), np.uint8)
 
         def match_band(top: int) -> None:
-            volume = self._match(reference, images[~is_short], homographies[:, ~is_short], top)
-            if is_short.any():
-                coarse = self._match(
-                    reference, images[is_short], coarse_homographies[:, is_short], top
-                )
-                for n in range(num_planes):
-                    step, rest = divmod(n, self.short_stride)
-                    after = rest / self.short_stride
-                    short = cv2.addWeighted(coarse[step], 1 - after, coarse[step + 1], after, 0)
-                    volume[n] = cv2.addWeighted(volume[n], 1 - short_weight, short, short_weight, 0)
+            long = self._match(reference, images[~is_short], homographies[:, ~is_short], top)
+            short = self._match(reference, images[is_short], coarse_homographies[:, is_short], top)
+            volume = np.empty_like(long)
+            for n in range(num_planes):
+                step, rest = divmod(n, self.short_stride)
+                after = rest / self.short_stride
+                between = cv2.addWeighted(short[step], 1 - after, short[step + 1], after, 0)
+                volume[n] = cv2.addWeighted(long[n], 1 - short_weight, between, short_weight, 0)
             # OpenCV transposes in blocks, ten times as fast as NumPy.
             transposed = cv2.transpose(volume.reshape(num_planes, -1))
             band = costs[top : top + BAND_ROWS]
@@ -106,12 +104,15 @@ class WindowCorrelation:
         border = cv2.BORDER_REPLICATE
         mean = np.asarray(cv2.boxFilter(rows, cv2.CV_32F, window, borderType=border), np.float32)
         mean_square = cv2.sqrBoxFilter(rows, cv2.CV_32F, window, borderType=border)
-        variance = np.maximum(mean_square - mean**2, 0) + np.float32(self.noise_variance)
-        inverse_deviation = 1 / np.sqrt(variance)
+        variance = np.maximum(mean_square - mean**2, 0)
+        inverse_deviation = 1 / np.sqrt(variance + np.float32(self.noise_variance))
         grey = rows.astype(np.float32)
         homographies = homographies @ np.array([[1, 0, 0], [0, 1, first], [0, 0, 1]])
         warped = np.empty((len(images), *rows.shape), np.float32)
         costs = np.empty((len(homographies), bottom - top, width), np.uint8)
+        noise_variance = np.float32(self.noise_variance)
+        max_cost = np.float32(255 - self.max_near_cost)
+        unseen_cost = np.float32(self.unseen_cost)
         for n, source_from_rows in enumerate(homographies):
             for s, image in enumerate(images):
                 cv2.warpPerspective(
@@ -130,23 +131,12 @@ class WindowCorrelation:
                 source_from_rows.astype(np.float32),
                 height,
                 top - first,
-                np.float32(self.noise_variance),
-                np.float32(255 - self.max_near_cost),
-                np.float32(self.unseen_cost),
+                noise_variance,
+                max_cost,
+                unseen_cost,
                 costs[n],
             )
         return costs
-
-
-def _homographies(
-    infinity_from_pixel: FloatArray,  # [S, 3, 3]
-    epipoles: FloatArray,  # [S, 3]
-    inverse_depths: FloatArray,  # [N]
-) -> FloatArray:
-    """Return the homographies [N, S, 3, 3] that planes induce from the reference to the sources."""
-    homographies = np.repeat(infinity_from_pixel[None], len(inverse_depths), axis=0)
-    homographies[..., 2] += inverse_depths[:, None, None] * epipoles
-    return homographies
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
@@ -193,7 +183,10 @@ def _correlate(
                 column_sums[k, :RADIUS_PX] = column_sums[k, RADIUS_PX]
                 column_sums[k, -RADIUS_PX:] = column_sums[k, -RADIUS_PX - 1]
             h = source_from_rows[s]
-            y = np.float32(row)
+            y_px = np.float32(row)
+            row_u = h[0, 1] * y_px + h[0, 2]
+            row_v = h[1, 1] * y_px + h[1, 2]
+            row_z = h[2, 1] * y_px + h[2, 2]
             for x in range(width):
                 value_sum = square_sum = product_sum = zero
                 for i in range(x, x + WINDOW_PX):
@@ -204,11 +197,13 @@ def _correlate(
                 variance = max(square_sum / num_pixels - mean * mean, zero) + noise_variance
                 covariance = product_sum / num_pixels - mean * window_mean[row, x]
                 correlation = covariance * inverse_deviation[row, x] / np.sqrt(variance)
-                z = max(h[2, 0] * np.float32(x) + h[2, 1] * y + h[2, 2], np.float32(1e-6))
-                u = (h[0, 0] * np.float32(x) + h[0, 1] * y + h[0, 2]) / z
-                v = (h[1, 0] * np.float32(x) + h[1, 1] * y + h[1, 2]) / z
-                is_inside = u > -half and u < last_u and v > -half and v < last_v
-                weight = unit if is_inside else zero
+                x_px = np.float32(x)
+                z = max(h[2, 0] * x_px + row_z, np.float32(1e-6))
+                u = (h[0, 0] * x_px + row_u) / z
+                v = (h[1, 0] * x_px + row_v) / z
+                is_inside_u = u > -half and u < last_u
+                is_inside_v = v > -half and v < last_v
+                weight = unit if is_inside_u and is_inside_v else zero
                 total[x] += weight * min(max(unit - correlation, zero), unit)
                 count[x] += weight
         for x in range(width):

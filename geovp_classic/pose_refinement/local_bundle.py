@@ -35,8 +35,9 @@ class Corners:
         b = (poses[:, :3, 3] @ matrix.T)[:, None]  # [S, 1, 3]
         factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.is_visible[..., None]
         target = a[..., :2] - self.pixels * a[..., 2:]
-        square = (factor**2).sum(axis=(0, 2))
-        return np.maximum((factor * target).sum(axis=(0, 2)) / np.maximum(square, 1e-12), 0)
+        numerator = (factor * target).sum(axis=(0, 2))
+        denominator = (factor**2).sum(axis=(0, 2))
+        return np.maximum(numerator / np.maximum(denominator, 1e-12), 0)
 
     def linearise(
         self, poses: FloatArray, inverse_depth: FloatArray
@@ -84,42 +85,45 @@ class LocalBundle:
         given: FloatArray,  # [S, 4, 4], source from reference
     ) -> FloatArray:
         """Return the adjusted poses [S, 4, 4]."""
-        num_poses = len(given)
+        poses = given
         precision = self._precision(given)
         inverse_depth = corners.triangulate(given)
-        poses = given
         for _ in range(self.num_rounds):
             errors, by_twist, by_depth = corners.linearise(poses, inverse_depth)
-            distance = np.linalg.norm(errors, axis=-1)
-            weights = cauchy_weight(distance, self.error_scale_px) / self.error_scale_px**2
-            deviation = se3.log(poses @ se3.inverse(given)) * precision  # [S, 6]
-            squared = (deviation**2).sum()
-            prior_weight = 1 / (1 + squared / self.prior_scale**2)
-
+            scale = self.error_scale_px
+            weights = cauchy_weight(np.linalg.norm(errors, axis=-1), scale) / scale**2
             weighted_twist = weights[..., None, None] * by_twist
             weighted_depth = weights[..., None] * by_depth
-            flat_twist = by_twist.reshape(num_poses, -1, 6)  # [S, 2 N, 6]
-            twist_hessian = weighted_twist.reshape(flat_twist.shape).mT @ flat_twist
-            twist_hessian += prior_weight * precision[..., None] ** 2 * np.eye(6)
-            twist_gradient = np.einsum("snki,snk->si", weighted_twist, errors)
-            twist_gradient += prior_weight * precision * deviation
-            depth_hessian = (weighted_depth * by_depth).sum(axis=(0, 2)) * (
-                1 + self.damping
-            ) + 1e-12
+
+            # Normal equations of the poses, with the prior.
+            deviation = precision * se3.log(poses @ se3.inverse(given))  # [S, 6]
+            prior_weight = 1 / (1 + (deviation**2).sum() / self.prior_scale**2)
+            prior_hessian = prior_weight * precision[..., None] ** 2 * np.eye(6)
+            prior_gradient = prior_weight * precision * deviation
+            pose_hessian = np.einsum("snki,snkj->sij", weighted_twist, by_twist, optimize=True)
+            pose_hessian += prior_hessian
+            pose_gradient = np.einsum("snki,snk->si", weighted_twist, errors)
+            pose_gradient += prior_gradient
+
+            # Normal equations of the inverse depths, and the mixed derivatives.
+            depth_hessian = (weighted_depth * by_depth).sum(axis=(0, 2))
+            depth_hessian = depth_hessian * (1 + self.damping) + 1e-12
             depth_gradient = (weighted_depth * errors).sum(axis=(0, 2))
             mixed = np.einsum("snki,snk->nsi", weighted_twist, by_depth)
-            mixed = mixed.reshape(-1, 6 * num_poses)
+            mixed = mixed.reshape(len(inverse_depth), -1)  # [N, 6 S]
 
-            eliminated = mixed / depth_hessian[:, None]  # [N, 6 S]
-            damped = twist_hessian * (1 + self.damping * np.eye(6))
-            reduced = block_diag(*damped) - eliminated.T @ mixed
-            twists = np.linalg.solve(
-                reduced, eliminated.T @ depth_gradient - twist_gradient.ravel()
-            )
-            poses = se3.exp(twists.reshape(num_poses, 6)) @ poses
+            # The Schur complement of the inverse depths gives the steps of the poses.
+            eliminated = mixed / depth_hessian[:, None]
+            damped_hessian = pose_hessian * (1 + self.damping * np.eye(6))
+            reduced_hessian = block_diag(*damped_hessian) - eliminated.T @ mixed
+            reduced_gradient = pose_gradient.ravel() - eliminated.T @ depth_gradient
+            twists = -np.linalg.solve(reduced_hessian, reduced_gradient)
             depth_step = -(depth_gradient + mixed @ twists) / depth_hessian
+
+            twists = twists.reshape(-1, 6)
+            poses = se3.exp(twists) @ poses
             inverse_depth = np.maximum(inverse_depth + depth_step, 0)
-            if np.abs(twists * precision.ravel()).max() < self.min_step:
+            if np.abs(twists * precision).max() < self.min_step:
                 break
         return poses
 
