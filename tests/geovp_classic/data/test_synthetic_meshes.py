@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic import objects
-from geovp_classic.data.synthetic.mesh import box, joined, lathe, sheet, triangles
+from geovp_classic.data.synthetic.mesh import box, lathe, sheet, triangles
 from geovp_classic.data.synthetic.roads import Roads, straight
 from geovp_classic.data.synthetic.terrain import Terrain, ground
 from geovp_classic.data.synthetic.textures import TILE_M, Texture
-from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
 FLAT = Terrain(np.zeros(1), np.zeros((1, 2)), np.zeros(1))
@@ -47,14 +46,6 @@ def test_round_objects_have_the_area_of_a_tube_a_disc_and_a_ball() -> None:
     ball = lathe((0, 1, 0), (0, -1, 0), profile, 64)
     for rings, expected in ((tube, 2 * np.pi), (disc, np.pi / 4), (ball, 4 * np.pi)):
         assert area(sheet(rings, Texture.PLAIN).corners) == pytest.approx(expected, rel=3e-3)
-
-
-def test_a_moved_mesh_has_other_corners_only() -> None:
-    mesh = triangles(np.eye(3)[None], Texture.PLAIN)
-    moved = mesh.moved(se3.compose(np.eye(3), np.array([0.0, 0.0, 7.0])), scale=2.0)
-    np.testing.assert_allclose(moved.corners, 2 * np.eye(3)[None] + [0, 0, 7])
-    np.testing.assert_array_equal(moved.uv, mesh.uv)
-    assert len(joined([mesh, moved]).corners) == 2
 
 
 def test_textures_keep_their_size_on_upright_and_flat_triangles() -> None:
@@ -141,9 +132,3 @@ def test_trees_have_their_height_and_are_lit_from_above() -> None:
     height_m = -y[is_leaf].mean(axis=1)
     ambient = tree.ambient[is_leaf].mean(axis=1)
     assert np.corrcoef(height_m, ambient)[0, 1] > 0.5
-
-
-def test_lamps_reach_over_the_road() -> None:
-    corners = objects.lamp().corners
-    assert -corners[..., 1].min() == pytest.approx(6.0, abs=0.1)
-    assert corners[..., 2].min() == pytest.approx(-1.9)

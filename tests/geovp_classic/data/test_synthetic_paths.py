@@ -29,11 +29,6 @@ def test_bends_have_their_turn_and_length(turn_rad: float) -> None:
     np.testing.assert_allclose(steps_m, 0.25, atol=1e-9)
 
 
-def test_a_quarter_turn_ends_one_radius_ahead_and_beside() -> None:
-    path = from_bends([(40.0 * np.pi / 2, np.pi / 2)], easing_m=0.25)
-    np.testing.assert_allclose(path.points[-1], [40.0, 40.0], atol=0.3)
-
-
 @given(along_m=st.floats(1.0, 99.0), right_m=st.floats(-8.0, 8.0))
 def test_the_distance_from_a_path_is_recovered(along_m: float, right_m: float) -> None:
     path = from_bends([(40.0, 0.0), (30.0, 0.8), (30.0, 0.0)])

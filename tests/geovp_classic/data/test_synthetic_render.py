@@ -8,7 +8,6 @@ import pytest
 from geovp_classic.data.synthetic.camera import (
     CAMERA_HEIGHT_M,
     expose,
-    full_camera,
     square_camera,
     world_from_camera,
 )
@@ -188,14 +187,6 @@ def test_the_mount_pitches_and_rolls_the_camera(street: Street) -> None:
     assert np.rad2deg(np.arcsin(-turn[1, 2])) == pytest.approx(5.0)  # looks up: -y
     np.testing.assert_allclose(turn[:3, 3], 0.0, atol=1e-9)
     assert np.rad2deg(se3.rotation_angle_rad(turn)) == pytest.approx(np.hypot(5.0, 3.0), abs=0.05)
-
-
-def test_the_square_camera_is_the_middle_of_the_full_one() -> None:
-    square, full = square_camera((256, 256)), full_camera((256, 256))
-    assert (full.width_px, full.height_px) == (848, 256)
-    assert full.cropped((848 - 256) // 2, 0, 256, 256) == square
-    view_deg = 2 * np.rad2deg(np.arctan(0.5 * square.width_px / square.fx_px))
-    assert view_deg == pytest.approx(29.3, abs=0.1)
 
 
 @pytest.mark.parametrize("manoeuvre", [Manoeuvre.WINDING, Manoeuvre.RIGHT_TURN])

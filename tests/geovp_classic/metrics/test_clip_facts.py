@@ -40,7 +40,7 @@ def facts_of(drive: Clip) -> dict[str, float]:
     return clip_facts(*drive.split(PAST, ~PrivilegedInput.NONE))
 
 
-def test_a_straight_road_is_straight_however_the_world_lies() -> None:
+def test_a_straight_drive_does_not_turn_in_any_world_frame() -> None:
     facts = facts_of(clip(np.full(8, 33.0)))
     assert facts == pytest.approx(
         {"yaw_deg": 0.0, "speed_m_s": 8.0, "step_m": 0.8}, abs=1e-6
@@ -62,7 +62,7 @@ def test_turning_is_the_largest_change_of_heading(
     assert facts_of(clip(np.array(headings_deg, dtype=float)))["yaw_deg"] == pytest.approx(yaw_deg)
 
 
-def test_without_metres_there_is_no_speed_and_without_poses_nothing() -> None:
+def test_facts_need_poses_and_speeds_need_metres() -> None:
     assert set(facts_of(clip(np.zeros(8), is_metric=False))) == {"yaw_deg"}
     assert facts_of(replace(clip(np.zeros(8)), trajectory=None)) == {}
     context, target = clip(np.zeros(8)).split(PAST, ~PrivilegedInput.NONE)

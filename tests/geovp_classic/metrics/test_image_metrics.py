@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from geovp_benchmarks.scoring import ManyMasks
-from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric
 from geovp_classic.metrics.image import Psnr, Ssim
@@ -36,15 +35,6 @@ def left_half(target: ByteArray) -> BoolArray:
     return mask
 
 
-@pytest.mark.parametrize(
-    ("name", "metric"), [("psnr", Psnr()), ("psnr", Psnr(ceiling_db=60.0)), ("ssim", Ssim())]
-)
-def test_it_comes_and_goes_through_the_registry(name: str, metric: FrameMetric) -> None:
-    assert isinstance(metric, FrameMetric)
-    assert registry.describe(metric)["name"] == name
-    assert registry.build("frame_metrics", registry.describe(metric)) == metric
-
-
 def test_psnr_of_a_constant_offset() -> None:
     target = np.full((2, 4, 4, 3), 100, dtype=np.uint8)
     predicted = target.copy()
@@ -61,7 +51,7 @@ def test_psnr_takes_one_mean_square_over_all_channels() -> None:
     np.testing.assert_allclose(Psnr(100.0, "each")(predicted, target, None), [(0 + 100 + 100) / 3])
 
 
-def test_equal_frames_score_the_ceiling_and_so_does_anything_beyond_it() -> None:
+def test_scores_are_clipped_to_the_ceiling() -> None:
     target = noise(1, (1, 256, 256, 3))
     almost = target.copy()
     almost[0, 5, 5, 1] ^= 1  # 10 log10(255^2 * 256 * 256 * 3) = 101.07 dB
@@ -116,7 +106,7 @@ def test_a_full_mask_changes_nothing(metric: FrameMetric) -> None:
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_many_masks_at_once_score_as_one_by_one(metric: FrameMetric) -> None:
+def test_many_masks_score_as_single_masks(metric: FrameMetric) -> None:
     predicted, target = noise(1), noise(2)
     masks = [None, *(np.random.default_rng(0).random((3, *target.shape[:3])) < 0.3)]
     masks[2][1] = False
@@ -127,19 +117,13 @@ def test_many_masks_at_once_score_as_one_by_one(metric: FrameMetric) -> None:
     assert np.ptp([scores[0] for scores in one_by_one]) > 1e-4  # the masks do matter
 
 
-@pytest.mark.parametrize("metric", METRICS)
-def test_one_mask_of_many_that_does_not_fit_is_refused(metric: FrameMetric) -> None:
-    with pytest.raises(BadData, match="mask is bool of shape"):
-        metric.over(noise(1), noise(2), [None, np.ones((3, 5, 5), dtype=bool)])  # type: ignore[attr-defined]
-
-
-def test_psnr_under_a_mask_is_that_of_the_masked_pixels() -> None:
+def test_masked_psnr_is_that_of_the_masked_pixels() -> None:
     predicted, target = noise(6), noise(7)
     on_the_left = Psnr()(predicted[:, :, :20], target[:, :, :20], None)
     np.testing.assert_allclose(Psnr()(predicted, target, left_half(target)), on_the_left)
 
 
-def test_ssim_under_a_mask_is_scikit_images_map_there() -> None:
+def test_masked_ssim_is_the_mean_of_scikit_images_map() -> None:
     predicted, target = np.roll(smooth_street(1), 1, axis=1), smooth_street(1)
     options = {
         "gaussian_weights": True,
@@ -163,12 +147,6 @@ def test_a_frame_without_masked_pixels_scores_nan(metric: FrameMetric) -> None:
     assert np.isnan(metric(predicted, target, mask)).tolist() == [False, True, False]
 
 
-def test_ssim_of_a_mask_on_the_rim_alone_is_nan() -> None:
-    mask = np.zeros((3, 32, 40), dtype=bool)
-    mask[:, :5] = True
-    assert np.isnan(Ssim()(noise(1), noise(2), mask)).all()
-
-
 @pytest.mark.parametrize("metric", METRICS)
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), strength=st.integers(0, 120))
@@ -185,23 +163,12 @@ def test_symmetric_bounded_and_best_for_equal_frames(
     assert scores.dtype == np.float64
     np.testing.assert_allclose(scores, metric(target, predicted, None))
     assert (scores <= metric(target, target, None) + 1e-12).all()
-    assert (np.isfinite(scores)).all()
+    low, high = metric.bounds  # type: ignore[attr-defined]
+    assert ((scores >= low) & (scores <= high)).all()
 
 
 @pytest.mark.parametrize("metric", METRICS)
-def test_more_noise_scores_worse(metric: FrameMetric) -> None:
-    target = smooth_street(1)
-    rng = np.random.default_rng(0)
-    noisy = [
-        np.clip(target + rng.normal(0, s, target.shape), 0, 255).astype(np.uint8)
-        for s in (2, 8, 32)
-    ]
-    scores = [float(metric(frames, target, None)[0]) for frames in noisy]
-    assert scores == sorted(scores, reverse=True)
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_frames_that_do_not_fit_are_refused(metric: FrameMetric) -> None:
+def test_invalid_frames_and_masks_are_refused(metric: FrameMetric) -> None:
     target = noise(1)
     with pytest.raises(BadData, match=r"predicted frames are uint8 of shape \(2, 32, 40, 3\)"):
         metric(target[:2], target, None)
@@ -221,7 +188,9 @@ def test_ssim_refuses_frames_smaller_than_its_window() -> None:
 
 @pytest.mark.parametrize("border", ["valid", "zero"])
 @pytest.mark.parametrize(("window", "radius"), [("uniform", 3), ("gaussian", 5)])
-def test_other_windows_and_borders_are_scikit_images(window: str, radius: int, border: str) -> None:
+def test_other_windows_and_borders_agree_with_scikit_image(
+    window: str, radius: int, border: str
+) -> None:
     a = smooth_street(3)
     b = a ^ (noise(0, a.shape) // 8)
     metric = Ssim(window=window, border=border)  # type: ignore[arg-type]
@@ -242,14 +211,14 @@ def test_other_windows_and_borders_are_scikit_images(window: str, radius: int, b
     assert np.isnan(metric(a, b, rim)).all() == (border == "valid")
 
 
-def test_a_window_fits_just() -> None:
+def test_the_smallest_frame_holds_one_window() -> None:
     a = noise(0, (1, 7, 7, 3))
     assert Ssim(window="uniform")(a, a, None).tolist() == [1.0]
     with pytest.raises(BadData, match="at least 7x7 pixels"):
         Ssim(window="uniform")(a[:, 1:], a[:, 1:], None)
 
 
-def test_settings_are_told_in_words() -> None:
+def test_the_protocol_describes_the_settings() -> None:
     assert Ssim().protocol == "Wang 2004, Gaussian 11 px, sigma 1.5, valid region, mean over RGB"
     other = Ssim("uniform", 2.0, "zero").protocol
     assert "uniform 7 px, sample variances, zero padding" in other
@@ -257,13 +226,3 @@ def test_settings_are_told_in_words() -> None:
     a, b = noise(0), noise(0) ^ (noise(1) // 8)
     constants = structural_similarity(a[0], b[0], channel_axis=-1, data_range=510)
     assert Ssim("uniform", 2.0)(a, b, None)[0] == pytest.approx(constants, abs=1e-9)
-
-
-def test_bounds_and_definitions_are_told() -> None:
-    assert (Psnr().bounds, Psnr(ceiling_db=60.0).bounds, Ssim().bounds) == (
-        (0.0, 100.0),
-        (0.0, 60.0),
-        (-1.0, 1.0),
-    )
-    assert Psnr().protocol == "RGB jointly, 8 bit, per frame"
-    assert Psnr(channels="each").protocol == "mean over R, G and B, 8 bit, per frame"

@@ -58,7 +58,7 @@ def test_constant_yaw_drift_is_counted_per_metre() -> None:
     assert drift.rotation_deg_per_100m == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_short_path_says_so_and_is_never_zero() -> None:
+def test_a_short_path_has_no_drift() -> None:
     drift = odometry.kitti_drift(straight(99), straight(99))
     assert str(drift) == "too short"
     assert np.isnan([drift.translation_percent, drift.rotation_deg_per_100m]).all()
@@ -67,7 +67,7 @@ def test_a_short_path_says_so_and_is_never_zero() -> None:
 
 @settings(max_examples=25)
 @given(seeds, st.floats(0.2, 5))
-def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None:
+def test_alignment_removes_only_its_transform(seed: int, scale: float) -> None:
     truth = wobbly(seed)
     moved = se3.exp(np.random.default_rng(seed).uniform(-1, 1, 6)) @ truth.world_from_cam
     rigid = Trajectory(moved, truth.times_s, True)
@@ -90,7 +90,7 @@ def test_alignment_takes_out_just_what_it_names(seed: int, scale: float) -> None
 
 @settings(max_examples=25)
 @given(seeds)
-def test_drift_and_relative_error_do_not_see_the_world_frame(seed: int) -> None:
+def test_drift_and_relative_error_are_independent_of_the_world_frame(seed: int) -> None:
     truth, estimate = wobbly(seed, 130), wobbly(seed + 1, 130)
     elsewhere = Trajectory(
         se3.exp(np.array([9.0, -4, 2, 0.5, -1, 0.3])) @ estimate.world_from_cam, truth.times_s, True
@@ -171,17 +171,6 @@ def test_agreement_with_evo(tmp_path: Path) -> None:
     assert odometry.root_mean_square(rotation_deg) == pytest.approx(angle, rel=1e-5)
 
 
-def test_segments_are_those_of_the_development_kit() -> None:
-    # 901 poses a metre apart: of each length, from every tenth frame on, as many as end before the
-    # last metre does
-    poses = np.tile(np.eye(4), (901, 1, 1))
-    poses[:, 2, 3] = np.arange(901)
-    path = Trajectory(poses, np.arange(901) / 10, is_metric=True)
-    found = odometry.kitti_drift(path, path)
-    assert found.num_segments == sum((900 - length) // 10 for length in range(100, 801, 100)) == 360
-    assert (found.translation_percent, found.rotation_deg_per_100m) == (0.0, 0.0)
-
-
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_step_too_long_in_any_direction_is_a_relative_error(axis: int) -> None:
     twists = np.tile([0.3, 0.2, 1.0, 0, 0, 0], (20, 1))
@@ -192,10 +181,3 @@ def test_a_step_too_long_in_any_direction_is_a_relative_error(axis: int) -> None
     np.testing.assert_allclose(
         odometry.relative_error(drive(wrong), drive(twists), 4)[0], 0.2, atol=1e-9
     )
-
-
-@pytest.mark.parametrize("steps", [0, 6, 7])
-def test_a_relative_error_spans_at_least_one_step_of_the_path(steps: int) -> None:
-    with pytest.raises(BadData, match=f"over {steps} steps, expected 1 to 5"):
-        odometry.relative_error(straight(5), straight(5), steps)
-    assert len(odometry.relative_error(straight(5), straight(5), 5)[0]) == 1

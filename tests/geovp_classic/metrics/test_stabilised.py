@@ -71,7 +71,7 @@ def turned_by(
         (looking(clockwise_rad=np.pi / 2), (30.0, 10.0)),
     ],
 )
-def test_a_star_is_put_where_the_true_camera_sees_it(
+def test_a_star_moves_to_its_place_in_the_true_camera(
     predicted: FloatArray, seen_at: tuple[float, float]
 ) -> None:
     pixel, _ = pinhole.project(np.array([20.0, -10.0, 100.0]) @ predicted[0, :3, :3], CAMERA)
@@ -81,7 +81,7 @@ def test_a_star_is_put_where_the_true_camera_sees_it(
     assert seen[0, 20, 60]
 
 
-def test_a_pitch_that_is_wrong_by_four_tenths_of_a_degree_costs_nothing() -> None:
+def test_a_pitch_error_does_not_lower_the_score() -> None:
     true = looking(right_rad=0.05)
     predicted = true @ looking(
         up_rad=np.deg2rad(0.4)
@@ -101,16 +101,7 @@ def test_a_pitch_that_is_wrong_by_four_tenths_of_a_degree_costs_nothing() -> Non
     ]  # the true camera looks lower, .70 px below the frame
 
 
-def test_the_other_sign_would_double_the_error() -> None:
-    true, predicted = looking(), looking(right_rad=0.01, up_rad=0.004, clockwise_rad=-0.02)
-    target = heavens(true)
-    right, seen = turned_by(heavens(predicted), predicted, true)
-    wrong, _ = turned_by(heavens(predicted), true, predicted)
-    assert Stabilised()(right, target, seen)[0] > Psnr()(heavens(predicted), target)[0] + 15
-    assert Psnr()(wrong, target)[0] < Psnr()(heavens(predicted), target)[0] - 3
-
-
-def test_without_a_rotation_nothing_is_resampled_and_all_is_seen() -> None:
+def test_frames_without_rotation_error_are_unchanged() -> None:
     frames = np.random.default_rng(0).integers(0, 256, (2, 61, 81, 3), dtype=np.uint8)
     poses = np.concatenate([looking(0.3, -0.1, 0.2)] * 2)
     moved = poses.copy()
@@ -120,7 +111,7 @@ def test_without_a_rotation_nothing_is_resampled_and_all_is_seen() -> None:
     assert seen.all()
 
 
-def test_what_the_predicted_camera_did_not_see_does_not_count() -> None:
+def test_pixels_outside_the_prediction_are_masked() -> None:
     # u_true = 40 + 100 tan(atan((u_predicted - 40) / 100) + a) at u_predicted = 0: 40 + 100 (.1 -
     # .4) / 1.04 = 11.2
     view, seen = turned_by(heavens(looking()), looking(right_rad=np.arctan(0.1)), looking())
@@ -137,7 +128,7 @@ def test_what_the_predicted_camera_did_not_see_does_not_count() -> None:
     assert np.isnan(Stabilised()(behind, view, unseen)[0])
 
 
-def test_it_is_a_frame_metric_with_its_own_definition() -> None:
+def test_the_protocol_names_the_inner_metric() -> None:
     metric = registry.build("frame_metrics", {"name": "stabilised", "metric": {"name": "ssim"}})
     assert metric == Stabilised(Ssim())
     assert registry.build("frame_metrics", registry.describe(metric)) == metric
