@@ -30,11 +30,9 @@ def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("exists", [True, False])
-def test_a_folder_replaces_an_empty_one(tmp_path: Path, exists: bool) -> None:
+def test_a_folder_replaces_an_empty_one(tmp_path: Path) -> None:
     folder = tmp_path / "folder"
-    if exists:
-        folder.mkdir()
+    folder.mkdir()
     with atomic_write(folder) as scratch:
         scratch.mkdir()
         (scratch / "a").write_text("a")

@@ -8,6 +8,7 @@ from PIL import Image
 
 from geovp_classic.data.calibration_files import exif_focal_px, read_calibration
 from geovp_classic.errors import BadData
+from geovp_classic.types import Intrinsics
 
 KITTI = "P0: 1 0 2 0 0 1 2 0 0 0 1 0\nP2: 500 0 319.5 4.5 0 510 239.5 0.2 0 0 1 0.003\n"
 COLMAP = "# Camera list\n1 PINHOLE 640 480 500 510 320 240\n"
@@ -53,20 +54,15 @@ def test_kitti_camera_is_that_of_the_folder(tmp_path: Path) -> None:
         read_calibration(tmp_path / "calib.txt", tmp_path / "image_3")
 
 
-def test_a_colmap_model_with_one_focal_length_and_distortion(tmp_path: Path) -> None:
-    (tmp_path / "cameras.txt").write_text("1 SIMPLE_RADIAL 640 480 500 320 240 -0.05\n")
-    read = read_calibration(tmp_path / "cameras.txt", tmp_path)
+def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.txt"
+    path.write_text("1 SIMPLE_RADIAL 640 480 500 320 240 -0.05\n")
+    read = read_calibration(path, tmp_path)
     assert read.numbers == (500.0, 500.0, 319.5, 239.5)
     assert read.distortion == (-0.05,)
-
-
-def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> None:
-    (tmp_path / "cameras.txt").write_text(COLMAP)
-    read = read_calibration(tmp_path / "cameras.txt", tmp_path)
-    half = read.of_size(tmp_path / "cameras.txt", 320, 240)
-    assert (half.fx_px, half.fy_px, half.cx_px, half.cy_px) == (250, 255, 159.5, 119.5)
+    assert read.of_size(path, 320, 240) == Intrinsics(250, 250, 159.5, 119.5, 320, 240)
     with pytest.raises(BadData, match="640x480, these are 640x360"):
-        read.of_size(tmp_path / "cameras.txt", 640, 360)
+        read.of_size(path, 640, 360)
 
 
 @pytest.mark.parametrize(

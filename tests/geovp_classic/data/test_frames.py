@@ -51,52 +51,34 @@ def test_images_have_red_green_and_blue_channels(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ENCODINGS)
-def test_sizes_are_read_from_headers(tmp_path: Path, name: str) -> None:
-    cv2.imwrite(str(tmp_path / name), scene(), ENCODINGS[name])
-    assert image_size(tmp_path / name) == (53, 37)
-
-
-@pytest.mark.parametrize("name", ENCODINGS)
-@pytest.mark.parametrize("fraction", [0.0, 0.005, 0.3, 0.7, 0.98])
-def test_a_truncated_image_is_refused(tmp_path: Path, name: str, fraction: float) -> None:
+def test_truncated_images_are_refused(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     cv2.imwrite(str(path), scene(), ENCODINGS[name])
+    assert image_size(path) == (53, 37)
     whole = path.read_bytes()
-    path.write_bytes(whole[: int(fraction * len(whole))])
-    for read in (read_image, image_size):
-        with pytest.raises(BadData, match=name):
-            read(path)
-
-
-def test_files_without_an_image_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_text("this is not an image")
-    with pytest.raises(BadData, match=r"a\.png cannot be decoded as an image"):
-        read_image(tmp_path / "a.png")
-    with pytest.raises(BadData, match=r"b\.png cannot be read \(No such file"):
-        read_image(tmp_path / "b.png")
+    for fraction in (0.0, 0.005, 0.3, 0.7, 0.98):
+        path.write_bytes(whole[: int(fraction * len(whole))])
+        for read in (read_image, image_size):
+            with pytest.raises(BadData, match=f"{name} cannot be decoded as an image"):
+                read(path)
+    path.unlink()
+    with pytest.raises(BadData, match=r"cannot be read \(No such file"):
+        read_image(path)
 
 
 def test_a_frame_of_another_size_is_refused(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "0.png"), scene())
-    cv2.imwrite(str(tmp_path / "1.png"), scene(20, 30))
-    frames = FrameFiles((tmp_path / "0.png", tmp_path / "1.png"), ((53, 37),) * 2)
-    assert len(frames) == 2
+    frames = FrameFiles((tmp_path / "0.png",) * 2, ((53, 37), (30, 20)))
     assert frames.read(0).shape == (37, 53, 3)
-    with pytest.raises(BadData, match=r"1\.png is 30x20 pixels, expected 53x37"):
+    with pytest.raises(BadData, match=r"0\.png is 53x37 pixels, expected 30x20"):
         frames.read(1)
 
 
 def test_images_are_ordered_by_the_numbers_in_their_names(tmp_path: Path) -> None:
     for name in ("b10.png", "b9.jpg", "a2.png", "a2b.png", "notes.txt", ".hidden.png"):
         (tmp_path / name).touch()
-    assert [path.name for path in image_files(tmp_path)] == [
-        "a2.png",
-        "a2b.png",
-        "b9.jpg",
-        "b10.png",
-    ]
-    with pytest.raises(BadData, match="cannot be listed"):
-        image_files(tmp_path / "none")
+    names = [path.name for path in image_files(tmp_path)]
+    assert names == ["a2.png", "a2b.png", "b9.jpg", "b10.png"]
 
 
 def test_other_content_may_follow_an_image(tmp_path: Path) -> None:
@@ -122,34 +104,29 @@ def test_gaps_duplicates_and_other_files_are_found(tmp_path: Path) -> None:
     assert "lacks frame 000000" in findings[-1].message
 
 
-def write_video(path: Path, count: int = 8, rate_hz: float = 12.5) -> None:
-    """Frame k is grey 20 k; motion JPEG decodes each frame alone."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), rate_hz, (48, 32))
-    for index in range(count):
+def test_video_frames_come_by_number_in_any_order(tmp_path: Path) -> None:
+    path = str(tmp_path / "a.avi")
+    writer = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"MJPG"), 12.5, (48, 32))
+    for index in range(8):
         writer.write(np.full((32, 48, 3), 20 * index, np.uint8))
     writer.release()
-
-
-def test_video_frames_come_by_number_in_any_order(tmp_path: Path) -> None:
-    write_video(tmp_path / "a.avi")
     video = VideoFrames.open(tmp_path / "a.avi")
     assert (len(video), video.size_px, video.rate_hz) == (8, (48, 32), 12.5)
     for index in (0, 3, 4, 1, 7, 0):
         assert abs(int(video.read(index)[16, 24, 0]) - 20 * index) <= 2
-    assert video.read(3) is video.read(3)  # cached
     with pytest.raises(BadData, match="frame 8 of 8 cannot be decoded"):
         video.read(8)
 
 
-@pytest.mark.parametrize("shape", [(6, 8), (6, 8, 3)])
-def test_images_of_16_bits_need_the_number_of_used_bits(
-    tmp_path: Path, shape: tuple[int, ...]
-) -> None:
-    cv2.imwrite(str(tmp_path / "a.png"), np.full(shape, 3000, np.uint16))
-    with pytest.raises(BadData, match=r"a\.png holds uint16 values, expected 8 bits a channel"):
-        read_image(tmp_path / "a.png")
-    assert np.unique(read_image(tmp_path / "a.png", bits=12)).tolist() == [3000 // 16]
-    assert np.unique(read_image(tmp_path / "a.png", bits=16)).tolist() == [3000 // 256]
-    for bits, message in ((10, "has the value 3000, more than 10 bits"), (17, "8 to 16")):
+def test_images_of_16_bits_need_the_number_of_used_bits(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.full((6, 8, 3), 3000, np.uint16))
+    assert np.unique(read_image(path, bits=12)).tolist() == [3000 // 16]
+    assert np.unique(read_image(path, bits=16)).tolist() == [3000 // 256]
+    for bits, message in (
+        (None, r"a\.png holds uint16 values, expected 8 bits a channel"),
+        (10, "has the value 3000, more than 10 bits"),
+        (17, "8 to 16"),
+    ):
         with pytest.raises(BadData, match=message):
-            read_image(tmp_path / "a.png", bits=bits)
+            read_image(path, bits=bits)

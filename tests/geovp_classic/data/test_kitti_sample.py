@@ -60,18 +60,13 @@ def test_colour_frames_of_sequence_00_keep_their_pixels(root: Path) -> None:
 
 
 def matches(left: np.ndarray, right: np.ndarray) -> tuple[FloatArray, FloatArray]:
-    """Return the pixels of corners in both images, tracked there and back."""
+    """Return the pixels [N, 2] of corners in both images, tracked there and back."""
     grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-    corners = cv2.goodFeaturesToTrack(grey[0], 400, 0.01, 8)
-    window = {"winSize": (21, 21), "maxLevel": 5}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(grey[0], grey[1], corners, None, **window)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(grey[1], grey[0], there, None, **window)
-    good = (
-        (found[:, 0] == 1)
-        & (again[:, 0] == 1)
-        & (np.linalg.norm(back - corners, axis=-1)[:, 0] < 0.3)
-    )
-    return corners[good, 0].astype(np.float64), there[good, 0].astype(np.float64)
+    corners = cv2.goodFeaturesToTrack(grey[0], 400, 0.01, 8)[:, 0]
+    there, _, _ = cv2.calcOpticalFlowPyrLK(*grey, corners, None, maxLevel=5)
+    back, _, _ = cv2.calcOpticalFlowPyrLK(*grey[::-1], there, None, maxLevel=5)
+    good = np.linalg.norm(back - corners, axis=1) < 0.3
+    return corners[good].astype(np.float64), there[good].astype(np.float64)
 
 
 def epipolar_distance_px(
@@ -80,9 +75,8 @@ def epipolar_distance_px(
     """Return the median distance of pixels from their epipolar lines."""
     essential = se3.cross_matrix(there_from_here[:3, 3]) @ there_from_here[:3, :3]
     fundamental = np.linalg.inv(matrix).T @ essential @ np.linalg.inv(matrix)
-    lines = np.c_[here, np.ones(len(here))] @ fundamental.T
-    off = np.abs((np.c_[there, np.ones(len(there))] * lines).sum(axis=1))
-    return float(np.median(off / np.linalg.norm(lines[:, :2], axis=1)))
+    lines = cv2.computeCorrespondEpilines(here[:, None], 1, fundamental)[:, 0]
+    return float(np.median(np.abs((lines[:, :2] * there).sum(axis=1) + lines[:, 2])))
 
 
 @pytest.mark.parametrize(
@@ -90,27 +84,23 @@ def epipolar_distance_px(
 )
 def test_poses_intrinsics_and_pixels_of_the_crop_agree_in_a_turn(root: Path, frames: str) -> None:
     clip = Kitti(root, sequences=(frames,), num_frames=2)[0]
-    here, there = matches(clip.frames[0], clip.frames[1])
+    here, there = matches(*clip.frames)
     assert len(here) > 100
-    cam1_from_cam0 = (
-        se3.inverse(clip.trajectory.world_from_cam[1]) @ clip.trajectory.world_from_cam[0]
-    )
-    off_px = epipolar_distance_px(here, there, cam1_from_cam0, clip.intrinsics.matrix)
+    first, second = clip.trajectory.world_from_cam
+    second_from_first = se3.inverse(second) @ first
+    matrix = clip.intrinsics.matrix
+    off_px = epipolar_distance_px(here, there, second_from_first, matrix)
     assert off_px < 0.4
-    wrong_way_round_px = epipolar_distance_px(
-        here, there, se3.inverse(cam1_from_cam0), clip.intrinsics.matrix
-    )
-    assert wrong_way_round_px > 10 * off_px
+    inverse_off_px = epipolar_distance_px(here, there, se3.inverse(second_from_first), matrix)
+    assert inverse_off_px > 10 * off_px
 
 
 def test_right_frames_see_points_further_left(root: Path) -> None:
     clip = Kitti(root, sequences=("06[0:2)",), num_frames=2, with_full=True, with_right=True)[0]
-    np.testing.assert_allclose(clip.right.view_from_cam[:3, 3], [-0.5371507, 0, 0], atol=1e-6)
-    here, there = matches(clip.full.frames[0], clip.right.frames[0])
+    right = clip.right
+    np.testing.assert_allclose(right.view_from_cam[:3, 3], [-0.5371507, 0, 0], atol=1e-6)
+    here, there = matches(clip.full.frames[0], right.frames[0])
     disparity_px = here[:, 0] - there[:, 0]
     assert disparity_px.min() > 0
     assert disparity_px.max() < 707.0912 * 0.5371507 / 4  # nothing nearer than 4 m
-    assert (
-        epipolar_distance_px(here, there, clip.right.view_from_cam, clip.right.intrinsics.matrix)
-        < 0.6
-    )
+    assert epipolar_distance_px(here, there, right.view_from_cam, right.intrinsics.matrix) < 0.6

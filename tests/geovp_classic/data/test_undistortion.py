@@ -75,20 +75,17 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("model", "numbers", "distort"), CASES, ids=[case[0] for case in CASES])
-def test_a_point_comes_to_where_a_pinhole_camera_sees_it(
+@pytest.mark.parametrize(("model", "numbers", "distort"), CASES)
+def test_a_point_is_shown_where_a_pinhole_camera_sees_it(
     model: str, numbers: tuple[float, ...], distort: Distort
 ) -> None:
     camera = camera_of(model, numbers)
     view = undistortion.common_pinhole([camera], Path("here"))
-    x, y = distort(*RAY, *numbers)
-    image = undistortion.undistorted(spot(F * x + CX, F * y + CY), camera, view)
-    expected = view.fx_px * RAY[0] + view.cx_px, view.fy_px * RAY[1] + view.cy_px
-    assert (
-        np.hypot(F * x + CX - expected[0], F * y + CY - expected[1]) > 2
-    )  # it was somewhere else before
+    distorted = F * np.array(distort(*RAY, *numbers)) + [CX, CY]
+    image = undistortion.undistorted(spot(*distorted), camera, view)
+    expected = view.fx_px * np.array(RAY) + [CX, CY]
+    assert np.linalg.norm(distorted - expected) > 2
     np.testing.assert_allclose(centre_of(image), expected, atol=0.4)  # the spot is bent, too
-    assert (view.cx_px, view.cy_px) == (CX, CY)
 
 
 def test_colmap_counts_pixels_from_the_corner() -> None:
@@ -103,7 +100,7 @@ def test_colmap_counts_pixels_from_the_corner() -> None:
     assert undistortion.undistorted(image, camera, camera.pinhole) is image
 
 
-def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
+def test_pincushion_distortion_is_zoomed_until_no_border_is_empty() -> None:
     """A corner at radius r of the view comes from r (1 + 0.1 r^2) of the image, which ends 160 px
     off the centre.
     """
@@ -111,7 +108,7 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
     view = undistortion.common_pinhole([camera], Path("here"))
 
     def source_px(focal_px: float) -> float:
-        """How far right of the centre the corner's source lies."""
+        """Return how far right of the centre the source of the corner lies."""
         squared = (159.5**2 + 119.5**2) / focal_px**2
         return F * 159.5 / focal_px * (1 + 0.1 * squared)
 
@@ -121,29 +118,19 @@ def test_pincushion_distortion_is_zoomed_until_no_border_is_invented() -> None:
 
 
 def test_images_of_several_cameras_are_shown_as_one_sees_them() -> None:
-    """The second camera's lens is 5 % longer: the first's view is zoomed by as much, and shows a
-    ray at one pixel.
-    """
-    cameras = [camera_of(focal_px=focal_px) for focal_px in (F, 1.05 * F)]
-    view = undistortion.common_pinhole(cameras, Path("here"))
+    """The second camera has a focal length 5 % longer: the view is zoomed by as much."""
+    view = undistortion.common_pinhole([camera_of(), camera_of(focal_px=1.05 * F)], Path("here"))
     assert 1.04 < view.fx_px / F < 1.06
-    expected = view.fx_px * RAY[0] + CX, view.fy_px * RAY[1] + CY
-    for camera, f in zip(cameras, (F, 1.05 * F), strict=True):
-        image = undistortion.undistorted(spot(f * RAY[0] + CX, f * RAY[1] + CY), camera, view)
-        np.testing.assert_allclose(centre_of(image), expected, atol=0.05)
+    assert (view.cx_px, view.cy_px) == (CX, CY)
 
 
 def test_cameras_that_see_no_common_image_are_refused() -> None:
-    near = camera_of()
-    far = camera_of(focal_px=5 * F)
-    with pytest.raises(
-        BadData,
-        match=r"model: no pinhole camera, up to a zoom of 2, .* all its 2 cameras see: check",
+    for cameras in (
+        [camera_of(), camera_of(focal_px=5 * F)],
+        [camera_of("OPENCV", (np.nan, 0.0, 0.0, 0.0))],
     ):
-        undistortion.common_pinhole([near, far], Path("model"))
-    broken = camera_of("OPENCV", (np.nan, 0.0, 0.0, 0.0))
-    with pytest.raises(BadData, match="check focal lengths"):
-        undistortion.common_pinhole([broken], Path("model"))
+        with pytest.raises(BadData, match=r"model: no pinhole camera, up to a zoom of 2, .* check"):
+            undistortion.common_pinhole(cameras, Path("model"))
 
 
 def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
@@ -152,16 +139,13 @@ def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
     values = np.full((240, 320), 10000, np.uint16)
     u, v = round(F * x + CX), round(F * y + CY)
     values[v - 2 : v + 3, u - 2 : u + 3] = 25000
-    cv2.imwrite(str(tmp_path / "depth.png"), values)
-    depths = UndistortedDepths(
-        (tmp_path / "depth.png", None), (camera, camera), camera.pinhole, 5000.0
-    )
+    path = tmp_path / "depth.png"
+    cv2.imwrite(str(path), values)
+    depths = UndistortedDepths((path, None), (camera, camera), camera.pinhole, 5000.0)
     assert set(np.unique(depths(0))) == {2.0, 5.0}  # no mean of the two
     assert depths(0)[round(F * RAY[1] + CY), round(F * RAY[0] + CX)] == 5.0
     assert depths(1).shape == (240, 320)
     assert not depths(1).any()
-    cv2.imwrite(str(tmp_path / "depth.png"), values.astype(np.uint8))
-    with pytest.raises(
-        BadData, match=r"depth\.png holds uint8 in 2 dimensions, expected .* 16 bits"
-    ):
+    cv2.imwrite(str(path), values.astype(np.uint8))
+    with pytest.raises(BadData, match=r"depth\.png holds uint8 in 2 dimensions"):
         depths(0)

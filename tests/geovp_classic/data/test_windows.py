@@ -13,6 +13,8 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Intrinsics, Trajectory
 
+CAMERA = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
+
 
 @dataclass(frozen=True)
 class Images:
@@ -55,30 +57,23 @@ def test_a_range_is_read_as_it_is_written(name: str, first: int, count: int) -> 
     assert FrameRange.parse(str(frames)) == frames
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03[9:5)", "03 [0:4)"],
-)
-def test_other_notations_of_a_range_are_refused(text: str) -> None:
-    with pytest.raises(BadData, match=r"first|expected"):
-        FrameRange.parse(text)
+def test_other_notations_of_a_range_are_refused() -> None:
+    for text in ("03[180:360]", "03[180,360)", "03[:360)", "[0:3)", "", "03[5:5)", "03 [0:4)"):
+        with pytest.raises(BadData, match="is not a range of frames"):
+            FrameRange.parse(text)
 
 
-def test_clips_start_every_stride_and_end_inside() -> None:
-    # 51 frames, clips of 30: the last one that fits starts at 21
-    assert list(windows.starts(FrameRange("06", 0, 51), 30, 10)) == [0, 10, 20]
-    assert list(windows.starts(FrameRange("03", 180, 210), 30, 10)) == [180]
+def test_a_range_that_is_too_short_is_refused() -> None:
     with pytest.raises(BadData, match=r"03\[180:209\) has 29 frames, but one clip needs 30"):
         windows.starts(FrameRange("03", 180, 209), 30, 10)
 
 
-@given(st.integers(0, 50), st.integers(2, 60), st.integers(2, 20), st.integers(1, 9))
-def test_clips_fill_their_range(first: int, count: int, num_frames: int, stride: int) -> None:
-    if count < num_frames:
-        return
-    begun = windows.starts(FrameRange("a", first, first + count), num_frames, stride)
-    assert begun[0] == first
-    assert begun[-1] + num_frames <= first + count < begun[-1] + stride + num_frames
+@given(st.integers(0, 50), st.integers(0, 40), st.integers(2, 20), st.integers(1, 9))
+def test_clips_fill_their_range(first: int, extra: int, num_frames: int, stride: int) -> None:
+    last = first + num_frames + extra
+    starts = windows.starts(FrameRange("a", first, last), num_frames, stride)
+    assert starts[0] == first
+    assert starts[-1] + num_frames <= last < starts[-1] + stride + num_frames
 
 
 def test_settings_without_clips_are_refused() -> None:
@@ -93,42 +88,30 @@ def test_settings_without_clips_are_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("native_px", "side_px", "tolerance_px"),
-    [
-        ((1242, 375), 256, 0.01),
-        ((1226, 370), 256, 0.01),
-        ((416, 128), 128, 1e-6),
-        ((416, 128), 256, 0.02),
-    ],
+    ("width_px", "height_px", "side_px", "tolerance_px"),
+    [(1242, 375, 256, 0.01), (416, 128, 128, 1e-6), (416, 128, 256, 0.02)],
 )
 def test_a_corner_lands_where_the_intrinsics_say(
-    native_px: tuple[int, int], side_px: int, tolerance_px: float
+    width_px: int, height_px: int, side_px: int, tolerance_px: float
 ) -> None:
-    width_px, height_px = native_px
     corner_u, corner_v = width_px // 2 - 20, height_px // 2 + 13  # the first white column and row
-    frame = np.zeros((height_px, width_px, 3), np.uint8)
-    frame[corner_v:, corner_u:] = 255
+    frames = np.zeros((2, height_px, width_px, 3), np.uint8)
+    frames[:, corner_v:, corner_u:] = 255
     camera = Intrinsics(720.0, 715.0, width_px / 2 + 7.3, height_px / 2 - 2.2, width_px, height_px)
-    clip = windows.cut(
-        recording_of(frame[None].repeat(2, axis=0), camera), 0, 2, (side_px, side_px)
-    )
+    clip = windows.cut(recording_of(frames, camera), 0, 2, (side_px, side_px))
     on_corner = np.array([corner_u - 0.5, corner_v - 0.5])  # between black and white
-    expected, _ = pinhole.project(
-        pinhole.unproject(on_corner, np.array(9.0), camera), clip.intrinsics
-    )
-    white = clip.frames[0, :, :, 0] / 255.0  # the share of a pixel's area that is white
-    found = [side_px - 0.5 - white[-1].sum(), side_px - 0.5 - white[:, -1].sum()]
-    np.testing.assert_allclose(found, expected, atol=tolerance_px)
+    point = pinhole.unproject(on_corner, np.array(9.0), camera)
+    expected, _ = pinhole.project(point, clip.intrinsics)
+    white = clip.frames[0, :, :, 0] / 255.0  # the fraction of a pixel's area that is white
+    corner = [side_px - 0.5 - white[-1].sum(), side_px - 0.5 - white[:, -1].sum()]
+    np.testing.assert_allclose(corner, expected, atol=tolerance_px)
 
 
 def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
-    camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
-    frames = np.arange(6, dtype=np.uint8)[:, None, None, None] * np.ones((1, 4, 8, 3), np.uint8)
-    right_from_cam = np.eye(4)
-    right_from_cam[0, 3] = -0.5
-    recording = recording_of(
-        frames, camera, SideCamera(Images(frames + 100), camera, right_from_cam)
-    )
+    frames = np.zeros((6, 4, 8, 3), np.uint8)
+    frames += np.arange(6, dtype=np.uint8)[:, None, None, None]
+    right = SideCamera(Images(frames + 100), CAMERA, np.diag([1.0, -1.0, -1.0, 1.0]))
+    recording = recording_of(frames, CAMERA, right)
     clip = windows.cut(recording, 2, 3, (4, 4), with_full=True)
     assert clip.name == "a/000002"
     assert clip.frames.shape == (3, 4, 4, 3)
@@ -138,52 +121,45 @@ def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
     assert clip.camera_height_m == 1.65
     assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
     assert clip.full.frames.shape == (3, 4, 8, 3)
-    assert clip.full.intrinsics == camera
-    np.testing.assert_array_equal(clip.full.view_from_cam, np.eye(4))
+    assert clip.full.intrinsics == CAMERA
     assert clip.right.frames[:, 0, 0, 0].tolist() == [102, 103, 104]
-    np.testing.assert_array_equal(clip.right.view_from_cam, right_from_cam)
+    np.testing.assert_array_equal(clip.right.view_from_cam, right.view_from_cam)
     assert windows.cut(recording, 2, 3, (4, 4)).full is None
+    stretched = windows.cut(recording, 0, 2, (16, 4), fit="stretch")
+    assert stretched.intrinsics == Intrinsics(20, 10, 7.5, 1.5, 16, 4)
 
 
-def test_a_recording_has_one_time_and_one_pose_a_frame() -> None:
-    camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
-    frames = np.zeros((5, 4, 8, 3), np.uint8)
-    with pytest.raises(BadData, match="a: 4 times for 5 frames"):
-        Recording("a", Images(frames), np.arange(4.0), camera)
-    with pytest.raises(BadData, match="a: 3 right frames for 5 frames"):
-        recording_of(frames, camera, SideCamera(Images(frames[:3]), camera, np.eye(4)))
-
-
-def test_times_in_milliseconds_and_impossible_cameras_are_refused() -> None:
-    camera = Intrinsics(10, 10, 3.5, 1.5, 8, 4)
-    frames = Images(np.zeros((5, 4, 8, 3), np.uint8))
-    with pytest.raises(BadData, match="give times in seconds"):
-        Recording("a", frames, 100 * np.arange(5.0), camera)
-    for wrong in ({"fx_px": 0.1}, {"cx_px": 100.0}):
-        with pytest.raises(BadData, match="give the calibration in pixels"):
-            Recording("a", frames, np.arange(5.0), replace(camera, **wrong))
+def test_inconsistent_recordings_are_refused() -> None:
+    images, times_s = Images(np.zeros((5, 4, 8, 3), np.uint8)), np.arange(5.0)
+    right = SideCamera(Images(images.frames[:3]), CAMERA, np.eye(4))
+    for arguments, message in (
+        ((images, times_s[:4], CAMERA), "a: 4 times for 5 frames"),
+        ((images, times_s, CAMERA, None, None, right), "a: 3 right frames for 5 frames"),
+        ((images, 100 * times_s, CAMERA), "give times in seconds"),
+        ((images, times_s, replace(CAMERA, fx_px=0.1)), "give the calibration in pixels"),
+        ((images, times_s, replace(CAMERA, cx_px=100.0)), "give the calibration in pixels"),
+    ):
+        with pytest.raises(BadData, match=message):
+            Recording("a", *arguments)
 
 
 def test_no_piece_crosses_a_break() -> None:
-    whole = FrameRange("a", 2, 20)
-    assert windows.pieces(whole, (), 5) == [whole]
-    assert windows.pieces(whole, (1, 8, 10, 20), 5) == [
-        FrameRange("a", 2, 8),
-        FrameRange("a", 10, 20),
-    ]
-    assert windows.pieces(whole, (8, 15), 9) == [
-        FrameRange("a", 8, 15)
-    ]  # none is long enough: the longest
+    def pieces(breaks: tuple[int, ...], num_frames: int) -> list[str]:
+        return list(map(str, windows.pieces(FrameRange("a", 2, 20), breaks, num_frames)))
+
+    assert pieces((), 5) == ["a[2:20)"]
+    assert pieces((1, 8, 10, 20), 5) == ["a[2:8)", "a[10:20)"]
+    assert pieces((8, 15), 9) == ["a[8:15)"]  # the longest, because none is long enough
 
 
 def test_depths_are_cropped_and_resized_with_the_frames() -> None:
     """The depth of frames of 8x4 pixels is the column: the middle 4 columns are 2 to 5."""
-    frames = np.zeros((3, 4, 8, 3), np.uint8)
-    camera = Intrinsics(5, 5, 3.5, 1.5, 8, 4)
     column = np.tile(np.arange(8.0), (4, 1))
-    recording = replace(recording_of(frames, camera), depths=lambda index: column + 10 * index)
+    recording = replace(
+        recording_of(np.zeros((3, 4, 8, 3), np.uint8), CAMERA),
+        depths=lambda index: column + 10 * index,
+    )
     cropped = windows.cut(recording, 1, 2, (4, 4)).depths
     assert cropped[:, 0].tolist() == [[12, 13, 14, 15], [22, 23, 24, 25]]
-    whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths
-    assert set(whole[0, 0].tolist()) <= set(range(8))  # no means
-    assert np.diff(whole[0, 0]).tolist() == [2, 2, 2]
+    whole = windows.cut(recording, 0, 2, (4, 4), fit="stretch").depths[0, 0].tolist()
+    assert whole in ([0, 2, 4, 6], [1, 3, 5, 7])  # no means
