@@ -15,7 +15,7 @@ OFFSET_M = {0: 0.0, 1: 0.5, 2: -0.06, 3: 0.44}
 
 
 def frame_value(camera: int, index: int) -> int:
-    """The grey value that fills a frame."""
+    """Return the grey value that fills a frame."""
     return 10 * index + 5 * camera
 
 
@@ -51,3 +51,14 @@ def edit() -> Callable[[Path, int, str], None]:
         path.write_text("\n".join(lines) + "\n")
 
     return replace_line
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Twelve frames of 64x24 pixels at 25 Hz, frame k all grey 10 k."""
+    path = tmp_path / "drive.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (64, 24))
+    for number in range(12):
+        writer.write(np.full((24, 64, 3), 10 * number, np.uint8))
+    writer.release()
+    return path

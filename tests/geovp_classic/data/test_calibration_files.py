@@ -71,7 +71,6 @@ def test_images_of_half_the_size_have_half_the_focal_length(tmp_path: Path) -> N
         ("a.yaml", "just a word"),
         ("a.yaml", "cam0: {camera_model: omni, intrinsics: [1, 2, 3, 4, 5]}"),
         ("a.yaml", "K: [1, 2]"),
-        ("a.yaml", "a: ["),
         ("cameras.txt", "1 PINHOLE 640 480 500 510"),
         ("cameras.txt", "1 PINHOLE 640 0 500 510 320 240"),
         ("cameras.txt", "1 PINHOLE 640 4000000000000 500 510 320 240"),
@@ -95,11 +94,10 @@ def test_unknown_models_are_refused_any_number_of_times(tmp_path: Path) -> None:
 
 
 def test_the_equivalent_focal_length_of_a_photo_refers_to_the_diagonal(tmp_path: Path) -> None:
+    photo = Image.new("RGB", (400, 300))  # a diagonal of 500 px
+    photo.save(tmp_path / "a.jpg")
+    assert exif_focal_px(tmp_path / "a.jpg") is None
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0xA405] = 26  # FocalLengthIn35mmFilm
-    Image.new("RGB", (400, 300)).save(tmp_path / "a.jpg", exif=exif)
-    assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(
-        26 * 500 / 43.27
-    )  # a diagonal of 500 px
-    Image.new("RGB", (400, 300)).save(tmp_path / "b.jpg")
-    assert exif_focal_px(tmp_path / "b.jpg") is None
+    photo.save(tmp_path / "a.jpg", exif=exif)
+    assert exif_focal_px(tmp_path / "a.jpg") == pytest.approx(26 * 500 / 43.27)

@@ -139,17 +139,13 @@ def test_damage_in_a_png_is_found_by_its_checksums(kitti_root: Path) -> None:
     image = kitti_root / "sequences" / "01" / "image_0" / "000003.png"
     content = bytearray(image.read_bytes())
     content[content.index(b"IDAT") + 9] ^= 1
-    image.write_bytes(bytes(content))
-    for deep in (False, True):
-        assert has(
-            reported(kitti_root, deep=deep),
-            "error sequences/01/image_0/000003.png: cannot be decoded as an image",
-        )
+    image.write_bytes(content)
+    finding = "error sequences/01/image_0/000003.png: cannot be decoded as an image"
+    assert has(reported(kitti_root), finding)
 
 
 def test_a_root_without_sequences_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadData, match="does not exist"):
-        Doctor().examine(tmp_path / "none")
     (tmp_path / "sequences").mkdir()
-    with pytest.raises(BadData, match="holds no sequence"):
-        Doctor().examine(tmp_path)
+    for root, message in ((tmp_path, "holds no sequence"), (tmp_path / "none", "does not exist")):
+        with pytest.raises(BadData, match=message):
+            Doctor().examine(root)

@@ -51,19 +51,12 @@ def test_images_become_clips_in_the_order_of_their_numbers(images: Path) -> None
     assert clip.camera_height_m == 1.2
 
 
-def test_a_video_has_its_own_rate(tmp_path: Path) -> None:
-    path = tmp_path / "drive.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (64, 24))
-    for number in range(1, 13):
-        writer.write(np.full((24, 64, 3), 10 * number, np.uint8))
-    writer.release()
-    data = folder(path)
-    clip = data[1]
+def test_a_video_has_its_own_rate(video: Path) -> None:
+    clip = folder(video)[1]
     assert clip.name == "drive/000004"
-    np.testing.assert_allclose(clip.frames[:, 3, 3, 0], [50, 60, 70, 80], atol=2)
+    np.testing.assert_allclose(clip.frames[:, 3, 3, 0], [40, 50, 60, 70], atol=2)
     np.testing.assert_allclose(clip.times_s, [0.16, 0.20, 0.24, 0.28])
-    np.testing.assert_allclose(folder(path, frame_rate_hz=5.0)[0].times_s, [0, 0.2, 0.4, 0.6])
-    np.testing.assert_array_equal(data[0].frames, folder(path)[0].frames)  # backwards
+    np.testing.assert_allclose(folder(video, frame_rate_hz=5.0)[0].times_s, [0, 0.2, 0.4, 0.6])
 
 
 def test_a_tum_trajectory_has_its_own_times(images: Path, tmp_path: Path) -> None:
@@ -88,13 +81,10 @@ def test_a_kitti_trajectory_has_the_times_of_the_frames(images: Path, tmp_path: 
     clip = folder(images, trajectory=poses, times=times)[2]
     assert clip.trajectory.times_s.tolist() == clip.times_s.tolist() == [2, 2.25, 2.5, 2.75]
     assert folder(images, trajectory=poses)[0].times_s.tolist() == [0, 0.1, 0.2, 0.3]
-
-
-def test_poses_of_the_wrong_length_are_refused(images: Path, tmp_path: Path) -> None:
     for write in (pose_files.write_tum, pose_files.write_kitti):
-        write(tmp_path / "poses.txt", straight(np.arange(11) / 10))
+        write(poses, straight(np.arange(11)))
         with pytest.raises(BadData, match="11 poses for 12 frames, expected one each"):
-            folder(images, trajectory=tmp_path / "poses.txt")
+            folder(images, trajectory=poses)
 
 
 def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
@@ -117,15 +107,14 @@ def test_wrong_settings_are_refused(images: Path, tmp_path: Path) -> None:
 
 
 def test_a_path_without_frames_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
     (tmp_path / "text.mp4").write_text("text")
-    for name, message in (
-        ("none", "cannot be listed .*: give a folder of images"),
-        ("empty", "holds no sequence: give a folder of images"),
-        ("text.mp4", "cannot be decoded as a video"),
+    for path, message in (
+        (tmp_path / "none", "cannot be listed .*: give a folder of images"),
+        (tmp_path, "holds no sequence: give a folder of images"),
+        (tmp_path / "text.mp4", "cannot be decoded as a video"),
     ):
         with pytest.raises(BadData, match=message):
-            folder(tmp_path / name)
+            folder(path)
 
 
 def test_folders_in_a_folder_are_sequences(images: Path, tmp_path: Path) -> None:

@@ -51,14 +51,6 @@ def test_clips_of_the_test_split(root: Path) -> None:
     assert clip.intrinsics.cx_px == pytest.approx(120.15716)
 
 
-def test_colour_frames_of_sequence_00_keep_their_pixels(root: Path) -> None:
-    clip = Kitti(root, split="test-colour", size_px=(128, 128), with_full=True)[0]
-    np.testing.assert_array_equal(clip.frames, clip.full.frames[:, :, 144:272])
-    assert clip.intrinsics.fx_px == pytest.approx(240.9702627)
-    assert clip.intrinsics.fy_px == pytest.approx(244.7169362)
-    assert clip.intrinsics.cx_px == pytest.approx(203.2068532 - 144)
-
-
 def matches(left: np.ndarray, right: np.ndarray) -> tuple[FloatArray, FloatArray]:
     """Return the pixels [N, 2] of corners in both images, tracked there and back."""
     grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]

@@ -18,9 +18,9 @@ RAY = (0.45, -0.3)  # 90 px to the right of the centre and 60 px up
 
 
 def radtan(
-    x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0
+    x: float, y: float, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0, *_: float
 ) -> tuple[float, float]:
-    """Brown 1966, as OpenCV's documentation writes it."""
+    """Distort a point as Brown 1966 does in OpenCV's documentation."""
     r2 = x * x + y * y
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
     return (
@@ -42,7 +42,7 @@ def camera_of(
 def equidistant(
     x: float, y: float, k1: float, k2: float, k3: float, k4: float
 ) -> tuple[float, float]:
-    """Kannala and Brandt 2006: the distance from the centre is a polynomial of the angle."""
+    """Distort a point as Kannala and Brandt 2006: the radius is a polynomial of the angle."""
     r = np.hypot(x, y)
     angle = np.arctan(r)
     stretch = angle * (1 + k1 * angle**2 + k2 * angle**4 + k3 * angle**6 + k4 * angle**8) / r
@@ -50,27 +50,22 @@ def equidistant(
 
 
 def spot(u: float, v: float) -> np.ndarray:
-    """An image [240, 320, 3] that is dark but for a smooth bright spot of 3 px around a place."""
+    """Return an image [240, 320, 3] with a smooth bright spot of 3 px around a place."""
     columns, rows = np.meshgrid(np.arange(320), np.arange(240))
     grey = 250 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18)
     return np.repeat(np.rint(grey).astype(np.uint8)[..., None], 3, axis=2)
 
 
 def centre_of(image: np.ndarray) -> tuple[float, float]:
-    """Where the spot is."""
-    weight = image[..., 0].astype(float)
-    columns, rows = np.meshgrid(np.arange(image.shape[1]), np.arange(image.shape[0]))
-    return (weight * columns).sum() / weight.sum(), (weight * rows).sum() / weight.sum()
+    """Return where the spot is."""
+    moments = cv2.moments(image[..., 0])
+    return moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]
 
 
 Distort = Callable[..., tuple[float, float]]
 CASES = [
     ("OPENCV", (-0.28, 0.07, 0.002, -0.003), radtan),
-    (
-        "FULL_OPENCV",
-        (0.26, -0.95, -0.0054, 0.0026, 1.16, 0.0, 0.0, 0.0),
-        lambda x, y, *k: radtan(x, y, *k[:5]),
-    ),
+    ("FULL_OPENCV", (0.26, -0.95, -0.0054, 0.0026, 1.16, 0.0, 0.0, 0.0), radtan),
     ("OPENCV_FISHEYE", (-0.01, 0.02, -0.01, 0.003), equidistant),
 ]
 
@@ -135,17 +130,13 @@ def test_cameras_that_see_no_common_image_are_refused() -> None:
 
 def test_depths_are_nearest_values_in_metres(tmp_path: Path) -> None:
     camera = camera_of("OPENCV", (-0.28, 0.07, 0.0, 0.0))
-    x, y = radtan(*RAY, -0.28, 0.07, 0.0, 0.0)
-    values = np.full((240, 320), 10000, np.uint16)
-    u, v = round(F * x + CX), round(F * y + CY)
-    values[v - 2 : v + 3, u - 2 : u + 3] = 25000
     path = tmp_path / "depth.png"
+    values = np.full((240, 320), 10000, np.uint16)
+    values[:, 160:] = 25000
     cv2.imwrite(str(path), values)
     depths = UndistortedDepths((path, None), (camera, camera), camera.pinhole, 5000.0)
     assert set(np.unique(depths(0))) == {2.0, 5.0}  # no mean of the two
-    assert depths(0)[round(F * RAY[1] + CY), round(F * RAY[0] + CX)] == 5.0
-    assert depths(1).shape == (240, 320)
-    assert not depths(1).any()
+    np.testing.assert_array_equal(depths(1), np.zeros((240, 320)))
     cv2.imwrite(str(path), values.astype(np.uint8))
     with pytest.raises(BadData, match=r"depth\.png holds uint8 in 2 dimensions"):
         depths(0)

@@ -41,8 +41,7 @@ def recording_of(
     return Recording("a", Images(frames), times_s, camera, trajectory, 1.65, right)
 
 
-def test_ranges_include_the_first_and_exclude_the_last_frame() -> None:
-    assert FrameRange.parse("03[180:360)") == FrameRange("03", 180, 360)
+def test_ranges_may_be_open() -> None:
     assert FrameRange.parse(" raw0095 ") == FrameRange("raw0095", 0, None)
     assert str(FrameRange("06").within(51)) == "06[0:51)"
     with pytest.raises(BadData, match="sequence 03 has 300 frames"):
@@ -77,14 +76,14 @@ def test_clips_fill_their_range(first: int, extra: int, num_frames: int, stride:
 
 
 def test_settings_without_clips_are_refused() -> None:
-    for num_frames, stride, size_px, message in (
-        (1, 1, (8, 8), "num_frames is 1"),
-        (2, 0, (8, 8), "stride is 0"),
-        (2, 1, (8, 9), "a square"),
-        (2, 1, (0, 0), "a square"),
+    for settings, message in (
+        ((1, 1, (8, 8)), "num_frames is 1"),
+        ((2, 0, (8, 8)), "stride is 0"),
+        ((2, 1, (8, 9)), "a square"),
+        ((2, 1, (0, 0)), "a square"),
     ):
         with pytest.raises(BadData, match=message):
-            windows.check_protocol(num_frames, stride, size_px)
+            windows.check_protocol(*settings)
 
 
 @pytest.mark.parametrize(
@@ -114,17 +113,15 @@ def test_a_clip_has_the_frames_times_poses_and_views_of_its_range() -> None:
     recording = recording_of(frames, CAMERA, right)
     clip = windows.cut(recording, 2, 3, (4, 4), with_full=True)
     assert clip.name == "a/000002"
-    assert clip.frames.shape == (3, 4, 4, 3)
     assert clip.frames[:, 0, 0, 0].tolist() == [2, 3, 4]
     assert clip.times_s.tolist() == [0.2, 0.3, 0.4]
     assert clip.trajectory.world_from_cam[:, 2, 3].tolist() == [2, 3, 4]
     assert clip.camera_height_m == 1.65
     assert clip.intrinsics == Intrinsics(10, 10, 1.5, 1.5, 4, 4)  # columns 2 to 5
-    assert clip.full.frames.shape == (3, 4, 8, 3)
-    assert clip.full.intrinsics == CAMERA
-    assert clip.right.frames[:, 0, 0, 0].tolist() == [102, 103, 104]
+    np.testing.assert_array_equal(clip.full.frames, frames[2:5])
+    np.testing.assert_array_equal(clip.right.frames, frames[2:5] + 100)
+    assert clip.full.intrinsics == clip.right.intrinsics == CAMERA
     np.testing.assert_array_equal(clip.right.view_from_cam, right.view_from_cam)
-    assert windows.cut(recording, 2, 3, (4, 4)).full is None
     stretched = windows.cut(recording, 0, 2, (16, 4), fit="stretch")
     assert stretched.intrinsics == Intrinsics(20, 10, 7.5, 1.5, 16, 4)
 
