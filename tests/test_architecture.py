@@ -115,7 +115,7 @@ def test_only_the_command_line_prints() -> None:
 
 def test_dataclasses_are_frozen() -> None:
     """Mutable state grows while images are tracked or files are read; others are values."""
-    mutable = {"GroundPlaneEstimator", "UnitScale", "RelativePose"}
+    mutable = {"Keyframe", "UnitScale", "RelativePose"}
     mutable |= {"Progress", "Results", "VideoFrames"}
     for tree in MODULES.values():
         for node in ast.walk(tree):

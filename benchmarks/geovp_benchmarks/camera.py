@@ -14,7 +14,7 @@ from geovp_classic.data.undistortion import UndistortedFrames, common_pinhole
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
-from geovp_classic.odometry.focal_length import WINDOW, estimate_focal
+from geovp_classic.odometry.focal_length import FocalLengthEstimator
 from geovp_classic.types import ByteArray, Intrinsics
 
 DEFAULT_FOV_DEG = 70.0  # of a phone or a dashboard camera, roughly
@@ -124,7 +124,8 @@ def _by_motion(recording: Recording, num_seen: int) -> Camera:
     width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
     rate_hz = 1 / float(np.median(np.diff(recording.times_s)))
     stride = max(1, round(rate_hz / ESTIMATION_RATE_HZ))
-    span = min(WINDOW * stride, num_seen)
+    estimator = FocalLengthEstimator()
+    span = min(estimator.window * stride, num_seen)
     starts = np.unique(
         np.linspace(0, num_seen - span, max(1, min(NUM_WINDOWS, 2 * num_seen // span - 1))).astype(
             int
@@ -135,7 +136,7 @@ def _by_motion(recording: Recording, num_seen: int) -> Camera:
         [_grey(recording, step, shrink) for step in range(first, first + span, stride)]
         for first in starts
     )
-    found = estimate_focal(windows)
+    found = estimator.estimate(windows)
     if found is not None and found.is_sure:
         low, focal, high = (each / shrink for each in (found.low_px, found.focal_px, found.high_px))
         return Camera(centred(focal, width_px, height_px), "motion", interval_px=(low, high))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.odometry.speed_prior import LEAST_SPREAD
+from geovp_classic.odometry.speed_prior import MIN_SPREAD
 from geovp_classic.types import Context, Motion, Views
 
 MIN_TRACKED_SHARE = 0.7
@@ -82,7 +82,7 @@ def warnings(context: Context, motion: Motion, share: float | None) -> list[str]
         travels = f"the camera travels {angle_deg:.0f} degrees off its optical axis"
         found.append(f"{travels}: unless it is mounted like that, the principal point is wrong")
     uncertainty = motion.past.scale_uncertainty or 0.0
-    if uncertainty >= LEAST_SPREAD:
+    if uncertainty >= MIN_SPREAD:
         found.append(
             "no road was found below the camera: scale from a prior of driving speeds, +- "
             f"{uncertainty:.0%}"

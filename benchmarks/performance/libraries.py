@@ -15,7 +15,6 @@ import numpy as np
 
 from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.robust import median
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
@@ -104,7 +103,7 @@ def resection(scene: Scene) -> Comparison:
         return _matrix(pycolmap.refine_absolute_pose(*given), "cam_from_world")
 
     def ours() -> FloatArray:
-        return refine_pose(scene.points, scene.wrong, guess, NOISE)[0]
+        return refine_pose(scene.points, scene.wrong, guess, NOISE)
 
     return Comparison("resection", "m", ours, library, lambda pose: _distance(pose, truth))
 
@@ -160,19 +159,6 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     )
 
 
-def median_of_numbers(scene: Scene) -> Comparison:
-    """The median of as many numbers as there are points."""
-    numbers = scene.rays[0, :, 0]
-    middle = float(np.sort(numbers)[NUM_POINTS // 2 - 1 : NUM_POINTS // 2 + 1].mean())
-    return Comparison(
-        "median",
-        "",
-        lambda: np.array(median(numbers)),
-        lambda: np.array(np.median(numbers)),
-        lambda found: abs(float(found) - middle),
-    )
-
-
 @single_threaded_blas
 def measure(comparison: Comparison, rounds: int) -> str:
     """One line: both times, their ratio, and both errors."""
@@ -218,7 +204,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         resection,
         relative_pose,
         local_bundle_adjustment,
-        median_of_numbers,
     ):
         print(measure(problem(scene), rounds))
 

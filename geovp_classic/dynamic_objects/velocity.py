@@ -13,7 +13,7 @@ import numpy as np
 from geovp_classic.dynamic_objects.posed_images import PosedImages
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.epipolar import inside
-from geovp_classic.geometry.robust import geman_mcclure_weight, irls, median
+from geovp_classic.geometry.robust import geman_mcclure_weight, irls
 from geovp_classic.types import BoolArray, FloatArray
 
 
@@ -57,7 +57,7 @@ class VelocityEstimator:
             np.zeros(2),
             lambda speeds: (jacobian @ speeds + constant, jacobian),
             np.add,
-            scale=lambda residual: self.outlier_ratio * median(np.abs(residual)) + 1e-12,
+            scale=lambda residual: self.outlier_ratio * float(np.median(np.abs(residual))) + 1e-12,
             weight=geman_mcclure_weight,
         )
         return np.asarray(directions @ speeds)

@@ -23,7 +23,8 @@ def geman_mcclure_weight(residual: FloatArray, scale: float) -> FloatArray:
 
 def irls(
     start: State,
-    linearise: Callable[[State], tuple[FloatArray, FloatArray]],  # residuals [N], jacobian [N, K]
+    # residuals [N] or [N, D] and their jacobian [N, K] or [N, D, K]
+    linearise: Callable[[State], tuple[FloatArray, FloatArray]],
     retract: Callable[[State, FloatArray], State],  # a state and a step [K] -> the next state
     scale: float | Callable[[FloatArray], float],  # of the residuals, or how to get it from them
     weight: Weight = cauchy_weight,
@@ -33,23 +34,20 @@ def irls(
 ) -> State:
     """Minimise a robust sum of squared residuals by iteratively reweighted Gauss-Newton.
 
-    A step whose largest entry is below `min_step` is the last one.
+    A residual vector of D numbers is weighted by its norm. A step whose largest entry is below
+    `min_step` is the last one.
     """
     state = start
     for _ in range(num_rounds):
         residual, jacobian = linearise(state)
-        current_scale = scale(residual) if callable(scale) else scale
-        weighted = jacobian * weight(residual, current_scale)[:, None]
-        normal = weighted.T @ jacobian + damping * np.eye(jacobian.shape[1])
-        step = -np.linalg.solve(normal, weighted.T @ residual)
+        size = residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
+        current_scale = scale(size) if callable(scale) else scale
+        weights = np.asarray(weight(size, current_scale)).reshape(-1, *[1] * (jacobian.ndim - 1))
+        num_unknowns = jacobian.shape[-1]
+        weighted = (jacobian * weights).reshape(-1, num_unknowns)
+        normal = weighted.T @ jacobian.reshape(-1, num_unknowns) + damping * np.eye(num_unknowns)
+        step = -np.linalg.solve(normal, weighted.T @ residual.ravel())
         state = retract(state, step)
         if np.abs(step).max() < min_step:
             break
     return state
-
-
-def median(
-    values: FloatArray,  # [N], N >= 1
-) -> float:
-    """Return the median."""
-    return float(np.median(values))

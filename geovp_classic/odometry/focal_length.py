@@ -1,40 +1,26 @@
-"""The focal length of an unknown camera from its motion, with the principal point at the image's
-centre.
+"""Focal length of an unknown camera from its motion, with the principal point at the centre.
 
-A map that is tracked with a wrong focal length and then bundle-adjusted together with it moves it
-towards the right one, but only part of the way: the points that were kept are those that agree with
-the wrong one. The step is zero at the right focal length, so its zero is searched. Square pixels
-and no distortion are assumed. Motion without any rotation says nothing: a longer focal length and a
-faster camera give the same images.
+A map is tracked with a wrong focal length and then bundle-adjusted together with it. This moves the
+focal length towards the right one, but only part of the way, because the inliers agree with the
+wrong one. The step is zero at the right focal length, so its zero is searched. Pixels are assumed
+to be square, and without distortion. Motion without any rotation is uninformative: a longer focal
+length and a faster camera give the same images.
 """
 
+import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from geovp_classic.observation import scene_window_of
-from geovp_classic.odometry.bundle import adjusted_focal
-from geovp_classic.odometry.features import CornerTracker, all_corners
+from geovp_classic.odometry.bundle import adjust_focal
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.tracking import KeyframePolicy, Tracker
+from geovp_classic.odometry.tracking import Image, Tracker, Tracking
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
-WINDOW = 30  # images; 3 s at KITTI's rate
-MIN_IMAGES = 15  # of a window; shorter ones agree with wrong focal lengths too often
-STARTS = (0.35, 0.6, 1.0, 1.7)  # focal lengths by image width: views of 110 to 33 degrees
-MAX_ROUNDS = 4  # of the search for zero between two of these
-CLOSE = 0.01  # a step (of the logarithm) that ends the search
-# standard deviation of a step; on KITTI, true errors times slope are 0.006 (root mean square)
-STEP_NOISE = 0.008
-SYSTEMATIC = (
-    0.025  # relative error that all windows share: the principal point is not at the centre
-)
-MIN_KEYFRAMES = 5
-NUM_POINTS = 500  # observed most often, in the bundle adjustment
-MAX_SD = 0.1  # of a sure estimate's logarithm
-QUANTILE = 1.645  # of a 90 % interval
+NORMAL_QUANTILE = 1.645  # of a 90 % interval, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -44,94 +30,97 @@ class FocalLength:
     focal_px: float
     low_px: float
     high_px: float
-    num_windows: int  # that had something to say
+    num_windows: int  # that were informative
 
     @property
     def is_sure(self) -> bool:
-        """Whether the interval is narrow enough for prediction."""
-        return bool(np.log(self.high_px / self.low_px) < 2 * QUANTILE * MAX_SD)
+        """Return whether the standard deviation is below a tenth, enough for prediction."""
+        return bool(np.log(self.high_px / self.low_px) < 2 * NORMAL_QUANTILE * 0.1)
 
 
-@single_threaded_blas
-def estimate_focal(windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None:
-    """The focal length of grey images [H, W] of one size, in windows of consecutive ones; None when
-    none can tell.
-    """
-    found = [each for each in map(_root, windows) if each is not None]
-    if not found:
-        return None
-    logs, sds = np.array(found).T
-    weight = 1 / sds**2
-    mean = float((weight * logs).sum() / weight.sum())
-    scatter = float((weight * (logs - mean) ** 2).sum()) / max(len(logs) - 1, 1)
-    sd = float(np.hypot(np.sqrt(max(scatter, 1.0) / weight.sum()), SYSTEMATIC))
-    low, focal, high = np.exp(mean + QUANTILE * sd * np.array([-1, 0, 1])).tolist()
-    return FocalLength(focal, low, high, len(found))
+@dataclass(frozen=True)
+class FocalLengthEstimator:
+    """Search of the focal length that bundle adjustment leaves unchanged."""
 
+    window: int = 30  # images; 3 s at KITTI's rate
+    min_images: int = 15  # of a window; shorter ones agree with wrong focal lengths too often
+    # focal lengths by image width, for views of 110 to 33 degrees
+    start_ratios: tuple[float, ...] = (0.35, 0.6, 1.0, 1.7)
+    max_rounds: int = 4  # of the search between two of these
+    max_step: float = 0.01  # of the logarithm, which ends the search
+    step_noise: float = 0.008  # of the logarithm; errors on KITTI times slope are 0.006 (rms)
+    systematic_error: float = 0.025  # relative, by a principal point that is not at the centre
+    min_keyframes: int = 5
+    num_points: int = 500  # with most observations, in the bundle adjustment
+    tracking: Tracking = field(default_factory=Tracking)
 
-def _root(greys: Sequence[ByteArray]) -> tuple[float, float] | None:
-    """The logarithm of the focal length at which a window's step is zero, and its standard
-    deviation.
-    """
-    if len(greys) < MIN_IMAGES:
-        return None
-    shape = greys[0].shape
-    seen = scene_window_of(np.stack(greys))
-    greys = [
-        grey[seen] for grey in greys
-    ]  # a hood stands still in the image, whatever the focal length
-    images = list(zip(greys, parallel_map(all_corners, greys), strict=True))
-    starts = np.log(np.array(STARTS) * greys[0].shape[1])
-    steps = np.array([_step(images, shape, seen, start) for start in starts])
-    starts, steps = starts[np.isfinite(steps)], steps[np.isfinite(steps)]
-    positive = int((steps > 0).sum())
-    if (
-        not 0 < positive < len(steps) or (steps[:positive] < 0).any()
-    ):  # it must fall through zero once
-        return None
-    low, high = starts[positive - 1 : positive + 1]
-    step_low, step_high = steps[positive - 1 : positive + 1]
-    sd = STEP_NOISE * (high - low) / (step_low - step_high)
-    for _ in range(MAX_ROUNDS):
-        middle = (low * step_high - high * step_low) / (step_high - step_low)
-        step = _step(images, shape, seen, middle)
-        if not abs(step) > CLOSE:  # or NaN
-            break
-        low, step_low, high, step_high = (
-            (middle, step, high, step_high) if step > 0 else (low, step_low, middle, step)
-        )
-    return float(middle), float(sd)
+    @single_threaded_blas
+    def estimate(self, windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None:
+        """Return the focal length of grey images [H, W], from windows of consecutive ones.
 
+        The result is None if no window is informative.
+        """
+        roots = [self._root(window) for window in windows if len(window) >= self.min_images]
+        informative = [root for root in roots if root is not None]
+        if not informative:
+            return None
+        logs, sds = np.array(informative).T
+        weight = 1 / sds**2
+        mean = float(np.average(logs, weights=weight))
+        scatter = (weight * (logs - mean) ** 2).sum() / max(len(logs) - 1, 1)
+        variance = max(scatter, 1.0) / weight.sum() + self.systematic_error**2
+        half = NORMAL_QUANTILE * np.sqrt(variance)
+        low, focal, high = np.exp([mean - half, mean, mean + half]).tolist()
+        return FocalLength(focal, low, high, len(logs))
 
-def _step(
-    images: Sequence[tuple[ByteArray, FloatArray]],  # each with its corners
-    shape: tuple[int, ...],
-    seen: tuple[slice, slice],
-    log_focal: float,
-) -> float:
-    """How far bundle adjustment moves the logarithm of a focal length that a window was tracked
-    with; NaN: lost.
+    def _root(self, greys: Sequence[ByteArray]) -> tuple[float, float] | None:
+        """Return the logarithm of the focal length with a step of zero, and its deviation."""
+        height_px, width_px = greys[0].shape
+        window = scene_window_of(np.stack(greys))  # without the ego vehicle
+        greys = [grey[window] for grey in greys]
+        corners = parallel_map(self.tracking.corners.detect, greys)
+        images = list(map(Image, greys, corners, range(len(greys))))
+        rows, columns = window
+        left, top = columns.start, rows.start
+        size = (columns.stop - left, rows.stop - top)
 
-    The images are these rows and columns of whole ones of the shape (H, W).
-    """
-    (height_px, width_px), (rows, columns), focal_px = shape, seen, float(np.exp(log_focal))
-    whole = Intrinsics(
-        focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
-    )
-    camera = whole.cropped(
-        columns.start, rows.start, columns.stop - columns.start, rows.stop - rows.start
-    )
-    policy = KeyframePolicy(len(images), 0.001, adjust_every=5)
-    tracker = Tracker(CornerTracker(), Lens(camera), policy, seed=0)
-    for number, (grey, corners) in enumerate(images):
-        tracker.push(grey, float(number), corners)
-    points = tracker.map
-    if len(points) < MIN_KEYFRAMES:
-        return np.nan
-    counts: FloatArray = np.where(points.triangulated, points.observed.sum(axis=0), 0)
-    chosen = np.argsort(-counts, kind="stable")[:NUM_POINTS]
-    chosen = chosen[counts[chosen] >= 2]
-    adjusted = adjusted_focal(
-        points.cam_from_world, points.points[chosen], points.observations[:, chosen], Lens(camera)
-    )
-    return float(np.log(adjusted)) - log_focal if adjusted > 0 else np.nan
+        @functools.cache
+        def step(log_focal: float) -> float:
+            focal_px = float(np.exp(log_focal))
+            centre = ((width_px - 1) / 2, (height_px - 1) / 2)
+            whole = Intrinsics(focal_px, focal_px, *centre, width_px, height_px)
+            adjusted_px = self._adjusted_focal(images, whole.cropped(left, top, *size))
+            return float(np.log(adjusted_px)) - log_focal
+
+        starts = [float(np.log(ratio * size[0])) for ratio in self.start_ratios]
+        starts = [start for start in starts if np.isfinite(step(start))]
+        is_longer = [step(start) > 0 for start in starts]
+        num_longer = sum(is_longer)
+        if not 0 < num_longer < len(starts) or not all(is_longer[:num_longer]):
+            return None
+        low, high = starts[num_longer - 1 : num_longer + 1]
+        slope = (step(low) - step(high)) / (high - low)
+        for _ in range(self.max_rounds):
+            middle = low + (high - low) * step(low) / (step(low) - step(high))
+            if not abs(step(middle)) > self.max_step:  # or NaN
+                break
+            if step(middle) > 0:
+                low = middle
+            else:
+                high = middle
+        return middle, self.step_noise / slope
+
+    def _adjusted_focal(self, images: list[Image], camera: Intrinsics) -> float:
+        """Return the focal length that bundle adjustment ends at, or NaN."""
+        keyframes = self.tracking.keyframes.for_clip(len(images))
+        tracker = Tracker(replace(self.tracking, keyframes=keyframes), camera)
+        for image in images:
+            tracker.push(image)
+        tracks = tracker.map
+        if len(tracks.keyframes) < self.min_keyframes:
+            return np.nan
+        counts: FloatArray = np.where(tracks.triangulated, tracks.observed.sum(axis=0), 0)
+        index = np.argsort(-counts, kind="stable")[: self.num_points]
+        index = index[counts[index] >= 2]
+        observations = tracks.observations[:, index]
+        return adjust_focal(tracks.cam_from_world, tracks.points[index], observations, Lens(camera))

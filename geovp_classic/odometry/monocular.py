@@ -1,24 +1,21 @@
-"""Monocular visual odometry: the camera's path from its images alone, in metres when the scale can
-tell.
-"""
+"""Monocular visual odometry with metric scale."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from typing import Literal
 
 import numpy as np
 
-from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
 from geovp_classic.observation import frame_screening, stream
-from geovp_classic.odometry import consistency
-from geovp_classic.odometry.features import CornerTracker, all_corners
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.tracking import MAX_BRIDGED, KeyframePolicy, Tracker
+from geovp_classic.odometry.plausibility import Plausibility, longest_segment
+from geovp_classic.odometry.stationarity import Stationarity
+from geovp_classic.odometry.tracking import Image, Tracker, Tracking
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import (
     BoolArray,
@@ -30,154 +27,80 @@ from geovp_classic.types import (
     Trajectory,
 )
 
-SCALE_STRIDES = (1, 2, 4)  # from image to image, to measure the scale with
-SHORTEST_HEIGHTS = 1 / 3  # camera heights between two images; less says little about the road
-MAX_BACKLOG = 200  # final poses that wait until the scale is known
-
-
-@dataclass(frozen=True)
-class Step:
-    """The pose of the latest image of a stream."""
-
-    world_from_cam: FloatArray  # [4, 4]; the first image's is the identity
-    tracked: bool  # False where the last motion was continued instead
-    confidence: float  # of the scale, 0 (unknown: lengths are in no unit) to 1
-
 
 @dataclass(frozen=True)
 class Monocular:
-    """Tracked corners, two-view initialisation, localisation in a sliding map, bundle adjustment,
-    and scale.
+    """Tracked corners, two-view initialisation, resection, bundle adjustment, and scale.
 
     `frames` chooses between the protocol's images ("crop") and the uncropped ones ("full",
-    PrivilegedInput.FULL_FRAMES). Sliding windows are for streams; a clip is bundle-adjusted as a
-    whole.
+    PrivilegedInput.FULL_FRAMES). A clip is bundle-adjusted as a whole.
     """
 
     scale: Scale = field(default_factory=GroundPlane)
     frames: Literal["crop", "full"] = "crop"
-    radial: float = (
-        0.0  # distortion known to be left in the images (`Lens.radial`); refined in turns
-    )
-    num_features: int = 450
-    window: int = 16  # keyframes, of a stream
-    max_bundle_points: int = 300  # 0: no bundle adjustment
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.num_features < 50 or self.window < 3 or 0 < self.max_bundle_points < 20:
-            raise BadData(
-                f"num_features is {self.num_features}, window {self.window}, max_bundle_points "
-                f"{self.max_bundle_points}: expected at least 50, 3 and 20 (or 0: no bundle "
-                "adjustment)"
-            )
+    tracking: Tracking = field(default_factory=Tracking)
+    stationarity: Stationarity = field(default_factory=Stationarity)
+    plausibility: Plausibility = field(default_factory=Plausibility)
+    # Images between two that the scale is measured with; the first that is long enough is used.
+    # Images less than this many camera heights apart say little about the road.
+    scale_strides: tuple[int, ...] = (1, 2, 4)
+    min_baseline_heights: float = 1 / 3
 
     @property
     def needs(self) -> PrivilegedInput:
-        """What the scale needs, and the uncropped images if asked for."""
-        return self.scale.needs | (
-            PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
-        )
+        """Return the inputs that the scale needs, and the uncropped frames if asked for."""
+        full = PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        return self.scale.needs | full
 
     @single_threaded_blas
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        """The past trajectory [P] and which steps were tracked [P]; Incompatible when the clip
-        lacks what it needs.
+        """Return the past trajectory [P], and which steps were tracked [P].
 
-        The trajectory is metric when the scale is and could be found or assumed, or when the camera
-        never moved; its `scale_uncertainty` says how well it is known.
+        The trajectory is metric if the scale is, and could be measured or assumed, or if the camera
+        never moved. Raise Incompatible if the clip lacks an input.
         """
+        # Observe
         view = stream(context, self.frames)
-        all_times_s = context.times_s[: context.num_past]
-        kept = view.is_usable
-        times_s = all_times_s[kept]
-        greys = list(view.greys[kept])
-        if consistency.is_standing(greys):
-            greys = greys[-1:] * len(greys)  # whatever crosses or covers the street
-        poses, tracked, error, radial = self._path(greys, times_s, view.intrinsics)
-        if consistency.is_sideways(poses):
-            # Two views of a turn also fit a sharper one with a step to the side; other views may
-            # not.
-            backward, marks, backward_error, backward_radial = self._path(
-                greys[::-1], -times_s[::-1], view.intrinsics
-            )
-            if backward_error < error:
-                poses, tracked, radial = (
-                    se3.inverse(backward[-1]) @ backward[::-1],
-                    marks[::-1],
-                    backward_radial,
-                )
-        known = consistency.driven(poses, times_s) & consistency.measured(tracked, MAX_BRIDGED)
-        poses, tracked = frame_screening.bridged(poses, times_s, known), tracked & known
-        estimator = self._measured_scale(
-            greys, poses, tracked, radial, view.intrinsics, context.camera_height_m
-        )
-        estimator.finalize(float(_step_lengths(poses).sum()), float(times_s[-1] - times_s[0]))
-        poses[:, :3, 3] *= estimator.unit
-        found: FloatArray = np.tile(np.eye(4), (len(kept), 1, 1))
-        marks = np.zeros(len(kept), dtype=bool)
-        found[kept], marks[kept] = poses, tracked
-        found = frame_screening.bridged(found, all_times_s, kept)
-        return _trajectory(found, all_times_s, self.scale.is_metric, estimator.uncertainty), marks
+        times_s = context.times_s[: context.num_past]
+        steps = np.flatnonzero(view.is_usable)
+        greys = view.greys[steps]
+        if self.stationarity.is_stationary(greys):
+            greys = np.repeat(
+                greys[-1:], len(greys), axis=0
+            )  # hides what moves in front of the street
+        corners = parallel_map(self.tracking.corners.detect, greys)
+        images = [Image(*image) for image in zip(greys, corners, times_s[steps], strict=True)]
 
-    def _path(
-        self, greys: list[ByteArray], times_s: FloatArray, intrinsics: Intrinsics
-    ) -> tuple[FloatArray, BoolArray, float, float]:
-        """Poses [P, 4, 4] of all images, which are tracked [P], the error of their map and the
-        lens's `radial`.
-        """
-        policy = KeyframePolicy(
-            len(times_s), 0.001, max_bundle_points=self.max_bundle_points, adjust_every=5
-        )
-        tracker = Tracker(
-            CornerTracker(self.num_features), Lens(intrinsics, self.radial), policy, self.seed
-        )
-        for grey, time_s, corners in zip(
-            greys, times_s, parallel_map(all_corners, greys), strict=True
-        ):
-            tracker.push(grey, float(time_s), corners)
-        tracker.adjust_all()
-        return (
-            *tracker.take_final(all_of_them=True),
-            tracker.map.reprojection_error,
-            tracker.radial.mean,
-        )
+        # Track
+        path = self._track_images(images, view.intrinsics)
+        if self.plausibility.is_sideways(path.world_from_cam):
+            # Two views of a turn also fit a sharper one with a step to the side; others may not.
+            reversed_images = [replace(image, time_s=-image.time_s) for image in images[::-1]]
+            backward = self._track_images(reversed_images, view.intrinsics)
+            if backward.reprojection_error < path.reprojection_error:
+                path = backward.reversed()
 
-    def _measured_scale(
-        self,
-        greys: list[ByteArray],
-        poses: FloatArray,  # [P, 4, 4]
-        tracked: BoolArray,  # [P]
-        radial: float,
-        intrinsics: Intrinsics,
-        height_m: float | None,
-    ) -> ScaleEstimator:
-        """The scale by every image and an earlier one: the one before it, unless the camera is too
-        slow for that.
-        """
-        pitch_rad = planar.travel_pitch_rad(
-            (se3.inverse(poses[:-1]) @ poses[1:])[tracked[:-1] & tracked[1:], :3, 3]
-        )
-        found: ScaleEstimator | None = None
-        step = float(_step_lengths(poses).sum()) / max(len(poses) - 1, 1)
-        for stride in SCALE_STRIDES:
-            estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
-            for before, now in zip(range(len(poses)), range(stride, len(poses)), strict=False):
-                if tracked[before] and tracked[now]:
-                    estimator.update(
-                        greys[before], greys[now], se3.inverse(poses[before]) @ poses[now], radial
-                    )
-            found = estimator if found is None or estimator.confidence > 0 else found
-            if found.confidence > 0 and stride * step * found.unit > SHORTEST_HEIGHTS * (
-                height_m or 0
-            ):
-                break
-        assert found is not None
-        return found
+        # Check
+        is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
+        is_measured &= self.plausibility.fits_acceleration(path.world_from_cam, times_s[steps])
+        if is_measured.sum() >= 2:
+            path = path.select(is_measured)
+            images = [images[index] for index in np.flatnonzero(is_measured)]
+            steps = steps[is_measured]
 
-    def stream(self, intrinsics: Intrinsics, camera_height_m: float | None = None) -> Stream:
-        """A tracker for images that come one by one."""
-        return Stream(self, intrinsics, camera_height_m)
+        # Scale
+        estimator = self._fit_scale(images, path, view.intrinsics, context.camera_height_m)
+        estimator.finalize(path.length, images[-1].time_s - images[0].time_s)
+
+        # Bridge
+        world_from_cam: FloatArray = np.tile(np.eye(4), (len(times_s), 1, 1))
+        world_from_cam[steps] = path.world_from_cam
+        world_from_cam[:, :3, 3] *= estimator.unit
+        is_known = np.isin(np.arange(len(times_s)), steps)
+        world_from_cam = frame_screening.bridged(world_from_cam, times_s, is_known)
+        tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
+        tracked[steps] = path.tracked
+        return self._trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
 
     def track_sequence(
         self,
@@ -186,111 +109,105 @@ class Monocular:
         intrinsics: Intrinsics,
         camera_height_m: float | None = None,
     ) -> tuple[Trajectory, BoolArray]:
-        """The trajectory [T] of a whole drive and which images were tracked [T]; only the list of
-        poses grows.
+        """Return the trajectory [T] of a whole drive, and which images were tracked [T].
 
-        Poses are taken when they leave the window of keyframes, so they are better than those of
-        `Stream.push`.
+        Images are read one by one, and adjusted in a sliding window of keyframes.
         """
-        stream = self.stream(intrinsics, camera_height_m)
-        poses: list[FloatArray] = []
-        marks: list[BoolArray] = []
-        for frame, time_s in zip(frames, times_s, strict=True):
-            stream.push(frame, float(time_s))
-            settled, tracked = stream.take_final()
-            poses.append(settled)
-            marks.append(tracked)
-        settled, tracked = stream.take_final(all_of_them=True)
-        trajectory = _trajectory(
-            np.concatenate([*poses, settled]), times_s, self.scale.is_metric, stream.uncertainty
-        )
-        return trajectory, np.concatenate([*marks, tracked])
+        tracker = Tracker(self.tracking, intrinsics)
+        estimator = self.scale.estimator(intrinsics, camera_height_m)
+        num_starts = 1
+        units = np.full(len(times_s), np.nan)
+        for index, (frame, time_s) in enumerate(zip(frames, times_s, strict=True)):
+            grey = pinhole.grey8(frame)
+            tracker.push(Image(grey, self.tracking.corners.detect(grey), float(time_s)))
+            if tracker.num_starts > num_starts:
+                estimator.restart()
+                num_starts = tracker.num_starts
+            if tracker.new_pair is not None:
+                estimator.update(*tracker.new_pair)
+            if estimator.confidence > 0:
+                units[index] = estimator.unit
+        poses, tracked = tracker.poses()
+        steps = se3.inverse(poses[:-1]) @ poses[1:]
+        is_known = np.isfinite(units)
+        if is_known.any():
+            units = np.interp(np.arange(len(units)), np.flatnonzero(is_known), units[is_known])
+            steps[:, :3, 3] *= units[1:, None]
+        world_from_cam = np.stack(list(accumulate(steps, np.matmul, initial=np.eye(4))))
+        return self._trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
+
+    def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
+        """Track the images of a clip, and adjust all of them together."""
+        keyframes = self.tracking.keyframes.for_clip(len(images))
+        tracker = Tracker(replace(self.tracking, keyframes=keyframes), intrinsics)
+        for image in images:
+            tracker.push(image)
+        tracker.map.adjust(num_fixed=1)
+        return Path(*tracker.poses(), tracker.map.reprojection_error(), tracker.radial.mean)
+
+    def _fit_scale(
+        self, images: list[Image], path: Path, intrinsics: Intrinsics, height_m: float | None
+    ) -> ScaleEstimator:
+        """Measure the scale with every image and an earlier one.
+
+        This is the one before it, unless the camera is too slow.
+        """
+        steps = se3.inverse(path.world_from_cam[:-1]) @ path.world_from_cam[1:]
+        pitch_rad = planar.travel_pitch_rad(steps[path.tracked[:-1] & path.tracked[1:], :3, 3])
+        mean_step = path.length / max(len(steps), 1)
+        best: ScaleEstimator | None = None
+        for stride in self.scale_strides:
+            estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
+            for now in range(stride, len(images)):
+                before = now - stride
+                if path.tracked[before] and path.tracked[now]:
+                    poses = path.world_from_cam
+                    before_from_now = se3.inverse(poses[before]) @ poses[now]
+                    greys = (images[before].grey, images[now].grey)
+                    estimator.update(*greys, before_from_now, path.radial)
+            if best is None or estimator.confidence > 0:
+                best = estimator
+            baseline_m = stride * mean_step * best.unit
+            min_baseline_m = self.min_baseline_heights * (height_m or 0.0)
+            if best.confidence > 0 and baseline_m > min_baseline_m:
+                break
+        assert best is not None
+        return best
+
+    def _trajectory(
+        self, world_from_cam: FloatArray, times_s: FloatArray, uncertainty: float
+    ) -> Trajectory:
+        """Return a metric trajectory, or one with a mean step of 1 if the scale is unknown."""
+        steps = np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)
+        if self.scale.is_metric and np.isfinite(uncertainty):
+            return Trajectory(world_from_cam, times_s, True, uncertainty)
+        moves = steps.sum() > 0
+        if moves:
+            world_from_cam[:, :3, 3] /= steps.mean()
+        return Trajectory(world_from_cam, times_s, self.scale.is_metric and not moves, None)
 
 
-class Stream:
-    """Odometry image by image, in memory that does not grow."""
+@dataclass(frozen=True)
+class Path:
+    """Tracked path of the images of a clip, in an arbitrary unit."""
 
-    def __init__(
-        self, odometry: Monocular, intrinsics: Intrinsics, camera_height_m: float | None
-    ) -> None:
-        lens = Lens(intrinsics, odometry.radial)
-        policy = KeyframePolicy(odometry.window, max_bundle_points=odometry.max_bundle_points)
-        self._tracker = Tracker(CornerTracker(odometry.num_features), lens, policy, odometry.seed)
-        self._estimator = odometry.scale.estimator(intrinsics, camera_height_m)
-        self._num_starts = 0
-        self._path, self._final_path = _Path(), _Path()
-        self._backlog: list[tuple[FloatArray, bool]] = []
+    world_from_cam: FloatArray  # [P, 4, 4]
+    tracked: BoolArray  # [P]
+    reprojection_error: float  # median, in standard deviations
+    radial: float  # of `Lens`
 
     @property
-    def confidence(self) -> float:
-        """Of the scale, from 0 (unknown) to 1."""
-        return self._estimator.confidence
+    def length(self) -> float:
+        """Return the sum of the steps."""
+        steps = np.diff(self.world_from_cam[:, :3, 3], axis=0)
+        return float(np.linalg.norm(steps, axis=1).sum())
 
-    @property
-    def uncertainty(self) -> float:
-        """Relative standard deviation of the scale; infinite while unknown."""
-        return self._estimator.uncertainty
+    def reversed(self) -> Path:
+        """Return the path in the other direction, from its new first image."""
+        world_from_cam = se3.inverse(self.world_from_cam[-1]) @ self.world_from_cam[::-1]
+        return replace(self, world_from_cam=world_from_cam, tracked=self.tracked[::-1])
 
-    @single_threaded_blas
-    def push(self, frame: ByteArray, time_s: float) -> Step:
-        """Take the next image [H, W, 3] or [H, W] and say where the camera is."""
-        tracked = self._tracker.push(pinhole.grey8(frame), time_s)
-        poses, marks = self._tracker.take_final()
-        self._backlog += list(zip(poses, marks.tolist(), strict=True))
-        if self._tracker.num_starts != self._num_starts:
-            if self._num_starts:
-                self._estimator.restart()
-            self._num_starts = self._tracker.num_starts
-        pair = self._tracker.new_pair
-        if pair is not None:
-            self._estimator.update(pair.before, pair.now, pair.before_from_now, pair.radial)
-        world_from_cam = self._path.extended(self._tracker.world_from_cam, self._estimator.unit)
-        return Step(world_from_cam, tracked, self.confidence)
-
-    def take_final(self, *, all_of_them: bool = False) -> tuple[FloatArray, BoolArray]:
-        """Poses [T, 4, 4] and marks [T] that have become final since the last call."""
-        if all_of_them:
-            poses, marks = self._tracker.take_final(all_of_them=True)
-            self._backlog += list(zip(poses, marks.tolist(), strict=True))
-        elif self.confidence == 0 and len(self._backlog) < MAX_BACKLOG:
-            return np.zeros((0, 4, 4)), np.zeros(0, dtype=bool)
-        metric_poses = [
-            self._final_path.extended(pose, self._estimator.unit) for pose, _ in self._backlog
-        ]
-        tracked = np.array([mark for _, mark in self._backlog], dtype=bool)
-        self._backlog = []
-        return np.array(metric_poses).reshape(-1, 4, 4), tracked
-
-
-class _Path:
-    """A path in metres, made of steps in units that may change."""
-
-    def __init__(self) -> None:
-        self.last: FloatArray | None = None
-        self.world_from_cam: FloatArray = np.eye(4)
-
-    def extended(self, pose: FloatArray, unit: float) -> FloatArray:
-        if self.last is not None:
-            step = se3.inverse(self.last) @ pose
-            step[:3, 3] *= unit
-            self.world_from_cam = se3.orthonormalised(self.world_from_cam @ step)
-        self.last = pose
-        return self.world_from_cam
-
-
-def _step_lengths(poses: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))
-
-
-def _trajectory(
-    poses: FloatArray, times_s: FloatArray, is_scaled: bool, uncertainty: float
-) -> Trajectory:
-    """The trajectory in metres when the scale is known or nothing moved, else with steps of mean
-    length 1.
-    """
-    lengths, is_known = _step_lengths(poses), is_scaled and np.isfinite(uncertainty)
-    is_metric = bool(is_known or (is_scaled and not (lengths > 0).any()))
-    mean = float(lengths.mean()) if len(lengths) else 0.0
-    scaled = poses.copy()
-    scaled[:, :3, 3] /= mean if mean > 1e-9 and not is_metric else 1.0
-    return Trajectory(scaled, np.asarray(times_s), is_metric, uncertainty if is_known else None)
+    def select(self, mask: BoolArray) -> Path:
+        """Return the path through some of the images [P]."""
+        selected = self.world_from_cam[mask]
+        return replace(self, world_from_cam=selected, tracked=self.tracked[mask])

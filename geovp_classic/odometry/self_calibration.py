@@ -1,92 +1,78 @@
-"""Estimate, while the camera turns, the radial distortion that rectification has left in its
-images.
+"""Radial distortion that rectification has left in the images, estimated in turns.
 
-A third of a percent of it bends the paths of points that cross the image enough to change the scale
-by a tenth in one street corner. Rectified KITTI images have some (Cvisic et al. 2021,
-"Recalibrating the KITTI dataset camera setup for improved odometry accuracy").
+A third of a percent bends the paths of points across the image enough to change the scale by a
+tenth in one street corner. Rectified KITTI images have some (Cvisic et al. 2021, "Recalibrating the
+KITTI dataset camera setup for improved odometry accuracy").
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.two_view import refine, sampson_terms
-from geovp_classic.odometry.lens import undistorted
+from geovp_classic.geometry.robust import cauchy_weight
+from geovp_classic.geometry.two_view import SampsonTerms, refine, sampson_terms
+from geovp_classic.odometry.lens import undistort
 from geovp_classic.types import FloatArray
-
-MIN_TURN_RAD = np.radians(
-    1.5
-)  # between two keyframes; without it, distortion looks like a bias of tracking
-MIN_POINTS = 50
-KERNEL = 3.0  # distances beyond this many standard deviations count less
-INFLATION = 2.0  # of the standard deviation, for what the noise of single points does not explain
 
 
 @dataclass(frozen=True)
 class RadialEstimate:
-    """A normal distribution of `Lens.radial`, at first centred on a perfect lens."""
+    """Normal distribution of `Lens.radial`, at first centred on an ideal lens."""
 
     mean: float = 0.0
-    variance: float = 0.015**2
+    variance: float = 0.015**2  # about the distortion left in rectified KITTI images
+    min_turn_deg: float = 1.5  # between two keyframes; in less, distortion looks like tracking bias
+    min_points: int = 50
+    scale: float = 3.0  # of the Cauchy weights, in standard deviations of the noise
+    inflation: float = 2.0  # of the noise, for the points' common errors
 
     def updated(
         self,
-        distorted_a: FloatArray,  # [N, 2] rays, not corrected
+        distorted_a: FloatArray,  # [N, 2]
         distorted_b: FloatArray,  # [N, 2]
-        b_from_a: FloatArray,  # [4, 4], roughly
-        noise: float,
+        b_from_a: FloatArray,  # [4, 4], a first guess
+        noise: float,  # standard deviation of a ray's coordinates
     ) -> RadialEstimate:
-        """The estimate after two more images; the same one unless the camera turned and moved
-        between them.
-        """
+        """Return the estimate after two more images; the same one unless the camera turned."""
         length = float(np.linalg.norm(b_from_a[:3, 3]))
-        if (
-            len(distorted_a) < MIN_POINTS
-            or length < 1e-6
-            or se3.rotation_angle_rad(b_from_a) < MIN_TURN_RAD
-        ):
+        turn_deg = np.degrees(se3.rotation_angle_rad(b_from_a))
+        if len(distorted_a) < self.min_points or length < 1e-6 or turn_deg < self.min_turn_deg:
             return self
-        b_from_a = se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / length)
-        a, b = undistorted(distorted_a, self.mean), undistorted(distorted_b, self.mean)
-        b_from_a = refine(a, b, b_from_a, KERNEL * noise, num_rounds=3, min_step=0.0)
-        distance, by_motion, by_radial = linearised(distorted_a, distorted_b, b_from_a, self.mean)
-        weight = 1 / (1 + (distance / (KERNEL * noise)) ** 2)
-        # what the motion can explain as well is no information about the lens: Schur complement
-        mixed = by_motion.T @ (weight * by_radial)
-        explained = np.linalg.solve(
-            (by_motion * weight[:, None]).T @ by_motion + 1e-9 * np.eye(5), mixed
-        )
-        alone = by_radial - by_motion @ explained
-        scale = (INFLATION * noise) ** 2
-        information = float(alone @ (weight * alone)) / scale
+        motion = se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / length)
+        a = undistort(distorted_a, self.mean)
+        b = undistort(distorted_b, self.mean)
+        motion = refine(a, b, motion, self.scale * noise, num_rounds=3)
+        terms = sampson_terms(a, b, motion)
+        by_radial = radial_derivative(distorted_a, distorted_b, terms)
+        # Schur complement: what the motion explains as well is no information about the lens
+        weight = cauchy_weight(terms.distance, self.scale * noise) / (self.inflation * noise) ** 2
+        weighted = terms.by_motion.T * weight
+        normal = weighted @ terms.by_motion
+        explained = terms.by_motion @ np.linalg.lstsq(normal, weighted @ by_radial)[0]
+        residual = by_radial - explained
+        information = float(residual @ (weight * residual))
         variance = 1 / (1 / self.variance + information)
-        return RadialEstimate(
-            self.mean - variance * float(alone @ (weight * distance)) / scale, variance
-        )
+        gradient = float(residual @ (weight * terms.distance))
+        return replace(self, mean=self.mean - variance * gradient, variance=variance)
 
 
-def linearised(
+def radial_derivative(
     distorted_a: FloatArray,  # [N, 2]
     distorted_b: FloatArray,  # [N, 2]
-    b_from_a: FloatArray,  # [4, 4]
-    radial: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Sampson distances [N], their derivatives by rotation and direction [N, 5] and by `radial`
-    [N].
+    terms: SampsonTerms,  # of the undistorted rays
+) -> FloatArray:
+    """Return the derivatives [N] of Sampson distances by `Lens.radial`.
+
+    Distances are those of the distorted pixels, so that a smaller image is no better fit.
     """
-    terms = sampson_terms(
-        undistorted(distorted_a, radial), undistorted(distorted_b, radial), b_from_a
-    )
-    by_radial, stretched = np.zeros(len(distorted_a)), np.zeros(len(distorted_a))
-    for rays, line in ((distorted_a, terms.line_a[:, :2]), (distorted_b, terms.line_b[:, :2])):
-        square, along = (rays**2).sum(axis=1), (rays * line).sum(axis=1)
-        by_radial += square * along
-        stretched += square * (line**2).sum(axis=1) + 2 * along**2
-    by_radial /= terms.gradient
-    # keeps a smaller image from passing for a better fit: distances are those of the distorted
-    # pixels
-    by_radial -= terms.distance * stretched / terms.gradient**2
-    return terms.distance, terms.by_motion, by_radial
+    along = np.zeros(len(distorted_a))
+    stretched = np.zeros(len(distorted_a))
+    for rays, line in ((distorted_a, terms.line_a), (distorted_b, terms.line_b)):
+        radius2 = (rays**2).sum(axis=1)
+        projection = (rays * line[:, :2]).sum(axis=1)
+        along += radius2 * projection
+        stretched += radius2 * (line[:, :2] ** 2).sum(axis=1) + 2 * projection**2
+    return along / terms.gradient - terms.distance * stretched / terms.gradient**2

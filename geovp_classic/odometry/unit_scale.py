@@ -1,4 +1,4 @@
-"""The scale of an odometry without metres."""
+"""Scale of an odometry without metres."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInp
 
 @dataclass(frozen=True)
 class UnitSpeed:
-    """No metres: lengths are in mean steps, and the trajectory says so."""
+    """Lengths in mean steps, in a trajectory that is not metric."""
 
     needs = PrivilegedInput.NONE
     is_metric = False
@@ -18,25 +18,25 @@ class UnitSpeed:
     def estimator(
         self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
     ) -> ScaleEstimator:
-        """An estimator that measures nothing."""
+        """Return an estimator without measurements."""
         return UnitScale()
 
 
 @dataclass
 class UnitScale:
-    """One unit is one unit."""
+    """Estimator of a unit that stays unknown."""
 
     unit: float = 1.0
     confidence: float = 0.0
     uncertainty: float = np.inf
 
     def finalize(self, length: float, duration_s: float) -> None:
-        """Nothing to assume."""
+        """Assume nothing."""
 
     def update(
         self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
     ) -> None:
-        """Nothing to learn."""
+        """Ignore the images."""
 
     def restart(self) -> None:
-        """Nothing to forget."""
+        """Change nothing."""

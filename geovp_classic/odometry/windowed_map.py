@@ -1,243 +1,249 @@
-"""A sliding window of keyframes with the points that they observe: what the camera is located
-against.
-"""
+"""Sliding window of keyframes with the points that they observe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.geometry.robust import median
-from geovp_classic.geometry.two_view import homogeneous, rotate_rays
+from geovp_classic.geometry.two_view import homogeneous, parallax
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.resection import reprojection_errors
-from geovp_classic.odometry.triangulation import triangulate
+from geovp_classic.odometry.triangulation import reprojection_errors, triangulate
 from geovp_classic.types import BoolArray, FloatArray, IntArray
 
-# a point is triangulated once its rays differ by this beyond rotation, in standard deviations
-MIN_PARALLAX = 4.0
-MAX_REPROJECTION_ERROR = (
-    5.0  # an observation with a larger error is discarded, in standard deviations
-)
-NUM_NEIGHBOURS = 3  # whose mean inverse depth stands in for that of a point not yet triangulated
+
+@dataclass(frozen=True)
+class KeyframePolicy:
+    """Choice of keyframes, and of the points that are triangulated and adjusted with them."""
+
+    window: int = 16  # keyframes of a sequence; a clip is adjusted as a whole
+    # Median shift on z = 1 since the last keyframe, beyond rotation, that makes a new one. In a
+    # clip, every image of a moving camera is a keyframe.
+    min_parallax: float = 0.025
+    min_clip_parallax: float = 0.001
+    min_start_parallax: float = 0.004  # between the two images that initialise a map
+    # of the last keyframe's tracks; a new keyframe is due when fewer are left
+    min_shared_fraction: float = 0.6
+    max_bundle_points: int = 300  # those with most observations; 0: no bundle adjustment
+    adjust_every: int = 1  # keyframes between bundle adjustments, until the window is full
+    adjust_every_in_clip: int = 5
+    min_point_parallax: float = 4.0  # of a triangulated point's rays, in standard deviations
+    max_reprojection_error: float = 5.0  # of an observation, in standard deviations
+
+    def __post_init__(self) -> None:
+        if self.window < 3:
+            raise BadData(f"window is {self.window}: expected at least 3 keyframes")
+
+    def for_clip(self, num_images: int) -> KeyframePolicy:
+        """Return the policy for a clip, which is adjusted as a whole."""
+        return replace(
+            self,
+            window=num_images + 2,  # never full
+            min_parallax=self.min_clip_parallax,
+            adjust_every=self.adjust_every_in_clip,
+        )
+
+
+@dataclass
+class Keyframe:
+    """An image of the map, whose pose improves until it leaves the window."""
+
+    cam_from_world: FloatArray  # [4, 4]
 
 
 class WindowedMap:
-    """Feature tracks through the last `size` keyframes, and their points where triangulated.
+    """Corner tracks through the last keyframes, and their points where triangulated.
 
     Arrays share the axis N of all tracks. A track that has ended stays as long as two keyframes of
     the window observe its point, which constrains their poses.
     """
 
-    def __init__(self, lens: Lens, noise_px: float, size: int) -> None:
-        """An empty map of at most `size` keyframes, for pixels with this standard deviation."""
+    def __init__(self, lens: Lens, noise_px: float, policy: KeyframePolicy) -> None:
         self.lens = lens
-        self.noise_px = noise_px
-        self.size = size
-        self.first_keyframe_id = 0
-        self.cam_from_world: FloatArray = np.zeros((0, 4, 4))  # [K, 4, 4]
-        self.observations: FloatArray = np.zeros(
-            (0, 0, 2)
-        )  # [K, N, 2] pixels; NaN where not observed
-        self.pixels: FloatArray = np.zeros((0, 2))  # [N, 2] in the last image, of active tracks
-        self.active: BoolArray = np.zeros(0, dtype=bool)  # [N], tracked up to the last image
-        self.points: FloatArray = np.zeros(
-            (0, 3)
-        )  # [N, 3] in the world; NaN while not triangulated
-        self.track_ids: IntArray = np.zeros(0, dtype=np.int64)  # [N], increasing
+        self.noise_px = noise_px  # standard deviation of a pixel's coordinates
+        self.policy = policy
+        self.keyframes: list[Keyframe] = []  # K
+        self.observations: FloatArray = np.zeros((0, 0, 2))  # [K, N, 2] pixels; NaN: not observed
+        self.pixels: FloatArray = np.zeros((0, 2))  # [N, 2] in the last image; NaN: ended
+        self.points: FloatArray = np.zeros((0, 3))  # [N, 3] in the world; NaN: not triangulated
+        self.track_ids: IntArray = np.zeros(0, dtype=np.int64)  # [N]
         self._num_tracks = 0
 
-    def __len__(self) -> int:
-        """K, the number of keyframes."""
-        return len(self.cam_from_world)
+    @property
+    def is_full(self) -> bool:
+        """Return whether the next keyframe replaces the oldest one."""
+        return len(self.keyframes) == self.policy.window
 
     @property
     def noise(self) -> float:
-        """Standard deviation of a ray's coordinates."""
+        """Return the standard deviation of a ray's coordinates."""
         return self.noise_px / self.lens.focal_px
 
     @property
     def observed(self) -> BoolArray:
-        """Which keyframe observes which point [K, N]."""
-        observed: BoolArray = np.isfinite(self.observations[..., 0])
-        return observed
+        """Return which keyframe observes which track [K, N]."""
+        return np.isfinite(self.observations[..., 0])
 
     @property
     def triangulated(self) -> BoolArray:
-        """Which tracks have a point [N]."""
-        triangulated: BoolArray = np.isfinite(self.points[:, 0])
-        return triangulated
+        """Return which tracks have a point [N]."""
+        return np.isfinite(self.points[:, 0])
 
     @property
+    def active(self) -> BoolArray:
+        """Return which tracks reach the last image [N]."""
+        return np.isfinite(self.pixels[:, 0])
+
+    @property
+    def cam_from_world(self) -> FloatArray:
+        """Return the poses [K, 4, 4] of the keyframes."""
+        return np.stack([keyframe.cam_from_world for keyframe in self.keyframes])
+
     def reprojection_error(self) -> float:
-        """The median reprojection error of the points' observations, in standard deviations;
-        infinite without any.
-        """
-        index = np.flatnonzero(self.triangulated)
-        rays = self.lens.rays(self.observations[:, index])
-        errors = reprojection_errors(self.points[index], rays, self.cam_from_world)
-        known = errors[np.isfinite(errors)]
-        return median(known) / self.noise if len(known) else np.inf
-
-    @property
-    def newest_keyframe_id(self) -> int:
-        """Keyframes are numbered from the start."""
-        return self.first_keyframe_id + len(self) - 1
+        """Return the median error of all observations in standard deviations; inf without any."""
+        errors = self._errors(self.points, self.observations)
+        errors = errors[np.isfinite(errors)]
+        return float(np.median(errors)) / self.noise if len(errors) else np.inf
 
     def add_keyframe(self, cam_from_world: FloatArray) -> None:
         """Make the last image a keyframe; the oldest one leaves a full window."""
-        observed = np.where(self.active[:, None], self.pixels, np.nan)
-        self.observations = np.concatenate([self.observations, observed[None]])
-        self.cam_from_world = np.concatenate([self.cam_from_world, cam_from_world[None]])
-        if len(self) > self.size:
-            self.observations, self.cam_from_world = self.observations[1:], self.cam_from_world[1:]
-            self.first_keyframe_id += 1
+        if self.is_full:
+            self._drop_oldest(1)
+        self.observations = np.concatenate([self.observations, self.pixels[None]])
+        self.keyframes.append(Keyframe(cam_from_world))
         self._keep(self.active | (self.triangulated & (self.observed.sum(axis=0) >= 2)))
 
     def add_tracks(self, pixels: FloatArray) -> None:
         """Start tracks at new pixels [M, 2] of the newest keyframe."""
-        observations = np.full((len(self), len(pixels), 2), np.nan)
+        count = len(pixels)
+        observations = np.full((len(self.keyframes), count, 2), np.nan)
         observations[-1] = pixels
+        ids = self._num_tracks + np.arange(count)
         self.observations = np.concatenate([self.observations, observations], axis=1)
         self.pixels = np.concatenate([self.pixels, pixels])
-        self.active = np.concatenate([self.active, np.ones(len(pixels), dtype=bool)])
-        self.points = np.concatenate([self.points, np.full((len(pixels), 3), np.nan)])
-        self.track_ids = np.concatenate([self.track_ids, self._num_tracks + np.arange(len(pixels))])
-        self._num_tracks += len(pixels)
-
-    def index_of(self, track_ids: IntArray) -> IntArray:
-        """The indices of tracks with these ids [M]; -1 for those that were removed."""
-        if len(self.track_ids) == 0:
-            return np.full(len(track_ids), -1)
-        index = np.minimum(np.searchsorted(self.track_ids, track_ids), len(self.track_ids) - 1)
-        return np.where(self.track_ids[index] == track_ids, index, -1)
+        self.points = np.concatenate([self.points, np.full((count, 3), np.nan)])
+        self.track_ids = np.concatenate([self.track_ids, ids])
+        self._num_tracks += count
 
     def keep_newest_only(self) -> None:
-        """Remove all points and all keyframes but the newest; its tracks go on."""
-        self.first_keyframe_id = self.newest_keyframe_id
-        self.cam_from_world, self.observations = self.cam_from_world[-1:], self.observations[-1:]
-        self.points = np.full_like(self.points, np.nan)
+        """Remove all points and all keyframes but the newest; its tracks continue."""
+        self._drop_oldest(len(self.keyframes) - 1)
+        self.points[:] = np.nan
 
     def clear(self) -> None:
-        """Remove all keyframes and tracks; numbering goes on."""
-        self.first_keyframe_id += len(self)
-        self.cam_from_world, self.observations = self.cam_from_world[:0], self.observations[:0]
+        """Remove all keyframes and tracks."""
+        self._drop_oldest(len(self.keyframes))
         self._keep(np.zeros(len(self.points), dtype=bool))
 
     def triangulate(self) -> None:
-        """Triangulate tracks that two keyframes or more observe with enough parallax."""
-        index: IntArray = np.flatnonzero(~self.triangulated & (self.observed.sum(axis=0) >= 2))
-        if len(index):
-            self.points[index] = self._triangulate(index)
+        """Triangulate tracks that two or more keyframes observe with enough parallax."""
+        index = np.flatnonzero(~self.triangulated & (self.observed.sum(axis=0) >= 2))
+        self.points[index] = self._triangulate(index)
 
-    def adjust(self, num_fixed: int, max_points: int) -> None:
-        """Bundle adjustment of the window; only the `max_points` with most observations, others are
-        triangulated.
+    def adjust(self, num_fixed: int) -> None:
+        """Adjust all keyframes but the first ones, and the points with most observations.
+
+        The other points are triangulated again.
         """
-        counts = self.observed.sum(axis=0)
-        index: IntArray = np.flatnonzero(self.triangulated & (counts >= 2))
-        if len(self) <= num_fixed or len(index) < 8 or max_points == 0:
+        num_observations = self.observed.sum(axis=0)
+        index = np.flatnonzero(self.triangulated & (num_observations >= 2))
+        max_points = self.policy.max_bundle_points
+        if len(self.keyframes) <= num_fixed or len(index) < 8 or max_points == 0:
             return
-        order = np.argsort(-counts[index], kind="stable")
-        chosen, others = index[order[:max_points]], index[order[max_points:]]
-        self.cam_from_world, self.points[chosen] = bundle_adjust(
+        index = index[np.argsort(-num_observations[index], kind="stable")]
+        adjusted = index[:max_points]
+        others = index[max_points:]
+        poses, self.points[adjusted] = bundle_adjust(
             self.cam_from_world,
-            self.points[chosen],
-            self.observations[:, chosen],
+            self.points[adjusted],
+            self.observations[:, adjusted],
             self.lens,
             num_fixed,
             self.noise_px,
         )
-        if len(others):
-            self.points[others] = self._triangulate(others)
+        for keyframe, pose in zip(self.keyframes, poses, strict=True):
+            keyframe.cam_from_world = pose
+        self.points[others] = self._triangulate(others)
         self.cull()
 
     def cull(self) -> None:
         """Discard observations with large errors, then points with fewer than two left."""
-        index: IntArray = np.flatnonzero(self.triangulated)
-        observations = self.observations[:, index]
-        errors = reprojection_errors(
-            self.points[index], self.lens.rays(observations), self.cam_from_world
-        )
-        outliers = errors > MAX_REPROJECTION_ERROR * self.noise
-        self.observations[:, index] = np.where(outliers[..., None], np.nan, observations)
-        wrong = index[self.observed[:, index].sum(axis=0) < 2]
-        self.points[wrong] = np.nan
-        self.active[wrong] = False
+        errors = self._errors(self.points, self.observations)
+        self.observations[errors > self.policy.max_reprojection_error * self.noise] = np.nan
+        outliers = self.triangulated & (self.observed.sum(axis=0) < 2)
+        self.points[outliers] = np.nan
+        self.pixels[outliers] = np.nan
 
-    def predict_pixels(
-        self, cam_from_world_before: FloatArray, cam_from_world: FloatArray
-    ) -> FloatArray:
-        """Pixels [M, 2] of the active tracks from a new pose; without a point, neighbours say how
-        deep it is.
+    def predict_pixels(self, last_from_world: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+        """Return the pixels [M, 2] of the active tracks in a new image.
+
+        A track without a point is as far away as its three neighbours in the image.
         """
-        index, triangulated = np.flatnonzero(self.active), self.triangulated[self.active]
-        pixels, depth = (
-            self.pixels[index],
-            np.full(len(index), 1e9),
-        )  # so far that only rotation shifts them
-        points_cam = se3.transform(cam_from_world_before, self.points[index[triangulated]])
-        depth[triangulated] = np.maximum(points_cam[:, 2], 1e-3)
-        if triangulated.sum() >= NUM_NEIGHBOURS and not triangulated.all():
-            nearest = cKDTree(pixels[triangulated]).query(pixels[~triangulated], k=NUM_NEIGHBOURS)[
-                1
-            ]
-            depth[~triangulated] = 1 / (1 / depth[triangulated])[nearest].mean(axis=1)
-        ahead_from_before = cam_from_world @ se3.inverse(cam_from_world_before)
-        ahead = se3.transform(
-            ahead_from_before, homogeneous(self.lens.rays(pixels)) * depth[:, None]
-        )
-        in_front = ahead[:, 2:] > 1e-6
-        return np.where(
-            in_front, self.lens.pixels(ahead[:, :2] / np.where(in_front, ahead[:, 2:], 1.0)), pixels
-        )
+        pixels = self.pixels[self.active]
+        points = se3.transform(last_from_world, self.points[self.active])
+        depth: FloatArray = np.maximum(points[:, 2], 1e-3)
+        has_depth = np.isfinite(depth)
+        if has_depth.sum() >= 3:
+            _, neighbours = cKDTree(pixels[has_depth]).query(pixels[~has_depth], k=3)
+            inverse_depth = 1 / depth[has_depth]
+            depth[~has_depth] = 1 / inverse_depth[neighbours].mean(axis=1)
+        else:
+            depth[:] = 1e9  # only rotation shifts them
+        points = homogeneous(self.lens.rays(pixels)) * depth[:, None]
+        cam_from_last = cam_from_world @ se3.inverse(last_from_world)
+        points = se3.transform(cam_from_last, points)
+        in_front = points[:, 2:] > 1e-6
+        predicted = self.lens.pixels(points[:, :2] / np.where(in_front, points[:, 2:], 1.0))
+        return np.where(in_front, predicted, pixels)
 
     def parallax(self, cam_from_world: FloatArray) -> float:
-        """Median shift on z = 1 of the active tracks since the newest keyframe, beyond what
-        rotation explains.
-        """
-        shared = self.active & self.observed[-1]
-        if not shared.any():
-            return 0.0
-        rotation = (cam_from_world @ se3.inverse(self.cam_from_world[-1]))[:3, :3]
-        rotated = rotate_rays(rotation, self.lens.rays(self.observations[-1, shared]))
-        shift = np.linalg.norm(self.lens.rays(self.pixels[shared]) - rotated, axis=1)
-        return median(shift[np.isfinite(shift)]) if np.isfinite(shift).any() else np.nan
+        """Return the median shift on z = 1 of tracks since the newest keyframe, beyond rotation."""
+        cam_from_keyframe = cam_from_world @ se3.inverse(self.keyframes[-1].cam_from_world)
+        rays_keyframe = self.lens.rays(self.observations[-1])
+        shift = parallax(cam_from_keyframe, rays_keyframe, self.lens.rays(self.pixels))
+        shift = shift[np.isfinite(shift)]
+        return float(np.median(shift)) if len(shift) else 0.0
 
     def _triangulate(self, index: IntArray) -> FloatArray:
-        """Points [M, 3]; NaN where parallax is missing, the error is large or the point is behind a
-        camera.
-        """
-        rays = self.lens.rays(self.observations[:, index])
+        """Return points [M, 3]; NaN without parallax or with an error that is too large."""
+        observations = self.observations[:, index]
+        rays = self.lens.rays(observations)
         points = triangulate(rays, self.cam_from_world)
-        errors = reprojection_errors(points, rays, self.cam_from_world)
-        fits = (errors < MAX_REPROJECTION_ERROR * self.noise) | np.isnan(rays[..., 0])
-        good = fits.all(axis=0) & (
-            max_parallax(rays, self.cam_from_world) > MIN_PARALLAX * self.noise
+        errors = self._errors(points, observations)
+        is_outlier = errors > self.policy.max_reprojection_error * self.noise
+        is_near = largest_parallax(rays, self.cam_from_world) > (
+            self.policy.min_point_parallax * self.noise
         )
-        return np.where(good[:, None], points, np.nan)
+        is_good = is_near & ~is_outlier.any(axis=0)
+        return np.where(is_good[:, None], points, np.nan)
+
+    def _errors(self, points: FloatArray, observations: FloatArray) -> FloatArray:
+        """Return reprojection errors [K, M] on z = 1; NaN where there is no observation."""
+        return reprojection_errors(points, self.lens.rays(observations), self.cam_from_world)
+
+    def _drop_oldest(self, count: int) -> None:
+        self.keyframes = self.keyframes[count:]
+        self.observations = self.observations[count:]
 
     def _keep(self, mask: BoolArray) -> None:
-        self.observations, self.pixels, self.points = (
-            self.observations[:, mask],
-            self.pixels[mask],
-            self.points[mask],
-        )
-        self.active, self.track_ids = self.active[mask], self.track_ids[mask]
+        self.observations = self.observations[:, mask]
+        self.pixels = self.pixels[mask]
+        self.points = self.points[mask]
+        self.track_ids = self.track_ids[mask]
 
 
-def max_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
-    """The largest angle [M] between the first ray of each point and its others; rays [K, M, 2] with
-    NaN for none.
+def largest_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+    """Return the largest chord [M] between the first ray of each point and its others.
+
+    Rays [K, M, 2] are NaN where a keyframe does not observe a point.
     """
-    rotation = cam_from_world[
-        :, :3, :3, None
-    ]  # its rows turn directions into the world: [K, 3, M] there
-    directions = (
-        rays[:, None, :, 0] * rotation[:, 0] + rays[:, None, :, 1] * rotation[:, 1] + rotation[:, 2]
-    )
-    directions /= np.sqrt((directions**2).sum(axis=1, keepdims=True))
-    first = np.take_along_axis(
-        directions, np.isfinite(rays[..., 0]).argmax(axis=0)[None, None], axis=0
-    )
-    return np.asarray(np.nan_to_num(np.sqrt(((directions - first) ** 2).sum(axis=1))).max(axis=0))
+    directions = homogeneous(rays) @ cam_from_world[:, :3, :3]  # in the world
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    first_keyframe = np.isfinite(rays[..., 0]).argmax(axis=0)
+    first = directions[first_keyframe, np.arange(rays.shape[1])]
+    chord = np.linalg.norm(directions - first, axis=-1)
+    return np.asarray(np.nan_to_num(chord).max(axis=0))

@@ -105,7 +105,7 @@ def variants() -> list[Variant]:
     add_tracked(
         "bundle adjustment",
         "odometry.bundle",
-        odometry={"name": "monocular", "max_bundle_points": 0},
+        odometry={"name": "monocular", "tracking": {"keyframes": {"max_bundle_points": 0}}},
     )
     unit_speed = {"name": "monocular", "scale": {"name": "unit-speed"}}
     add_tracked(

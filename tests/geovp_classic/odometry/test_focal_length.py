@@ -1,4 +1,4 @@
-"""A camera that turns tells its focal length; where the motion says nothing, nothing is claimed."""
+"""Focal length from a turning camera, and none from an uninformative motion."""
 
 import os
 from pathlib import Path
@@ -12,15 +12,20 @@ from geovp_classic.data.frames import image_files, read_image
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.pinhole import grey8
-from geovp_classic.odometry.focal_length import QUANTILE, SYSTEMATIC, FocalLength, estimate_focal
+from geovp_classic.odometry.focal_length import (
+    NORMAL_QUANTILE,
+    FocalLength,
+    FocalLengthEstimator,
+)
 from geovp_classic.types import ByteArray
 
+ESTIMATOR = FocalLengthEstimator()
 LEFT_TURN, RIGHT_TURN = 1, 4
 
 
 @pytest.fixture(scope="module")
 def turns() -> list[list[ByteArray]]:
-    """Two drives round a corner with a focal length of 183 px, 318 px wide."""
+    """Return two drives round a corner with a focal length of 183 px, 318 px wide."""
     world = Synthetic(num_clips=8, num_frames=24, size_px=(96, 96), with_full=True)
     wide = [world[index].full for index in (LEFT_TURN, RIGHT_TURN)]
     assert all(
@@ -30,41 +35,40 @@ def turns() -> list[list[ByteArray]]:
 
 
 def straight(step_m: float) -> list[ByteArray]:
-    """A drive without any rotation."""
+    """Return a drive without any rotation."""
     twist = np.array([0.0, 0.0, step_m, 0.0, 0.0, 0.0])
     frames, _ = street._render(se3.exp(np.outer(np.arange(20), twist)), street.WIDE)
     return [grey8(frame) for frame in frames]
 
 
-def test_a_turning_camera_tells_its_focal_length(turns: list[list[ByteArray]]) -> None:
-    found = estimate_focal(turns)
+def test_a_turn_determines_the_focal_length(turns: list[list[ByteArray]]) -> None:
+    found = ESTIMATOR.estimate(turns)
     assert found is not None
     assert found.num_windows == 2
     assert found.focal_px == pytest.approx(183.375, rel=0.05)
     assert found.low_px < 183.375 < found.high_px
     assert found.is_sure
-    assert np.log(found.high_px / found.low_px) > 2 * QUANTILE * SYSTEMATIC
+    assert np.log(found.high_px / found.low_px) > 2 * NORMAL_QUANTILE * ESTIMATOR.systematic_error
 
 
-def test_a_patterned_hood_changes_nothing(turns: list[list[ByteArray]]) -> None:
-    """Corners that stand still in the image would be a camera that stands still."""
+def test_a_patterned_hood_is_ignored(turns: list[list[ByteArray]]) -> None:
     height_px, width_px = turns[0][0].shape
     noise = np.random.default_rng(0).normal(size=(height_px, width_px))
     pattern = np.clip(60 + 120 * cv2.GaussianBlur(noise, (0, 0), 1.5), 0, 255).astype(np.uint8)
     top = round(0.7 * height_px)
     hooded = [[np.concatenate([grey[:top], pattern[top:]]) for grey in drive] for drive in turns]
-    found = estimate_focal(hooded)
+    found = ESTIMATOR.estimate(hooded)
     assert found is not None
     assert found.focal_px == pytest.approx(183.375, rel=0.05)
 
 
 @pytest.mark.parametrize("step_m", [0.3, 0.0])
-def test_without_a_turn_nothing_is_claimed(step_m: float) -> None:
-    found = estimate_focal([straight(step_m)])
+def test_motion_without_a_turn_is_uninformative(step_m: float) -> None:
+    found = ESTIMATOR.estimate([straight(step_m)])
     assert found is None or not found.is_sure
 
 
-def test_sure_means_an_interval_of_a_third() -> None:
+def test_a_sure_interval_is_a_third_wide() -> None:
     assert not FocalLength(100.0, 80.0, 125.0, 3).is_sure  # 0.45 in the logarithm, 0.33 at most
     assert FocalLength(100.0, 90.0, 111.0, 3).is_sure  # 0.21
 
@@ -78,14 +82,14 @@ def test_sure_means_an_interval_of_a_third() -> None:
         ("raw0095/image_2", (0, 180), 492.6),
     ],
 )
-def test_calibrated_cars_of_kitti_are_met_within_a_tenth(
+def test_calibrated_cars_of_kitti_within_a_tenth(
     images: str, starts: tuple[int, ...], focal_px: float
 ) -> None:
     root = os.environ.get("GEOVP_TEST_DATA")
     if root is None:
         pytest.skip(f"GEOVP_TEST_DATA is not set: needs kitti/sequences/{images}")
     files = image_files(Path(root) / "kitti" / "sequences" / images)
-    found = estimate_focal(
+    found = ESTIMATOR.estimate(
         [grey8(read_image(file)) for file in files[start : start + 30]] for start in starts
     )
     assert found is not None

@@ -1,21 +1,24 @@
-"""Monocular odometry on a corridor whose poses are known: clips, streams, and what it asks for."""
+"""Monocular odometry on a corridor whose poses are known: clips, sequences and settings."""
 
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from geovp_classic import interfaces, registry
-from geovp_classic.errors import BadData, Incompatible, UnknownComponent
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.monocular import Monocular
+from geovp_classic.odometry.monocular import Monocular, Path
 from geovp_classic.odometry.speed_prior import SpeedPrior
+from geovp_classic.odometry.tracking import Image, Tracker, Tracking
 from geovp_classic.odometry.unit_scale import UnitSpeed
+from geovp_classic.odometry.windowed_map import KeyframePolicy
 from geovp_classic.types import (
+    BoolArray,
     ByteArray,
     Context,
     ExtraView,
@@ -62,13 +65,14 @@ def test_a_clip_comes_back_in_metres(
     assert np.median(translation) < 0.02  # of 0.5 m
 
 
-def test_the_same_seed_gives_the_same_bytes(
+def test_tracking_is_deterministic(
     tracked_straight: tuple[Trajectory, FloatArray],
     straight: tuple[ByteArray, FloatArray],
     camera: Intrinsics,
 ) -> None:
     again, _ = Monocular().track(context(straight[0], camera))
-    np.testing.assert_array_equal(again.world_from_cam, tracked_straight[0].world_from_cam)
+    expected = tracked_straight[0].world_from_cam
+    np.testing.assert_allclose(again.world_from_cam, expected, atol=1e-6)
 
 
 def test_without_metres_the_mean_step_is_one(
@@ -175,7 +179,7 @@ def test_the_shortest_clips(
     assert (len(trajectory), tracked.all()) == (count, True)
 
 
-def test_wide_frames_are_used_when_asked_for(
+def test_uncropped_frames_are_used_if_asked_for(
     straight: tuple[ByteArray, FloatArray], camera: Intrinsics
 ) -> None:
     frames, poses = straight
@@ -184,8 +188,8 @@ def test_wide_frames_are_used_when_asked_for(
     assert odometry.needs == PrivilegedInput.CAMERA_HEIGHT | PrivilegedInput.FULL_FRAMES
     small = context(
         np.zeros_like(crop), camera.cropped(64, 48, 128, 96)
-    )  # the crop itself shows nothing
-    with pytest.raises(Incompatible, match="full"):
+    )  # the crop itself is black
+    with pytest.raises(Incompatible, match="uncropped"):
         odometry.track(small)
     wide = Context(
         small.frames,
@@ -205,18 +209,17 @@ def test_a_missing_height_is_incompatible(
         Monocular().track(context(straight[0], camera, height_m=None))
 
 
-def test_settings_that_cannot_work_are_bad_data() -> None:
-    with pytest.raises(BadData, match="window"):
-        Monocular(window=2)
-    with pytest.raises(UnknownComponent, match="num_features"):  # a setting of earlier versions
-        registry.build("odometries", {"name": "monocular", "features": "orb"})
+def test_unusable_settings_are_bad_data() -> None:
+    for tracking in ({"corners": {"num_features": 10}}, {"keyframes": {"window": 2}}):
+        with pytest.raises(BadData, match="expected at least"):
+            registry.build("odometries", {"name": "monocular", "tracking": tracking})
 
 
-def test_it_comes_by_name_and_goes_back() -> None:
-    odometry = registry.build(
-        "odometries", {"name": "monocular", "scale": {"name": "unit-speed"}, "num_features": 300}
-    )
+def test_it_is_registered_with_nested_settings() -> None:
+    settings = {"scale": {"name": "unit-speed"}, "tracking": {"corners": {"num_features": 300}}}
+    odometry = registry.build("odometries", {"name": "monocular", **settings})
     assert isinstance(odometry, interfaces.Odometry)
+    assert odometry.tracking.corners.num_features == 300
     assert registry.build("odometries", registry.describe(odometry)) == odometry
 
 
@@ -226,112 +229,90 @@ def long_drive(drive: Film) -> tuple[ByteArray, FloatArray]:
     return drive(np.stack([[0, 0, 0.5, 0, turn, 0] for turn in turns]))
 
 
-def test_a_sequence_is_tracked_as_a_stream(
+def test_a_sequence_is_tracked_in_a_window(
     long_drive: tuple[ByteArray, FloatArray], camera: Intrinsics
 ) -> None:
     frames, poses = long_drive
     times_s = 0.1 * np.arange(len(frames))
-    trajectory, tracked = Monocular(window=5).track_sequence(iter(frames), times_s, camera, 1.65)
+    odometry = Monocular(tracking=Tracking(keyframes=KeyframePolicy(window=5)))
+    trajectory, tracked = odometry.track_sequence(iter(frames), times_s, camera, 1.65)
     assert len(trajectory) == len(frames)
     assert tracked.all()
+    assert trajectory.is_metric
     rotation_deg, translation = step_errors(trajectory, poses)
     assert np.median(rotation_deg) < 0.1
     assert np.median(translation) < 0.03
 
 
-def test_a_stream_says_at_once_where_it_is_and_keeps_little(
+def test_the_map_of_a_sequence_stays_small(
     long_drive: tuple[ByteArray, FloatArray], camera: Intrinsics
 ) -> None:
-    frames, poses = long_drive
-    stream = Monocular(window=5).stream(camera, 1.65)
-    found, kept = [], []
-    for i, frame in enumerate(frames):
-        step = stream.push(frame, 0.1 * i)
-        found.append(step.world_from_cam)
-        stream.take_final()
-        kept.append(len(stream._tracker.map.points))
-    assert step.tracked
-    assert step.confidence > 0.5
-    assert (
-        step_errors(Trajectory(np.stack(found), 0.1 * np.arange(len(found)), True), poses)[0].mean()
-        < 0.15
-    )
-    assert max(kept[20:]) < 1.5 * max(kept[5:20])
+    frames, _ = long_drive
+    tracker = Tracker(Tracking(keyframes=KeyframePolicy(window=5)), camera)
+    num_tracks = []
+    for index, frame in enumerate(frames):
+        grey = frame[..., 0]
+        tracker.push(Image(grey, tracker.settings.corners.detect(grey), 0.1 * index))
+        num_tracks.append(len(tracker.map.points))
+    assert len(tracker.map.keyframes) == 5
+    assert max(num_tracks[20:]) < 1.5 * max(num_tracks[5:20])
 
 
-def test_standing_for_long_keeps_nothing(
-    straight: tuple[ByteArray, FloatArray], camera: Intrinsics
-) -> None:
-    stream = Monocular().stream(camera, 1.65)
-    frame, settled = straight[0][0], 0
-    for i in range(150):
-        stream.push(frame, 0.1 * i)
-        settled += len(stream.take_final()[0])
-        assert len(stream._tracker._poses._pending) <= 60
-    settled += len(stream.take_final(all_of_them=True)[0])
-    assert settled == 150
+class Scripted(Monocular):
+    """An odometry that tracks given paths in turn."""
+
+    paths: ClassVar[list[Path]] = []
+    times_s: ClassVar[list[float]] = []
+
+    def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
+        self.times_s.append(images[0].time_s)
+        return self.paths.pop(0)
 
 
-@pytest.mark.parametrize(("backward_error", "turns"), [(0.5, False), (2.0, True)])
-def test_a_path_to_the_side_is_tracked_backwards_too(
-    backward_error: float, turns: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of the two paths the one whose map has the smaller reprojection error is taken, from its
-    first frame on.
-    """
-    straight = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0, 0])
-    sideways = se3.exp(np.arange(10.0)[:, None] * [-0.8, 0, 0.1, 0, 0.14, 0])
-    asked = []
-
-    def path(
-        self: Monocular, greys: list[ByteArray], times_s: FloatArray, camera: Intrinsics
-    ) -> Any:
-        asked.append((greys[0].mean(), times_s[0]))
-        error, poses = (1.0, sideways) if len(asked) == 1 else (backward_error, straight[::-1])
-        return poses, np.ones(10, bool), error, 0.0
-
-    monkeypatch.setattr(Monocular, "_path", path)
+def scripted(*paths: Path) -> tuple[Trajectory, BoolArray]:
+    """Return the result of an odometry that tracks these paths of ten random images."""
     brightness = 20 * np.arange(1, 11, dtype=np.uint8)[:, None, None, None]
     frames = np.random.default_rng(0).integers(0, 20, (10, 64, 64, 3), dtype=np.uint8) + brightness
-    trajectory, _ = Monocular(scale=UnitSpeed()).track(
-        context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64))
-    )
-    assert asked[0][0] < asked[1][0]  # the last frame, which is brighter, comes first
-    assert asked[1][1] == pytest.approx(-0.9)
-    unit = np.linalg.norm(trajectory.world_from_cam[1, :3, 3])
-    step = (sideways if turns else straight)[1]
+    Scripted.paths = list(paths)
+    Scripted.times_s = []
+    odometry = Scripted(scale=UnitSpeed())
+    return odometry.track(context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64)))
+
+
+@pytest.mark.parametrize(("backward_error", "is_backward_better"), [(0.5, True), (2.0, False)])
+def test_a_sideways_path_is_tracked_backwards_too(
+    backward_error: float, is_backward_better: bool
+) -> None:
+    """The path with the smaller reprojection error wins, from its first frame on."""
+    straight = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0, 0])
+    sideways = se3.exp(np.arange(10.0)[:, None] * [-0.8, 0, 0.1, 0, 0.14, 0])
+    tracked = np.ones(10, dtype=bool)
+    forward = Path(sideways, tracked, 1.0, 0.0)
+    trajectory, _ = scripted(forward, Path(straight[::-1], tracked, backward_error, 0.0))
+    assert Scripted.times_s == pytest.approx([0.0, -0.9])
+    expected = (straight if is_backward_better else sideways)[1, :3, 3]
+    step = trajectory.world_from_cam[1, :3, 3]
     np.testing.assert_allclose(
-        trajectory.world_from_cam[1, :3, 3] / unit, step[:3, 3] / np.linalg.norm(step[:3, 3])
+        step / np.linalg.norm(step), expected / np.linalg.norm(expected), atol=1e-9
     )
     np.testing.assert_allclose(trajectory.world_from_cam[0], np.eye(4), atol=1e-12)
 
 
-@pytest.mark.parametrize(("lost", "at"), [((1, 2, 3), 0), ((1, 2, 3, 4, 5, 6), 6)])
-def test_what_was_not_tracked_moved_on_evenly(
-    lost: tuple[int, ...], at: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Before the first motion is known, the tracker leaves lost images where the one before them
-    was.
-    """
-    true = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0.05, 0])
-    poses, tracked = true.copy(), np.ones(10, bool)
-    poses[list(lost)], tracked[list(lost)] = true[0], False
-    poses[max(lost) + 1 :] = se3.inverse(true[at]) @ true[max(lost) + 1 :]  # started anew there
-    monkeypatch.setattr(Monocular, "_path", lambda *_: (poses.copy(), tracked, 1.0, 0.0))
-    frames = np.random.default_rng(0).integers(0, 255, (10, 64, 64, 3), dtype=np.uint8)
-    frames = (
-        np.broadcast_to(frames[:1], frames.shape) // 2
-        + np.arange(10, dtype=np.uint8)[:, None, None, None]
-    )
-    trajectory, marks = Monocular(scale=UnitSpeed()).track(
-        context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64))
-    )
-    tracked[0] = at == 0
+@pytest.mark.parametrize(("lost", "restart"), [((1, 2, 3), 0), ((1, 2, 3, 4, 5, 6), 6)])
+def test_lost_images_are_bridged_at_constant_velocity(lost: tuple[int, ...], restart: int) -> None:
+    """Before any motion is known, the tracker leaves lost images where the one before was."""
+    truth = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0.05, 0])
+    poses = truth.copy()
+    tracked = np.ones(10, dtype=bool)
+    poses[list(lost)] = truth[0]
+    tracked[list(lost)] = False
+    poses[max(lost) + 1 :] = se3.inverse(truth[restart]) @ truth[max(lost) + 1 :]
+    trajectory, marks = scripted(Path(poses, tracked.copy(), 1.0, 0.0))
+    tracked[0] = restart == 0
     np.testing.assert_array_equal(marks, tracked)
-    np.testing.assert_allclose(steps(trajectory.world_from_cam)[:, 2, 3], 1, atol=0.01)
-    np.testing.assert_allclose(
-        se3.rotation_angle_rad(steps(trajectory.world_from_cam)), 0.05, atol=1e-6
-    )
+    motion = steps(trajectory.world_from_cam)
+    np.testing.assert_allclose(motion[:, 2, 3], 1, atol=0.01)
+    np.testing.assert_allclose(se3.rotation_angle_rad(motion), 0.05, atol=1e-6)
 
 
 def test_a_real_turn_of_which_little_is_seen() -> None:

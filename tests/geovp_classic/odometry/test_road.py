@@ -1,100 +1,73 @@
-"""The road's samples in another image, their derivatives, and the step that aligns them."""
+"""The road as a plane: its samples, its correlation, and its alignment."""
 
-import cv2
 import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous
-from geovp_classic.odometry import road
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.types import FloatArray, Intrinsics
+from geovp_classic.odometry.road import RoadAligner, blur, level_plane, sample
+from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
-CAMERA = Intrinsics(120.0, 118.0, 63.5, 40.0, 128, 112)
-POSE = se3.exp(np.array([0.1, 0.02, 1.2, 0.01, -0.02, 0.005]))
-PLANE = road.level_plane(1.6, 0.01, -0.02)
-
-
-@pytest.fixture
-def lens() -> Lens:
-    return Lens(CAMERA, 0.03)
+ROAD = RoadAligner()
 
 
-@pytest.fixture
-def rays(lens: Lens) -> FloatArray:
-    """Rays of the whole image and of some beyond it, above the horizon, too."""
-    return lens.rays(np.random.default_rng(0).uniform([-30, 10], [158, 140], (500, 2)))
+def test_a_level_plane_by_hand() -> None:
+    np.testing.assert_allclose(level_plane(2.0), [0, 0.5, 0])
+    # looking 0.1 rad up, the normal points down and backwards
+    np.testing.assert_allclose(level_plane(1.0, pitch_rad=0.1), [0, np.cos(0.1), -np.sin(0.1)])
+    np.testing.assert_allclose(level_plane(1.0, roll_rad=0.1), [np.sin(0.1), np.cos(0.1), 0])
 
 
-def test_the_road_projects_into_the_other_camera_where_its_points_lie(lens: Lens) -> None:
-    pixels = np.random.default_rng(0).uniform([-30, 10], [158, 140], (500, 2))
-    points, projected, index = road._project(lens, homogeneous(lens.rays(pixels)), POSE, PLANE)
-    rays = homogeneous(lens.rays(pixels[index]))
-    inverse_depth = rays @ PLANE
-    np.testing.assert_allclose(
-        points / inverse_depth[:, None], se3.transform(POSE, rays / inverse_depth[:, None])
-    )
-    np.testing.assert_allclose(
-        lens.rays(projected), points[:, :2] / points[:, 2:], atol=2e-4
-    )  # an iterative inverse
-    assert 100 < len(index) < 400
-    assert (projected > 1).all()
-    assert (projected < (126, 110)).all()
+def test_samples_lie_on_the_road_ahead(camera: Intrinsics) -> None:
+    pixels = ROAD.samples(Lens(camera), level_plane(1.0))
+    rays = Lens(camera).rays(pixels)
+    depth = 1 / rays[:, 1]  # in camera heights
+    assert len(pixels) > 300
+    assert depth.min() > ROAD.min_distance
+    assert depth.max() < ROAD.max_distance
+    assert np.abs(rays[:, 0] * depth).max() < ROAD.half_width
 
 
-def test_the_jacobian_is_the_difference_of_pixels_of_neighbouring_planes(rays: FloatArray) -> None:
-    # m . r of the ray (x, y, 1) grows by d when the plane's last number does; the lens is a pinhole
-    # here
-    lens, tiny, rays = Lens(CAMERA), 1e-6, rays[rays[:, 1] > 0.1]
-
-    def places(more: float) -> FloatArray:
-        points = se3.transform(
-            POSE, homogeneous(rays) / (homogeneous(rays) @ PLANE + more)[:, None]
-        )
-        return lens.pixels(points[:, :2] / points[:, 2:])
-
-    expected = (places(tiny) - places(-tiny)) / (2 * tiny)
-    points = homogeneous(rays) @ POSE[:3, :3].T + (homogeneous(rays) @ PLANE)[:, None] * POSE[:3, 3]
-    jacobian = road._pixel_jacobian(points, POSE[:3, 3], lens)
-    np.testing.assert_allclose(jacobian, expected, rtol=1e-5, atol=1e-5)
-
-
-def test_the_step_is_that_of_weighted_least_squares_with_an_offset() -> None:
-    rng = np.random.default_rng(2)
-    difference, jacobian = rng.normal(0, 10, 401), rng.normal(0, 50, (401, 3))
-    step = np.linalg.solve(*road._normal_equations(difference, jacobian))
-    centred = difference - np.median(difference)
-    root = 1 / (
-        1 + (centred / (2 * 1.4826 * np.median(np.abs(centred)))) ** 2
-    )  # of the Geman-McClure weights
-    with_offset = np.concatenate([jacobian, np.ones((401, 1))], axis=1)
-    expected = np.linalg.lstsq(with_offset * root[:, None], centred * root)[0]
-    np.testing.assert_allclose(step, expected[:3], rtol=1e-9)
-
-
-def test_correlation_is_that_of_numpy(lens: Lens) -> None:
-    a, b = np.random.default_rng(3).normal(100, 20, (2, 112, 128)).astype(np.float32)
-    v, u = np.mgrid[60:100:2, 10:120:2]
-    pixels = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float64)
-    rays = homogeneous(Lens(CAMERA).rays(pixels))
-    given = np.eye(4), Lens(CAMERA), rays, PLANE
-    expected = np.corrcoef(a[v, u].ravel(), (a + b)[v, u].ravel())[0, 1]
-    assert road.correlation(a + b, a[v, u].ravel(), *given) == pytest.approx(expected, rel=1e-5)
-    assert road.correlation(a, np.full(v.size, 7, np.float32), *given) == 0.0
-    assert (
-        road.correlation(
-            a, a[v, u].ravel(), np.eye(4), Lens(CAMERA), rays + np.array([9.0, 0, 0]), PLANE
-        )
-        == -1.0
-    )
-
-
-def test_samples_lie_between_pixels() -> None:
+def test_values_between_pixels() -> None:
     # 10 + 2 u + 3 v at (4.25, 2.5) is 26
     v, u = np.mgrid[:8, :9]
     image = (10 + 2 * u + 3 * v).astype(np.float32)
-    at = np.array([[4.25, 2.5]], dtype=np.float32)
-    np.testing.assert_allclose(road.sample(image, at), [26.0], rtol=1e-6)
-    np.testing.assert_allclose(
-        road.sample(cv2.merge([image, -image]), at), [[26.0, -26.0]], rtol=1e-6
-    )
+    pixels = np.array([[4.25, 2.5]])
+    np.testing.assert_allclose(sample(image, pixels), [26.0], rtol=1e-6)
+    both = np.stack([image, -image], axis=-1)
+    np.testing.assert_allclose(sample(both, pixels), [[26.0, -26.0]], rtol=1e-6)
+
+
+def test_correlation_is_that_of_numpy() -> None:
+    camera = Intrinsics(120.0, 118.0, 63.5, 40.0, 128, 112)
+    a, b = np.random.default_rng(3).normal(100, 20, (2, 112, 128)).astype(np.float32)
+    v, u = np.mgrid[60:100:2, 10:120:2]
+    rays = homogeneous(Lens(camera).rays(np.stack([u.ravel(), v.ravel()], axis=1)))
+    values = a[v, u].ravel()
+    expected = np.corrcoef(values, (a + b)[v, u].ravel())[0, 1]
+
+    def correlation(before: FloatArray, values: FloatArray, rays: FloatArray) -> FloatArray:
+        plane = level_plane(1.6, 0.01, -0.02)
+        return ROAD.correlation(before, values, np.eye(4), Lens(camera), rays, plane)
+
+    assert correlation(a + b, values, rays) == pytest.approx(expected, rel=1e-5)
+    assert correlation(a, np.full(v.size, 7.0), rays) == 0.0
+    assert correlation(a, values, rays + np.array([9.0, 0, 0])) == -1.0
+
+
+@pytest.mark.parametrize("offset", [0, 20])
+def test_alignment_finds_the_plane(
+    straight: tuple[ByteArray, FloatArray], camera: Intrinsics, offset: int
+) -> None:
+    frames, poses = straight
+    greys = np.clip(frames[:2, ..., 0], offset, 255)
+    images = (blur(greys[0] - np.uint8(offset), 1.0), blur(greys[1], 1.0))
+    before_from_now = se3.inverse(poses[0]) @ poses[1]
+    lens = Lens(camera)
+    pixels = ROAD.samples(lens, level_plane(1.0))
+    start = level_plane(1.75)
+    tilt = np.diag([1.0, 0.0, 1.0]) / (0.02 * np.linalg.norm(start)) ** 2  # 0.02 rad
+    plane = ROAD.align(images, before_from_now, lens, pixels, start, tilt)
+    assert plane is not None
+    assert 1 / np.linalg.norm(plane) == pytest.approx(1.65, rel=0.03)  # height above the corridor

@@ -1,81 +1,101 @@
-"""Predicted pixels and parallax of a window of keyframes, against loops over its points."""
+"""Window of keyframes that observe known points."""
 
 import numpy as np
 import pytest
 
 from geovp_classic.geometry import se3, two_view
-from geovp_classic.odometry import windowed_map
-from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.windowed_map import WindowedMap
-from geovp_classic.types import FloatArray, Intrinsics
-
-LENS = Lens(Intrinsics(200.0, 205.0, 128.0, 90.0, 256, 180), radial=0.02)
-MOTION = se3.exp(np.array([0.3, -0.1, -1.0, 0.02, -0.05, 0.01]))
+from geovp_classic.odometry.windowed_map import KeyframePolicy, WindowedMap, largest_parallax
+from geovp_classic.types import FloatArray
+from tests.geovp_classic.odometry.known_points import CAMERA, LENS, path, project, scene
 
 
-@pytest.fixture
-def rays() -> FloatArray:
-    """Of 200 points [200, 2], all over the image."""
-    return LENS.rays(np.random.default_rng(0).uniform([0, 0], [256, 180], (200, 2)))
+def filled() -> tuple[WindowedMap, FloatArray]:
+    """Return a window of the last three of five keyframes, and the true points [N, 3]."""
+    points = scene()
+    window = WindowedMap(LENS, 0.25, KeyframePolicy(window=3))
+    for index, pose in enumerate(path(5)):
+        if index:
+            window.pixels[:] = project(points, pose)
+        window.add_keyframe(pose)
+        if index == 0:
+            window.add_tracks(project(points, pose))
+        window.triangulate()
+    return window, points
 
 
-def slow_prediction(window: WindowedMap, motion: FloatArray) -> FloatArray:
-    """Each active point moved at its own depth or at that of its three neighbours."""
-    known, predicted = window.triangulated, window.pixels.copy()
-    inverse_depth = 1 / np.maximum(window.points[:, 2], 1e-3)
-    for n, pixel in enumerate(window.pixels):
-        nearest = np.argsort(np.linalg.norm(window.pixels[known] - pixel, axis=1))[:3]
-        inverse = inverse_depth[n] if known[n] else inverse_depth[known][nearest].mean()
-        x, y, z = motion[:3, :3] @ (*window.lens.rays(pixel), 1.0) / inverse + motion[:3, 3]
-        if z > 1e-6:
-            predicted[n] = window.lens.pixels(np.array([x / z, y / z]))
-    return predicted
+def test_the_map_triangulates_points_and_keeps_a_window_of_keyframes() -> None:
+    window, points = filled()
+    np.testing.assert_allclose(window.cam_from_world, path(5)[2:])
+    assert window.observations.shape == (3, 120, 2)
+    known = window.triangulated
+    assert known.mean() > 0.9
+    np.testing.assert_allclose(window.points[known], points[known], rtol=1e-4, atol=1e-4)
+    assert window.reprojection_error() < 0.01
 
 
-def slow_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
-    """The greatest distance of a point's directions from its first one, in the world, of length 1."""
-    largest = np.zeros(rays.shape[1])
-    for n in range(rays.shape[1]):
+def test_the_map_predicts_where_points_appear() -> None:
+    window, points = filled()
+    ahead = se3.exp(np.array([0, 0, -3.0, 0, 0.03, 0]))
+    predicted = window.predict_pixels(path(5)[-1], ahead)
+    known = window.triangulated
+    np.testing.assert_allclose(predicted[known], project(points, ahead)[known], atol=0.05)
+    # points without depth are as far as their neighbours: better than no prediction
+    window.points[::4] = np.nan
+    guessed = window.predict_pixels(path(5)[-1], ahead)[::4]
+    truth = project(points, ahead)[::4]
+    error_px = np.median(np.linalg.norm(guessed - truth, axis=1))
+    assert error_px < np.median(np.linalg.norm(window.pixels[::4] - truth, axis=1))
+
+
+def test_points_behind_the_new_camera_are_expected_where_they_were() -> None:
+    window, _ = filled()
+    beyond = se3.exp(np.array([0, 0, -100.0, 0, 0, 0]))
+    known = window.triangulated
+    predicted = window.predict_pixels(path(5)[-1], beyond)
+    np.testing.assert_array_equal(predicted[known], window.pixels[known])
+
+
+def test_outliers_are_culled() -> None:
+    window, _ = filled()
+    window.observations[1:, 0] += 40
+    window.cull()
+    assert not window.triangulated[0]
+    assert not window.active[0]
+    assert window.triangulated[1:].mean() > 0.9
+
+
+def test_ended_tracks_leave_with_their_points() -> None:
+    window, _ = filled()
+    window.pixels[::2] = np.nan
+    ids = window.track_ids.copy()
+    window.keep_newest_only()
+    window.add_keyframe(path(6)[-1])
+    np.testing.assert_array_equal(window.track_ids, ids[1::2])
+    window.clear()
+    assert (len(window.keyframes), len(window.points)) == (0, 0)
+
+
+def test_parallax_is_the_median_shift_beyond_rotation() -> None:
+    window, points = filled()
+    turn = se3.exp(np.array([0, 0, 0, 0, 0.05, 0]))
+    window.pixels[:] = project(points, turn @ path(5)[-1])
+    assert window.parallax(turn @ path(5)[-1]) < 1e-6
+    shift = 7.0 / CAMERA.fx_px
+    window.pixels[:] += (7.0, 0.0)
+    assert window.parallax(turn @ path(5)[-1]) == pytest.approx(shift, rel=0.01)
+
+
+def test_the_largest_parallax_is_that_of_a_loop() -> None:
+    rng = np.random.default_rng(3)
+    poses = path(3)
+    rays = LENS.rays(project(scene(), poses)) + rng.normal(0, 0.05, (3, 120, 2))
+    rays[rng.integers(0, 3, 120), np.arange(120)] = np.nan
+    expected = np.zeros(120)
+    for n in range(120):
         views = np.flatnonzero(np.isfinite(rays[:, n, 0]))
-        directions = [cam_from_world[view, :3, :3].T @ (*rays[view, n], 1.0) for view in views]
-        directions = [direction / np.linalg.norm(direction) for direction in directions]
-        largest[n] = max(np.linalg.norm(direction - directions[0]) for direction in directions)
-    return largest
-
-
-@pytest.mark.parametrize("share_known", [0.1, 0.8])
-def test_points_are_predicted_as_one_by_one(rays: FloatArray, share_known: float) -> None:
-    rng, window = np.random.default_rng(1), WindowedMap(LENS, 0.25, 8)
-    window.add_keyframe(np.eye(4))
-    window.add_tracks(LENS.pixels(rays))
-    depth = rng.uniform(0.3, 4, len(rays))  # those nearer than a metre come behind the camera
-    window.points = np.where(
-        rng.uniform(size=(len(rays), 1)) < share_known,
-        two_view.homogeneous(rays) * depth[:, None],
-        np.nan,
-    )
-    expected = slow_prediction(window, MOTION)
-    assert (expected == window.pixels).any()
-    np.testing.assert_allclose(window.predict_pixels(np.eye(4), MOTION), expected, rtol=1e-9)
-
-
-def test_parallax_is_the_median_shift_of_what_stays_in_front(rays: FloatArray) -> None:
-    window = WindowedMap(LENS, 0.25, 8)
-    window.add_keyframe(np.eye(4))
-    window.add_tracks(LENS.pixels(rays))
-    for turn_rad, all_in_front in ((0.1, True), (1.4, False)):
-        pose = se3.exp(np.array([0, 0, 0, 0, turn_rad, 0]))
-        before = two_view.rotate_rays(pose[:3, :3], rays)
-        assert np.isfinite(before).all() == all_in_front
-        expected = np.nanmedian(np.linalg.norm(rays - before, axis=1))
-        assert window.parallax(pose) == pytest.approx(expected, rel=1e-3)
-    assert np.isnan(window.parallax(se3.exp(np.array([0, 0, 0, 0, np.pi, 0]))))
-
-
-def test_the_largest_parallax_is_that_of_a_loop(rays: FloatArray) -> None:
-    rng, poses = np.random.default_rng(3), np.stack([np.eye(4), MOTION, MOTION @ MOTION])
-    views = rays + rng.normal(0, 0.05, (3, *rays.shape))
-    views[rng.integers(0, 3, 200), np.arange(200)] = np.nan
-    np.testing.assert_allclose(
-        windowed_map.max_parallax(views, poses), slow_parallax(views, poses), rtol=1e-9
-    )
+        first, second = (
+            poses[view, :3, :3].T @ two_view.homogeneous(rays[view, n]) for view in views
+        )
+        directions = first / np.linalg.norm(first), second / np.linalg.norm(second)
+        expected[n] = np.linalg.norm(directions[1] - directions[0])
+    np.testing.assert_allclose(largest_parallax(rays, poses), expected, rtol=1e-9)
