@@ -10,13 +10,7 @@ import numpy as np
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames import (
-    FrameFiles,
-    FrameReader,
-    Load,
-    VideoFrames,
-    image_files,
-)
+from geovp_classic.data.frames import FrameFiles, FrameReader, Load, VideoFrames, image_files
 from geovp_classic.data.scan import Scan, sequence_folders
 from geovp_classic.data.sequences import SequenceDataset
 from geovp_classic.data.windows import FrameRange, Recording
