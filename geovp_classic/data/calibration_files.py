@@ -106,6 +106,7 @@ def exif_focal_px(photo: Path) -> float | None:
 
 
 def _from_kitti(path: Path, prefix: str, images: Path) -> Calibration:
+    """Read the projection of the camera that `images` names, else of the preferred one."""
     findings = Findings()
     match = re.fullmatch(r"image_0?([0-3])", images.resolve().name)
     cameras = [int(match[1])] if match else kitti.PREFERRED_CAMERAS

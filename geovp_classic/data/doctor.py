@@ -192,6 +192,7 @@ def _warn_beyond(
 
 
 def _text(size_px: Size) -> str:
+    """Return "WIDTHxHEIGHT"."""
     return f"{size_px[0]}x{size_px[1]}"
 
 

@@ -206,6 +206,7 @@ def parse_numbers(
 
 
 def _number(word: str) -> float:
+    """Return a finite number; ValueError for any other word."""
     is_plain = word.isascii() and "_" not in word  # float takes 1_0 for 10
     number = float(word) if is_plain else np.nan
     if not abs(number) < MAX_NUMBER:

@@ -159,6 +159,7 @@ class UndistortedDepths:
 
 
 def _load_depth(path: Path) -> Array:
+    """Read the values [H, W] of a depth image; BadData for an image of another type."""
     image = decoding.decoded(path, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise BadData(
