@@ -62,13 +62,13 @@ class DynamicObjects:
         if not steps:
             return []
         observed = replace(observed, steps=steps)
-        evidence = self.residual.evidence(observed)
+        evidence, flow_pixels = self.residual.evidence(observed)
         objects: list[DynamicObject] = []
-        for cluster in self._clusters(evidence.is_moving):
+        for cluster in self._clusters(evidence):
             overlaps = [other.mask[cluster].mean() for other in objects]
             if max(overlaps, default=0) > self.duplicate_fraction:
                 continue
-            candidate = self._dynamic_object(cluster, evidence.flow_pixels, observed)
+            candidate = self._dynamic_object(cluster, flow_pixels, observed)
             if candidate is not None:
                 objects.append(candidate)
         return objects
@@ -77,7 +77,8 @@ class DynamicObjects:
         """Return connected parts of the evidence [H, W], large ones first; gaps are bridged."""
         join_px = max(3, int(self.join_fraction * evidence.shape[0]))
         kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (join_px, join_px))
-        count, labels = cv2.connectedComponents(cv2.dilate(evidence.astype(np.uint8), kernel))
+        bridged = cv2.dilate(evidence.astype(np.uint8), kernel)
+        count, labels = cv2.connectedComponents(bridged)
         parts = [evidence & (labels == label) for label in range(1, count)]
         min_pixels = self.min_evidence_fraction * evidence.size
         large = [part for part in parts if part.sum() >= min_pixels]
@@ -113,27 +114,34 @@ class DynamicObjects:
     def _foot_depth(self, mask: BoolArray, observed: PosedImages) -> float | None:
         """Return the depth of the road at the mask's lowest pixels; None beyond the limit."""
         rows, columns = np.nonzero(mask)
-        foot = np.array([np.median(columns), np.percentile(rows, self.foot_percentile)])
+        foot_u = np.median(columns)
+        foot_v = np.percentile(rows, self.foot_percentile)
+        foot = np.array([foot_u, foot_v])
         ray = pinhole.unproject(foot, np.array(1.0), observed.camera)
-        inverse_depth = float(ray @ observed.road.normal / observed.road.height)
-        if inverse_depth * observed.road.height <= 1 / self.max_distance:
+        inverse_heights = float(ray @ observed.road.normal)
+        if inverse_heights <= 1 / self.max_distance:
             return None
-        return 1 / inverse_depth
+        return observed.road.height / inverse_heights
 
     def _has_vehicle_size(self, mask: BoolArray, depth: float, observed: PosedImages) -> bool:
         """Return whether the mask is as large as vehicles, and not cut by the image's border."""
         rows, columns = bounding_box(mask)
-        is_whole = columns.start > 0 and columns.stop < mask.shape[1] and rows.stop < mask.shape[0]
+        height, width = mask.shape
+        if columns.start == 0 or columns.stop == width or rows.stop == height:
+            return False
         camera = observed.camera
         height_px = rows.stop - rows.start
         width_px = columns.stop - columns.start
-        metric = np.array([height_px / camera.fy_px, width_px / camera.fx_px]) * depth
-        size = metric / observed.road.height
-        return is_whole and bool((size > self.min_size).all() and (size < self.max_size).all())
+        angles = np.array([height_px / camera.fy_px, width_px / camera.fx_px])
+        size = depth * angles / observed.road.height
+        is_large = (size > self.min_size).all()
+        is_small = (size < self.max_size).all()
+        return bool(is_large and is_small)
 
     def _body(self, mask: BoolArray) -> BoolArray:
         """Return the pixels [H, W] of the mask above the object's shadow."""
         rows, _ = bounding_box(mask)
-        shadow_top = rows.stop - 1 - self.shadow_fraction * (rows.stop - rows.start)
+        shadow_px = self.shadow_fraction * (rows.stop - rows.start)
+        shadow_top = rows.stop - 1 - shadow_px
         is_above = np.arange(len(mask)) < shadow_top
         return mask & is_above[:, None]

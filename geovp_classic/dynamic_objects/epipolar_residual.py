@@ -19,14 +19,6 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Pixels that move by themselves, and the optical flow behind it."""
-
-    is_moving: BoolArray  # [H, W]
-    flow_pixels: FloatArray  # [K, H, W, 2] float32, correspondences (u, v) in the earlier frames
-
-
-@dataclass(frozen=True)
 class EpipolarResidual:
     """Comparison of the best static correspondence with that of optical flow."""
 
@@ -39,14 +31,18 @@ class EpipolarResidual:
     # A static point has at least this fraction of the road's inverse depth: roads are not flat.
     min_road_fraction: float = 0.85
 
-    def evidence(self, observed: PosedImages) -> Evidence:
-        """Return the evidence as a median over earlier frames, against single chance matches."""
+    def evidence(self, observed: PosedImages) -> tuple[BoolArray, FloatArray]:
+        """Return the pixels that move by themselves [H, W], and the optical flow.
+
+        The median over earlier frames is robust to single chance matches. The flow is given as
+        pixels (u, v) of the earlier frames [K, H, W, 2].
+        """
         limit = self._road_limit(observed)
         tests = parallel_map(lambda step: self._test_frame(observed, step, limit), observed.steps)
         strengths, shifts_px, flow_pixels = (np.stack(maps) for maps in zip(*tests, strict=True))
         is_strong = np.median(strengths, axis=0) > self.min_strength
         is_shifted = np.median(shifts_px, axis=0) > self.min_shift_px
-        return Evidence(is_strong & is_shifted, flow_pixels)
+        return is_strong & is_shifted, flow_pixels
 
     def _road_limit(self, observed: PosedImages) -> FloatArray:
         """Return the lowest inverse depth [H, W] of static points; 0 beyond the near road."""
@@ -80,7 +76,9 @@ class EpipolarResidual:
         excess = static_difference - flow_difference
         strength = excess / (flow_difference + np.float32(self.grey_noise))
         is_visible = inside(flow_pixels, observed.camera)
-        return np.where(is_visible, strength, 0), np.where(is_visible, shift_px, 0), flow_pixels
+        strength = np.where(is_visible, strength, 0)
+        shift_px = np.where(is_visible, shift_px, 0)
+        return strength, shift_px, flow_pixels
 
     def _flow(
         self, observed: PosedImages, last: FloatArray, earlier: FloatArray, static: FloatArray

@@ -26,7 +26,8 @@ class PosedImages:
 
     def seconds(self, step: int) -> float:
         """Return the time from an earlier frame to the last one."""
-        return float(self.past.times_s[-1] - self.past.times_s[-1 - step])
+        times_s = self.past.times_s
+        return float(times_s[-1] - times_s[-1 - step])
 
     def cam_from_last(self, step: int) -> FloatArray:
         """Return the motion [4, 4] from the last camera's frame to that of an earlier one."""
@@ -45,10 +46,12 @@ class PosedImages:
         rows, columns = box
         height_px, width_px = inverse_depth.shape
         part = self.camera.cropped(columns.start, rows.start, width_px, height_px)
-        moved_back = se3.compose(np.eye(3), -self.seconds(step) * velocity)
+        shift = -self.seconds(step) * velocity
+        moved_back = se3.compose(np.eye(3), shift)
         cam_from_last = self.cam_from_last(step) @ moved_back
         pixels, _ = Epipolar.of(part, cam_from_last, self.camera).project(inverse_depth)
-        return grey_difference(self.images[-1][box], self.images[-1 - step], pixels, window_px)
+        last = self.images[-1][box]
+        return grey_difference(last, self.images[-1 - step], pixels, window_px)
 
 
 def grey_difference(
@@ -60,4 +63,5 @@ def grey_difference(
     """Return the absolute difference [h, w] of the grey values, averaged over a window."""
     u, v = cv2.split(pixels)
     warped = cv2.remap(earlier, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(cv2.blur(np.abs(warped - last), (window_px, window_px)))
+    difference = np.abs(warped - last)
+    return np.asarray(cv2.blur(difference, (window_px, window_px)))

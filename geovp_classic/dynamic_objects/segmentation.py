@@ -92,10 +92,11 @@ class MotionSegmentation:
         """
         rows, columns = box
         width = observed.inverse_depth.shape[1]
-        left = observed.inverse_depth[rows, max(columns.start - 1, 0)][:, None]
-        right = observed.inverse_depth[rows, min(columns.stop, width - 1)][:, None]
-        fraction = np.linspace(0, 1, columns.stop - columns.start)
-        interpolated = left + fraction * (right - left)
+        left_column = max(columns.start - 1, 0)
+        right_column = min(columns.stop, width - 1)
+        left = observed.inverse_depth[rows, left_column]
+        right = observed.inverse_depth[rows, right_column]
+        interpolated = np.linspace(left, right, columns.stop - columns.start, axis=1)
         background = observed.inverse_depth[box].copy()
         _, inner = bounding_box(seed)
         background[:, inner] = interpolated[:, inner]
@@ -104,9 +105,11 @@ class MotionSegmentation:
     def _convex(self, mask: BoolArray) -> BoolArray:
         """Return the convex hull of a mask [h, w], widened by a margin."""
         hull = cv2.convexHull(cv2.findNonZero(mask.astype(np.uint8)))
-        filled = cv2.fillConvexPoly(np.zeros(mask.shape, np.uint8), hull, 1)
+        filled = np.zeros(mask.shape, np.uint8)
+        cv2.fillConvexPoly(filled, hull, 1)
         size_px = 2 * self.margin_px + 1
-        return np.asarray(cv2.dilate(filled, np.ones((size_px, size_px), np.uint8)) > 0)
+        kernel = np.ones((size_px, size_px), np.uint8)
+        return np.asarray(cv2.dilate(filled, kernel) > 0)
 
 
 def bounding_box(mask: BoolArray) -> Box:
@@ -117,6 +120,7 @@ def bounding_box(mask: BoolArray) -> Box:
 
 def _connected_to(mask: BoolArray, seed: BoolArray) -> BoolArray:
     """Return the parts of the mask [H, W] that are connected to the seed."""
-    bridged = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8))
+    kernel = np.ones((5, 5), np.uint8)
+    bridged = cv2.dilate(mask.astype(np.uint8), kernel)
     _, labels = cv2.connectedComponents(bridged)
-    return np.asarray(mask & np.isin(labels, np.unique(labels[seed])))
+    return np.asarray(mask & np.isin(labels, labels[seed]))

@@ -71,20 +71,28 @@ class Sprite:
     ) -> tuple[int, int, int, int] | None:
         """Return (left, top, width, height) of the mask in a view; None outside or too near."""
         left, top, width, height = cv2.boundingRect(self.mask.astype(np.uint8))
+        right = left + width
+        bottom = top + height
         corners = np.array(
-            [(u, v, 1) for u in (left - 1, left + width) for v in (top - 1, top + height)]
+            [
+                (left - 1, top - 1, 1),
+                (right, top - 1, 1),
+                (left - 1, bottom, 1),
+                (right, bottom, 1),
+            ]
         )
         points = corners @ view_from_source.T
         if points[:, 2].min() < self.min_depth_ratio:
             return None
         pixels = points[:, :2] / points[:, 2:]
         size_px = (camera.width_px, camera.height_px)
-        first = np.clip(np.floor(pixels.min(axis=0)) - rim_px, 0, size_px).astype(int)
-        end = np.clip(np.ceil(pixels.max(axis=0)) + rim_px + 1, 0, size_px).astype(int)
-        if (first >= end).any():
+        first = np.floor(pixels.min(axis=0)) - rim_px
+        end = np.ceil(pixels.max(axis=0)) + rim_px + 1
+        left, top = np.clip(first, 0, size_px).astype(int).tolist()
+        right, bottom = np.clip(end, 0, size_px).astype(int).tolist()
+        if left >= right or top >= bottom:
             return None
-        width, height = end - first
-        return int(first[0]), int(first[1]), int(width), int(height)
+        return left, top, right - left, bottom - top
 
 
 def mask_out(
@@ -148,7 +156,8 @@ class DynamicScene:
         is_in_front = ~covered | (depth <= 0) | (sprite_depth < self.max_depth_ratio * depth)
         alpha = np.where(is_in_front, layer.opacity, 0)
         difference = layer.colours.astype(np.float32) - frame
-        frame[:] = (frame + alpha[..., None] * difference + 0.5).astype(np.uint8)
+        mixed = frame + alpha[..., None] * difference
+        frame[:] = (mixed + 0.5).astype(np.uint8)
         is_opaque = alpha > 0.5
         covered |= is_opaque
         depth[is_opaque] = sprite_depth[is_opaque]

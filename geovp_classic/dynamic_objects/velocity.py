@@ -46,8 +46,9 @@ class VelocityEstimator:
         constants = []
         for pixels, step in zip(flow_pixels, observed.steps, strict=True):
             motion = observed.cam_from_last(step)
-            x = (pixels[body] - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]
-            static = points @ motion[:3, :3].T + motion[:3, 3]
+            rays = pinhole.unproject(pixels[body], np.ones(len(points)), camera)
+            x = rays[:, :2]
+            static = se3.transform(motion, points)
             shift = observed.seconds(step) * motion[:3, :3] @ directions  # [3, 2] per velocity
             jacobians.append(shift[None, :2] - x[..., None] * shift[2])  # [N, 2, 2]
             constants.append(x * static[:, 2:] - static[:, :2])
@@ -105,7 +106,8 @@ class VelocityEstimator:
 
 def along_road(normal: FloatArray) -> FloatArray:
     """Return two orthogonal directions [3, 2] along the road."""
-    return np.asarray(np.linalg.svd(normal[None])[2][1:].T)
+    _, _, basis = np.linalg.svd(normal[None])
+    return np.asarray(basis[1:].T)
 
 
 def image_slopes(image: FloatArray) -> FloatArray:
@@ -135,8 +137,10 @@ def _sample(
     is_shown = inside(pixels, camera)[:, None]
     u, v = pixels.T[:, None].astype(np.float32)
     sampled = cv2.remap(channels, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
-    by_xy = sampled[:, 1:] * [camera.fx_px, camera.fy_px] / moved[:, 2:]
-    by_z = -(by_xy * moved[:, :2]).sum(axis=1, keepdims=True) / moved[:, 2:]
-    by_velocity = -seconds * np.hstack([by_xy, by_z]) @ motion[:3, :3]
+    z = moved[:, 2:]
+    by_xy = sampled[:, 1:] * [camera.fx_px, camera.fy_px] / z
+    by_z = -(by_xy * moved[:, :2]).sum(axis=1, keepdims=True) / z
+    by_point = np.hstack([by_xy, by_z])
+    by_velocity = -seconds * by_point @ motion[:3, :3]
     greys = np.where(is_shown, sampled[:, :1], np.nan)
     return greys[:, 0], np.where(is_shown, by_velocity, 0)

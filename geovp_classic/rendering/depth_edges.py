@@ -27,7 +27,8 @@ def separated_edges(
 
     def gap_px(other_depth: FloatArray) -> FloatArray:
         other_pixels, _ = epipolar.project(np.maximum(other_depth, 0))
-        return np.asarray(np.linalg.norm(other_pixels - pixels, axis=-1))
+        gap = np.linalg.norm(other_pixels - pixels, axis=-1)
+        return np.asarray(gap)
 
     is_separated = np.zeros(inverse_depth.shape, bool)
     for axis, slope in ((1, slopes[..., 0]), (0, slopes[..., 1])):

@@ -55,7 +55,8 @@ class MagnifiedDetail:
             own_contrast = self._contrast(pinhole.grey(frames[step]))
             gain = self.strength * np.minimum(own_contrast / contrast, 1)
             added = cv2.merge([gain * missing] * 3)
-            return np.asarray(cv2.add(frames[step], added, dtype=cv2.CV_8U), np.uint8)
+            frame = cv2.add(frames[step], added, dtype=cv2.CV_8U)
+            return np.asarray(frame, np.uint8)
 
         return np.stack(parallel_map(add, range(len(frames))))
 
@@ -63,7 +64,8 @@ class MagnifiedDetail:
         """Return the frequency bands [H, W] of an image [H, W], finest first."""
         levels = [image]
         for edge in self.band_edges[1:]:
-            levels.append(np.asarray(cv2.GaussianBlur(image, (0, 0), self.blur_px * edge)))
+            blurred = cv2.GaussianBlur(image, (0, 0), self.blur_px * edge)
+            levels.append(np.asarray(blurred))
         return [fine - coarse for fine, coarse in itertools.pairwise(levels)]
 
     def _contrast(self, image: FloatArray) -> FloatArray:
@@ -80,7 +82,9 @@ def wide_blur(
     """Blur with a Gaussian that is wide compared to a pixel, on a smaller image for speed."""
     shrink = max(1, int(sigma_px / 3))
     height, width = image.shape[:2]
-    small_px = (max(1, width // shrink), max(1, height // shrink))
-    small = cv2.resize(image, small_px, interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), sigma_px / shrink)
-    return np.asarray(cv2.resize(blurred, (width, height), interpolation=cv2.INTER_LINEAR))
+    small_width = max(1, width // shrink)
+    small_height = max(1, height // shrink)
+    small = cv2.resize(image, (small_width, small_height), interpolation=cv2.INTER_AREA)
+    small = small.astype(np.float32)
+    blurred = cv2.GaussianBlur(small, (0, 0), sigma_px / shrink)
+    return np.asarray(cv2.resize(blurred, (width, height)))

@@ -40,25 +40,30 @@ class ToneCurve:
 
     def apply(self, frame: ByteArray, log_gain: float) -> ByteArray:
         """Return the frame [H, W, 3] or [H, W] after a change of exposure."""
-        table = np.minimum(np.arange(256) * math.exp(log_gain) + 0.5, 255).astype(np.uint8)
+        brighter = np.arange(256) * math.exp(log_gain)
+        table = np.minimum(brighter + 0.5, 255).astype(np.uint8)
         scaled = cv2.LUT(frame, table)
         highlight = self._highlight(log_gain)
         if highlight < 0.5:
             return np.asarray(scaled, np.uint8)
-        saturation = cv2.LUT(frame, self._saturation().astype(np.float32))
+        table = self._saturation().astype(np.float32)
+        saturation = cv2.LUT(frame, table)
         blurred = cv2.GaussianBlur(saturation, (0, 0), self.saturation_blur_px)
-        return np.asarray(cv2.add(scaled, highlight * blurred, dtype=cv2.CV_8U), np.uint8)
+        exposed = cv2.add(scaled, highlight * blurred, dtype=cv2.CV_8U)
+        return np.asarray(exposed, np.uint8)
 
     def _saturation(self) -> FloatArray:
         """Return how saturated each grey value [256] is, from 0 to 1."""
-        above = (np.arange(256) - self.min_saturated_grey) / (255 - self.min_saturated_grey)
-        return np.clip(above, 0, 1) ** 2
+        lowest = self.min_saturated_grey
+        fraction = (np.arange(256) - lowest) / (255 - lowest)
+        return np.clip(fraction, 0, 1) ** 2
 
     def _highlight(self, log_gain: float) -> float:
         """Return how much brighter a saturated pixel stays than 255 times the gain."""
         if log_gain >= 0:
             return 0.0
-        return 255 * (math.exp(self.saturated_gain_fraction * log_gain) - math.exp(log_gain))
+        saturated_gain = math.exp(self.saturated_gain_fraction * log_gain)
+        return 255 * (saturated_gain - math.exp(log_gain))
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,8 @@ class Exposure:
 
     def match(self, source: Source, step: int) -> Source:
         """Return the source of an observed step as bright as the last frame would show it."""
-        frame = self.tone_curve.apply(source.frame, float(self.log_gains[step]))
+        log_gain = float(self.log_gains[step])
+        frame = self.tone_curve.apply(source.frame, log_gain)
         return replace(source, frame=frame)
 
 
@@ -105,21 +111,24 @@ class ExposureEstimator:
         seconds = past.times_s - past.times_s[-1]
         gains = self._log_gains(greys, camera, past.world_from_cam, inverse_depth)
         steps = np.diff(gains, append=0.0)
-        is_jump = np.abs(steps) > self.min_jump_hz * np.diff(seconds, append=0.0)
+        durations = np.diff(seconds, append=0.0)
+        is_jump = np.abs(steps) > self.min_jump_hz * durations
         jumps = np.where(is_jump, steps, 0.0)
         jumped = -np.cumsum(jumps[::-1])[::-1]  # log gain of all jumps since each frame
-        controlled = gains - jumped
-
-        trend = slice(-1 - self.num_trend_steps, -1)
-        span = float((seconds[trend] ** 2).sum())
-        rate = -float((seconds[trend] * controlled[trend]).sum()) / span if span > 0 else 0.0
-        rate = float(np.clip(rate, -self.max_rate_hz, self.max_rate_hz))
-
-        variance = float((np.diff(controlled) ** 2).mean()) if len(gains) > 1 else 0.0
-        confidence = variance / (variance + self.steady_log_gain**2)
-
-        levels = np.array([_log(float(grey.mean())) for grey in greys]) + jumped
+        levels = [_log(float(grey.mean())) for grey in greys] + jumped
         level = float(levels.mean())
+        if len(greys) == 1:
+            return Exposure(seconds, gains, 0.0, level, 0.0, self.tone_curve)
+
+        # A line through the last frame, by least squares.
+        controlled = gains - jumped
+        trend = slice(-1 - self.num_trend_steps, -1)
+        t = seconds[trend]
+        slope = -float((t * controlled[trend]).sum() / (t**2).sum())
+        rate = float(np.clip(slope, -self.max_rate_hz, self.max_rate_hz))
+
+        variance = float((np.diff(controlled) ** 2).mean())
+        confidence = variance / (variance + self.steady_log_gain**2)
         return Exposure(seconds, gains, rate, level, confidence, self.tone_curve)
 
     def _log_gains(
@@ -147,18 +156,22 @@ class ExposureEstimator:
             is_used = is_valid & (ratio > 0) & self._is_comparable(warped, images[step])
             if is_used.mean() < self.min_valid_fraction:
                 return 0.0
-            return float(np.median(np.log(images[-1][is_used] / warped[is_used])))
+            ratio = images[-1][is_used] / warped[is_used]
+            return float(np.median(np.log(ratio)))
 
-        return np.array([*parallel_map(log_gain, range(len(greys) - 1)), 0.0])
+        gains = parallel_map(log_gain, range(len(greys) - 1))
+        return np.array([*gains, 0.0])
 
     def _small(self, grey: ByteArray, size_px: tuple[int, int]) -> FloatArray:
         """Return a smaller image [h, w] float32 without its finest detail."""
         small = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
-        return np.asarray(cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px))
+        blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
+        return np.asarray(blurred)
 
     def _is_comparable(self, warped: FloatArray, image: FloatArray) -> BoolArray:
         """Return where [h, w] a warped image is neither dark nor saturated."""
-        darkest = min(self.min_grey, self.min_mean_fraction * float(image.mean()))
+        mean = float(image.mean())
+        darkest = min(self.min_grey, self.min_mean_fraction * mean)
         return (warped > darkest) & (warped < self.max_grey)
 
 
@@ -202,7 +215,8 @@ class ExposureControl:
         error = _log(float(last @ observed.tone_curve.values(0.0))) - log_level
         for fraction in np.arange(1, num_steps + 1) / num_steps:
             rate_hz = decay * rate_hz - (1 - decay) * pull_hz * error
-            gain = min(max(gain + rate_hz * dt_s, -self.max_log_gain), self.max_log_gain)
+            gain = gain + rate_hz * dt_s
+            gain = min(max(gain, -self.max_log_gain), self.max_log_gain)
             mixed = last + fraction * (histogram - last)
             error = _log(float(mixed @ observed.tone_curve.values(gain))) - log_level
         return gain
@@ -243,7 +257,8 @@ class ExposedScene:
             )
             return self.exposure.tone_curve.apply(views.frames[step], gain)
 
-        return replace(views, frames=np.stack(parallel_map(expose, range(len(times_s)))))
+        frames = parallel_map(expose, range(len(times_s)))
+        return replace(views, frames=np.stack(frames))
 
 
 def _shrunk(camera: Intrinsics, scale: float) -> Intrinsics:
@@ -256,7 +271,8 @@ def _shrunk(camera: Intrinsics, scale: float) -> Intrinsics:
 
 def _histogram(frame: ByteArray) -> FloatArray:
     """Return the fractions [256] of the grey values of a frame."""
-    counts = np.bincount(pinhole.grey8(frame).ravel(), minlength=256)
+    grey = pinhole.grey8(frame)
+    counts = np.bincount(grey.ravel(), minlength=256)
     return counts / counts.sum()
 
 

@@ -122,7 +122,8 @@ def close_cracks(
     In each round the pixels of gaps take the farthest of their four neighbours.
     """
     is_seen = (source_index != NO_INDEX).astype(np.uint8)
-    kernel = np.ones((2 * crack_px + 1, 2 * crack_px + 1), np.uint8)
+    size_px = 2 * crack_px + 1
+    kernel = np.ones((size_px, size_px), np.uint8)
     is_gap = cv2.morphologyEx(is_seen, cv2.MORPH_CLOSE, kernel) > is_seen
     known_depth = np.where(is_seen, inverse_depth, np.float32(np.inf))
     padded = np.pad(known_depth, 1, constant_values=np.inf)
@@ -132,13 +133,15 @@ def close_cracks(
     width = padded.shape[1]
     for _ in range(2 * crack_px):
         neighbours = gaps[:, None] + [-width, width, -1, 1]
-        farthest = neighbours[np.arange(len(gaps)), depth[neighbours].argmin(axis=1)]
+        side = depth[neighbours].argmin(axis=1)
+        farthest = neighbours[np.arange(len(gaps)), side]
         depth[gaps] = depth[farthest]
         index[gaps] = index[farthest]
         gaps = gaps[index[gaps] == NO_INDEX]
     closed_depth = depth.reshape(padded.shape)[1:-1, 1:-1]
     closed_index = index.reshape(padded.shape)[1:-1, 1:-1]
-    return np.where(closed_index == NO_INDEX, np.float32(-1), closed_depth), closed_index
+    is_open = closed_index == NO_INDEX
+    return np.where(is_open, np.float32(-1), closed_depth), closed_index
 
 
 def smooth(

@@ -6,7 +6,7 @@ Inverse depth 0 is infinitely far and needs no special case.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,8 +34,12 @@ class Patches:
 
 def concatenate(clouds: Sequence[Patches]) -> Patches:
     """Concatenate clouds; where patches are equally near, earlier ones are rendered."""
-    names = [field.name for field in fields(Patches)]
-    return Patches(*(np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in names))
+    return Patches(
+        np.concatenate([cloud.pixels for cloud in clouds]),
+        np.concatenate([cloud.inverse_depth for cloud in clouds]),
+        np.concatenate([cloud.slope for cloud in clouds]),
+        np.concatenate([cloud.source for cloud in clouds]),
+    )
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,8 @@ class PatchModel:
 
         Pixels without a patch have inverse depth -1 and number NO_INDEX.
         """
-        stride = max(1, int(self.coarse_patch_px * sources[0].camera.fx_px / camera.fx_px))
+        source_px = sources[0].camera.fx_px / camera.fx_px  # pixels of a source per pixel
+        stride = max(1, int(self.coarse_patch_px * source_px))
         used = np.arange(len(cloud))
         if stride > 1:
             is_used = cloud.pixels.astype(int) % stride == stride // 2
@@ -121,12 +126,13 @@ class PatchModel:
                 Epipolar.of(source.camera, cam_from_world @ source.world_from_source, camera)
                 for source in sources
             ]
-            a = np.stack([epipolar.infinity for epipolar in maps]).astype(np.float64)
-            b = np.stack([epipolar.epipole for epipolar in maps]).astype(np.float64)
+            to_view = np.stack(
+                [np.column_stack([epipolar.infinity, epipolar.epipole]) for epipolar in maps]
+            )
             z_buffer = np.full(size, -1, np.float32)
             winner = np.full(size, NO_INDEX, np.int32)
             half_px = stride * self.half_px
-            rasterise_view(pixels, inverse_depth, slope, source, a, b, half_px, z_buffer, winner)
+            rasterise_view(pixels, inverse_depth, slope, source, to_view, half_px, z_buffer, winner)
             return z_buffer, numbers[winner]
 
         z_buffers, winners = zip(*parallel_map(rasterise, world_from_cam), strict=True)

@@ -22,8 +22,7 @@ def rasterise_view(
     inverse_depth: FloatArray,  # [N]
     slope: FloatArray,  # [N, 2], of the inverse depth per pixel along u and v
     source: IndexArray,  # [N]
-    a: FloatArray,  # [S, 3, 3], from the sources to the view, see geometry.epipolar
-    b: FloatArray,  # [S, 3]
+    to_view: FloatArray,  # [S, 3, 4], from (u, v, 1, inverse depth) to homogeneous pixels
     half_px: float,  # half the side of a patch in its source
     z_buffer: FloatArray,  # [H, W], inverse depth; written
     winner: IndexArray,  # [H, W], number of the nearest patch; written
@@ -47,20 +46,25 @@ def rasterise_view(
             q_d *= q / steepness
             q_e *= q / steepness
 
-        z = a[k, 2, 0] * u + a[k, 2, 1] * v + a[k, 2, 2] + q * b[k, 2]
-        d_z = half_px * a[k, 2, 0] + q_d * b[k, 2]
-        e_z = half_px * a[k, 2, 1] + q_e * b[k, 2]
+        # What u, v, 1 and q add to the homogeneous pixel of the view.
+        x_u, x_v, x_1, x_q = to_view[k, 0]
+        y_u, y_v, y_1, y_q = to_view[k, 1]
+        z_u, z_v, z_1, z_q = to_view[k, 2]
+
+        z = z_u * u + z_v * v + z_1 + z_q * q
+        d_z = z_u * half_px + z_q * q_d
+        e_z = z_v * half_px + z_q * q_e
         nearest_z = z - abs(d_z) - abs(e_z)
         if nearest_z < min_z:
             continue
 
         # The middle in the view, and the steps relative to it.
-        x = (a[k, 0, 0] * u + a[k, 0, 1] * v + a[k, 0, 2] + q * b[k, 0]) / z
-        y = (a[k, 1, 0] * u + a[k, 1, 1] * v + a[k, 1, 2] + q * b[k, 1]) / z
-        d_x = half_px * a[k, 0, 0] + q_d * b[k, 0] - x * d_z
-        d_y = half_px * a[k, 1, 0] + q_d * b[k, 1] - y * d_z
-        e_x = half_px * a[k, 0, 1] + q_e * b[k, 0] - x * e_z
-        e_y = half_px * a[k, 1, 1] + q_e * b[k, 1] - y * e_z
+        x = (x_u * u + x_v * v + x_1 + x_q * q) / z
+        y = (y_u * u + y_v * v + y_1 + y_q * q) / z
+        d_x = x_u * half_px + x_q * q_d - x * d_z
+        d_y = y_u * half_px + y_q * q_d - y * d_z
+        e_x = x_v * half_px + x_q * q_e - x * e_z
+        e_y = y_v * half_px + y_q * q_e - y * e_z
 
         left = right = top = bottom = 0.0
         for corner in range(4):

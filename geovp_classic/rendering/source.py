@@ -57,14 +57,18 @@ class Source:
         resolution, is interpolated bicubically.
         """
         height, width = self.frame.shape[:2]
-        u = (pixels[..., 0] + 0.5) * (width / self.camera.width_px) + (MARGIN_PX - 0.5)
-        v = (pixels[..., 1] + 0.5) * (height / self.camera.height_px) + (MARGIN_PX - 0.5)
+        scale_u = width / self.camera.width_px
+        scale_v = height / self.camera.height_px
+        shift = MARGIN_PX - 0.5
+        u = (pixels[..., 0] + 0.5) * scale_u + shift
+        v = (pixels[..., 1] + 0.5) * scale_v + shift
         u = np.where(is_sampled, u, -1e4).astype(np.float32)
         v = v.astype(np.float32)
         border = cv2.BORDER_CONSTANT
-        luma = cv2.remap(self._luma_chroma[0], u, v, cv2.INTER_LANCZOS4, borderMode=border)
+        luma_image, chroma_image = self._luma_chroma
+        luma = cv2.remap(luma_image, u, v, cv2.INTER_LANCZOS4, borderMode=border)
         chroma = cv2.remap(
-            self._luma_chroma[1], u, v, cv2.INTER_CUBIC, borderMode=border, borderValue=(0.5, 0.5)
+            chroma_image, u, v, cv2.INTER_CUBIC, borderMode=border, borderValue=(0.5, 0.5)
         )
         channels = cv2.merge([luma, *cv2.split(chroma)])
         return np.asarray(cv2.cvtColor(channels, cv2.COLOR_YCrCb2RGB), np.float32)
@@ -89,8 +93,10 @@ class Source:
         if scale >= max_scale:
             return self
         height, width = self.frame.shape[:2]
-        size_px = (max(1, round(width * scale)), max(1, round(height * scale)))
-        return replace(self, frame=pinhole.resize(self.frame, size_px))
+        width_px = max(1, round(width * scale))
+        height_px = max(1, round(height * scale))
+        frame = pinhole.resize(self.frame, (width_px, height_px))
+        return replace(self, frame=frame)
 
 
 def warp(
@@ -111,7 +117,8 @@ def warp(
 
 def to_bytes(colours: FloatArray) -> ByteArray:
     """Return colours [H, W, 3] rounded to 8 bits."""
-    return np.asarray(cv2.convertScaleAbs(np.maximum(colours, 0)), np.uint8)
+    positive = np.maximum(colours, 0)
+    return np.asarray(cv2.convertScaleAbs(positive), np.uint8)
 
 
 def resampled(source: Source, camera: Intrinsics) -> ByteArray:
@@ -121,5 +128,8 @@ def resampled(source: Source, camera: Intrinsics) -> ByteArray:
     """
     infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
     pixels, _ = source.project(infinity, source.world_from_source, camera)
-    last = np.array([source.camera.width_px - 1, source.camera.height_px - 1], np.float32)
-    return to_bytes(source.shrunk(camera).sample(np.clip(pixels, 0, last), infinity == 0))
+    size_px = np.array([source.camera.width_px, source.camera.height_px], np.float32)
+    inside_pixels = np.clip(pixels, 0, size_px - 1)
+    everywhere = np.ones(infinity.shape, bool)
+    colours = source.shrunk(camera).sample(inside_pixels, everywhere)
+    return to_bytes(colours)

@@ -43,7 +43,8 @@ class Volume:
         """
         settings = self.settings
         hash_map = self.grid.hashmap()
-        blocks = hash_map.key_tensor()[hash_map.active_buf_indices().to(o3d.core.int64)]
+        active = hash_map.active_buf_indices().to(o3d.core.int64)
+        blocks = hash_map.key_tensor()[active]
         cam_from_volume = se3.inverse(world_from_cam) @ self.world_from_volume
         with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
             maps = self.grid.ray_cast(
@@ -115,8 +116,9 @@ class VolumeSettings:
             is_used = is_known[step] & (inverse_depths[step] * unit > 1 / self.reach)
             if not is_used.any():
                 continue
-            depth = 1 / (unit * np.where(is_used, inverse_depths[step], 1))
-            depth_map = _image(np.where(is_used, depth, 0)[..., None])
+            safe = np.where(is_used, inverse_depths[step], 1)
+            depth = np.where(is_used, 1 / (unit * safe), 0)
+            depth_map = _image(depth[..., None])
             extrinsic = core.Tensor.from_numpy(_scaled(cam_from_last[step], 1 / unit))
             limits = (1.0, self.reach, self.truncation_voxels)
             blocks = grid.compute_unique_block_coordinates(depth_map, matrix, extrinsic, *limits)
@@ -174,8 +176,8 @@ class VolumeScene:
         its image nor behind its own surfaces, and where its own ones lie beyond the volume [H, W].
         """
         colours, is_inside, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
-        u, v = cv2.split(np.where(is_inside[..., None], pixels, np.float32(0)))
-        last_depth = np.asarray(cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST), np.float32)
+        u, v = cv2.split(pixels)
+        last_depth = cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST)
         depth_in_last = inverse_depth / np.where(is_inside, ratio, 1)
         is_in_front = depth_in_last >= last_depth * (1 - self.max_depth_difference)
         is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
@@ -193,14 +195,19 @@ def close_gaps(
     """
     is_hit = np.isfinite(inverse_depth)
     row = np.arange(len(inverse_depth))[:, None]
-    above = np.maximum.accumulate(np.where(is_hit, row, -1), axis=0)
-    below = np.minimum.accumulate(np.where(is_hit, row, len(row))[::-1], axis=0)[::-1]
-    is_narrow = ~is_hit & (above >= 0) & (below < len(row)) & (below - above <= gap_px + 1)
+    num_rows = len(row)
+    hit_row = np.where(is_hit, row, -1)
+    above = np.maximum.accumulate(hit_row, axis=0)
+    hit_row = np.where(is_hit, row, num_rows)
+    below = np.minimum.accumulate(hit_row[::-1], axis=0)[::-1]
+    is_between = ~is_hit & (above >= 0) & (below < num_rows)
+    is_narrow = is_between & (below - above <= gap_px + 1)
     above = np.where(is_narrow, above, 0)
     below = np.where(is_narrow, below, 1)
     upper = np.take_along_axis(inverse_depth, above, 0)
     lower = np.take_along_axis(inverse_depth, below, 0)
-    plane = upper + (lower - upper) * (row - above) / (below - above)
+    fraction = (row - above) / (below - above)
+    plane = upper + fraction * (lower - upper)
     return np.where(is_narrow, plane, inverse_depth)
 
 
