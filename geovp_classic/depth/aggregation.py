@@ -38,17 +38,11 @@ class SemiGlobalAggregation:
         image: ByteArray,  # [H, W] grey
     ) -> SumArray:
         """Return the path costs [H, W, N], summed over all eight directions."""
-
-        def follow(is_upward: bool) -> SumArray:
-            # The upward pass is the downward one on an image turned by 180 degrees.
-            turned = image[::-1, ::-1] if is_upward else image
-            sums = np.empty(costs.shape, np.uint16)
+        sums = np.zeros(costs.shape, np.uint16)
+        # The upward pass is the downward one on an image turned by 180 degrees.
+        for is_upward, turned in ((False, image), (True, image[::-1, ::-1])):
             _follow(costs, is_upward, self.small_step_cost, self._large_steps(turned), sums)
-            return sums
-
-        downward, upward = parallel_map(follow, (False, True))
-        downward += upward
-        return downward
+        return sums
 
     def _large_steps(self, image: ByteArray) -> PathArray:
         """Return the costs [4, H, W] of large steps from the neighbour in each direction."""
@@ -117,9 +111,9 @@ def _follow(
     is_upward: bool,
     small_step: int,
     large_steps: PathArray,  # [4, H, W], in the order of the pass
-    sums: SumArray,  # [H, W, N], written
+    sums: SumArray,  # [H, W, N], added to
 ) -> None:
-    """Write the summed costs of the four paths of one pass.
+    """Add the costs of the four paths of one pass.
 
     Paths have a margin of one plane on either side, which is never the best one.
     """
@@ -149,7 +143,7 @@ def _follow(
             total = sums[row, column]
             for n in range(num_planes):
                 path_sum = horizontal[n + 1] + left[n + 1] + vertical[n + 1] + right[n + 1]
-                total[n] = np.uint16(path_sum)
+                total[n] += np.uint16(path_sum)
 
 
 @numba.njit(nogil=True, cache=True)
