@@ -126,6 +126,8 @@ def resampled(source: Source, camera: Intrinsics) -> ByteArray:
 
     Outside of the source its border continues.
     """
+    if camera == source.camera and source.resolution == 1:
+        return source.frame
     infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
     pixels, _ = source.project(infinity, source.world_from_source, camera)
     size_px = np.array([source.camera.width_px, source.camera.height_px], np.float32)
