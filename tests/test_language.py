@@ -17,22 +17,6 @@ BANNED_OPENINGS = re.compile(
     r"|where|when|who|if|as|at|by|for|from|in|of|on|with|without)\b",
     re.IGNORECASE,
 )
-NOT_YET_PLAIN = (  # files and folders that are still to be rewritten
-    "data/doctor.py",
-    "data/splits.py",
-    "data/synthetic/",
-    "depth/viewpoints.py",
-    "forecasting/kalman.py",
-    "geometry/occlusion.py",
-    "geometry/two_view.py",
-    "inpainters/telea.py",
-    "metrics/",
-    "odometry/",
-    "pose_refinement/",
-    "pose_sources/",
-    "renderers/depth_fusion.py",
-    "rendering/fusion.py",
-)
 
 
 def bound_names(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -65,8 +49,7 @@ def offences(source: str) -> list[str]:
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=str)
 def test_names_and_docstrings_are_plain(path: Path) -> None:
-    if not str(path.relative_to(PACKAGE)).startswith(NOT_YET_PLAIN):
-        assert offences(path.read_text()) == []
+    assert offences(path.read_text()) == []
 
 
 def test_offences_are_noticed() -> None:

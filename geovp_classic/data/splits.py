@@ -27,8 +27,8 @@ def load(name: str) -> tuple[FrameRange, ...]:
         path = _folder() / f"{name}.toml"
     else:
         close = difflib.get_close_matches(name, names(), n=1, cutoff=0.5)
-        known = f"known are {', '.join(names())}, or give a .toml file"
-        hint = f"did you mean {close[0]!r}?" if close else known
+        others = f"known are {', '.join(names())}, or give a .toml file"
+        hint = f"did you mean {close[0]!r}?" if close else others
         raise BadData(f"no split is called {name!r}: {hint}")
     text = files.read_text(path)
     try:

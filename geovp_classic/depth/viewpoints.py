@@ -31,9 +31,9 @@ class SourceSelection:
         is_usable[reference] = False
         candidates = np.flatnonzero(is_usable).tolist()
         sources: list[int] = []
-        longest = baselines[is_usable].max(initial=0)
+        max_baseline = baselines[is_usable].max(initial=0)
         for halvings in range(min(self.num_sources, len(candidates))):
-            errors = np.abs(np.log(baselines[candidates] * 2**halvings / longest))
+            errors = np.abs(np.log(baselines[candidates] * 2**halvings / max_baseline))
             sources.append(candidates.pop(int(np.argmin(errors))))
         return sources
 

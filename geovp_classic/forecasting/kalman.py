@@ -69,7 +69,7 @@ class TurnRateKalman(PlanarForecaster):
 
     @property
     def model(self) -> VehicleModel:
-        """The vehicle with the fitted constants."""
+        """Return the vehicle with the fitted constants."""
         return fitted(self.constants)
 
     def prediction(

@@ -7,7 +7,7 @@ from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 
 def background_pixels(
-    known: BoolArray,  # [H, W]
+    is_known: BoolArray,  # [H, W]
     depth: FloatArray,  # [H, W], larger = farther; any order will do
 ) -> IntArray:
     """Return the flat index [H, W] of the pixel that each pixel is copied from.
@@ -16,33 +16,33 @@ def background_pixels(
     known pixels left and right in its row, of equally far ones from the nearer. Rows without any
     known pixel are copied from the row above or below in the same manner.
     """
-    index = np.arange(known.size).reshape(known.shape)
-    _copy_farther(np.ascontiguousarray(known), np.ascontiguousarray(depth), index)
-    rows: BoolArray = np.asarray(known.any(axis=1))
+    index = np.arange(is_known.size).reshape(is_known.shape)
+    _copy_farther(np.ascontiguousarray(is_known), np.ascontiguousarray(depth), index)
+    rows: BoolArray = np.asarray(is_known.any(axis=1))
     if not rows.all():
         down = np.ascontiguousarray(index.T)
-        _copy_farther(np.repeat(rows[None], known.shape[1], axis=0), depth.ravel()[down], down)
+        _copy_farther(np.repeat(rows[None], is_known.shape[1], axis=0), depth.ravel()[down], down)
         index = np.ascontiguousarray(down.T)
     return index
 
 
 @numba.njit(nogil=True, cache=True)
 def _copy_farther(
-    known: BoolArray,  # [H, W]
+    is_known: BoolArray,  # [H, W]
     depth: FloatArray,  # [H, W]
     index: IntArray,  # [H, W]; unknown pixels take that of the known pixel left or right
 ) -> None:
-    height, width = known.shape
+    height, width = is_known.shape
     for row in range(height):
-        left = -1  # the known columns beside the current one
+        left = -1  # the known columns next to the current one
         right = 0
         for column in range(width):
-            if known[row, column]:
+            if is_known[row, column]:
                 left = column
                 continue
             if right <= column:
                 right = column + 1
-                while right < width and not known[row, right]:
+                while right < width and not is_known[row, right]:
                     right += 1
             if left < 0 and right == width:
                 break

@@ -25,6 +25,8 @@ class Telea:
         return inpaint_each(views, last, self._inpaint_frame)
 
     def _inpaint_frame(self, frame: ByteArray, covered: BoolArray, depth: FloatArray) -> ByteArray:
-        known = np.where(covered[..., None], frame, np.uint8(0))
+        covered_frame = np.where(covered[..., None], frame, np.uint8(0))
         hole = (~covered).astype(np.uint8)
-        return np.asarray(cv2.inpaint(known, hole, self.radius_px, cv2.INPAINT_TELEA), np.uint8)
+        return np.asarray(
+            cv2.inpaint(covered_frame, hole, self.radius_px, cv2.INPAINT_TELEA), np.uint8
+        )

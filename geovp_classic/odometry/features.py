@@ -83,13 +83,13 @@ class CornerTracker:
         if len(pixels) == 0:
             return np.zeros((0, 2)), np.zeros(0, dtype=bool)
         images = (self.match_exposure(before, now), now)
-        tracked, found = self._track(images, pixels, predicted, num_levels=2)
-        if found.mean() < self.min_found_fraction:
-            lost = ~found | (found.mean() < self.min_predicted_fraction)
-            tracked[lost], found[lost] = self._track(
+        tracked, is_found = self._track(images, pixels, predicted, num_levels=2)
+        if is_found.mean() < self.min_found_fraction:
+            lost = ~is_found | (is_found.mean() < self.min_predicted_fraction)
+            tracked[lost], is_found[lost] = self._track(
                 images, pixels[lost], pixels[lost], self.num_levels
             )
-        return tracked, found
+        return tracked, is_found
 
     def match_exposure(self, grey: ByteArray, reference: ByteArray) -> ByteArray:
         """Return the image with the exposure of another, if they differ noticeably.
@@ -112,7 +112,7 @@ class CornerTracker:
         predicted: FloatArray,
         num_levels: int,
     ) -> tuple[FloatArray, BoolArray]:
-        tracked, found, difference = track_points(
+        tracked, is_found, difference = track_points(
             images,
             pixels,
             predicted,
@@ -122,11 +122,11 @@ class CornerTracker:
             max_return_px=self.max_return_px,
         )
         tracked = np.nan_to_num(tracked.astype(np.float64))
-        found &= _is_inside(tracked, images[1], margin_px=2)
-        if found.any():
-            usual = float(np.median(difference[found]))
-            found &= difference < self.max_difference_ratio * usual + self.max_difference_offset
-        return tracked, found
+        is_found &= _is_inside(tracked, images[1], margin_px=2)
+        if is_found.any():
+            usual = float(np.median(difference[is_found]))
+            is_found &= difference < self.max_difference_ratio * usual + self.max_difference_offset
+        return tracked, is_found
 
 
 def _is_inside(pixels: FloatArray, image: ByteArray, margin_px: float) -> BoolArray:

@@ -62,9 +62,9 @@ def longest_segment(
     steps = np.flatnonzero(tracked)
     restarts = np.flatnonzero(np.diff(steps) > max_bridged + 1) + 1
     segments = np.split(steps, restarts)
-    longest = max(reversed(segments), key=len)  # the last one of equally long ones
+    segment = max(reversed(segments), key=len)  # the last one of equally long ones
     is_measured: BoolArray = np.zeros(len(tracked), dtype=bool)
-    is_measured[longest] = True
-    if len(longest) and longest[0] > steps[0]:
-        is_measured[longest[0] - 1] = True
+    is_measured[segment] = True
+    if len(segment) and segment[0] > steps[0]:
+        is_measured[segment[0] - 1] = True
     return is_measured

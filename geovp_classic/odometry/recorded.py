@@ -15,7 +15,7 @@ class Recorded:
     needs = PrivilegedInput.PAST_POSES  # the recorded past poses
 
     def track(self, context: Context) -> tuple[Trajectory, BoolArray]:
-        """The recorded past [P], every step tracked; Incompatible when the clip has no poses."""
+        """Return the recorded past [P], all tracked; raise Incompatible without poses."""
         past = recorded(context.past, "past")
         return past, np.ones(len(past), dtype=bool)
 

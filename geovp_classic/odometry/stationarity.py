@@ -65,10 +65,10 @@ class Stationarity:
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
         max_shift_px = np.zeros(len(pixels))
         for step in (0, len(greys) // 3, 2 * len(greys) // 3):
-            tracked, found, _ = track_points(
+            tracked, is_found, _ = track_points(
                 (greys[-1], greys[step]), pixels, pixels, self.window_px, (1, 1)
             )
-            shift_px = np.where(found, np.linalg.norm(tracked - pixels, axis=1), np.inf)
+            shift_px = np.where(is_found, np.linalg.norm(tracked - pixels, axis=1), np.inf)
             max_shift_px = np.maximum(max_shift_px, shift_px)
         in_place = max_shift_px < self.max_shift_px
         num_slow = (max_shift_px < self.max_slow_shift_px).sum() - in_place.sum()

@@ -111,15 +111,15 @@ class Tracker:
         index = np.flatnonzero(self.map.active)
         guess = self.map.predict_pixels(se3.inverse(self._world_from_last), predicted)
         corners = self.settings.corners
-        pixels, found = corners.track(last.grey, image.grey, self.map.pixels[index], guess)
-        has_point = found & self.map.triangulated[index]
+        pixels, is_found = corners.track(last.grey, image.grey, self.map.pixels[index], guess)
+        has_point = is_found & self.map.triangulated[index]
         points = self.map.points[index[has_point]]
         rays = self.map.lens.rays(pixels[has_point])
         localised = self.settings.resection.resect(points, rays, predicted, self.map.noise)
         if localised is None:
-            return self._localise_from_keyframe(image, index[found], pixels[found])
-        cam_from_world, found[has_point] = localised
-        tracks = self._move(image, index[found], pixels[found], cam_from_world)
+            return self._localise_from_keyframe(image, index[is_found], pixels[is_found])
+        cam_from_world, is_found[has_point] = localised
+        tracks = self._move(image, index[is_found], pixels[is_found], cam_from_world)
         if self._keyframe_is_due():
             self._add_keyframe(image)
         return tracks

@@ -212,8 +212,8 @@ class UnmeasuredIntervals:
         kernels: tuple[Kernel, ...] = (self.pitch, self.yaw, self.roll)
         expected_rad = np.stack(
             [
-                self._expected(kernel, known, at_s, from_s, future_s)
-                for kernel, known in zip(kernels, known_rad.T, strict=True)
+                self._expected(kernel, measured_angles, at_s, from_s, future_s)
+                for kernel, measured_angles in zip(kernels, known_rad.T, strict=True)
             ],
             axis=1,
         )

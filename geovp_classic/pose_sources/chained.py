@@ -22,7 +22,7 @@ class Chained:
 
     @property
     def needs(self) -> PrivilegedInput:
-        """The inputs of the odometry; a forecaster sees only poses."""
+        """Return the inputs of the odometry; a forecaster sees only poses."""
         return self.odometry.needs
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:

@@ -23,7 +23,7 @@ class Planar:
 
     @property
     def needs(self) -> PrivilegedInput:
-        """The inputs of the source."""
+        """Return the inputs of the source."""
         return self.source.needs
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:

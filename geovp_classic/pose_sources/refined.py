@@ -31,7 +31,7 @@ class Refined:
 
     @property
     def needs(self) -> PrivilegedInput:
-        """The inputs of the source and the refinements."""
+        """Return the inputs of the source and the refinements."""
         needs = self.source.needs
         for refinement in self.refinements:
             needs |= refinement.needs

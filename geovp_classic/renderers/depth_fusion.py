@@ -132,8 +132,8 @@ class DepthFusion:
         observed = PosedImages(images, camera, past, inverse_depth.astype(np.float32), road)
         pose = past.world_from_cam[-1]
         return [
-            Sprite(recent.frames[-1], found.mask, camera, pose, found.depth, found.velocity)
-            for found in self.dynamic_objects.detect(observed)
+            Sprite(recent.frames[-1], dynamic.mask, camera, pose, dynamic.depth, dynamic.velocity)
+            for dynamic in self.dynamic_objects.detect(observed)
         ]
 
     def _sources(self, recent: Context, past: Trajectory) -> list[Source]:

@@ -119,7 +119,7 @@ def close_cracks(
 ) -> tuple[FloatArray, IndexArray]:
     """Close gaps of at most 2 crack_px between surfaces.
 
-    In each round the pixels of gaps take the farthest of their four neighbours.
+    In each round the pixels of gaps take the max_depth of their four neighbours.
     """
     is_seen = (source_index != NO_INDEX).astype(np.uint8)
     size_px = 2 * crack_px + 1
@@ -134,9 +134,9 @@ def close_cracks(
     for _ in range(2 * crack_px):
         neighbours = gaps[:, None] + [-width, width, -1, 1]
         side = depth[neighbours].argmin(axis=1)
-        farthest = neighbours[np.arange(len(gaps)), side]
-        depth[gaps] = depth[farthest]
-        index[gaps] = index[farthest]
+        max_depth = neighbours[np.arange(len(gaps)), side]
+        depth[gaps] = depth[max_depth]
+        index[gaps] = index[max_depth]
         gaps = gaps[index[gaps] == NO_INDEX]
     closed_depth = depth.reshape(padded.shape)[1:-1, 1:-1]
     closed_index = index.reshape(padded.shape)[1:-1, 1:-1]

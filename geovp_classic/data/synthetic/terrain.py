@@ -36,10 +36,10 @@ class Terrain:
         """
         cosine = np.cos(places @ self.waves_rad_m.T + self.phases_rad)
         slope = cosine * self.amplitudes_m @ self.waves_rad_m
-        one = np.ones(slope.shape[:-1])
-        down = np.stack([slope[..., 0], one, slope[..., 1]], axis=-1)
+        first = np.ones(slope.shape[:-1])
+        down = np.stack([slope[..., 0], first, slope[..., 1]], axis=-1)
         down /= np.linalg.norm(down, axis=-1, keepdims=True)
-        heading = np.stack([np.sin(yaw_rad), 0 * one, np.cos(yaw_rad)], axis=-1)
+        heading = np.stack([np.sin(yaw_rad), 0 * first, np.cos(yaw_rad)], axis=-1)
         right = np.cross(down, heading)
         right /= np.linalg.norm(right, axis=-1, keepdims=True)
         rotation = np.stack([right, down, np.cross(right, down)], axis=-1)

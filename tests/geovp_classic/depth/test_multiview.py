@@ -88,7 +88,9 @@ def test_tall_images_are_swept_over_more_planes(observe: Observe) -> None:
     planes: list[int] = []
 
     class CountedSpacing(PlaneSpacing):
-        def spaced(self, poses: FloatArray, camera: Intrinsics, num_planes: int) -> tuple[FloatArray, float]:
+        def spaced(
+            self, poses: FloatArray, camera: Intrinsics, num_planes: int
+        ) -> tuple[FloatArray, float]:
             planes.append(num_planes)
             return super().spaced(poses, camera, num_planes)
 
