@@ -50,7 +50,6 @@ class WindowCorrelation:
         images = sources.astype(np.float32)
         baselines = np.linalg.norm(epipoles, axis=1)
         is_short = baselines < self.short_baseline_fraction * baselines.max()
-        short_weight = float(is_short.mean())
         homographies = np.repeat(infinity_from_pixel[None], num_planes, axis=0)  # [N, S, 3, 3]
         homographies[..., 2] += inverse_depths[:, None, None] * epipoles
         coarse_steps = np.arange(0, num_planes + self.short_stride, self.short_stride)
@@ -59,14 +58,22 @@ class WindowCorrelation:
         costs = np.empty((*reference.shape, num_planes), np.uint8)
 
         def match_band(top: int) -> None:
-            long = self._match(reference, images[~is_short], homographies[:, ~is_short], top)
-            short = self._match(reference, images[is_short], coarse_homographies[:, is_short], top)
+            long, num_long = self._match(
+                reference, images[~is_short], homographies[:, ~is_short], top
+            )
+            short, num_short = self._match(
+                reference, images[is_short], coarse_homographies[:, is_short], top
+            )
             volume = np.empty_like(long)
             for n in range(num_planes):
                 step, rest = divmod(n, self.short_stride)
                 after = rest / self.short_stride
                 between = cv2.addWeighted(short[step], 1 - after, short[step + 1], after, 0)
-                volume[n] = cv2.addWeighted(long[n], 1 - short_weight, between, short_weight, 0)
+                count = cv2.addWeighted(
+                    num_short[step], 1 - after, num_short[step + 1], after, 0, dtype=cv2.CV_32F
+                )
+                weight = count / np.maximum(count + num_long[n], np.float32(1e-6))
+                volume[n] = long[n] + weight * (between.astype(np.float32) - long[n])
             # OpenCV transposes in blocks, ten times as fast as NumPy.
             transposed = cv2.transpose(volume.reshape(num_planes, -1))
             band = costs[top : top + BAND_ROWS]
@@ -94,8 +101,8 @@ class WindowCorrelation:
         images: FloatArray,  # [S, H, W]
         homographies: FloatArray,  # [N, S, 3, 3], source from reference
         top: int,
-    ) -> CostArray:
-        """Return the mean costs [N, R, W] of the sources for a band of rows."""
+    ) -> tuple[CostArray, ByteArray]:
+        """Return mean costs and numbers of the sources that see a pixel [N, R, W], for a band."""
         height, width = reference.shape
         bottom = min(top + BAND_ROWS, height)
         first = max(top - RADIUS_PX, 0)
@@ -110,6 +117,7 @@ class WindowCorrelation:
         homographies = homographies @ np.array([[1, 0, 0], [0, 1, first], [0, 0, 1]])
         warped = np.empty((len(images), *rows.shape), np.float32)
         costs = np.empty((len(homographies), bottom - top, width), np.uint8)
+        counts = np.empty_like(costs)
         noise_variance = np.float32(self.noise_variance)
         max_cost = np.float32(255 - self.max_near_cost)
         unseen_cost = np.float32(self.unseen_cost)
@@ -135,8 +143,9 @@ class WindowCorrelation:
                 max_cost,
                 unseen_cost,
                 costs[n],
+                counts[n],
             )
-        return costs
+        return costs, counts
 
 
 @numba.njit(nogil=True, fastmath=True, cache=True, error_model="numpy")
@@ -152,6 +161,7 @@ def _correlate(
     max_cost: np.float32,
     unseen_cost: np.float32,
     costs: CostArray,  # [R, W], written
+    counts: ByteArray,  # [R, W], written: how many sources see a pixel
 ) -> None:
     """Write the mean costs of all sources on one plane; beyond the border images are constant."""
     num_sources, num_rows, width = warped.shape
@@ -211,3 +221,4 @@ def _correlate(
             if count[x] > zero:
                 cost = max_cost * total[x] / count[x]
             costs[row - margin, x] = np.uint8(cost)
+            counts[row - margin, x] = np.uint8(count[x])
