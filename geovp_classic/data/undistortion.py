@@ -56,10 +56,10 @@ class DistortedCamera:
 
         The centre of the top-left pixel is (0, 0) here and (0.5, 0.5) in COLMAP.
         """
-        from geovp_classic.colmap_library import pycolmap
-
         if not any(self.distortion):
             return pinhole.project(rays, self.pinhole)[0]
+        from geovp_classic.colmap_library import pycolmap  # not needed to train on KITTI
+
         camera = pycolmap.Camera(model=self.model)
         num_focals = len(camera.focal_length_idxs())
         focal_px = (self.pinhole.fx_px, self.pinhole.fy_px)[:num_focals]
