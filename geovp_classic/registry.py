@@ -120,7 +120,8 @@ def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "
             raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}")
         fields[key] = _value(value, hints[key], f"{where}.{key}")
     for field in dataclasses.fields(kind):
-        if field.name in hints and field.name not in fields and _is_required(field):
+        is_required = field.default is field.default_factory is dataclasses.MISSING
+        if field.name in hints and field.name not in fields and is_required:
             raise BadData(f"{where}: {name!r} needs the field {field.name!r}: add it to the table")
     try:
         return kind(**fields)
@@ -166,10 +167,6 @@ def _field_types(kind: type) -> dict[str, Any]:
         raise BadData(f"{kind.__name__} is not a dataclass: a component's fields are its settings")
     hints = typing.get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind) if field.init}
-
-
-def _is_required(field: dataclasses.Field[Any]) -> bool:
-    return field.default is field.default_factory is dataclasses.MISSING
 
 
 def _settings(component: Any) -> dict[str, Any]:

@@ -52,7 +52,7 @@ class Euroc(PosedSequences):
             findings.error(cam, f"does not exist: mav0 has {present}")
             return Scan((), np.zeros(0), (), findings)
         stamps_ns, images = scan_list(cam / "data.csv", cam / "data", findings, ",")
-        start_ns = float(stamps_ns[0]) if images else 0.0
+        start_ns = stamps_ns[0] if images else 0.0
         times_s = (stamps_ns - start_ns) / 1e9
         try:
             lens, body_from_cam = read_sensor(cam / "sensor.yaml")

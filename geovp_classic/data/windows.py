@@ -162,7 +162,7 @@ def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[F
     assert frames.last is not None
     inner = [at for at in breaks if frames.first < at < frames.last]
     bounds = [frames.first, *inner, frames.last]
-    max_length = int(np.diff(bounds).max())
+    max_length = np.diff(bounds).max()
     return [
         FrameRange(frames.sequence, first, last)
         for first, last in itertools.pairwise(bounds)
@@ -203,10 +203,11 @@ def cut(
         trajectory = recording.trajectory[first:last]
     if fit == "crop":
         window, intrinsics = pinhole.centre_crop(recording.intrinsics, size_px)
+        resize = pinhole.resize
     else:
         window = (slice(None), slice(None))
         intrinsics = recording.intrinsics.resized(*size_px)
-    resize = pinhole.resize if fit == "crop" else _stretch
+        resize = _stretch
     depths = None
     if recording.depths is not None:
         depth_maps = _stack(recording.depths, first, last)

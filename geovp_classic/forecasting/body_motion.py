@@ -157,4 +157,4 @@ def _interpolated(
     """Return values [T, 3] at T numbers of steps from states [F, 3] at 1..F steps; 0 at step 0."""
     nodes = np.concatenate([np.zeros((1, 3)), states])
     spline = make_interp_spline(np.arange(len(nodes)), nodes, k=1)
-    return np.asarray(spline(np.minimum(steps, len(states))))
+    return spline(np.minimum(steps, len(states)))

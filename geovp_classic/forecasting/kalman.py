@@ -154,8 +154,7 @@ class TurnRateUnscented(TurnRateKalman):
         points = kalman.MerweScaledSigmaPoints(len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0)
         moved = self.model.transition(points.sigma_points(*belief), dt_s)
         noise = self.model.process_noise(belief[0], dt_s)
-        mean, covariance = kalman.unscented_transform(moved, points.Wm, points.Wc, noise)
-        return mean, covariance
+        return kalman.unscented_transform(moved, points.Wm, points.Wc, noise)
 
 
 @dataclass(frozen=True)

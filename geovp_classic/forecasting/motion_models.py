@@ -97,7 +97,7 @@ class VehicleModel:
             ]
         )
         covariances = response * densities[: len(state)] ** 2 @ np.swapaxes(response, 1, 2)
-        return np.asarray(np.tensordot(dt_s / 2 * weights, covariances, axes=1))
+        return np.tensordot(dt_s / 2 * weights, covariances, axes=1)
 
 
 def _decay(

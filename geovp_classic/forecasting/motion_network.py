@@ -30,7 +30,7 @@ class Network:
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             linear = hidden @ weight + bias
             hidden = linear * expit(linear)
-        return np.asarray(hidden @ self.weights[-1] + self.biases[-1])
+        return hidden @ self.weights[-1] + self.biases[-1]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,12 @@ class DampedTurn:
         num_steps: int,
     ) -> FloatArray:
         """Return states [N, F, 3] after twists [N, P, 6]."""
-        speeds = self._speeds(twists[..., Axis.FORWARD], num_steps)
+        past = twists[..., Axis.FORWARD]
+        last = past[:, -1:]
+        earlier = past[:, -1 - self.num_recent, None]
+        change = (last - earlier) / self.num_recent  # per step
+        speeds = last + change * np.arange(num_steps + 1)
+        speeds = np.where(speeds * last < 0, 0.0, speeds)  # braking ends at rest
         turn_rate = twists[:, -self.num_recent :, Axis.YAW].mean(axis=1)
         decay = self.turn_decay ** np.arange(1, num_steps + 1)
         turns = turn_rate[:, None] * decay * step_s
@@ -80,18 +85,6 @@ class DampedTurn:
         x = np.cumsum(chord * np.sin(chord_yaw), axis=1)
         z = np.cumsum(chord * np.cos(chord_yaw), axis=1)
         return np.stack([x, z, yaw], axis=-1)
-
-    def _speeds(
-        self,
-        past: FloatArray,  # [N, P]
-        num_steps: int,
-    ) -> FloatArray:
-        """Return the speeds [N, F + 1] at 0..F steps after past ones [N, P]."""
-        last = past[:, -1:]
-        earlier = past[:, -1 - self.num_recent, None]
-        change = (last - earlier) / self.num_recent  # per step
-        speeds = last + change * np.arange(num_steps + 1)
-        return np.where(speeds * last < 0, 0.0, speeds)
 
 
 @dataclass(frozen=True)
@@ -114,7 +107,7 @@ class CentreModel:
         corrections = outputs.reshape(len(both), *self.scale.shape) * self.scale
         paths = self.baseline(both, self.step_s, len(self.scale)) + corrections
         ahead, mirrored = np.split(paths, 2)
-        return np.asarray(0.5 * (ahead + mirrored * MIRRORED_STATE))
+        return 0.5 * (ahead + mirrored * MIRRORED_STATE)
 
 
 @dataclass(frozen=True)

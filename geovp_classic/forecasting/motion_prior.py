@@ -193,7 +193,7 @@ def _path_at(
 ) -> FloatArray:
     """Return states [T, 3]: a cubic spline, and beyond the grid its last screw motion."""
     nodes = np.concatenate([np.zeros((1, 3)), grid])
-    states = np.asarray(CubicSpline(np.arange(len(nodes)), nodes)(np.minimum(steps, len(grid))))
+    states = CubicSpline(np.arange(len(nodes)), nodes)(np.minimum(steps, len(grid)))
     is_beyond = steps > len(grid)
     ends = planar.lift(nodes[-2:], np.eye(4), np.eye(4))
     times = np.array([len(grid) - 1.0, len(grid)])

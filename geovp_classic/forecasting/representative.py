@@ -52,7 +52,7 @@ class ImageDistance:
         """Return the distances [A, B] between futures, averaged over the steps."""
         steps = range(motions_a.shape[1])
         distances = np.stack([cdist(motions_a[:, step], motions_b[:, step]) for step in steps])
-        return np.asarray(np.minimum(distances, self.max_distance_rad).mean(axis=0))
+        return np.minimum(distances, self.max_distance_rad).mean(axis=0)
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,6 @@ def _medoids(
     while len(selected) < count:
         remaining = np.minimum(closest, distances).sum(axis=1)
         remaining[selected] = np.inf
-        selected.append(int(remaining.argmin()))
+        selected.append(remaining.argmin())
         closest = np.minimum(closest, distances[selected[-1]])
     return selected

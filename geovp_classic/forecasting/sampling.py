@@ -22,12 +22,12 @@ class BodyForecast:
         from scipy import stats  # takes half a second to import
 
         density = stats.t.logpdf(states, self.degrees, self.means, self.scales)
-        return np.asarray(density.sum(axis=-1))
+        return density.sum(axis=-1)
 
     def ranks(self, states: FloatArray) -> FloatArray:
         """Return the probability [F, 3] of the central interval that ends at each state [F, 3]."""
         distance = np.abs(states - self.means) / self.scales
-        return np.asarray(2 * stdtr(self.degrees, distance) - 1)
+        return 2 * stdtr(self.degrees, distance) - 1
 
     def sample(
         self,
@@ -67,7 +67,7 @@ class PlanarForecast:
         log_root_determinant = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
         log_volume = log_root_determinant + 1.5 * np.log(2 * np.pi)
         log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
-        return np.asarray(logsumexp(log_densities, axis=0, b=self.weights[:, None, None]))
+        return logsumexp(log_densities, axis=0, b=self.weights[:, None, None])
 
     def sample(
         self,

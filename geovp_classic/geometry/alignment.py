@@ -2,7 +2,6 @@
 
 import warnings
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geovp_classic.errors import BadData
@@ -34,8 +33,8 @@ def umeyama(
         raise BadData("alignment of points that all coincide: the camera must have moved")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # for collinear points
-        rotation = np.asarray(Rotation.align_vectors(centred_b, centred_a)[0].as_matrix())
+        rotation = Rotation.align_vectors(centred_b, centred_a)[0].as_matrix()
     scale = 1.0
     if with_scale:
-        scale = float((centred_b * (centred_a @ rotation.T)).sum() / (centred_a**2).sum())
+        scale = (centred_b * (centred_a @ rotation.T)).sum() / (centred_a**2).sum()
     return scale, se3.compose(rotation, mean_b - scale * rotation @ mean_a)

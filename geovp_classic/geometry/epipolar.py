@@ -35,17 +35,14 @@ class Epipolar:
 
     def project(
         self,
-        inverse_depth: FloatArray,  # [H, W], or every `stride_px`-th pixel in both directions
-        stride_px: int = 1,
+        inverse_depth: FloatArray,  # [H, W]
     ) -> tuple[FloatArray, FloatArray]:
         """Return pixels [H, W, 2] of the other frame, and depth there over depth here [H, W].
 
         Points behind the other camera, where this ratio is not positive, are mapped far outside.
         """
         q = np.asarray(inverse_depth, dtype=np.float32)
-        x, y, ratio = (
-            at + q * b for at, b in zip(self._at(q, stride_px), self.epipole, strict=True)
-        )
+        x, y, ratio = (at + q * b for at, b in zip(self._at(q), self.epipole, strict=True))
         z = np.maximum(ratio, np.float32(1e-3))
         return np.stack([x / z, y / z], axis=-1), ratio
 
@@ -58,19 +55,19 @@ class Epipolar:
         A pixel p times z is x and y: (b_xy - p b_z) q = p a_z - a_xy. Without parallax it is 0.
         """
         u, v = np.moveaxis(np.asarray(pixels, np.float32), -1, 0)
-        x, y, z = self._at(u, 1)
+        x, y, z = self._at(u)
         b = self.epipole
         along_u = b[0] - u * b[2]
         along_v = b[1] - v * b[2]
         damping = np.float32(1e-3)  # squared pixels per unit of inverse depth
         numerator = along_u * (u * z - x) + along_v * (v * z - y)
-        return np.asarray(numerator / (along_u**2 + along_v**2 + damping))
+        return numerator / (along_u**2 + along_v**2 + damping)
 
-    def _at(self, like: FloatArray, stride_px: int) -> tuple[FloatArray, ...]:
+    def _at(self, like: FloatArray) -> tuple[FloatArray, ...]:
         """Return A (u, v, 1) for the pixels of an array [H, W], one array per row of A."""
         height, width = like.shape
-        u = stride_px * np.arange(width, dtype=np.float32)
-        v = stride_px * np.arange(height, dtype=np.float32)[:, None]
+        u = np.arange(width, dtype=np.float32)
+        v = np.arange(height, dtype=np.float32)[:, None]
         return tuple(a[0] * u + (a[1] * v + a[2]) for a in self.infinity)
 
 
@@ -80,4 +77,4 @@ def inside(pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0) -> Bo
     v = pixels[..., 1]
     right = camera.width_px - 1 + border_px
     bottom = camera.height_px - 1 + border_px
-    return np.asarray((u >= -border_px) & (u <= right) & (v >= -border_px) & (v <= bottom))
+    return (u >= -border_px) & (u <= right) & (v >= -border_px) & (v <= bottom)

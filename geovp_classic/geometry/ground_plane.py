@@ -25,7 +25,7 @@ class GroundPlane:
         inverse_depth: FloatArray,  # [...]
     ) -> BoolArray:
         """Return where points are within the range of the plane."""
-        return np.asarray(inverse_depth * self.height * self.max_range_heights > 1)
+        return inverse_depth * self.height * self.max_range_heights > 1
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,7 @@ class GroundFit:
     def _is_upright(self, planes: FloatArray) -> BoolArray:
         """Return which planes [N, 3] lie below an upright camera."""
         inverse_heights = np.linalg.norm(planes, axis=1)
-        return np.asarray(
-            planes[:, 1] > np.maximum(self.min_upright_cosine * inverse_heights, 1e-12)
-        )
+        return planes[:, 1] > np.maximum(self.min_upright_cosine * inverse_heights, 1e-12)
 
     def _is_inlier(self, planes: FloatArray, rays: FloatArray, values: FloatArray) -> BoolArray:
         """Return which points [M] lie on which planes [N] and within their range: [N, M]."""
@@ -84,4 +82,4 @@ class GroundFit:
         inverse_heights = np.linalg.norm(planes, axis=1, keepdims=True)
         is_near = expected * self.max_range_heights > inverse_heights
         is_close = np.abs(expected - values) < self.max_relative_error * expected
-        return np.asarray(is_near & is_close)
+        return is_near & is_close

@@ -3,6 +3,8 @@
 Lucas & Kanade 1981; Kalal et al. 2010.
 """
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -26,33 +28,22 @@ def track_points(
     before, now = images
     forward_levels, backward_levels = num_levels
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *termination)
-    window = (window_px, window_px)
-    flags = cv2.OPTFLOW_USE_INITIAL_FLOW
-    start = np.asarray(pixels, dtype=np.float32)
-    tracked, status, error = cv2.calcOpticalFlowPyrLK(
-        before,
-        now,
-        start,
-        np.array(predicted, dtype=np.float32),
-        winSize=window,
-        maxLevel=forward_levels - 1,
+    track = functools.partial(
+        cv2.calcOpticalFlowPyrLK,
+        winSize=(window_px, window_px),
         criteria=criteria,
-        flags=flags,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    returned, return_status, _ = cv2.calcOpticalFlowPyrLK(
-        now,
-        before,
-        tracked,
-        start.copy(),
-        winSize=window,
-        maxLevel=backward_levels - 1,
-        criteria=criteria,
-        flags=flags,
+    start = np.asarray(pixels, dtype=np.float32)
+    guess = np.array(predicted, dtype=np.float32)
+    tracked, status, error = track(before, now, start, guess, maxLevel=forward_levels - 1)
+    returned, return_status, _ = track(
+        now, before, tracked, start.copy(), maxLevel=backward_levels - 1
     )
     is_tracked = np.linalg.norm(returned - start, axis=1) < max_return_px
     is_tracked &= (status.ravel() > 0) & (return_status.ravel() > 0)
     return (
         np.asarray(tracked, np.float32),
-        np.asarray(is_tracked),
+        is_tracked,
         np.asarray(error, np.float32).ravel(),
     )

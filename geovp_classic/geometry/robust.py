@@ -13,12 +13,12 @@ Weight = Callable[[FloatArray, float], FloatArray]
 
 def cauchy_weight(residual: FloatArray, scale: float) -> FloatArray:
     """Return the weights of Cauchy's function; one half where |residual| is the scale."""
-    return np.asarray(1 / (1 + (residual / scale) ** 2))
+    return 1 / (1 + (residual / scale) ** 2)
 
 
 def geman_mcclure_weight(residual: FloatArray, scale: float) -> FloatArray:
     """Return the weights of Geman and McClure's function; one quarter at the scale."""
-    return np.asarray(1 / (1 + (residual / scale) ** 2) ** 2)
+    return 1 / (1 + (residual / scale) ** 2) ** 2
 
 
 def irls(
@@ -42,7 +42,7 @@ def irls(
         residual, jacobian = linearise(state)
         size = residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
         current_scale = scale(size) if callable(scale) else scale
-        weights = np.asarray(weight(size, current_scale)).reshape(-1, *[1] * (jacobian.ndim - 1))
+        weights = weight(size, current_scale).reshape(-1, *[1] * (jacobian.ndim - 1))
         num_unknowns = jacobian.shape[-1]
         weighted = (jacobian * weights).reshape(-1, num_unknowns)
         normal = weighted.T @ jacobian.reshape(-1, num_unknowns) + damping * np.eye(num_unknowns)

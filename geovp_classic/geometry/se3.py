@@ -93,7 +93,7 @@ def turned(
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
     """Return the rotation angles [...] in [0, pi]."""
-    return np.asarray(np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1))
+    return np.linalg.norm(_rotation_vector(b_from_a[..., :3, :3]), axis=-1)
 
 
 def orthonormalised(
@@ -128,12 +128,12 @@ def cross_matrix(vector: FloatArray) -> FloatArray:
 
 def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
     flat = np.array(rotation_vector).reshape(-1, 3)  # a copy: SciPy 1.15 needs a writable array
-    matrices = np.asarray(Rotation.from_rotvec(flat).as_matrix())
+    matrices = Rotation.from_rotvec(flat).as_matrix()
     return matrices.reshape(*rotation_vector.shape[:-1], 3, 3)
 
 
 def _rotation_vector(rotation: FloatArray) -> FloatArray:
-    vectors = np.asarray(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec())
+    vectors = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_rotvec()
     return vectors.reshape(*rotation.shape[:-2], 3)
 
 

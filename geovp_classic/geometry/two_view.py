@@ -105,7 +105,7 @@ def parallax(b_from_a: FloatArray, rays_a: FloatArray, rays_b: FloatArray) -> Fl
     """Return how far rays [N, 2] are from the rotated ones on z = 1 [N]; NaN behind the camera."""
     rotated = homogeneous(rays_a) @ b_from_a[:3, :3].T
     depth = np.where(rotated[:, 2:] > 1e-6, rotated[:, 2:], np.nan)
-    return np.asarray(np.linalg.norm(rotated[:, :2] / depth - rays_b, axis=1))
+    return np.linalg.norm(rotated[:, :2] / depth - rays_b, axis=1)
 
 
 def best_rotation(
@@ -124,9 +124,9 @@ def best_rotation(
     b /= np.linalg.norm(b, axis=1, keepdims=True)
     weight: FloatArray = np.ones(len(a))
     for _ in range(num_rounds):
-        rotation = np.asarray(Rotation.align_vectors(b, a, weight)[0].as_matrix())
+        rotation = Rotation.align_vectors(b, a, weight)[0].as_matrix()
         residual = np.linalg.norm(a @ rotation.T - b, axis=1)
-        weight = geman_mcclure_weight(residual, max(noise, float(np.median(residual))))
+        weight = geman_mcclure_weight(residual, max(noise, np.median(residual)))
     return rotation
 
 
@@ -168,7 +168,7 @@ def sampson_terms(
 
 def tangents(direction: FloatArray) -> FloatArray:
     """Return two unit vectors [2, 3] orthogonal to a direction [3] and to each other."""
-    return np.asarray(np.linalg.svd(direction[None])[2][1:])
+    return np.linalg.svd(direction[None])[2][1:]
 
 
 def refine(

@@ -19,6 +19,9 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 class MaskedMetric:
     """A frame metric that scores several masks for little more than the cost of one."""
 
+    unit: ClassVar[str] = ""
+    higher_is_better: ClassVar[bool] = True
+
     @property
     def min_size_px(self) -> int:
         """Return the smallest height and width of frames."""
@@ -70,7 +73,6 @@ class Psnr(MaskedMetric):
     channels: Literal["jointly", "each"] = "jointly"
 
     unit: ClassVar[str] = "dB"
-    higher_is_better: ClassVar[bool] = True
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -112,8 +114,6 @@ class Ssim(MaskedMetric):
     # "zero" takes windows around all pixels and black beyond the border.
     border: Literal["valid", "zero"] = "valid"
 
-    unit: ClassVar[str] = ""
-    higher_is_better: ClassVar[bool] = True
     bounds: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     @property

@@ -25,8 +25,6 @@ class MsSsim(MaskedMetric):
 
     # of the scales, the finest first (section 3.2)
     exponents: ClassVar[tuple[float, ...]] = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
-    unit: ClassVar[str] = ""
-    higher_is_better: ClassVar[bool] = True
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
     protocol: ClassVar[str] = (
         "Wang 2003, 5 scales by 2x2 means, Gaussian 11 px, sigma 1.5, valid region, mean over "

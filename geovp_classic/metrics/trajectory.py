@@ -17,13 +17,18 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, Trajectory
 
 
+class _Error:
+    """A number that is best at 0."""
+
+    higher_is_better: ClassVar[bool] = False
+    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
+
+
 @dataclass(frozen=True)
-class TranslationError:
+class TranslationError(_Error):
     """Distance between predicted and real camera centre; NaN unless both are in metres."""
 
     unit: ClassVar[str] = "m"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return metres per step [F]."""
@@ -35,11 +40,10 @@ class TranslationError:
 
 
 @dataclass(frozen=True)
-class RotationError:
+class RotationError(_Error):
     """Angle between predicted and real orientation (geodesic distance on SO(3))."""
 
     unit: ClassVar[str] = "deg"
-    higher_is_better: ClassVar[bool] = False
     bounds: ClassVar[tuple[float, float]] = (0.0, 180.0)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
@@ -79,12 +83,10 @@ class FinalDisplacement(TranslationError):
 
 
 @dataclass(frozen=True)
-class ScaleUncertainty:
+class ScaleUncertainty(_Error):
     """Relative standard deviation of the predictor's metres; 0 for given metres."""
 
     unit: ClassVar[str] = "%"
-    higher_is_better: ClassVar[bool] = False
-    bounds: ClassVar[tuple[float, float]] = (0.0, math.inf)
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return per cent [F], the same at all steps; NaN without metres."""

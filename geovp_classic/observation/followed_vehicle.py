@@ -133,7 +133,7 @@ class FollowedVehicleDetector:
         side_px = 2 * round(self.margin_width * shape[1]) + 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side_px, side_px))
         filled = cv2.fillConvexPoly(np.zeros(shape, np.uint8), hull, 1)
-        return np.asarray(cv2.dilate(filled, disc) > 0)
+        return cv2.dilate(filled, disc) > 0
 
 
 def _errors(pixels: FloatArray, pixels_first: FloatArray, similarity: FloatArray) -> FloatArray:

@@ -66,13 +66,13 @@ class FrameScreening:
         if corners is None or len(corners) < min_corners:
             return 1.0
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
-        return float(track_points((before, now), pixels, pixels, self.cut_window_px)[1].mean())
+        return track_points((before, now), pixels, pixels, self.cut_window_px)[1].mean()
 
     def _normalised(self, grey: ByteArray) -> ByteArray:
         """Return a small image of fixed mean and contrast, independent of exposure."""
         size_px = (round(grey.shape[1] * self.cut_height_px / len(grey)), self.cut_height_px)
         small = cv2.resize(grey.astype(np.float32), size_px, interpolation=cv2.INTER_AREA)
-        normalised = (small - small.mean()) / max(float(small.std()), 1e-3)
+        normalised = (small - small.mean()) / max(small.std(), 1e-3)
         return np.clip(128 + 48 * normalised, 0, 255).astype(np.uint8)
 
 

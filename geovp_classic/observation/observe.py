@@ -53,12 +53,10 @@ class Observed:
         Uncropped frames, where they are a privileged input, may show an ego vehicle that the crop
         does not.
         """
-        original = self.original
-        is_full = PrivilegedInput.FULL_FRAMES in needs and original.full is not None
-        if self.mask.any() or self.full_mask is None or not is_full:
+        full = self.original.full if PrivilegedInput.FULL_FRAMES in needs else None
+        if self.mask.any() or self.full_mask is None or full is None:
             return self.mask
-        assert original.full is not None
-        return _warped(self.full_mask, original.full.intrinsics, original.intrinsics) > 0
+        return _warped(self.full_mask, full.intrinsics, self.original.intrinsics) > 0
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,12 @@ class Observer:
         full, full_mask, full_usable = context.full, None, None
         if full is not None:
             full_mask, full_usable = self.scene(full.frames, _greys(full.frames))
-            full = _cut(full, scene_window(full_mask))
+            full_window = scene_window(full_mask)
+            full = replace(
+                full,
+                frames=full.frames[:, *full_window],
+                intrinsics=_windowed(full.intrinsics, full_window),
+            )
         if vehicle is not None:
             masks = _vehicle_masks(vehicle, context)
             frames = self._inpainted(frames, masks)
@@ -165,7 +168,7 @@ class Observer:
     ) -> Observations:
         """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
         native = full.intrinsics
-        scale = float(np.clip(native.fx_px / crop.fx_px, 1, self.max_full_scale))
+        scale = np.clip(native.fx_px / crop.fx_px, 1, self.max_full_scale)
         width_px = max(1, round(native.width_px * scale * crop.fx_px / native.fx_px))
         height_px = max(1, round(native.height_px * scale * crop.fy_px / native.fy_px))
         frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in full.frames])
@@ -205,7 +208,7 @@ def _greys(frames: ByteArray) -> ByteArray:
 def _vehicle_masks(vehicle: FollowedVehicle, context: Context) -> list[ByteArray]:
     """Return the followed vehicle's mask [H, W] in each observed frame."""
     past_s = context.times_s[: context.num_past]
-    fractions = back_fractions(past_s, float(past_s[0]), float(past_s[-1]))
+    fractions = back_fractions(past_s, past_s[0], past_s[-1])
     mask = vehicle.mask.astype(np.uint8)
     return [vehicle.moved(mask, fraction) for fraction in fractions]
 
@@ -219,11 +222,6 @@ def _windowed(camera: Intrinsics, window: Window) -> Intrinsics:
     rows, columns = window
     width_px = columns.stop - columns.start
     return camera.cropped(columns.start, rows.start, width_px, rows.stop - rows.start)
-
-
-def _cut(view: ExtraView, window: Window) -> ExtraView:
-    frames = view.frames[:, *window]
-    return ExtraView(frames, _windowed(view.intrinsics, window), view.view_from_cam)
 
 
 def _warped(mask: BoolArray | ByteArray, camera: Intrinsics, other: Intrinsics) -> ByteArray:

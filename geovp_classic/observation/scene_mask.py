@@ -92,7 +92,7 @@ class SceneMasking:
         if min(ends) > self.max_lit_fraction:
             return slice(0, num_lines)
         brightest = frames.max(axis=(0, 3))
-        brightness = float(np.quantile(brightest, 0.95))
+        brightness = np.quantile(brightest, 0.95)
         black = min(self.max_bar_grey, self.max_bar_brightness_fraction * brightness)
         lit = np.flatnonzero((brightest > black).mean(axis=1) > self.max_lit_fraction)
         if len(lit) == 0:
@@ -125,7 +125,7 @@ class SceneMasking:
         limit = np.zeros(mask.shape[1])
         if is_leak.mean() < self.max_leak_fraction:
             limit[columns[is_leak]] = arc[is_leak]
-        return np.asarray(np.arange(len(mask))[:, None] < limit)
+        return np.arange(len(mask))[:, None] < limit
 
 
 def scene_window(mask: BoolArray) -> Window:

@@ -29,16 +29,6 @@ def test_places_are_those_of_points_in_space(inverse_depth: FloatArray) -> None:
     np.testing.assert_allclose(pixels, slowly_seen(inverse_depth), atol=2e-3)
 
 
-def test_some_of_the_pixels_are_where_they_are_among_all(inverse_depth: FloatArray) -> None:
-    between = Epipolar.of(CAMERA, MOTION)
-    some, every = (
-        between.project(inverse_depth[::4, ::4], stride_px=4),
-        between.project(inverse_depth),
-    )
-    for part, whole in zip(some, every, strict=True):
-        np.testing.assert_allclose(part, whole[::4, ::4], atol=1e-4)
-
-
 def test_what_is_behind_is_far_outside() -> None:
     backward = se3.exp(np.array([0, 0, -10.0, 0, 0, 0]))
     pixels, ratio = Epipolar.of(CAMERA, backward).project(
