@@ -43,7 +43,9 @@ __all__ = [
 
 if not TYPE_CHECKING:
     _MODULE_OF = {"build": "registry", "load": "registry"}
-    _MODULE_OF |= dict.fromkeys(("evaluate", "open_clip", "predict", "show"), "api")
+    _MODULE_OF |= dict.fromkeys(
+        ("evaluate", "open_clip", "predict", "show"), "api"
+    )
 
     def __getattr__(name: str) -> object:
         """Import a public name from its module on first use."""
@@ -53,8 +55,12 @@ if not TYPE_CHECKING:
         if name == "__version__":
             return metadata.version("geovp-classic")
         if name not in __all__:
-            raise AttributeError(f"module 'geovp_classic' has no attribute {name!r}")
-        module = importlib.import_module(f"geovp_classic.{_MODULE_OF.get(name, 'types')}")
+            raise AttributeError(
+                f"module 'geovp_classic' has no attribute {name!r}"
+            )
+        module = importlib.import_module(
+            f"geovp_classic.{_MODULE_OF.get(name, 'types')}"
+        )
         globals()[name] = getattr(module, name)
         return globals()[name]
 

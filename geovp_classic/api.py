@@ -14,7 +14,9 @@ from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
-Spec = str | Mapping[str, Any]  # "name" or {"name": ..., **settings}, as in a matrix file
+Spec = (
+    str | Mapping[str, Any]
+)  # "name" or {"name": ..., **settings}, as in a matrix file
 
 
 def open_clip(source: Spec | Path, index: int = 0) -> Clip:
@@ -46,9 +48,14 @@ def predict(
     context has the camera's height. Raises Incompatible if a privileged input is missing.
     """
     if pose_source is None:
-        scale = "unit-speed" if context.camera_height_m is None else "ground-plane"
+        scale = (
+            "unit-speed" if context.camera_height_m is None else "ground-plane"
+        )
         odometry = {"name": "monocular", "scale": {"name": scale}}
-        pose_source = {"name": "refined", "source": {"name": "chained", "odometry": odometry}}
+        pose_source = {
+            "name": "refined",
+            "source": {"name": "chained", "odometry": odometry},
+        }
     predictor = GeometricPredictor(
         _build("pose_sources", pose_source), _build("renderers", renderer)
     )
@@ -56,7 +63,9 @@ def predict(
 
 
 def evaluate(
-    prediction: Prediction, target: Target, metrics: Sequence[Spec] = ("psnr", "ssim")
+    prediction: Prediction,
+    target: Target,
+    metrics: Sequence[Spec] = ("psnr", "ssim"),
 ) -> dict[str, FloatArray]:
     """Return the values [S, F] of each frame metric by name, for each sample and future step."""
     if prediction.frames.shape[1:] != target.frames.shape:
@@ -68,12 +77,16 @@ def evaluate(
     for spec in metrics:
         metric: FrameMetric = registry.build("frame_metrics", spec)
         name = spec if isinstance(spec, str) else spec["name"]
-        samples = [metric(frames, target.frames, None) for frames in prediction.frames]
+        samples = [
+            metric(frames, target.frames, None) for frames in prediction.frames
+        ]
         values[name] = np.stack(samples)
     return values
 
 
-def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) -> Image.Image:
+def show(
+    shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5
+) -> Image.Image:
     """Draw a film strip of frames evenly spaced from the first to the last, for a notebook.
 
     A clip is one row, labelled with seconds since its first frame. A prediction has one row per
@@ -83,14 +96,24 @@ def show(shown: Clip | Prediction, num_frames: int = 6, max_samples: int = 5) ->
         raise BadData(f"num_frames is {num_frames}: give 1 or more")
     if isinstance(shown, Clip):
         rows = shown.frames[None]
-        labels = [f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]]
+        labels = [
+            f"{time_s:.1f} s" for time_s in shown.times_s - shown.times_s[0]
+        ]
     else:
         rows = shown.frames[:max_samples]
         labels = [f"+{step + 1}" for step in range(rows.shape[1])]
     steps = np.linspace(0, rows.shape[1] - 1, num_frames)
     steps = np.unique(steps.round().astype(int))
-    margins_px = ((0, 0), (0, 0), (14, 0), (2, 2), (0, 0))  # labels above, gaps between
-    tiles = np.pad(rows[:, steps], margins_px, constant_values=255)  # [S, K, H + 14, W + 4, 3]
+    margins_px = (
+        (0, 0),
+        (0, 0),
+        (14, 0),
+        (2, 2),
+        (0, 0),
+    )  # labels above, gaps between
+    tiles = np.pad(
+        rows[:, steps], margins_px, constant_values=255
+    )  # [S, K, H + 14, W + 4, 3]
     columns = np.concatenate(list(tiles), axis=1)  # [K, S * (H + 14), W + 4, 3]
     strip = Image.fromarray(np.concatenate(list(columns), axis=1))
     pen = ImageDraw.Draw(strip)

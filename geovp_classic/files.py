@@ -28,7 +28,9 @@ def opened(path: Path) -> Iterator[io.BufferedReader]:
     try:
         if path.exists() and not path.is_file():
             kind = "folder" if path.is_dir() else "pipe or device"
-            raise BadData(f"{path} is a {kind}, expected a file: give a file on disk")
+            raise BadData(
+                f"{path} is a {kind}, expected a file: give a file on disk"
+            )
         with path.open("rb") as file:
             yield file
     except (OSError, ValueError) as problem:  # ValueError: a NUL in the name
@@ -74,9 +76,13 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError) as problem:
-        raise BadData(f"{path} is not JSON ({problem}): fix or remove it") from problem
+        raise BadData(
+            f"{path} is not JSON ({problem}): fix or remove it"
+        ) from problem
     if not isinstance(content, dict):
-        raise BadData(f"{path} holds a {type(content).__name__}, expected a JSON object: remove it")
+        raise BadData(
+            f"{path} holds a {type(content).__name__}, expected a JSON object: remove it"
+        )
     return content
 
 
@@ -102,9 +108,13 @@ def read_npz(path: Path) -> dict[str, npt.NDArray[Any]]:
             if damaged is not None:
                 raise ValueError(f"the checksum of {damaged} is wrong")
             return dict(archive)
-    except Exception as problem:  # NumPy and zipfile raise a dozen kinds for damaged files
+    except (
+        Exception
+    ) as problem:  # NumPy and zipfile raise a dozen kinds for damaged files
         reason = str(problem).partition("\n")[0][:200] or type(problem).__name__
-        raise BadData(f"{path} cannot be read ({reason}): it is not a whole npz file") from problem
+        raise BadData(
+            f"{path} cannot be read ({reason}): it is not a whole npz file"
+        ) from problem
 
 
 def finite_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
@@ -112,7 +122,9 @@ def finite_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
     arrays = read_npz(path)
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise BadData(f"{path}: {name} has a number that is not finite: write the file again")
+            raise BadData(
+                f"{path}: {name} has a number that is not finite: write the file again"
+            )
     return arrays
 
 
@@ -122,7 +134,10 @@ def _check_sum(path: Path, file: io.BufferedIOBase) -> None:
     if path.name == SUMS or not sums.is_file():
         return
     expected = _digests(sums, sums.stat().st_mtime_ns).get(path.name)
-    if expected is not None and hashlib.file_digest(file, "sha256").hexdigest() != expected:
+    if (
+        expected is not None
+        and hashlib.file_digest(file, "sha256").hexdigest() != expected
+    ):
         raise BadData(
             f"{path} does not match {SUMS} beside it, so it was damaged or edited: restore it, or "
             f"write {SUMS} again"
@@ -132,7 +147,9 @@ def _check_sum(path: Path, file: io.BufferedIOBase) -> None:
 @functools.lru_cache(maxsize=64)
 def _digests(path: Path, _mtime_ns: int) -> dict[str, str]:
     """Return the digests of a SHA256SUMS file by file name; long lists are parsed once."""
-    lines = re.findall(r"^([0-9a-f]{64}) [ *](.+)$", read_text(path), re.MULTILINE)
+    lines = re.findall(
+        r"^([0-9a-f]{64}) [ *](.+)$", read_text(path), re.MULTILINE
+    )
     return {name: digest for digest, name in lines}
 
 
@@ -147,12 +164,18 @@ def is_file(path: Path) -> bool:
 def leads_inside(name: str) -> bool:
     """Return whether a relative path from data stays inside its folder."""
     path = Path(name)
-    return not path.is_absolute() and ".." not in path.parts and "\0" not in name
+    return (
+        not path.is_absolute() and ".." not in path.parts and "\0" not in name
+    )
 
 
 def check_name(name: str, what: str) -> None:
     """Raise BadData unless a name is one line of UTF-8 and stays inside its folder."""
     if re.search(r"[\ud800-\udfff\0\n\r]", name):
-        raise BadData(f"{what} {name!r} is not text in UTF-8 on one line: rename it")
+        raise BadData(
+            f"{what} {name!r} is not text in UTF-8 on one line: rename it"
+        )
     if not leads_inside(name):
-        raise BadData(f"{what} {name!r} leads out of its folder: give a path inside it")
+        raise BadData(
+            f"{what} {name!r} leads out of its folder: give a path inside it"
+        )

@@ -60,7 +60,11 @@ class ScaleEstimator(Protocol):
         """
 
     def update(
-        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
+        self,
+        before: ByteArray,
+        now: ByteArray,
+        before_from_now: FloatArray,
+        radial: float = 0.0,
     ) -> None:
         """Update the estimate with two grey images [H, W] and the motion between them [4, 4].
 
@@ -81,7 +85,10 @@ class Scale(Component, Protocol):
         """Return whether lengths become metres."""
 
     def estimator(
-        self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
+        self,
+        intrinsics: Intrinsics,
+        camera_height_m: float | None,
+        pitch_rad: float = 0.0,
     ) -> ScaleEstimator:
         """Return a new estimator for one camera and clip.
 
@@ -94,7 +101,9 @@ class Scale(Component, Protocol):
 class Forecaster(Protocol):
     """Predictor of future poses from past poses alone."""
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4] at the times [F], in the world frame of the past."""
 
 
@@ -124,7 +133,9 @@ class PoseRefinement(Component, Protocol):
 class DepthSource(Component, Protocol):
     """Estimator of the depth of the observed pixels."""
 
-    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(
+        self, context: Context, past: Trajectory
+    ) -> tuple[FloatArray, FloatArray]:
         """Return inverse z-depth [P, H, W] and confidence [P, H, W] in [0, 1].
 
         The unit is 1 / that of the past trajectory; 0 is infinitely far.
@@ -136,7 +147,10 @@ class Scene(Protocol):
     """Reconstruction from the observed frames, which can be viewed from any pose at any time."""
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Render the scene from the poses [F, 4, 4] at the times [F].
 

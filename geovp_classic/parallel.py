@@ -19,7 +19,9 @@ Result = TypeVar("Result")
 Parameters = ParamSpec("Parameters")
 
 
-def parallel_map(work: Callable[[Task], Result], tasks: Iterable[Task]) -> list[Result]:
+def parallel_map(
+    work: Callable[[Task], Result], tasks: Iterable[Task]
+) -> list[Result]:
     """Return the results in the order of the tasks; nested calls work in the calling thread."""
     todo = list(tasks)
     is_nested = threading.current_thread().name.startswith("geovp")
@@ -34,7 +36,9 @@ def _pool(process: int, num_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(num_threads, thread_name_prefix="geovp")
 
 
-def single_threaded_blas(work: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+def single_threaded_blas(
+    work: Callable[Parameters, Result],
+) -> Callable[Parameters, Result]:
     """Limit BLAS to one thread in the whole process while the function runs."""
 
     @functools.wraps(work)

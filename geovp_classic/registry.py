@@ -16,7 +16,12 @@ from pathlib import Path
 from typing import Any, Literal, Union
 
 from geovp_classic import interfaces
-from geovp_classic.errors import BadData, GeovpError, MissingExtra, UnknownComponent
+from geovp_classic.errors import (
+    BadData,
+    GeovpError,
+    MissingExtra,
+    UnknownComponent,
+)
 
 PROTOCOL_OF_ROLE: dict[str, type] = {
     "pose_sources": interfaces.PoseSource,
@@ -46,7 +51,9 @@ EXTRA_OF_MODULE = {
     "onnx": "onnx",
 }
 
-_defaults: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar("defaults")
+_defaults: contextvars.ContextVar[Mapping[str, Any]] = contextvars.ContextVar(
+    "defaults"
+)
 
 
 def names(role: str) -> list[str]:
@@ -61,13 +68,17 @@ def load(role: str, name: str) -> type:
     """
     entry_points = _entry_points(role)
     if name not in entry_points:
-        raise UnknownComponent(f"{role} have no {name!r}{nearest(name, entry_points)}")
+        raise UnknownComponent(
+            f"{role} have no {name!r}{nearest(name, entry_points)}"
+        )
     try:
         return typing.cast(type, entry_points[name].load())
     except (ImportError, AttributeError, OSError) as error:
         module = str(getattr(error, "name", "")).partition(".")[0]
         extra = EXTRA_OF_MODULE.get(module)
-        remedy = install_command(extra) if extra else "fix or reinstall its package"
+        remedy = (
+            install_command(extra) if extra else "fix or reinstall its package"
+        )
         raise MissingExtra(
             f"component {name!r} of {role} cannot be loaded ({error}): {remedy}"
         ) from error
@@ -105,7 +116,9 @@ def defaults(**fields: Any) -> Iterator[None]:
         _defaults.reset(token)
 
 
-def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "") -> Any:
+def construct(
+    kind: type, settings: Mapping[str, Any], where: str, name: str = ""
+) -> Any:
     """Build a dataclass from a table of its fields, checked against their types.
 
     Messages call it `name` and the place in the user's file `where`. Raises UnknownComponent for
@@ -113,16 +126,24 @@ def construct(kind: type, settings: Mapping[str, Any], where: str, name: str = "
     """
     name = name or kind.__name__
     hints = _field_types(kind)
-    overridden = {key: value for key, value in _defaults.get({}).items() if key in hints}
+    overridden = {
+        key: value for key, value in _defaults.get({}).items() if key in hints
+    }
     fields = {}
     for key, value in (overridden | dict(settings)).items():
         if key not in hints:
-            raise UnknownComponent(f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}")
+            raise UnknownComponent(
+                f"{where}: {name!r} has no field {key!r}{nearest(key, hints)}"
+            )
         fields[key] = _value(value, hints[key], f"{where}.{key}")
     for field in dataclasses.fields(kind):
-        is_required = field.default is field.default_factory is dataclasses.MISSING
+        is_required = (
+            field.default is field.default_factory is dataclasses.MISSING
+        )
         if field.name in hints and field.name not in fields and is_required:
-            raise BadData(f"{where}: {name!r} needs the field {field.name!r}: add it to the table")
+            raise BadData(
+                f"{where}: {name!r} needs the field {field.name!r}: add it to the table"
+            )
     try:
         return kind(**fields)
     except GeovpError as error:
@@ -142,7 +163,9 @@ def name_of(component: Any) -> str:
         for name, entry_point in _entry_points(role).items():
             if entry_point.value == path:
                 return name
-    raise UnknownComponent(f"{path} is not registered: add it to the entry points of its package")
+    raise UnknownComponent(
+        f"{path} is not registered: add it to the entry points of its package"
+    )
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
@@ -157,16 +180,24 @@ def nearest(word: str, words: Iterable[str]) -> str:
 @functools.cache
 def _entry_points(role: str) -> dict[str, metadata.EntryPoint]:
     if role not in ROLES:
-        raise UnknownComponent(f"there is no role {role!r}{nearest(role, ROLES)}")
+        raise UnknownComponent(
+            f"there is no role {role!r}{nearest(role, ROLES)}"
+        )
     group = metadata.entry_points(group=f"geovp.{role}")
     return {entry_point.name: entry_point for entry_point in group}
 
 
 def _field_types(kind: type) -> dict[str, Any]:
     if not dataclasses.is_dataclass(kind):
-        raise BadData(f"{kind.__name__} is not a dataclass: a component's fields are its settings")
+        raise BadData(
+            f"{kind.__name__} is not a dataclass: a component's fields are its settings"
+        )
     hints = typing.get_type_hints(kind)
-    return {field.name: hints[field.name] for field in dataclasses.fields(kind) if field.init}
+    return {
+        field.name: hints[field.name]
+        for field in dataclasses.fields(kind)
+        if field.init
+    }
 
 
 def _settings(component: Any) -> dict[str, Any]:
@@ -199,7 +230,9 @@ def _value(value: Any, kind: Any, where: str) -> Any:
     if origin in (Union, types.UnionType):
         return _union(value, options, where)
     if origin is Literal and value not in options:
-        raise BadData(f"{where} is {value!r}{nearest(str(value), map(str, options))}")
+        raise BadData(
+            f"{where} is {value!r}{nearest(str(value), map(str, options))}"
+        )
     if origin is tuple and isinstance(value, (list, tuple)):
         return _tuple(value, options, where)
     for role, protocol in PROTOCOL_OF_ROLE.items():
@@ -213,8 +246,15 @@ def _value(value: Any, kind: Any, where: str) -> Any:
         return float(value)
     if origin is Literal or type(value) is kind:
         return value
-    texts = {float: "a number", int: "a whole number", bool: "true or false", Path: "a path"}
-    raise BadData(f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}")
+    texts = {
+        float: "a number",
+        int: "a whole number",
+        bool: "true or false",
+        Path: "a path",
+    }
+    raise BadData(
+        f"{where} is {value!r}, expected {texts.get(kind, kind.__name__)}"
+    )
 
 
 def _union(value: Any, kinds: tuple[Any, ...], where: str) -> Any:
@@ -232,6 +272,11 @@ def _tuple(values: Any, kinds: tuple[Any, ...], where: str) -> tuple[Any, ...]:
     if kinds[-1] is Ellipsis:
         kinds = kinds[:1] * len(values)
     if len(values) != len(kinds):
-        raise BadData(f"{where} has {len(values)} values, expected {len(kinds)}")
+        raise BadData(
+            f"{where} has {len(values)} values, expected {len(kinds)}"
+        )
     items = zip(values, kinds, strict=True)
-    return tuple(_value(item, kind, f"{where}[{i}]") for i, (item, kind) in enumerate(items))
+    return tuple(
+        _value(item, kind, f"{where}[{i}]")
+        for i, (item, kind) in enumerate(items)
+    )

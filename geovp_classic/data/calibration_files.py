@@ -24,8 +24,11 @@ from geovp_classic.types import Intrinsics
 FILM_DIAGONAL_MM = 43.27  # of 36 x 24 mm, to which an equivalent focal length refers (CIPA DCG-001)
 EXPECTED = "KITTI's calib.txt, COLMAP's cameras.txt, a ROS camera_info or a Kalibr camchain (.yaml)"
 # COLMAP's distortion models by the names of ROS, Kalibr and the ASL layout
-MODELS = dict.fromkeys(["equidistant", "fisheye"], "OPENCV_FISHEYE") | dict.fromkeys(
-    ["none", "plumb_bob", "radtan", "radial-tangential", "rational_polynomial"], "FULL_OPENCV"
+MODELS = dict.fromkeys(
+    ["equidistant", "fisheye"], "OPENCV_FISHEYE"
+) | dict.fromkeys(
+    ["none", "plumb_bob", "radtan", "radial-tangential", "rational_polynomial"],
+    "FULL_OPENCV",
 )
 
 
@@ -55,7 +58,9 @@ class Calibration:
                 f"{path} is about images of {width}x{height}, these are {width_px}x{height_px}: "
                 "give the file of this camera, or --intrinsics"
             )
-        return Intrinsics(*self.numbers, width, height).resized(width_px, height_px)
+        return Intrinsics(*self.numbers, width, height).resized(
+            width_px, height_px
+        )
 
     def lens(self, camera: Intrinsics) -> DistortedCamera | None:
         """Return `camera`, which is this one at some size, with the distortion.
@@ -98,7 +103,9 @@ def exif_focal_px(photo: Path) -> float | None:
             tags = image.getexif().get_ifd(ExifTags.IFD.Exif)
             equivalent_mm = float(tags[ExifTags.Base.FocalLengthIn35mmFilm])
             diagonal_px = float(np.hypot(*image.size))
-    except Exception:  # many programs write bad EXIF data, for which Pillow raises many types
+    except (
+        Exception
+    ):  # many programs write bad EXIF data, for which Pillow raises many types
         return None
     if not 0 < equivalent_mm < 5000:
         return None
@@ -122,12 +129,20 @@ def _from_colmap(path: Path, text: str) -> Calibration:
     """Parse the only camera of a cameras.txt."""
     from geovp_classic.colmap_library import pycolmap
 
-    rows = [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    rows = [
+        line.split()
+        for line in text.splitlines()
+        if line.strip() and not line.startswith("#")
+    ]
     if len(rows) != 1:
-        raise BadData(f"{path} holds {len(rows)} lines of cameras, expected one: give {EXPECTED}")
+        raise BadData(
+            f"{path} holds {len(rows)} lines of cameras, expected one: give {EXPECTED}"
+        )
     try:
         _, name, width, height, *params = rows[0]
-        model = pycolmap.CameraModelId(name)  # Camera(model=name) leaks for unknown names
+        model = pycolmap.CameraModelId(
+            name
+        )  # Camera(model=name) leaks for unknown names
         camera = pycolmap.Camera(
             model=model,
             width=int(width),
@@ -136,7 +151,12 @@ def _from_colmap(path: Path, text: str) -> Calibration:
         )
         if not camera.verify_params():
             raise ValueError("wrong number of parameters")
-        if not 0 < min(camera.width, camera.height) <= max(camera.width, camera.height) <= 2**16:
+        if (
+            not 0
+            < min(camera.width, camera.height)
+            <= max(camera.width, camera.height)
+            <= 2**16
+        ):
             raise ValueError(f"its images are {width}x{height}")
         lens = DistortedCamera.from_colmap(camera)
     except Exception as problem:  # the file may hold anything
@@ -152,7 +172,9 @@ def load_yaml(path: Path) -> Mapping[str, Any]:
     """Load the table of a YAML file, that of the first camera in a Kalibr camchain."""
     text = files.read_text(path, files.MIB)
     try:
-        table = yaml.safe_load(re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE))  # OpenCV's
+        table = yaml.safe_load(
+            re.sub(r"^%YAML.*$", "", text, flags=re.MULTILINE)
+        )  # OpenCV's
         table = table.get("cam0", table)
         table.keys()
     except Exception as problem:
@@ -167,7 +189,9 @@ def from_yaml(path: Path, table: Mapping[str, Any]) -> Calibration:
     """
     try:
         if table.get("camera_model", "pinhole") != "pinhole":
-            raise ValueError(f"camera_model is {table['camera_model']!r}, expected pinhole")
+            raise ValueError(
+                f"camera_model is {table['camera_model']!r}, expected pinhole"
+            )
         if "intrinsics" in table:
             fx, fy, cx, cy = table["intrinsics"]
         else:
@@ -176,10 +200,14 @@ def from_yaml(path: Path, table: Mapping[str, Any]) -> Calibration:
         width = _first(table, "image_width", "width")
         height = _first(table, "image_height", "height")
         width, height = table.get("resolution", (width, height))
-        lens = _first(table, "distortion_coeffs", "distortion_coefficients", "D", "d")
+        lens = _first(
+            table, "distortion_coeffs", "distortion_coefficients", "D", "d"
+        )
         return Calibration(
             (float(fx), float(fy), float(cx), float(cy)),
-            None if width is None or height is None else (int(width), int(height)),
+            None
+            if width is None or height is None
+            else (int(width), int(height)),
             tuple(float(coefficient) for coefficient in matrix_data(lens)),
             MODELS[table.get("distortion_model") or "none"],
         )

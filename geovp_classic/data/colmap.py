@@ -35,7 +35,9 @@ class Colmap(PosedSequences):
 
     name: ClassVar[str] = "colmap"
 
-    rate_hz: float = 10.0  # as KITTI; a model does not say when images were taken
+    rate_hz: float = (
+        10.0  # as KITTI; a model does not say when images were taken
+    )
     is_metric: bool = False
 
     def __post_init__(self) -> None:
@@ -49,16 +51,21 @@ class Colmap(PosedSequences):
     def folders(root: Path) -> dict[str, Path]:
         """Return the sequences of a root by name."""
         return sequence_folders(
-            root, lambda path: _model(path) is not None, "a folder with images and sparse/0"
+            root,
+            lambda path: _model(path) is not None,
+            "a folder with images and sparse/0",
         )
 
     @staticmethod
-    def scan(folder: Path, rate_hz: float = rate_hz, is_metric: bool = False) -> Scan:
+    def scan(
+        folder: Path, rate_hz: float = rate_hz, is_metric: bool = False
+    ) -> Scan:
         """Scan a sequence; it has images alone if the model cannot be used."""
         findings = Findings()
         root = folder / "images" if (folder / "images").is_dir() else folder
         images = sorted(
-            filter(is_image, root.rglob("*")), key=lambda path: (path.parent, natural_order(path))
+            filter(is_image, root.rglob("*")),
+            key=lambda path: (path.parent, natural_order(path)),
         )
         times_s = np.arange(len(images)) / rate_hz
         names = [path.relative_to(root).as_posix() for path in images]
@@ -76,7 +83,10 @@ class Colmap(PosedSequences):
             )
             findings.error(root, message)
         if not registered and not findings:
-            findings.error(root, "has a model without a registered image: rerun COLMAP's mapper")
+            findings.error(
+                root,
+                "has a model without a registered image: rerun COLMAP's mapper",
+            )
         if findings:
             return Scan(tuple(images), times_s, (), findings)
         world_from_cam = np.full((len(images), 4, 4), np.nan)
@@ -105,7 +115,10 @@ class Colmap(PosedSequences):
 def _model(folder: Path) -> Path | None:
     """Return the folder of a sequence's model."""
     for name in ("sparse/0", "sparse", "."):
-        if any((folder / name / f"images.{suffix}").is_file() for suffix in ("bin", "txt")):
+        if any(
+            (folder / name / f"images.{suffix}").is_file()
+            for suffix in ("bin", "txt")
+        ):
             return folder / name
     return None
 
@@ -122,10 +135,20 @@ def _read_model(model: Path) -> Registered:
         reconstruction = pycolmap.Reconstruction(str(model))
         for image in reconstruction.images.values():
             if image.has_pose:
-                lens = DistortedCamera.from_colmap(reconstruction.cameras[image.camera_id])
-                cam_from_world = np.vstack([image.cam_from_world().matrix(), [0, 0, 0, 1]])
+                lens = DistortedCamera.from_colmap(
+                    reconstruction.cameras[image.camera_id]
+                )
+                cam_from_world = np.vstack(
+                    [image.cam_from_world().matrix(), [0, 0, 0, 1]]
+                )
                 registered[image.name] = (se3.inverse(cam_from_world), lens)
-    except (ValueError, RuntimeError, LookupError, MemoryError, OverflowError) as problem:
+    except (
+        ValueError,
+        RuntimeError,
+        LookupError,
+        MemoryError,
+        OverflowError,
+    ) as problem:
         reason = str(problem).strip().partition("\n")[0]
         raise BadData(
             f"{model} is not a COLMAP model ({reason}): give cameras, images and points3D of one"
@@ -134,7 +157,11 @@ def _read_model(model: Path) -> Registered:
 
 
 def _check_counts(
-    path: Path, fixed_bytes: int, has_name: bool, count_bytes: int, item_bytes: int
+    path: Path,
+    fixed_bytes: int,
+    has_name: bool,
+    count_bytes: int,
+    item_bytes: int,
 ) -> None:
     """Raise BadData for a binary file of a model that is not as long as its counts say.
 
@@ -155,4 +182,6 @@ def _check_counts(
         if end > len(content):
             break
     if end != len(content):
-        raise BadData(f"{path} has {len(content)} bytes, not as its counts say: rerun COLMAP")
+        raise BadData(
+            f"{path} has {len(content)} bytes, not as its counts say: rerun COLMAP"
+        )

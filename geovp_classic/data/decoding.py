@@ -44,7 +44,9 @@ def checked_size(path: Path, file: BinaryIO) -> tuple[int, int]:
             is_too_large = math.prod(size_px) > MAX_PIXELS
             if not is_too_large:
                 _check_content(image)
-    except Exception as problem:  # Pillow's plug-ins raise many types for damaged bytes
+    except (
+        Exception
+    ) as problem:  # Pillow's plug-ins raise many types for damaged bytes
         raise BadData(
             f"{path} cannot be decoded as an image, it is damaged or truncated: restore the file"
         ) from problem
@@ -57,7 +59,10 @@ def checked_size(path: Path, file: BinaryIO) -> tuple[int, int]:
 
 def _check_content(image: Image.Image) -> None:
     """Raise an exception if the content of an opened image is incomplete."""
-    if image.format in ("PNG", "WEBP"):  # have checksums, or are complete once they are opened
+    if image.format in (
+        "PNG",
+        "WEBP",
+    ):  # have checksums, or are complete once they are opened
         image.verify()
     else:
         image.draft("RGB", (1, 1))  # a JPEG is decoded at an eighth of its size

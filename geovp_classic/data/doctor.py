@@ -19,7 +19,9 @@ from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
-NO_POSES = "has no recorded poses: it serves for prediction without ground truth"
+NO_POSES = (
+    "has no recorded poses: it serves for prediction without ground truth"
+)
 Size = tuple[int, int]  # (width, height)
 
 
@@ -27,7 +29,9 @@ Size = tuple[int, int]  # (width, height)
 class Examination:
     """The contents of a root, and its findings."""
 
-    rows: tuple[dict[str, str], ...]  # a table row for every sequence, by column
+    rows: tuple[
+        dict[str, str], ...
+    ]  # a table row for every sequence, by column
     findings: tuple[Finding, ...]  # sequence by sequence
     usable_splits: tuple[str, ...]  # the named splits whose frames are all here
 
@@ -43,11 +47,19 @@ class Doctor:
 
     max_speed_m_s: float = 60.0  # 216 km/h; 26 m/s at most in KITTI
     max_turn_deg: float = 20.0  # between two frames; 5 degrees at most in KITTI
-    max_step_ratio: float = 1.8  # a longer time step, in medians, is a dropped frame
-    max_off_centre_ratio: float = 0.2  # of the principal point, in widths and heights
+    max_step_ratio: float = (
+        1.8  # a longer time step, in medians, is a dropped frame
+    )
+    max_off_centre_ratio: float = (
+        0.2  # of the principal point, in widths and heights
+    )
 
     def examine(
-        self, root: Path, *, deep: bool = False, watch: Callable[[list[str]], Iterable[str]] = iter
+        self,
+        root: Path,
+        *,
+        deep: bool = False,
+        watch: Callable[[list[str]], Iterable[str]] = iter,
     ) -> Examination:
         """Examine everything under a root; with `deep` every image is decoded.
 
@@ -57,17 +69,23 @@ class Doctor:
         layout = layouts.LAYOUTS[layouts.name_of(root)]
         folders = layout.folders(root)
         if not folders:
-            raise BadData(f"{root} holds no sequence: give a folder with sequences in it")
+            raise BadData(
+                f"{root} holds no sequence: give a folder with sequences in it"
+            )
         rows = []
         findings = Findings()
         num_frames = {}
         for name in watch(list(folders)):
             scans = layout.scans(folders[name])
-            row, sequence_findings = self._sequence(name, folders[name], scans, deep=deep)
+            row, sequence_findings = self._sequence(
+                name, folders[name], scans, deep=deep
+            )
             rows.append(row)
             findings += sequence_findings
             num_frames[name] = min(len(scan.images) for scan in scans.values())
-        return Examination(tuple(rows), tuple(findings), _usable_splits(num_frames))
+        return Examination(
+            tuple(rows), tuple(findings), _usable_splits(num_frames)
+        )
 
     def _sequence(
         self, name: str, folder: Path, scans: dict[str, Scan], *, deep: bool
@@ -85,7 +103,9 @@ class Doctor:
             findings += scan.findings
             camera_sizes_px = _image_sizes(scan.images, findings, deep=deep)
             sizes_px |= camera_sizes_px
-            focals.add(self._calibration(folder, scan, camera_sizes_px, findings))
+            focals.add(
+                self._calibration(folder, scan, camera_sizes_px, findings)
+            )
         first = next(iter(scans.values()))
         times_s = first.times_s[np.isfinite(first.times_s)]
         duration_s = float(np.ptp(times_s)) if len(times_s) else 0.0
@@ -100,7 +120,9 @@ class Doctor:
             "calibrated": ", ".join(sorted(focals)),
             "times": str(len(times_s)),
             "duration_s": f"{duration_s:.1f}",
-            "poses": "none" if first.world_from_cam is None else str(len(first.posed)),
+            "poses": "none"
+            if first.world_from_cam is None
+            else str(len(first.posed)),
             "length_m": length,
             "errors": str(severities.count("error")),
             "warnings": str(severities.count("warning")),
@@ -143,7 +165,13 @@ class Doctor:
             return
         usual_s = float(np.nanmedian(steps_s))
         message = f"{{:.3f}} s after the image before, {usual_s:.3f} s is usual: frames are missing"
-        _warn_beyond(self.max_step_ratio * usual_s, steps_s, scan.images, message, findings)
+        _warn_beyond(
+            self.max_step_ratio * usual_s,
+            steps_s,
+            scan.images,
+            message,
+            findings,
+        )
 
     def _poses(self, folder: Path, scan: Scan, findings: Findings) -> str:
         """Warn of missing poses and implausible motion.
@@ -161,7 +189,9 @@ class Doctor:
             )
             findings.warn(folder, message)
         if scan.depths is not None and (missing := scan.depths.count(None)):
-            findings.warn(folder, f"{missing} of {count} images have no depth image")
+            findings.warn(
+                folder, f"{missing} of {count} images have no depth image"
+            )
         if scan.world_from_cam is None or len(numbers) < 2:
             return "-"
         images = [scan.images[number] for number in numbers]
@@ -196,7 +226,9 @@ def _text(size_px: Size) -> str:
     return f"{size_px[0]}x{size_px[1]}"
 
 
-def _image_sizes(images: tuple[Path, ...], findings: Findings, *, deep: bool) -> set[Size]:
+def _image_sizes(
+    images: tuple[Path, ...], findings: Findings, *, deep: bool
+) -> set[Size]:
     """Return every size that occurs; report damaged images and those of another size.
 
     The first image, or with `deep` every one, is decoded.
@@ -222,7 +254,13 @@ def _usable_splits(num_frames: dict[str, int]) -> tuple[str, ...]:
     usable = []
     for name in splits.names():
         ranges = splits.load(name)
-        needed = {frames.sequence: frames.last or frames.first + 1 for frames in ranges}
-        if all(num_frames.get(sequence, 0) >= count for sequence, count in needed.items()):
+        needed = {
+            frames.sequence: frames.last or frames.first + 1
+            for frames in ranges
+        }
+        if all(
+            num_frames.get(sequence, 0) >= count
+            for sequence, count in needed.items()
+        ):
             usable.append(name)
     return tuple(usable)

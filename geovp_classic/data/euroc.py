@@ -39,19 +39,29 @@ class Euroc(PosedSequences):
     def folders(root: Path) -> dict[str, Path]:
         """Return the sequences of a root by name."""
         return sequence_folders(
-            root, lambda path: any(path.glob("mav0/cam*/data.csv")), "a folder with mav0/cam0"
+            root,
+            lambda path: any(path.glob("mav0/cam*/data.csv")),
+            "a folder with mav0/cam0",
         )
 
     @staticmethod
-    def scan(folder: Path, camera: int = 0, max_difference_s: float = max_difference_s) -> Scan:
+    def scan(
+        folder: Path,
+        camera: int = 0,
+        max_difference_s: float = max_difference_s,
+    ) -> Scan:
         """Scan a sequence with one of its cameras."""
         findings = Findings()
         cam = folder / "mav0" / f"cam{camera}"
         if not cam.is_dir():
-            present = ", ".join(sorted(path.name for path in cam.parent.glob("cam?")))
+            present = ", ".join(
+                sorted(path.name for path in cam.parent.glob("cam?"))
+            )
             findings.error(cam, f"does not exist: mav0 has {present}")
             return Scan((), np.zeros(0), (), findings)
-        stamps_ns, images = scan_list(cam / "data.csv", cam / "data", findings, ",")
+        stamps_ns, images = scan_list(
+            cam / "data.csv", cam / "data", findings, ","
+        )
         start_ns = stamps_ns[0] if images else 0.0
         times_s = (stamps_ns - start_ns) / 1e9
         try:
@@ -63,8 +73,12 @@ class Euroc(PosedSequences):
         for name in ("state_groundtruth_estimate0", "mocap0"):
             path = folder / "mav0" / name / "data.csv"
             if poses is None and path.exists():
-                pose_times_s, world_from_body = pose_files.scan_asl(path, start_ns, findings)
-                poses = matched(times_s, pose_times_s, world_from_body, max_difference_s)
+                pose_times_s, world_from_body = pose_files.scan_asl(
+                    path, start_ns, findings
+                )
+                poses = matched(
+                    times_s, pose_times_s, world_from_body, max_difference_s
+                )
                 poses = poses @ body_from_cam
         return Scan(images, times_s, (lens,) * len(images), findings, poses)
 
@@ -81,9 +95,13 @@ def read_sensor(path: Path) -> tuple[DistortedCamera, FloatArray]:
     view = Intrinsics(*calibration.numbers, *calibration.size_px)
     lens = calibration.lens(view) or DistortedCamera(view)
     try:
-        numbers = np.array(calibration_files.matrix_data(table["T_BS"]), np.float64)
+        numbers = np.array(
+            calibration_files.matrix_data(table["T_BS"]), np.float64
+        )
         transform = numbers.reshape(4, 4)
-        body_from_cam = se3.orthonormalised(transform, pose_files.ROTATION_TOLERANCE)
+        body_from_cam = se3.orthonormalised(
+            transform, pose_files.ROTATION_TOLERANCE
+        )
     except (KeyError, TypeError, ValueError, BadData) as problem:
         raise BadData(
             f"{path} has no T_BS of 16 numbers that is a rigid motion ({problem}): complete it"

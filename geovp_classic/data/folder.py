@@ -10,7 +10,13 @@ import numpy as np
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.frames import FrameFiles, FrameReader, Load, VideoFrames, image_files
+from geovp_classic.data.frames import (
+    FrameFiles,
+    FrameReader,
+    Load,
+    VideoFrames,
+    image_files,
+)
 from geovp_classic.data.scan import Scan, sequence_folders
 from geovp_classic.data.sequences import SequenceDataset
 from geovp_classic.data.windows import FrameRange, Recording
@@ -47,13 +53,20 @@ class Folder(SequenceDataset):
     def __post_init__(self) -> None:
         for name in ("path", "times", "trajectory"):  # scripts give text
             given = getattr(self, name)
-            object.__setattr__(self, name, None if given is None else Path(given))
-        if self.frame_rate_hz is not None and not 0.02 <= self.frame_rate_hz < np.inf:
+            object.__setattr__(
+                self, name, None if given is None else Path(given)
+            )
+        if (
+            self.frame_rate_hz is not None
+            and not 0.02 <= self.frame_rate_hz < np.inf
+        ):
             raise BadData(
                 f"frame_rate_hz is {self.frame_rate_hz}, expected a number of at least 0.02"
             )
         if self.frame_rate_hz is not None and self.times is not None:
-            raise BadData("both frame_rate_hz and times are given: keep one of them")
+            raise BadData(
+                "both frame_rate_hz and times are given: keep one of them"
+            )
         self._check()
 
     @property
@@ -78,7 +91,9 @@ class Folder(SequenceDataset):
             return super()._wanted
         first, last = self.frames
         if not 0 <= first < last:
-            raise BadData(f"frames is [{first}, {last}], expected 0 <= first < last")
+            raise BadData(
+                f"frames is [{first}, {last}], expected 0 <= first < last"
+            )
         if self._is_root or self.sequences is not None:
             raise BadData(
                 f'frames is of one sequence: give sequences = ["NAME[{first}:{last})"] in its place'
@@ -111,7 +126,9 @@ class Folder(SequenceDataset):
         folder = path if self._is_root else Path()
         trajectory, times_s = self._timed(folder, name, len(reader), rate_hz)
         camera = Intrinsics(*self.intrinsics, *size_px)
-        return Recording(name, reader, times_s, camera, trajectory, self.camera_height_m)
+        return Recording(
+            name, reader, times_s, camera, trajectory, self.camera_height_m
+        )
 
     def _timed(
         self, folder: Path, name: str, num_frames: int, rate_hz: float | None
@@ -121,17 +138,27 @@ class Folder(SequenceDataset):
         times_s = None
         if self.times is not None:
             times_s = pose_files.read_times(folder / self.times)
-        elif self.frame_rate_hz is not None or poses is None or not pose_files.has_times(poses):
+        elif (
+            self.frame_rate_hz is not None
+            or poses is None
+            or not pose_files.has_times(poses)
+        ):
             if rate_hz is None:
-                raise BadData(f"{name} does not state its frame rate: give frame_rate_hz")
+                raise BadData(
+                    f"{name} does not state its frame rate: give frame_rate_hz"
+                )
             times_s = np.arange(num_frames) / rate_hz
         trajectory = None
         if poses is not None:
-            trajectory = pose_files.read_trajectory(poses, times_s, is_metric=self.is_metric)
+            trajectory = pose_files.read_trajectory(
+                poses, times_s, is_metric=self.is_metric
+            )
             if times_s is None:
                 times_s = trajectory.times_s
             if len(trajectory) == len(times_s):
-                trajectory = Trajectory(trajectory.world_from_cam, times_s, self.is_metric)
+                trajectory = Trajectory(
+                    trajectory.world_from_cam, times_s, self.is_metric
+                )
         assert times_s is not None
         return trajectory, times_s
 
@@ -139,7 +166,9 @@ class Folder(SequenceDataset):
     def folders(root: Path) -> dict[str, Path]:
         """Return the folders of images by name: the root, or those in it if it has no images."""
         expected = "a folder of images (png, jpg, webp, bmp, tif, ppm, jp2)"
-        return sequence_folders(root, lambda path: bool(image_files(path)), expected)
+        return sequence_folders(
+            root, lambda path: bool(image_files(path)), expected
+        )
 
     @staticmethod
     def scans(folder: Path) -> dict[str, Scan]:

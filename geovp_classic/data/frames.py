@@ -17,7 +17,18 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray
 
 SUFFIXES = frozenset(
-    {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".jp2"}
+    {
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".webp",
+        ".bmp",
+        ".tif",
+        ".tiff",
+        ".ppm",
+        ".pgm",
+        ".jp2",
+    }
 )
 Load = Callable[[Path], ByteArray]
 
@@ -67,7 +78,9 @@ class FrameFiles:
     """One image file per frame."""
 
     paths: tuple[Path, ...]  # N
-    sizes_px: tuple[tuple[int, int], ...]  # N, (width, height) that a file must have
+    sizes_px: tuple[
+        tuple[int, int], ...
+    ]  # N, (width, height) that a file must have
     load: Load = read_image
 
     def __len__(self) -> int:
@@ -78,7 +91,9 @@ class FrameFiles:
         return load_sized(self.paths[index], self.sizes_px[index], self.load)
 
 
-def load_sized(path: Path, size_px: tuple[int, int], load: Callable[[Path], Any]) -> Any:
+def load_sized(
+    path: Path, size_px: tuple[int, int], load: Callable[[Path], Any]
+) -> Any:
     """Return the array [H, W, ...] of an image file; BadData if its size is not the given one."""
     image = load(path)
     height_px, width_px = image.shape[:2]
@@ -114,7 +129,10 @@ class VideoFrames:
         capture = cv2.VideoCapture(str(path))
         width_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         height_px = int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
-        if not capture.isOpened() or not 0 < width_px * height_px <= decoding.MAX_PIXELS:
+        if (
+            not capture.isOpened()
+            or not 0 < width_px * height_px <= decoding.MAX_PIXELS
+        ):
             raise BadData(
                 f"{path} cannot be decoded as a video of at most {decoding.MAX_PIXELS:,} pixels: "
                 "give a folder of images or another video file"
@@ -126,12 +144,20 @@ class VideoFrames:
             while capture.grab():
                 count += 1
             capture = cv2.VideoCapture(str(path))
-        if not 0 < count <= path.stat().st_size:  # a frame takes at least a byte
+        if (
+            not 0 < count <= path.stat().st_size
+        ):  # a frame takes at least a byte
             raise BadData(
                 f"{path} claims {count} frames, which its size cannot hold: restore the file"
             )
         is_plausible = 0 < rate_hz < 1000
-        return cls(path, count, (width_px, height_px), rate_hz if is_plausible else None, capture)
+        return cls(
+            path,
+            count,
+            (width_px, height_px),
+            rate_hz if is_plausible else None,
+            capture,
+        )
 
     def __post_init__(self) -> None:
         self._cached = functools.lru_cache(maxsize=64)(self._decode)
@@ -156,7 +182,9 @@ class VideoFrames:
                 "the range"
             )
         self._next += 1
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        return np.asarray(
+            cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8
+        )
 
 
 def is_image(path: Path) -> bool:
@@ -178,7 +206,11 @@ def image_files(folder: Path) -> list[Path]:
 def natural_order(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts file names with numbers in them counted as numbers."""
     parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part)
+        for part in parts
+        if part
+    ]
 
 
 def scan_numbered(folder: Path, findings: Findings) -> tuple[Path, ...]:
@@ -190,12 +222,20 @@ def scan_numbered(folder: Path, findings: Findings) -> tuple[Path, ...]:
             continue
         first = images.setdefault(int(path.stem), path)
         if first is not path:
-            findings.error(path, f"has the same number as {first.name}: keep one of them")
+            findings.error(
+                path, f"has the same number as {first.name}: keep one of them"
+            )
     if not images:
-        findings.error(folder, "holds no images, expected 000000.png (or jpg, webp, ...) and so on")
+        findings.error(
+            folder,
+            "holds no images, expected 000000.png (or jpg, webp, ...) and so on",
+        )
     numbers = sorted(images)
     for expected, number in enumerate(numbers):
         if number != expected:
-            findings.error(folder, f"lacks frame {expected:06d}: number frames without a gap")
+            findings.error(
+                folder,
+                f"lacks frame {expected:06d}: number frames without a gap",
+            )
             break
     return tuple(images[number] for number in numbers)

@@ -58,15 +58,23 @@ class Kitti(PosedSequences):
 
     @cached_property
     def _wanted(self) -> tuple[FrameRange, ...]:
-        return super()._wanted if self.split is None else splits.load(self.split)
+        return (
+            super()._wanted if self.split is None else splits.load(self.split)
+        )
 
     @staticmethod
     def folders(root: Path) -> dict[str, Path]:
         """Return the sequences of a root by name; BadData if it is not KITTI odometry."""
         if not (root / "sequences").is_dir():
-            raise BadData(f"{root} holds no folder 'sequences': give KITTI odometry's 'dataset'")
+            raise BadData(
+                f"{root} holds no folder 'sequences': give KITTI odometry's 'dataset'"
+            )
         paths = sorted((root / "sequences").iterdir())
-        return {path.name: path for path in paths if path.is_dir() and path.name[0] != "."}
+        return {
+            path.name: path
+            for path in paths
+            if path.is_dir() and path.name[0] != "."
+        }
 
     @staticmethod
     def scan(folder: Path, camera: int) -> Scan:
@@ -76,7 +84,9 @@ class Kitti(PosedSequences):
         """
         findings = Findings()
         images = scan_numbered(folder / f"image_{camera}", findings)
-        projection = scan_projection(folder / "calib.txt", f"P{camera}", findings)
+        projection = scan_projection(
+            folder / "calib.txt", f"P{camera}", findings
+        )
         times = folder / "times.txt"
         times_s = pose_files.scan_times(times, findings)
         times_s = one_per_frame(times, times_s, len(images), findings)
@@ -89,13 +99,20 @@ class Kitti(PosedSequences):
     @classmethod
     def scans(cls, folder: Path) -> dict[str, Scan]:
         """Scan a sequence with each of its cameras."""
-        return {f"image_{camera}": cls.scan(folder, camera) for camera in cls._cameras(folder)}
+        return {
+            f"image_{camera}": cls.scan(folder, camera)
+            for camera in cls._cameras(folder)
+        }
 
     @classmethod
     def _cameras(cls, folder: Path) -> list[int]:
         """Return the cameras of a sequence that have a folder, the preferred one first."""
         cameras = PREFERRED_CAMERAS
-        present = [camera for camera in cameras if (folder / f"{cls.prefix}{camera}").is_dir()]
+        present = [
+            camera
+            for camera in cameras
+            if (folder / f"{cls.prefix}{camera}").is_dir()
+        ]
         return present or [cameras[0]]
 
     def _camera(self, folder: Path) -> int:
@@ -104,7 +121,9 @@ class Kitti(PosedSequences):
         camera = cameras[0] if self.camera is None else self.camera
         if camera not in cameras:
             present = ", ".join(f"{self.prefix}{number}" for number in cameras)
-            raise BadData(f"{folder} has no {self.prefix}{camera}: it has {present}")
+            raise BadData(
+                f"{folder} has no {self.prefix}{camera}: it has {present}"
+            )
         return camera
 
     def _scan(self, folder: Path) -> Scan:
@@ -118,11 +137,18 @@ class Kitti(PosedSequences):
             return recording
         right = self.scan(folder, right_camera)
         side = right.recording(name, folder, load, self.camera_height_m)
-        right_from_left = right.cam_from_rig @ se3.inverse(self._scan(folder).cam_from_rig)
-        return replace(recording, right=SideCamera(side.frames, side.intrinsics, right_from_left))
+        right_from_left = right.cam_from_rig @ se3.inverse(
+            self._scan(folder).cam_from_rig
+        )
+        return replace(
+            recording,
+            right=SideCamera(side.frames, side.intrinsics, right_from_left),
+        )
 
 
-def one_per_frame(path: Path, rows: FloatArray, num_frames: int, findings: Findings) -> FloatArray:
+def one_per_frame(
+    path: Path, rows: FloatArray, num_frames: int, findings: Findings
+) -> FloatArray:
     """Return the rows [N, ...] of a file, which should be one for each of N frames.
 
     If there are fewer or more, the difference is reported and all rows are NaN.
@@ -130,7 +156,9 @@ def one_per_frame(path: Path, rows: FloatArray, num_frames: int, findings: Findi
     if len(rows) == num_frames:
         return rows
     if len(rows):
-        findings.error(path, f"{len(rows)} rows for {num_frames} frames, expected one each")
+        findings.error(
+            path, f"{len(rows)} rows for {num_frames} frames, expected one each"
+        )
     return np.full((num_frames, *rows.shape[1:]), np.nan)
 
 
@@ -140,11 +168,16 @@ def _scan_poses(path: Path, num_frames: int, findings: Findings) -> FloatArray:
     if indices is not None:
         missing = np.setdiff1d(np.arange(num_frames), indices)
         if len(missing):
-            findings.error(path, f"expected a pose of every frame, frames {missing} have none")
+            findings.error(
+                path,
+                f"expected a pose of every frame, frames {missing} have none",
+            )
     return one_per_frame(path, world_from_cam0, num_frames, findings)
 
 
-def scan_entry(path: Path, name: str, count: int, findings: Findings) -> FloatArray | None:
+def scan_entry(
+    path: Path, name: str, count: int, findings: Findings
+) -> FloatArray | None:
     """Scan the numbers of the line `name: ...` of a calibration file.
 
     Return None with a finding if the line is missing or holds anything else.
@@ -152,12 +185,16 @@ def scan_entry(path: Path, name: str, count: int, findings: Findings) -> FloatAr
     for line, text in pose_files.read_lines(path, findings):
         key, _, numbers = text.partition(":")
         if key == name:
-            return pose_files.parse_numbers(path, line, numbers.split(), (count,), findings)
+            return pose_files.parse_numbers(
+                path, line, numbers.split(), (count,), findings
+            )
     findings.error(path, f"has no line '{name}:'")
     return None
 
 
-def scan_projection(path: Path, name: str, findings: Findings) -> Projection | None:
+def scan_projection(
+    path: Path, name: str, findings: Findings
+) -> Projection | None:
     """Scan the projection K [I | t] of a camera.
 
     Return fx, fy, cx, cy in pixels, and cam_from_cam0 [4, 4]; None with a finding if it is not the
@@ -171,7 +208,9 @@ def scan_projection(path: Path, name: str, findings: Findings) -> Projection | N
     camera_matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     if min(fx, fy) <= 0 or not np.allclose(projection[:, :3], camera_matrix):
         message = "expected positive focal lengths, zeros beside them, and 0 0 1 below"
-        findings.error(path, f"{name} is not K [I | t] of a rectified camera: {message}")
+        findings.error(
+            path, f"{name} is not K [I | t] of a rectified camera: {message}"
+        )
         return None
     translation = np.linalg.solve(camera_matrix, projection[:, 3])
     return (fx, fy, cx, cy), se3.compose(np.eye(3), translation)
@@ -194,4 +233,11 @@ def rectified(
     if world_from_cam0 is not None:
         world_from_cam = world_from_cam0 @ se3.inverse(cam_from_cam0)
     cameras = (lens,) * len(images)
-    return Scan(images, times_s, cameras, findings, world_from_cam, cam_from_rig=cam_from_cam0)
+    return Scan(
+        images,
+        times_s,
+        cameras,
+        findings,
+        world_from_cam,
+        cam_from_rig=cam_from_cam0,
+    )

@@ -47,7 +47,11 @@ class KittiRaw(Kitti):
                 f"{root} holds no folder such as 2011_09_26: give the folder of KITTI raw's dates"
             )
         drives = sorted(root.glob("????_??_??/*_drive_*_sync"))
-        return {path.name.removesuffix("_sync"): path for path in drives if path.is_dir()}
+        return {
+            path.name.removesuffix("_sync"): path
+            for path in drives
+            if path.is_dir()
+        }
 
     @staticmethod
     def scan(folder: Path, camera: int) -> Scan:
@@ -58,16 +62,26 @@ class KittiRaw(Kitti):
         findings = Findings()
         images = scan_numbered(folder / f"image_0{camera}" / "data", findings)
         calibration = folder.parent / "calib_cam_to_cam.txt"
-        projection = kitti.scan_projection(calibration, f"P_rect_0{camera}", findings)
+        projection = kitti.scan_projection(
+            calibration, f"P_rect_0{camera}", findings
+        )
         path = folder / f"image_0{camera}" / "timestamps.txt"
         times_s = scan_timestamps(path, findings)
         times_s = kitti.one_per_frame(path, times_s, len(images), findings)
         world_from_cam0 = None
         if (folder / "oxts").is_dir():
             world_from_cam0 = _scan_poses(folder, len(images), findings)
-        result = kitti.rectified(images, times_s, projection, world_from_cam0, findings)
-        size_px = kitti.scan_entry(calibration, f"S_rect_0{camera}", 2, findings)
-        if size_px is not None and result.cameras and result.cameras[0].size_px != tuple(size_px):
+        result = kitti.rectified(
+            images, times_s, projection, world_from_cam0, findings
+        )
+        size_px = kitti.scan_entry(
+            calibration, f"S_rect_0{camera}", 2, findings
+        )
+        if (
+            size_px is not None
+            and result.cameras
+            and result.cameras[0].size_px != tuple(size_px)
+        ):
             width_px, height_px = result.cameras[0].size_px
             message = (
                 f"S_rect_0{camera} is {size_px[0]:g}x{size_px[1]:g}, the images are "
@@ -88,14 +102,20 @@ def scan_timestamps(path: Path, findings: Findings) -> FloatArray:
         except ValueError:
             is_time = None
         if not is_time:
-            message = f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
+            message = (
+                f"{text!r} is not a time such as 2011-09-26 13:02:25.964389445"
+            )
             findings.error(path, message, line)
         elif number and stamps[number] <= stamps[number - 1]:
-            findings.error(path, f"time {text} is not after the one before", line)
+            findings.error(
+                path, f"time {text} is not after the one before", line
+            )
     return (stamps - stamps[:1]) / np.timedelta64(1, "s")
 
 
-def _scan_poses(folder: Path, num_frames: int, findings: Findings) -> FloatArray | None:
+def _scan_poses(
+    folder: Path, num_frames: int, findings: Findings
+) -> FloatArray | None:
     """Scan world_from_cam0 [N, 4, 4], NaN for frames without a good reading."""
     cam0_from_imu = _scan_cam0_from_imu(folder.parent, findings)
     readings = np.full((num_frames, NUM_READINGS), np.nan)
@@ -103,17 +123,25 @@ def _scan_poses(folder: Path, num_frames: int, findings: Findings) -> FloatArray
         path = folder / "oxts" / "data" / f"{number:010d}.txt"
         for line, text in pose_files.read_lines(path, findings)[:1]:
             words = text.split()
-            numbers = pose_files.parse_numbers(path, line, words, (NUM_READINGS,), findings)
+            numbers = pose_files.parse_numbers(
+                path, line, words, (NUM_READINGS,), findings
+            )
             if numbers is None:
                 continue
             readings[number] = numbers
             if abs(numbers[0]) >= 90:
-                findings.error(path, f"latitude {numbers[0]:g}, expected -90 to 90 degrees", line)
+                findings.error(
+                    path,
+                    f"latitude {numbers[0]:g}, expected -90 to 90 degrees",
+                    line,
+                )
     good = np.isfinite(readings[:, 0])
     if cam0_from_imu is None or not good.any():
         return None
     world_from_cam0 = np.full((num_frames, 4, 4), np.nan)
-    world_from_cam0[good] = mercator_poses(readings[good]) @ se3.inverse(cam0_from_imu)
+    world_from_cam0[good] = mercator_poses(readings[good]) @ se3.inverse(
+        cam0_from_imu
+    )
     return world_from_cam0
 
 
@@ -149,13 +177,21 @@ def _scan_cam0_from_imu(date: Path, findings: Findings) -> FloatArray | None:
         translation = kitti.scan_entry(date / file, "T", 3, findings)
         if rotation is None or translation is None:
             return None
-        cam0_from_imu = se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
-    rectification = kitti.scan_entry(date / "calib_cam_to_cam.txt", "R_rect_00", 9, findings)
+        cam0_from_imu = (
+            se3.compose(rotation.reshape(3, 3), translation) @ cam0_from_imu
+        )
+    rectification = kitti.scan_entry(
+        date / "calib_cam_to_cam.txt", "R_rect_00", 9, findings
+    )
     if rectification is None:
         return None
     rect_from_cam = se3.compose(rectification.reshape(3, 3), np.zeros(3))
     try:
-        return se3.orthonormalised(rect_from_cam @ cam0_from_imu, pose_files.ROTATION_TOLERANCE)
+        return se3.orthonormalised(
+            rect_from_cam @ cam0_from_imu, pose_files.ROTATION_TOLERANCE
+        )
     except BadData as problem:
-        findings.error(date, f"the calibration's rotations are invalid: {problem}")
+        findings.error(
+            date, f"the calibration's rotations are invalid: {problem}"
+        )
         return None

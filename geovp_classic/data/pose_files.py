@@ -22,7 +22,9 @@ from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray, IntArray, Trajectory
 
 MAX_NUMBER = 2.0**63  # times in nanoseconds are below it
-ROTATION_TOLERANCE = 1e-3  # of R R' - I and of a quaternion's length, as text files round them
+ROTATION_TOLERANCE = (
+    1e-3  # of R R' - I and of a quaternion's length, as text files round them
+)
 
 Scanned = TypeVar("Scanned")
 
@@ -73,7 +75,9 @@ def read_trajectory(
         return read_tum(path, is_metric=is_metric)
     indices, world_from_cam = read_kitti(path)
     if times_s is None:
-        raise BadData(f"{path} is in KITTI's format, which has no times: give those of all frames")
+        raise BadData(
+            f"{path} is in KITTI's format, which has no times: give those of all frames"
+        )
     if indices is None:
         if len(world_from_cam) != len(times_s):
             raise BadData(
@@ -96,11 +100,17 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     """Write one line `t x y z qx qy qz qw` per pose, exact to rounding, atomically."""
     world_from_cam = trajectory.world_from_cam
     quaternions = Rotation.from_matrix(world_from_cam[:, :3, :3]).as_quat()
-    columns = [trajectory.times_s[:, None], world_from_cam[:, :3, 3], quaternions]
+    columns = [
+        trajectory.times_s[:, None],
+        world_from_cam[:, :3, 3],
+        quaternions,
+    ]
     _write_rows(path, np.hstack(columns), "# t_s x y z qx qy qz qw\n")
 
 
-def scan_kitti(path: Path, findings: Findings) -> tuple[FloatArray | None, FloatArray]:
+def scan_kitti(
+    path: Path, findings: Findings
+) -> tuple[FloatArray | None, FloatArray]:
     """Scan the frame indices [N], None if there are none, and world_from_cam [N, 4, 4] of a
     KITTI file.
     """
@@ -112,23 +122,31 @@ def scan_tum(path: Path, findings: Findings) -> tuple[FloatArray, FloatArray]:
     return _scan_poses(path, (8,), _pose_of_quaternion, findings)
 
 
-def scan_asl(path: Path, start_ns: float, findings: Findings) -> tuple[FloatArray, FloatArray]:
+def scan_asl(
+    path: Path, start_ns: float, findings: Findings
+) -> tuple[FloatArray, FloatArray]:
     """Scan the times [N] and world_from_body [N, 4, 4] of EuRoC's data.csv.
 
     Times are seconds after `start_ns`.
     """
 
     def pose_of(numbers: FloatArray) -> FloatArray:
-        return _pose_of_quaternion(numbers[[0, 1, 2, 3, 5, 6, 7, 4]])  # the real part comes first
+        return _pose_of_quaternion(
+            numbers[[0, 1, 2, 3, 5, 6, 7, 4]]
+        )  # the real part comes first
 
-    times_ns, world_from_body = _scan_poses(path, (17, 8), pose_of, findings, ",")
+    times_ns, world_from_body = _scan_poses(
+        path, (17, 8), pose_of, findings, ","
+    )
     return (times_ns - start_ns) / 1e9, world_from_body
 
 
 def _scan_poses(
     path: Path,
     counts: tuple[int, ...],
-    pose_of: Callable[[FloatArray], FloatArray],  # [K] -> [4, 4]; BadData for a bad line
+    pose_of: Callable[
+        [FloatArray], FloatArray
+    ],  # [K] -> [4, 4]; BadData for a bad line
     findings: Findings,
     separator: str | None = None,
 ) -> tuple[Any, FloatArray]:
@@ -146,7 +164,9 @@ def _scan_poses(
 def _pose_of_matrix(numbers: FloatArray) -> FloatArray:
     """Convert the rows of a matrix [12], or a frame index and these [13], to a pose."""
     if len(numbers) == 13 and (numbers[0] < 0 or numbers[0] % 1):
-        raise BadData(f"frame index {numbers[0]:g}, expected a whole number from 0")
+        raise BadData(
+            f"frame index {numbers[0]:g}, expected a whole number from 0"
+        )
     matrix = numbers[-12:].reshape(3, 4)
     pose = se3.compose(matrix[:, :3], matrix[:, 3])
     return se3.orthonormalised(pose, ROTATION_TOLERANCE)
@@ -187,7 +207,11 @@ def read_lines(path: Path, findings: Findings) -> list[tuple[int, str]]:
 
 
 def parse_numbers(
-    path: Path, line: int, words: list[str], counts: tuple[int, ...], findings: Findings
+    path: Path,
+    line: int,
+    words: list[str],
+    counts: tuple[int, ...],
+    findings: Findings,
 ) -> FloatArray | None:
     """Return the finite numbers of a line, as many as one of `counts`.
 
@@ -215,7 +239,10 @@ def _number(word: str) -> float:
 
 
 def _scan_rows(
-    path: Path, counts: tuple[int, ...], findings: Findings, separator: str | None = None
+    path: Path,
+    counts: tuple[int, ...],
+    findings: Findings,
+    separator: str | None = None,
 ) -> tuple[list[int], FloatArray]:
     """Return the numbers of N lines and what they hold [N, K], K being a count of the first.
 
@@ -229,11 +256,17 @@ def _scan_rows(
     rows = np.full((len(lines), counts[0]), np.nan)
     last = -np.inf
     for row, (line, text) in zip(rows, lines, strict=True):
-        numbers = parse_numbers(path, line, text.split(separator), counts[:1], findings)
+        numbers = parse_numbers(
+            path, line, text.split(separator), counts[:1], findings
+        )
         if numbers is None:
             continue
         if len(numbers) != 12 and numbers[0] <= last:
-            findings.error(path, f"{numbers[0]:.15g} is not after {last:.15g} before it", line)
+            findings.error(
+                path,
+                f"{numbers[0]:.15g} is not after {last:.15g} before it",
+                line,
+            )
             continue
         row[:] = numbers
         last = numbers[0]

@@ -39,8 +39,12 @@ class Scan:
     depths: tuple[Path | None, ...] | None = None  # N
     values_per_m: float = 1.0  # of the depth images
     is_metric: bool = True
-    starts: frozenset[int] = frozenset()  # images that do not follow the one before
-    cam_from_rig: FloatArray = field(default_factory=lambda: np.eye(4))  # of one of several cameras
+    starts: frozenset[int] = (
+        frozenset()
+    )  # images that do not follow the one before
+    cam_from_rig: FloatArray = field(
+        default_factory=lambda: np.eye(4)
+    )  # of one of several cameras
 
     @property
     def posed(self) -> IntArray:
@@ -53,7 +57,9 @@ class Scan:
     def breaks(self) -> tuple[int, ...]:
         """Return the places among `posed` that do not follow the one before."""
         breaks = []
-        for place, (before, number) in enumerate(itertools.pairwise(self.posed.tolist()), 1):
+        for place, (before, number) in enumerate(
+            itertools.pairwise(self.posed.tolist()), 1
+        ):
             if number != before + 1 or number in self.starts:
                 breaks.append(place)
         return tuple(breaks)
@@ -75,10 +81,14 @@ class Scan:
         times_s = self.times_s[numbers]
         trajectory = None
         if self.world_from_cam is not None:
-            trajectory = Trajectory(self.world_from_cam[numbers], times_s, self.is_metric)
+            trajectory = Trajectory(
+                self.world_from_cam[numbers], times_s, self.is_metric
+            )
         images = tuple(self.images[number] for number in numbers)
         cameras = tuple(self.cameras[number] for number in numbers)
-        frames = FrameFiles(images, tuple(camera.size_px for camera in cameras), load)
+        frames = FrameFiles(
+            images, tuple(camera.size_px for camera in cameras), load
+        )
         view = common_pinhole(cameras, source)
         depths = None
         if self.depths is not None:
@@ -115,7 +125,9 @@ def sequence_folders(
     return sequences
 
 
-def first_size(images: tuple[Path, ...], findings: Findings) -> tuple[int, int] | None:
+def first_size(
+    images: tuple[Path, ...], findings: Findings
+) -> tuple[int, int] | None:
     """Return the size of the first image; None if there is none or it is damaged."""
     try:
         return image_size(images[0]) if images else None

@@ -38,15 +38,22 @@ class SequenceDataset(ABC):
 
     def _check(self) -> None:
         """Raise BadData unless all named sequences can be used."""
-        windows.check_protocol(self.num_frames, self.stride, self.size_px, self._fit)
+        windows.check_protocol(
+            self.num_frames, self.stride, self.size_px, self._fit
+        )
         for name, count in Counter(self.clip_names).items():
             files.check_name(name, "the clip")
             if count > 1:
-                raise BadData(f"clip {name} is named twice: give ranges that do not overlap")
+                raise BadData(
+                    f"clip {name} is named twice: give ranges that do not overlap"
+                )
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the settings alone, so that a copy in another process reads its own files."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+        }
 
     @property
     def _fit(self) -> Fit:
@@ -63,7 +70,9 @@ class SequenceDataset(ABC):
         for frames in self._wanted:
             recording = self.recordings[frames.sequence]
             complete = frames.within(len(recording.frames))
-            pieces += windows.pieces(complete, recording.breaks, self.num_frames)
+            pieces += windows.pieces(
+                complete, recording.breaks, self.num_frames
+            )
         return tuple(pieces)
 
     @property
@@ -74,12 +83,17 @@ class SequenceDataset(ABC):
     @property
     def clip_names(self) -> tuple[str, ...]:
         """Return the clips' names in order, without reading the clips."""
-        return tuple(windows.clip_name(sequence, first) for sequence, first in self._starts)
+        return tuple(
+            windows.clip_name(sequence, first)
+            for sequence, first in self._starts
+        )
 
     @cached_property
     def recordings(self) -> dict[str, Recording]:
         """Return the sequences in use, by name."""
-        load = lru_cache(maxsize=2 * self.num_frames)(self._load)  # clips overlap
+        load = lru_cache(maxsize=2 * self.num_frames)(
+            self._load
+        )  # clips overlap
         names = dict.fromkeys(frames.sequence for frames in self._wanted)
         return {name: self._read(name, load) for name in names}
 
@@ -91,7 +105,12 @@ class SequenceDataset(ABC):
         sequence, first = self._starts[index]
         recording = self.recordings[sequence]
         return windows.cut(
-            recording, first, self.num_frames, self.size_px, with_full=self.with_full, fit=self._fit
+            recording,
+            first,
+            self.num_frames,
+            self.size_px,
+            with_full=self.with_full,
+            fit=self._fit,
         )
 
     @cached_property
@@ -101,7 +120,9 @@ class SequenceDataset(ABC):
         else:
             ranges = tuple(FrameRange.parse(text) for text in self.sequences)
         if not ranges:
-            raise BadData("no sequence is named: name some that the data set's folder holds")
+            raise BadData(
+                "no sequence is named: name some that the data set's folder holds"
+            )
         return ranges
 
     @cached_property
@@ -171,4 +192,6 @@ class PosedSequences(SequenceDataset):
 
     def _read(self, name: str, load: Load) -> Recording:
         folder = self._folder(name)
-        return self._scan(folder).recording(name, folder, load, self.camera_height_m)
+        return self._scan(folder).recording(
+            name, folder, load, self.camera_height_m
+        )

@@ -33,10 +33,15 @@ def load(name: str) -> tuple[FrameRange, ...]:
     text = files.read_text(path)
     try:
         table = tomllib.loads(text)
-    except (ValueError, RecursionError) as problem:  # 5,000 digits are a ValueError, too
+    except (
+        ValueError,
+        RecursionError,
+    ) as problem:  # 5,000 digits are a ValueError, too
         raise BadData(f"{path} is not TOML: {problem}") from problem
     ranges = table.get("ranges")
-    is_list = isinstance(ranges, list) and all(isinstance(text, str) for text in ranges)
+    is_list = isinstance(ranges, list) and all(
+        isinstance(text, str) for text in ranges
+    )
     if not ranges or not is_list or table.keys() - {"ranges", "about"}:
         raise BadData(
             f'{path} holds {list(table)}: expected ranges = ["06", "03[180:360)"], a list of '

@@ -12,7 +12,14 @@ from typing import ClassVar
 
 from geovp_classic.data import pose_files
 from geovp_classic.data.findings import Findings
-from geovp_classic.data.scan import Scan, first_size, matched, nearest, scan_list, sequence_folders
+from geovp_classic.data.scan import (
+    Scan,
+    first_size,
+    matched,
+    nearest,
+    scan_list,
+    sequence_folders,
+)
 from geovp_classic.data.sequences import PosedSequences
 from geovp_classic.data.undistortion import DistortedCamera
 from geovp_classic.errors import BadData
@@ -25,8 +32,14 @@ Distortion = tuple[float, float, float, float, float]
 # p1, p2, k3, from "Intrinsic Camera Calibration of the Kinect" on the data set's pages
 # (vision.in.tum.de/data/datasets/rgbd-dataset).
 FREIBURG: dict[str, tuple[Numbers, Distortion]] = {
-    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
-    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
+    "1": (
+        (517.3, 516.5, 318.6, 255.3),
+        (0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
+    ),
+    "2": (
+        (520.9, 521.0, 325.1, 249.7),
+        (0.2312, -0.7849, -0.0033, -0.0001, 0.9172),
+    ),
     "3": ((535.4, 539.2, 320.1, 247.6), (0.0, 0.0, 0.0, 0.0, 0.0)),
 }
 
@@ -51,7 +64,9 @@ class Tum(PosedSequences):
     def folders(root: Path) -> dict[str, Path]:
         """Return the sequences of a root by name."""
         return sequence_folders(
-            root, lambda path: (path / "rgb.txt").is_file(), "a folder with rgb.txt"
+            root,
+            lambda path: (path / "rgb.txt").is_file(),
+            "a folder with rgb.txt",
         )
 
     @staticmethod
@@ -65,12 +80,18 @@ class Tum(PosedSequences):
         times_s, images = scan_list(folder / "rgb.txt", folder, findings)
         depths = None
         if (folder / "depth.txt").exists():
-            depth_times_s, paths = scan_list(folder / "depth.txt", folder, findings)
+            depth_times_s, paths = scan_list(
+                folder / "depth.txt", folder, findings
+            )
             matches = nearest(times_s, depth_times_s, max_difference_s)
-            depths = tuple(paths[number] if number >= 0 else None for number in matches)
+            depths = tuple(
+                paths[number] if number >= 0 else None for number in matches
+            )
         poses = None
         if (folder / "groundtruth.txt").exists():
-            pose_times_s, poses = pose_files.scan_tum(folder / "groundtruth.txt", findings)
+            pose_times_s, poses = pose_files.scan_tum(
+                folder / "groundtruth.txt", findings
+            )
             poses = matched(times_s, pose_times_s, poses, max_difference_s)
         match = re.search(r"freiburg([123])(?!\d)", folder.resolve().name)
         if lens is None and match:
@@ -80,9 +101,13 @@ class Tum(PosedSequences):
         if size_px and lens:
             numbers, distortion = lens
             view = Intrinsics(*numbers, *size_px)
-            camera = DistortedCamera(view, "FULL_OPENCV", (*distortion, 0.0, 0.0, 0.0))
+            camera = DistortedCamera(
+                view, "FULL_OPENCV", (*distortion, 0.0, 0.0, 0.0)
+            )
             cameras = (camera,) * len(images)
-        return Scan(images, times_s, cameras, findings, poses, depths, VALUES_PER_M)
+        return Scan(
+            images, times_s, cameras, findings, poses, depths, VALUES_PER_M
+        )
 
     def _scan(self, folder: Path) -> Scan:
         lens = None

@@ -30,7 +30,9 @@ class DistortedCamera:
 
     pinhole: Intrinsics  # without the distortion
     model: str = "PINHOLE"
-    distortion: tuple[float, ...] = ()  # the parameters after focal lengths and principal point
+    distortion: tuple[
+        float, ...
+    ] = ()  # the parameters after focal lengths and principal point
 
     @classmethod
     def from_colmap(cls, camera: Any) -> Self:
@@ -43,8 +45,12 @@ class DistortedCamera:
         num_focals = len(camera.focal_length_idxs())
         fx_px, fy_px = params[0], params[num_focals - 1]
         cx_px, cy_px = params[num_focals : num_focals + 2]
-        intrinsics = Intrinsics(fx_px, fy_px, cx_px - 0.5, cy_px - 0.5, camera.width, camera.height)
-        return cls(intrinsics, camera.model.name, tuple(params[num_focals + 2 :]))
+        intrinsics = Intrinsics(
+            fx_px, fy_px, cx_px - 0.5, cy_px - 0.5, camera.width, camera.height
+        )
+        return cls(
+            intrinsics, camera.model.name, tuple(params[num_focals + 2 :])
+        )
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -58,7 +64,9 @@ class DistortedCamera:
         """
         if not any(self.distortion):
             return pinhole.project(rays, self.pinhole)[0]
-        from geovp_classic.colmap_library import pycolmap  # not needed to train on KITTI
+        from geovp_classic.colmap_library import (
+            pycolmap,
+        )  # not needed to train on KITTI
 
         camera = pycolmap.Camera(model=self.model)
         num_focals = len(camera.focal_length_idxs())
@@ -69,7 +77,9 @@ class DistortedCamera:
         return np.asarray(camera.img_from_cam(contiguous)) - 0.5
 
 
-def common_pinhole(cameras: Iterable[DistortedCamera], source: Path) -> Intrinsics:
+def common_pinhole(
+    cameras: Iterable[DistortedCamera], source: Path
+) -> Intrinsics:
     """Return the first camera without distortion, zoomed in until all cameras see all its pixels.
 
     BadData naming `source` if that takes more than a zoom of 2.
@@ -77,7 +87,9 @@ def common_pinhole(cameras: Iterable[DistortedCamera], source: Path) -> Intrinsi
     distinct = list(dict.fromkeys(cameras))
     first = distinct[0].pinhole
     for zoom in np.geomspace(1.0, 2.0, 71).tolist():  # 1 % apart
-        zoomed = replace(first, fx_px=first.fx_px * zoom, fy_px=first.fy_px * zoom)
+        zoomed = replace(
+            first, fx_px=first.fx_px * zoom, fy_px=first.fy_px * zoom
+        )
         if all(_covers(camera, zoomed) for camera in distinct):
             return zoomed
     raise BadData(
@@ -90,7 +102,9 @@ def _covers(camera: DistortedCamera, view: Intrinsics) -> bool:
     """Return whether the pixels on the border of the view lie inside the camera's image."""
     grid = pinhole.pixel_grid(view)
     border = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
-    pixels = camera.pixels(pinhole.unproject(border, np.ones(len(border)), view))
+    pixels = camera.pixels(
+        pinhole.unproject(border, np.ones(len(border)), view)
+    )
     max_px = np.array(camera.size_px) - 0.5
     return bool(((pixels >= -0.5) & (pixels <= max_px)).all())
 
@@ -105,11 +119,15 @@ def undistorted(
     maps = _maps(camera, view)
     if maps is None:
         return image
-    return cv2.remap(image, *maps, interpolation, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(
+        image, *maps, interpolation, borderMode=cv2.BORDER_REPLICATE
+    )
 
 
 @functools.lru_cache(maxsize=8)
-def _maps(camera: DistortedCamera, view: Intrinsics) -> tuple[FloatArray, FloatArray] | None:
+def _maps(
+    camera: DistortedCamera, view: Intrinsics
+) -> tuple[FloatArray, FloatArray] | None:
     """Return where each pixel of the view lies in the camera's image: u and v [H, W].
 
     None if each lies at the pixel itself.
@@ -135,7 +153,9 @@ class UndistortedFrames:
 
     def read(self, index: int) -> Array:
         """Return one frame."""
-        return undistorted(self.frames.read(index), self.cameras[index], self.view)
+        return undistorted(
+            self.frames.read(index), self.cameras[index], self.view
+        )
 
 
 @dataclass(frozen=True)
@@ -151,7 +171,9 @@ class UndistortedDepths:
         """Return the depth of one frame; BadData if its file is damaged or of another type."""
         path = self.paths[index]
         if path is None:
-            return np.zeros((self.view.height_px, self.view.width_px), np.float32)
+            return np.zeros(
+                (self.view.height_px, self.view.width_px), np.float32
+            )
         camera = self.cameras[index]
         image = load_sized(path, camera.size_px, _load_depth)
         values = undistorted(image, camera, self.view, cv2.INTER_NEAREST)

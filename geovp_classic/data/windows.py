@@ -13,7 +13,14 @@ import numpy.typing as npt
 from geovp_classic.data.frames import FrameReader
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
-from geovp_classic.types import ByteArray, Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import (
+    ByteArray,
+    Clip,
+    ExtraView,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+)
 
 Fit = Literal["crop", "stretch"]  # how a frame becomes one of size_px
 Array = npt.NDArray[Any]
@@ -30,7 +37,9 @@ class FrameRange:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Parse "03" or "03[180:360)"."""
-        match = re.fullmatch(r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip())
+        match = re.fullmatch(
+            r"([^\[\]\s]+?)(?:\[(\d{1,9}):(\d{1,9})\))?", text.strip()
+        )
         if match is not None:
             sequence, first, last = match.groups()
             if first is None:
@@ -54,7 +63,11 @@ class FrameRange:
         return self
 
     def __str__(self) -> str:
-        return self.sequence if self.last is None else f"{self.sequence}[{self.first}:{self.last})"
+        return (
+            self.sequence
+            if self.last is None
+            else f"{self.sequence}[{self.first}:{self.last})"
+        )
 
 
 @dataclass(frozen=True)
@@ -96,7 +109,10 @@ class Recording:
                     f"{self.name}: {count} {what} for {len(self.frames)} frames, expected one each"
                 )
         _check_camera(self.name, self.intrinsics)
-        if self.camera_height_m is not None and not 0 < self.camera_height_m < 1e4:
+        if (
+            self.camera_height_m is not None
+            and not 0 < self.camera_height_m < 1e4
+        ):
             raise BadData(
                 f"{self.name}: camera_height_m is {self.camera_height_m}, expected 0 to 10000 m"
             )
@@ -115,7 +131,11 @@ def _check_camera(name: str, camera: Intrinsics) -> None:
     focal_ratio = np.array([camera.fx_px, camera.fy_px]) / size_px.max()
     centre_px = np.array([camera.cx_px, camera.cy_px])
     is_focal_plausible = focal_ratio.min() > 0.05 and focal_ratio.max() < 100
-    if not is_focal_plausible or (centre_px < -0.5).any() or (centre_px > size_px - 0.5).any():
+    if (
+        not is_focal_plausible
+        or (centre_px < -0.5).any()
+        or (centre_px > size_px - 0.5).any()
+    ):
         raise BadData(
             f"{name}: {camera} has an implausible focal length or its principal point outside the "
             "images: give the calibration in pixels of the images as they are stored"
@@ -154,7 +174,9 @@ def starts(frames: FrameRange, num_frames: int, stride: int) -> range:
     return range(frames.first, frames.last - num_frames + 1, stride)
 
 
-def pieces(frames: FrameRange, breaks: Iterable[int], num_frames: int) -> list[FrameRange]:
+def pieces(
+    frames: FrameRange, breaks: Iterable[int], num_frames: int
+) -> list[FrameRange]:
     """Cut a range, its end spelled out, at breaks.
 
     Return the pieces that hold a clip of `num_frames`, else the longest.
@@ -192,7 +214,11 @@ def cut(
     """
     last = first + num_frames
     native = _stack(recording.frames.read, first, last)
-    full = ExtraView(native, recording.intrinsics, np.eye(4)) if with_full else None
+    full = (
+        ExtraView(native, recording.intrinsics, np.eye(4))
+        if with_full
+        else None
+    )
     right = None
     if recording.right is not None:
         side = recording.right
@@ -211,7 +237,9 @@ def cut(
     depths = None
     if recording.depths is not None:
         depth_maps = _stack(recording.depths, first, last)
-        depths = np.stack([_nearest(depth[window], size_px) for depth in depth_maps])
+        depths = np.stack(
+            [_nearest(depth[window], size_px) for depth in depth_maps]
+        )
     return Clip(
         name=clip_name(recording.name, first),
         frames=np.stack([resize(image[window], size_px) for image in native]),
@@ -242,5 +270,7 @@ def _stretch(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
 def _nearest(depth: FloatArray, size_px: tuple[int, int]) -> FloatArray:
     """Resize a depth map to the nearest pixels: the mean over an edge is the depth of nothing."""
     contiguous = np.ascontiguousarray(depth, np.float32)
-    resized = cv2.resize(contiguous, size_px, interpolation=cv2.INTER_NEAREST_EXACT)
+    resized = cv2.resize(
+        contiguous, size_px, interpolation=cv2.INTER_NEAREST_EXACT
+    )
     return np.asarray(resized, dtype=np.float32)

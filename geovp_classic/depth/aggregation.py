@@ -28,7 +28,9 @@ class SemiGlobalAggregation:
     """Costs of depth differences between neighbours, next to matching costs from 0 to 255."""
 
     small_step_cost: int = 5  # of a difference of one plane
-    large_step_cost: float = 100.0  # of a larger difference, where the image is uniform
+    large_step_cost: float = (
+        100.0  # of a larger difference, where the image is uniform
+    )
     # Difference of the grey values 0..255 of two neighbours that halves the cost of a large step.
     edge_contrast: float = 20.0
 
@@ -41,7 +43,13 @@ class SemiGlobalAggregation:
         sums = np.zeros(costs.shape, np.uint16)
         # The upward pass is the downward one on an image turned by 180 degrees.
         for is_upward, turned in ((False, image), (True, image[::-1, ::-1])):
-            _follow(costs, is_upward, self.small_step_cost, self._large_steps(turned), sums)
+            _follow(
+                costs,
+                is_upward,
+                self.small_step_cost,
+                self._large_steps(turned),
+                sums,
+            )
         return sums
 
     def _large_steps(self, image: ByteArray) -> PathArray:
@@ -51,7 +59,11 @@ class SemiGlobalAggregation:
         for du, dv in DIRECTIONS:
             neighbour = np.roll(grey, (-dv, -du), axis=(0, 1))
             edge = np.abs(grey - neighbour) / self.edge_contrast
-            costs.append(np.maximum(self.large_step_cost / (1 + edge), self.small_step_cost))
+            costs.append(
+                np.maximum(
+                    self.large_step_cost / (1 + edge), self.small_step_cost
+                )
+            )
         return np.rint(costs).astype(np.int16)
 
 
@@ -73,7 +85,9 @@ def winners(
         best = rivals.argmin(axis=-1)[..., None]
         lowest = np.take_along_axis(rivals, best, axis=-1)[..., 0]
         offset = _parabola_offset(rivals, best)
-        neighbours = np.clip(best + np.arange(-num_neighbours, num_neighbours + 1), 0, last)
+        neighbours = np.clip(
+            best + np.arange(-num_neighbours, num_neighbours + 1), 0, last
+        )
         np.put_along_axis(rivals, neighbours, np.iinfo(np.uint16).max, axis=-1)
         levels[band] = best[..., 0] + offset
         lead[band] = rivals.min(axis=-1) - lowest
@@ -87,7 +101,9 @@ def _parabola_offset(sums: SumArray, best: IntArray) -> FloatArray:
     neighbours, relative to the best; 0 for the outermost planes.
     """
     middle = np.clip(best, 1, sums.shape[-1] - 2)
-    values = np.take_along_axis(sums, middle + np.arange(-1, 2), axis=-1).astype(np.float32)
+    values = np.take_along_axis(
+        sums, middle + np.arange(-1, 2), axis=-1
+    ).astype(np.float32)
     before, here, after = np.moveaxis(values, -1, 0)
     curvature = np.maximum(before + after - 2 * here, 1)
     is_inner = (best == middle)[..., 0]
@@ -118,9 +134,15 @@ def _follow(
     Paths have a margin of one plane on either side, which is never the best one.
     """
     height, width, num_planes = costs.shape
-    start = np.zeros(num_planes + 2, np.int16)  # of a path that begins at the image's border
-    along_row = np.full((2, num_planes + 2), INFINITE)  # to the last pixel and to this one
-    down = np.full((2, 3, width, num_planes + 2), INFINITE)  # to the last row and to this one
+    start = np.zeros(
+        num_planes + 2, np.int16
+    )  # of a path that begins at the image's border
+    along_row = np.full(
+        (2, num_planes + 2), INFINITE
+    )  # to the last pixel and to this one
+    down = np.full(
+        (2, 3, width, num_planes + 2), INFINITE
+    )  # to the last row and to this one
     for i in range(height):
         last_row = down[(i + 1) % 2]
         this_row = down[i % 2]
@@ -130,19 +152,36 @@ def _follow(
             cost = costs[row, column]
             previous = along_row[(j + 1) % 2] if j > 0 else start
             horizontal = along_row[j % 2]
-            _extend(previous, cost, np.int16(small_step), large_steps[0, i, j], horizontal)
+            _extend(
+                previous,
+                cost,
+                np.int16(small_step),
+                large_steps[0, i, j],
+                horizontal,
+            )
             for d in range(3):
                 k = j + d - 1
                 is_inside = i > 0 and 0 <= k < width
                 previous = last_row[d, k] if is_inside else start
                 large_step = large_steps[d + 1, i, j]
-                _extend(previous, cost, np.int16(small_step), large_step, this_row[d, j])
+                _extend(
+                    previous,
+                    cost,
+                    np.int16(small_step),
+                    large_step,
+                    this_row[d, j],
+                )
             left = this_row[0, j]
             vertical = this_row[1, j]
             right = this_row[2, j]
             total = sums[row, column]
             for n in range(num_planes):
-                path_sum = horizontal[n + 1] + left[n + 1] + vertical[n + 1] + right[n + 1]
+                path_sum = (
+                    horizontal[n + 1]
+                    + left[n + 1]
+                    + vertical[n + 1]
+                    + right[n + 1]
+                )
                 total[n] += np.uint16(path_sum)
 
 

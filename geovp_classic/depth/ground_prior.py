@@ -39,8 +39,13 @@ class GroundPrior:
         is_below = ground.is_near(road) & (inverse_depth < road)
         road_below = road[is_below]
         levels = np.interp(road_below, planes, np.arange(len(planes)))
-        certainty = np.minimum(self.level_heights * ground.height * road_below, 1) ** 2
-        is_plausible = excess_cost(sums[is_below], levels) < self.max_excess_cost * certainty
+        certainty = (
+            np.minimum(self.level_heights * ground.height * road_below, 1) ** 2
+        )
+        is_plausible = (
+            excess_cost(sums[is_below], levels)
+            < self.max_excess_cost * certainty
+        )
         is_below[is_below] = is_plausible
         return np.where(is_below, road, inverse_depth)
 
@@ -57,12 +62,19 @@ class GroundPrior:
         static ones, so that their foot seems to float.
         """
         road = ground.inverse_depth(camera)
-        heights = 1 - road / np.maximum(inverse_depth, 1e-9 / ground.height)  # camera heights
+        heights = 1 - road / np.maximum(
+            inverse_depth, 1e-9 / ground.height
+        )  # camera heights
         is_floating = np.zeros(islands.shape, dtype=bool)
-        num_labels, labels = cv2.connectedComponents(islands.astype(np.uint8), connectivity=4)
+        num_labels, labels = cv2.connectedComponents(
+            islands.astype(np.uint8), connectivity=4
+        )
         for label in range(1, num_labels):
             island = labels == label
             lowest, highest = np.percentile(heights[island], (10, 90))
-            if lowest > self.min_floating_heights and highest < self.max_floating_heights:
+            if (
+                lowest > self.min_floating_heights
+                and highest < self.max_floating_heights
+            ):
                 is_floating |= island
         return is_floating

@@ -50,10 +50,16 @@ class WindowCorrelation:
         images = sources.astype(np.float32)
         baselines = np.linalg.norm(epipoles, axis=1)
         is_short = baselines < self.short_baseline_fraction * baselines.max()
-        homographies = np.repeat(infinity_from_pixel[None], num_planes, axis=0)  # [N, S, 3, 3]
+        homographies = np.repeat(
+            infinity_from_pixel[None], num_planes, axis=0
+        )  # [N, S, 3, 3]
         homographies[..., 2] += inverse_depths[:, None, None] * epipoles
-        coarse_steps = np.arange(0, num_planes + self.short_stride, self.short_stride)
-        coarse_homographies = homographies[np.minimum(coarse_steps, num_planes - 1)]
+        coarse_steps = np.arange(
+            0, num_planes + self.short_stride, self.short_stride
+        )
+        coarse_homographies = homographies[
+            np.minimum(coarse_steps, num_planes - 1)
+        ]
         near_costs = self._near_costs(num_planes)
         costs = np.empty((*reference.shape, num_planes), np.uint8)
 
@@ -62,18 +68,32 @@ class WindowCorrelation:
                 reference, images[~is_short], homographies[:, ~is_short], top
             )
             short, num_short = self._match(
-                reference, images[is_short], coarse_homographies[:, is_short], top
+                reference,
+                images[is_short],
+                coarse_homographies[:, is_short],
+                top,
             )
             volume = np.empty_like(long)
             for n in range(num_planes):
                 step, rest = divmod(n, self.short_stride)
                 after = rest / self.short_stride
-                between = cv2.addWeighted(short[step], 1 - after, short[step + 1], after, 0)
-                count = cv2.addWeighted(
-                    num_short[step], 1 - after, num_short[step + 1], after, 0, dtype=cv2.CV_32F
+                between = cv2.addWeighted(
+                    short[step], 1 - after, short[step + 1], after, 0
                 )
-                weight = count / np.maximum(count + num_long[n], np.float32(1e-6))
-                volume[n] = long[n] + weight * (between.astype(np.float32) - long[n])
+                count = cv2.addWeighted(
+                    num_short[step],
+                    1 - after,
+                    num_short[step + 1],
+                    after,
+                    0,
+                    dtype=cv2.CV_32F,
+                )
+                weight = count / np.maximum(
+                    count + num_long[n], np.float32(1e-6)
+                )
+                volume[n] = long[n] + weight * (
+                    between.astype(np.float32) - long[n]
+                )
             # OpenCV transposes in blocks, ten times as fast as NumPy.
             transposed = cv2.transpose(volume.reshape(num_planes, -1))
             band = costs[top : top + BAND_ROWS]
@@ -89,11 +109,15 @@ class WindowCorrelation:
         """Return whether a source sees the pixels [H, W] on the farthest or the nearest plane."""
         unseen = self.unseen_cost + self._near_costs(costs.shape[-1])
         outermost = [0, -1]
-        return np.asarray((costs[..., outermost] != unseen[outermost]).any(axis=-1))
+        return np.asarray(
+            (costs[..., outermost] != unseen[outermost]).any(axis=-1)
+        )
 
     def _near_costs(self, num_planes: int) -> CostArray:
         """Return the extra costs [N] of the planes."""
-        return (self.max_near_cost * np.arange(num_planes) // num_planes).astype(np.uint8)
+        return (
+            self.max_near_cost * np.arange(num_planes) // num_planes
+        ).astype(np.uint8)
 
     def _match(
         self,
@@ -109,12 +133,21 @@ class WindowCorrelation:
         rows = reference[first : bottom + RADIUS_PX]
         window = (WINDOW_PX, WINDOW_PX)
         border = cv2.BORDER_REPLICATE
-        mean = np.asarray(cv2.boxFilter(rows, cv2.CV_32F, window, borderType=border), np.float32)
-        mean_square = cv2.sqrBoxFilter(rows, cv2.CV_32F, window, borderType=border)
+        mean = np.asarray(
+            cv2.boxFilter(rows, cv2.CV_32F, window, borderType=border),
+            np.float32,
+        )
+        mean_square = cv2.sqrBoxFilter(
+            rows, cv2.CV_32F, window, borderType=border
+        )
         variance = np.maximum(mean_square - mean**2, 0)
-        inverse_deviation = 1 / np.sqrt(variance + np.float32(self.noise_variance))
+        inverse_deviation = 1 / np.sqrt(
+            variance + np.float32(self.noise_variance)
+        )
         grey = rows.astype(np.float32)
-        homographies = homographies @ np.array([[1, 0, 0], [0, 1, first], [0, 0, 1]])
+        homographies = homographies @ np.array(
+            [[1, 0, 0], [0, 1, first], [0, 0, 1]]
+        )
         warped = np.empty((len(images), *rows.shape), np.float32)
         costs = np.empty((len(homographies), bottom - top, width), np.uint8)
         counts = np.empty_like(costs)
@@ -204,9 +237,16 @@ def _correlate(
                     square_sum += column_sums[1, i]
                     product_sum += column_sums[2, i]
                 mean = value_sum / num_pixels
-                variance = max(square_sum / num_pixels - mean * mean, zero) + noise_variance
-                covariance = product_sum / num_pixels - mean * window_mean[row, x]
-                correlation = covariance * inverse_deviation[row, x] / np.sqrt(variance)
+                variance = (
+                    max(square_sum / num_pixels - mean * mean, zero)
+                    + noise_variance
+                )
+                covariance = (
+                    product_sum / num_pixels - mean * window_mean[row, x]
+                )
+                correlation = (
+                    covariance * inverse_deviation[row, x] / np.sqrt(variance)
+                )
                 x_px = np.float32(x)
                 z = max(h[2, 0] * x_px + row_z, np.float32(1e-6))
                 u = (h[0, 0] * x_px + row_u) / z

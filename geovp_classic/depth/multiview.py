@@ -54,18 +54,26 @@ class Multiview:
     everywhere, and everything is infinitely far or lies on a level road where one is given.
     """
 
-    frames: tuple[int, ...] = (-1,)  # steps to estimate, counted from the end when negative
+    frames: tuple[int, ...] = (
+        -1,
+    )  # steps to estimate, counted from the end when negative
     num_planes: int = 96  # for images of up to `tall_px` rows; proportionally more for taller ones
     tall_px: int = 256
     sources: SourceSelection = field(default_factory=SourceSelection)
     spacing: PlaneSpacing = field(default_factory=PlaneSpacing)
     matching: WindowCorrelation = field(default_factory=WindowCorrelation)
-    aggregation: SemiGlobalAggregation = field(default_factory=SemiGlobalAggregation)
-    ground: GroundPrior | None = field(default_factory=GroundPrior)  # None: no prior
+    aggregation: SemiGlobalAggregation = field(
+        default_factory=SemiGlobalAggregation
+    )
+    ground: GroundPrior | None = field(
+        default_factory=GroundPrior
+    )  # None: no prior
     level_road: LevelRoad | None = None  # where there is no parallax
     # Islands of depth up to this part of the image are wrong matches more often than objects.
     max_speckle_fraction: float = 0.0045
-    confident_lead: float = 75.0  # cost by which all rivals are worse at confidence 1
+    confident_lead: float = (
+        75.0  # cost by which all rivals are worse at confidence 1
+    )
 
     def __post_init__(self) -> None:
         if not self.frames or self.num_planes < 6:
@@ -77,9 +85,15 @@ class Multiview:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the camera height for a level road, else nothing."""
-        return PrivilegedInput.NONE if self.level_road is None else PrivilegedInput.CAMERA_HEIGHT
+        return (
+            PrivilegedInput.NONE
+            if self.level_road is None
+            else PrivilegedInput.CAMERA_HEIGHT
+        )
 
-    def inverse_depths(self, context: Context, past: Trajectory) -> tuple[FloatArray, FloatArray]:
+    def inverse_depths(
+        self, context: Context, past: Trajectory
+    ) -> tuple[FloatArray, FloatArray]:
         """Return inverse depth [P, H, W] and confidence [P, H, W], float32; 0 for other frames.
 
         Confidence is 0 where other depths fit as well. BadData for frames that were not observed.
@@ -98,7 +112,9 @@ class Multiview:
         inverse_depths = np.zeros(context.frames.shape[:3], np.float32)
         confidence = np.zeros(context.frames.shape[:3], np.float32)
         if self.level_road is not None:
-            inverse_depths[list(self.frames)] = self.level_road.inverse_depth(context, past)
+            inverse_depths[list(self.frames)] = self.level_road.inverse_depth(
+                context, past
+            )
         for step, depth_map in zip(self.frames, depth_maps, strict=True):
             if depth_map is not None:
                 inverse_depths[step], confidence[step] = depth_map
@@ -112,10 +128,14 @@ class Multiview:
         if key not in observations.depth_maps:
             camera = observations.intrinsics
             sources = self.sources.choose(world_from_cam, step, camera)
-            source_from_reference = se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
+            source_from_reference = (
+                se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
+            )
             greys = observations.greys
             observations.depth_maps[key] = (
-                self._sweep(greys[step], greys[sources], source_from_reference, camera)
+                self._sweep(
+                    greys[step], greys[sources], source_from_reference, camera
+                )
                 if sources
                 else None
             )
@@ -129,30 +149,47 @@ class Multiview:
         camera: Intrinsics,
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return inverse depth and confidence [H, W] of an image; None without parallax."""
-        num_planes = round(self.num_planes * max(1, camera.height_px / self.tall_px))
-        planes, step_px = self.spacing.spaced(source_from_reference, camera, num_planes)
+        num_planes = round(
+            self.num_planes * max(1, camera.height_px / self.tall_px)
+        )
+        planes, step_px = self.spacing.spaced(
+            source_from_reference, camera, num_planes
+        )
         intrinsics = camera.matrix
         rotations = source_from_reference[:, :3, :3]
         infinity_from_pixel = intrinsics @ rotations @ np.linalg.inv(intrinsics)
         epipoles = source_from_reference[:, :3, 3] @ intrinsics.T
 
-        costs = self.matching.costs(image, sources, infinity_from_pixel, epipoles, planes)
+        costs = self.matching.costs(
+            image, sources, infinity_from_pixel, epipoles, planes
+        )
         sums = self.aggregation.aggregate(costs, image)
         levels, lead = winners(sums)
         levels = np.asarray(cv2.medianBlur(levels, 5))
         if not self.spacing.has_parallax(levels * step_px):
             return None
-        inverse_depth: FloatArray = np.interp(levels, np.arange(num_planes), planes)
+        inverse_depth: FloatArray = np.interp(
+            levels, np.arange(num_planes), planes
+        )
 
         ground = self.ground and self.ground.plane.fit(inverse_depth, camera)
         if self.ground and ground:
-            inverse_depth = self.ground.lift(inverse_depth, sums, planes, ground, camera)
+            inverse_depth = self.ground.lift(
+                inverse_depth, sums, planes, ground, camera
+            )
             levels = np.interp(inverse_depth, planes, np.arange(num_planes))
         is_wrong = find_islands(levels, self.max_speckle_fraction)
         if self.ground and ground:
-            islands = find_islands(levels, self.ground.max_floating_fraction) & ~is_wrong
-            is_wrong |= self.ground.floating(inverse_depth, islands, ground, camera)
+            islands = (
+                find_islands(levels, self.ground.max_floating_fraction)
+                & ~is_wrong
+            )
+            is_wrong |= self.ground.floating(
+                inverse_depth, islands, ground, camera
+            )
 
         is_certain = ~is_wrong & self.matching.is_seen(costs)
         confidence = is_certain * np.clip(lead / self.confident_lead, 0, 1)
-        return fill_from_background(inverse_depth, ~is_wrong), confidence.astype(np.float32)
+        return fill_from_background(
+            inverse_depth, ~is_wrong
+        ), confidence.astype(np.float32)

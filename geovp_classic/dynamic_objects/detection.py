@@ -9,7 +9,10 @@ import numpy as np
 
 from geovp_classic.dynamic_objects.epipolar_residual import EpipolarResidual
 from geovp_classic.dynamic_objects.posed_images import PosedImages
-from geovp_classic.dynamic_objects.segmentation import MotionSegmentation, bounding_box
+from geovp_classic.dynamic_objects.segmentation import (
+    MotionSegmentation,
+    bounding_box,
+)
 from geovp_classic.dynamic_objects.velocity import VelocityEstimator
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
@@ -33,21 +36,35 @@ class DynamicObjects:
     Lengths are in heights of the camera above the road. Limits are those of cars and cyclists.
     """
 
-    steps: tuple[int, ...] = (1, 2, 3)  # how many frames back the last one is compared with
+    steps: tuple[int, ...] = (
+        1,
+        2,
+        3,
+    )  # how many frames back the last one is compared with
     residual: EpipolarResidual = field(default_factory=EpipolarResidual)
     segmentation: MotionSegmentation = field(default_factory=MotionSegmentation)
     velocity: VelocityEstimator = field(default_factory=VelocityEstimator)
-    join_fraction: float = 1 / 20  # of the image's height; evidence this close is one object
+    join_fraction: float = (
+        1 / 20
+    )  # of the image's height; evidence this close is one object
     min_evidence_fraction: float = 4e-4  # of the image's pixels, per object
-    duplicate_fraction: float = 0.5  # of evidence on the mask of a larger object: it is the same
+    duplicate_fraction: float = (
+        0.5  # of evidence on the mask of a larger object: it is the same
+    )
     max_distance: float = 40.0  # of the foot of an object
-    min_speed_hz: float = 0.7  # heights per second; 1.2 m/s for a camera at 1.65 m
+    min_speed_hz: float = (
+        0.7  # heights per second; 1.2 m/s for a camera at 1.65 m
+    )
     max_speed_hz: float = 25.0  # 40 m/s
     min_size: tuple[float, float] = (0.4, 0.2)  # height and width
     max_size: tuple[float, float] = (2.0, 5.0)
-    max_photometric_error: float = 25.0  # grey values; sky and leaves match by chance
+    max_photometric_error: float = (
+        25.0  # grey values; sky and leaves match by chance
+    )
     foot_percentile: float = 90.0  # of an object's rows; its shadow is below
-    shadow_fraction: float = 0.25  # of the mask's height: shadow and road that was just left
+    shadow_fraction: float = (
+        0.25  # of the mask's height: shadow and road that was just left
+    )
 
     def __post_init__(self) -> None:
         if not self.steps or min(self.steps) < 1:
@@ -76,7 +93,9 @@ class DynamicObjects:
     def _clusters(self, evidence: BoolArray) -> list[BoolArray]:
         """Return connected parts of the evidence [H, W], large ones first; gaps are bridged."""
         join_px = max(3, int(self.join_fraction * evidence.shape[0]))
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (join_px, join_px))
+        kernel = cv2.getStructuringElement(
+            cv2.MORPH_ELLIPSE, (join_px, join_px)
+        )
         bridged = cv2.dilate(evidence.astype(np.uint8), kernel)
         count, labels = cv2.connectedComponents(bridged)
         parts = [evidence & (labels == label) for label in range(1, count)]
@@ -94,7 +113,9 @@ class DynamicObjects:
         depth = self._foot_depth(evidence, observed)
         if depth is None:
             return None
-        velocity = self.velocity.from_flow(evidence, depth, flow_pixels, observed)
+        velocity = self.velocity.from_flow(
+            evidence, depth, flow_pixels, observed
+        )
         mask = self.segmentation.segment(evidence, depth, velocity, observed)
         if mask is None or not self._has_vehicle_size(mask, depth, observed):
             return None
@@ -104,14 +125,18 @@ class DynamicObjects:
         body = self._body(mask)
         velocity = self.velocity.from_flow(body, depth, flow_pixels, observed)
         velocity = self.velocity.track(velocity, body, depth, observed)
-        error = self.segmentation.photometric_error(body, depth, velocity, observed)
+        error = self.segmentation.photometric_error(
+            body, depth, velocity, observed
+        )
         speed_hz = np.linalg.norm(velocity) / observed.road.height
         is_vehicle = self.min_speed_hz < speed_hz < self.max_speed_hz
         if error >= self.max_photometric_error or not is_vehicle:
             return None
         return DynamicObject(mask, depth, velocity)
 
-    def _foot_depth(self, mask: BoolArray, observed: PosedImages) -> float | None:
+    def _foot_depth(
+        self, mask: BoolArray, observed: PosedImages
+    ) -> float | None:
         """Return the depth of the road at the mask's lowest pixels; None beyond the limit."""
         rows, columns = np.nonzero(mask)
         foot_u = np.median(columns)
@@ -123,7 +148,9 @@ class DynamicObjects:
             return None
         return observed.road.height / inverse_heights
 
-    def _has_vehicle_size(self, mask: BoolArray, depth: float, observed: PosedImages) -> bool:
+    def _has_vehicle_size(
+        self, mask: BoolArray, depth: float, observed: PosedImages
+    ) -> bool:
         """Return whether the mask is as large as vehicles, and not cut by the image's border."""
         rows, columns = bounding_box(mask)
         height, width = mask.shape

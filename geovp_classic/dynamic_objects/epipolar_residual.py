@@ -11,7 +11,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.dynamic_objects.posed_images import PosedImages, grey_difference
+from geovp_classic.dynamic_objects.posed_images import (
+    PosedImages,
+    grey_difference,
+)
 from geovp_classic.geometry import pinhole
 from geovp_classic.geometry.epipolar import Epipolar, inside
 from geovp_classic.parallel import parallel_map
@@ -38,8 +41,12 @@ class EpipolarResidual:
         pixels (u, v) of the earlier frames [K, H, W, 2].
         """
         limit = self._road_limit(observed)
-        tests = parallel_map(lambda step: self._test_frame(observed, step, limit), observed.steps)
-        strengths, shifts_px, flow_pixels = (np.stack(maps) for maps in zip(*tests, strict=True))
+        tests = parallel_map(
+            lambda step: self._test_frame(observed, step, limit), observed.steps
+        )
+        strengths, shifts_px, flow_pixels = (
+            np.stack(maps) for maps in zip(*tests, strict=True)
+        )
         is_strong = np.median(strengths, axis=0) > self.min_strength
         is_shifted = np.median(shifts_px, axis=0) > self.min_shift_px
         return is_strong & is_shifted, flow_pixels
@@ -60,9 +67,13 @@ class EpipolarResidual:
         last = observed.images[-1]
         earlier = observed.images[-1 - step]
         epipolar = Epipolar.of(observed.camera, observed.cam_from_last(step))
-        static_pixels, _ = epipolar.project(np.maximum(observed.inverse_depth, limit))
+        static_pixels, _ = epipolar.project(
+            np.maximum(observed.inverse_depth, limit)
+        )
         flow_pixels = self._flow(observed, last, earlier, static_pixels)
-        flow_difference = grey_difference(last, earlier, flow_pixels, self.window_px)
+        flow_difference = grey_difference(
+            last, earlier, flow_pixels, self.window_px
+        )
         nearest_depth = np.maximum(epipolar.triangulate(flow_pixels), limit)
         nearest_pixels, _ = epipolar.project(nearest_depth)
         static_difference = np.minimum(
@@ -81,14 +92,21 @@ class EpipolarResidual:
         return strength, shift_px, flow_pixels
 
     def _flow(
-        self, observed: PosedImages, last: FloatArray, earlier: FloatArray, static: FloatArray
+        self,
+        observed: PosedImages,
+        last: FloatArray,
+        earlier: FloatArray,
+        static: FloatArray,
     ) -> FloatArray:
         """Return correspondences [H, W, 2] of the last image in an earlier one.
 
         Dense inverse search (Kroeger 2016) starts from the flow of a static scene.
         """
         grid = pinhole.pixel_grid(observed.camera).astype(np.float32)
-        start = [cv2.medianBlur(axis, self.smoothing_px) for axis in cv2.split(static - grid)]
+        start = [
+            cv2.medianBlur(axis, self.smoothing_px)
+            for axis in cv2.split(static - grid)
+        ]
         search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
         flow = search.calc(_bytes(last), _bytes(earlier), cv2.merge(start))
         return np.asarray(grid + flow, np.float32)

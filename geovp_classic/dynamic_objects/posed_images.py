@@ -20,7 +20,9 @@ class PosedImages:
     images: FloatArray  # [P, H, W] float32 grey 0..255, at equal exposure
     camera: Intrinsics
     past: Trajectory  # [P]
-    inverse_depth: FloatArray  # [H, W] of the last frame, estimated as if all were static
+    inverse_depth: (
+        FloatArray  # [H, W] of the last frame, estimated as if all were static
+    )
     road: GroundPlane
     steps: tuple[int, ...] = ()  # how many frames back the compared frames are
 
@@ -45,11 +47,15 @@ class PosedImages:
         """Return the grey difference [h, w] to an earlier frame for a body at a velocity."""
         rows, columns = box
         height_px, width_px = inverse_depth.shape
-        part = self.camera.cropped(columns.start, rows.start, width_px, height_px)
+        part = self.camera.cropped(
+            columns.start, rows.start, width_px, height_px
+        )
         shift = -self.seconds(step) * velocity
         moved_back = se3.compose(np.eye(3), shift)
         cam_from_last = self.cam_from_last(step) @ moved_back
-        pixels, _ = Epipolar.of(part, cam_from_last, self.camera).project(inverse_depth)
+        pixels, _ = Epipolar.of(part, cam_from_last, self.camera).project(
+            inverse_depth
+        )
         last = self.images[-1][box]
         return grey_difference(last, self.images[-1 - step], pixels, window_px)
 
@@ -62,6 +68,8 @@ def grey_difference(
 ) -> FloatArray:
     """Return the absolute difference [h, w] of the grey values, averaged over a window."""
     u, v = cv2.split(pixels)
-    warped = cv2.remap(earlier, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    warped = cv2.remap(
+        earlier, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     difference = np.abs(warped - last)
     return np.asarray(cv2.blur(difference, (window_px, window_px)))

@@ -20,7 +20,9 @@ class MotionSegmentation:
     min_gain_grey: float = 1.0
     min_gain_fraction: float = 0.25  # plus this fraction of its own error
     max_height: float = 1.35  # camera heights; vans, seen by a car's camera
-    side_fraction: float = 0.4  # of the evidence's extent, by which an object may exceed it
+    side_fraction: float = (
+        0.4  # of the evidence's extent, by which an object may exceed it
+    )
     below_px: int = 2  # the evidence
     margin_px: int = 1  # around the mask
     min_explained_fraction: float = 0.4  # of the evidence
@@ -42,11 +44,15 @@ class MotionSegmentation:
         body = np.full(seed.shape, 1 / depth)
         is_better = np.ones(seed.shape, bool)
         for step in observed.steps:
-            moving_error = observed.motion_difference(step, box, body, velocity, self.window_px)
+            moving_error = observed.motion_difference(
+                step, box, body, velocity, self.window_px
+            )
             static_error = observed.motion_difference(
                 step, box, background, np.zeros(3), self.window_px
             )
-            min_gain = self.min_gain_grey + self.min_gain_fraction * moving_error
+            min_gain = (
+                self.min_gain_grey + self.min_gain_fraction * moving_error
+            )
             is_better &= static_error - moving_error > min_gain
         if is_better[seed].mean() < self.min_explained_fraction:
             return None
@@ -66,25 +72,36 @@ class MotionSegmentation:
         mask = body[box]
         inverse_depth = np.full(mask.shape, 1 / depth)
         errors = [
-            observed.motion_difference(step, box, inverse_depth, velocity, self.window_px)[mask]
+            observed.motion_difference(
+                step, box, inverse_depth, velocity, self.window_px
+            )[mask]
             for step in observed.steps
         ]
         return float(np.mean(errors))
 
-    def _box(self, evidence: BoolArray, depth: float, observed: PosedImages) -> Box:
+    def _box(
+        self, evidence: BoolArray, depth: float, observed: PosedImages
+    ) -> Box:
         """Return the box where the object may be: around the evidence, and as high as vehicles."""
         height, width = evidence.shape
         rows, columns = bounding_box(evidence)
         extent = max(rows.stop - rows.start, columns.stop - columns.start)
         aside_px = int(self.side_fraction * extent)
         bottom = min(rows.stop + self.below_px, height)
-        height_px = self.max_height * observed.road.height * observed.camera.fy_px / depth
+        height_px = (
+            self.max_height
+            * observed.road.height
+            * observed.camera.fy_px
+            / depth
+        )
         top = max(min(int(bottom - height_px), rows.start), 0)
         left = max(columns.start - aside_px, 0)
         right = min(columns.stop + aside_px, width)
         return slice(top, bottom), slice(left, right)
 
-    def _background(self, seed: BoolArray, box: Box, observed: PosedImages) -> FloatArray:
+    def _background(
+        self, seed: BoolArray, box: Box, observed: PosedImages
+    ) -> FloatArray:
         """Return the background's inverse depth [h, w] in the box.
 
         In the columns of the evidence it is interpolated between both sides of the box, because
@@ -96,7 +113,9 @@ class MotionSegmentation:
         right_column = min(columns.stop, width - 1)
         left = observed.inverse_depth[rows, left_column]
         right = observed.inverse_depth[rows, right_column]
-        interpolated = np.linspace(left, right, columns.stop - columns.start, axis=1)
+        interpolated = np.linspace(
+            left, right, columns.stop - columns.start, axis=1
+        )
         background = observed.inverse_depth[box].copy()
         _, inner = bounding_box(seed)
         background[:, inner] = interpolated[:, inner]

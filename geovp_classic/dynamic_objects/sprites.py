@@ -10,7 +10,13 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import Scene
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    Views,
+)
 
 Window = tuple[slice, slice]  # rows and columns of a view
 
@@ -35,7 +41,9 @@ class Sprite:
     world_from_source: FloatArray  # [4, 4]
     depth: float  # z in the source's frame when the image was taken
     velocity: FloatArray  # [3] in the source's frame, per second
-    min_depth_ratio: float = 0.1  # over the observed depth; nearer sprites are not rendered
+    min_depth_ratio: float = (
+        0.1  # over the observed depth; nearer sprites are not rendered
+    )
 
     def render(
         self, world_from_cam: FloatArray, camera: Intrinsics, seconds: float
@@ -58,13 +66,26 @@ class Sprite:
         size_px = (width_px, height_px)
         border = cv2.BORDER_REPLICATE
         colours = cv2.warpPerspective(
-            self.frame, homography, size_px, flags=cv2.INTER_CUBIC, borderMode=border
+            self.frame,
+            homography,
+            size_px,
+            flags=cv2.INTER_CUBIC,
+            borderMode=border,
         )
-        opacity = cv2.warpPerspective(self.mask.astype(np.float32), homography, size_px)
+        opacity = cv2.warpPerspective(
+            self.mask.astype(np.float32), homography, size_px
+        )
         normal = rotation[:, 2]
-        inverse_depth = pinhole.rays(part) @ normal / (self.depth + normal @ shift)
+        inverse_depth = (
+            pinhole.rays(part) @ normal / (self.depth + normal @ shift)
+        )
         place = (slice(top, top + height_px), slice(left, left + width_px))
-        return SpriteLayer(place, np.asarray(colours, np.uint8), np.asarray(opacity), inverse_depth)
+        return SpriteLayer(
+            place,
+            np.asarray(colours, np.uint8),
+            np.asarray(opacity),
+            inverse_depth,
+        )
 
     def _window(
         self, view_from_source: FloatArray, camera: Intrinsics, rim_px: int = 2
@@ -113,7 +134,9 @@ def mask_out(
             if layer is not None:
                 place = (step, *layer.window)
                 is_opaque = layer.opacity > 0
-                depths[place] = np.where(is_opaque, layer.inverse_depth, depths[place])
+                depths[place] = np.where(
+                    is_opaque, layer.inverse_depth, depths[place]
+                )
                 masks[place] |= is_opaque
     return depths, masks
 
@@ -129,7 +152,10 @@ class DynamicScene:
     max_depth_ratio: float = 1.02
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4]; visible sprites count as covered."""
         views = self.static.view(world_from_cam, times_s, intrinsics)
@@ -138,10 +164,14 @@ class DynamicScene:
         depths = views.depths.copy()
         for step, since_s in enumerate(times_s - self.last_s):
             for sprite in self.sprites:
-                layer = sprite.render(world_from_cam[step], intrinsics, float(since_s))
+                layer = sprite.render(
+                    world_from_cam[step], intrinsics, float(since_s)
+                )
                 if layer is not None:
                     place = (step, *layer.window)
-                    self._composite(layer, frames[place], covered[place], depths[place])
+                    self._composite(
+                        layer, frames[place], covered[place], depths[place]
+                    )
         return Views(frames, covered, depths)
 
     def _composite(
@@ -153,7 +183,11 @@ class DynamicScene:
     ) -> None:
         """Composite the layer over farther and over inpainted pixels."""
         sprite_depth = 1 / layer.inverse_depth
-        is_in_front = ~covered | (depth <= 0) | (sprite_depth < self.max_depth_ratio * depth)
+        is_in_front = (
+            ~covered
+            | (depth <= 0)
+            | (sprite_depth < self.max_depth_ratio * depth)
+        )
         alpha = np.where(is_in_front, layer.opacity, 0)
         difference = layer.colours.astype(np.float32) - frame
         mixed = frame + alpha[..., None] * difference

@@ -21,12 +21,20 @@ from geovp_classic.types import BoolArray, FloatArray
 class VelocityEstimator:
     """Robust estimation of a constant velocity along the road."""
 
-    outlier_ratio: float = 2.5  # scale of the flow's residuals over their median
-    stages: tuple[int, ...] = (3, 6, 9)  # frames back that an object is tracked through
+    outlier_ratio: float = (
+        2.5  # scale of the flow's residuals over their median
+    )
+    stages: tuple[int, ...] = (
+        3,
+        6,
+        9,
+    )  # frames back that an object is tracked through
     rounds_per_stage: int = 3
     blur_px: float = 1.0  # of the images
     max_pixels: int = 400
-    grey_scale: float = 8.0  # of Cauchy's weights: a grey difference of this size counts half
+    grey_scale: float = (
+        8.0  # of Cauchy's weights: a grey difference of this size counts half
+    )
 
     def from_flow(
         self,
@@ -49,8 +57,12 @@ class VelocityEstimator:
             rays = pinhole.unproject(pixels[body], np.ones(len(points)), camera)
             x = rays[:, :2]
             static = se3.transform(motion, points)
-            shift = observed.seconds(step) * motion[:3, :3] @ directions  # [3, 2] per velocity
-            jacobians.append(shift[None, :2] - x[..., None] * shift[2])  # [N, 2, 2]
+            shift = (
+                observed.seconds(step) * motion[:3, :3] @ directions
+            )  # [3, 2] per velocity
+            jacobians.append(
+                shift[None, :2] - x[..., None] * shift[2]
+            )  # [N, 2, 2]
             constants.append(x * static[:, 2:] - static[:, :2])
         jacobian = np.concatenate(jacobians).reshape(-1, 2)
         constant = np.concatenate(constants).ravel()
@@ -58,7 +70,9 @@ class VelocityEstimator:
             np.zeros(2),
             lambda speeds: (jacobian @ speeds + constant, jacobian),
             np.add,
-            scale=lambda residual: self.outlier_ratio * float(np.median(np.abs(residual))) + 1e-12,
+            scale=lambda residual: (
+                self.outlier_ratio * float(np.median(np.abs(residual))) + 1e-12
+            ),
             weight=geman_mcclure_weight,
         )
         return np.asarray(directions @ speeds)
@@ -77,18 +91,25 @@ class VelocityEstimator:
         columns = columns[::stride]
         points = depth * pinhole.rays(observed.camera)[rows, columns]
         directions = along_road(observed.road.normal)
-        images = [cv2.GaussianBlur(image, (0, 0), self.blur_px) for image in observed.images]
+        images = [
+            cv2.GaussianBlur(image, (0, 0), self.blur_px)
+            for image in observed.images
+        ]
         channels = [np.dstack([image, image_slopes(image)]) for image in images]
         greys = images[-1][rows, columns]
 
-        def linearise(steps: range, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def linearise(
+            steps: range, velocity: FloatArray
+        ) -> tuple[FloatArray, FloatArray]:
             residuals = []
             jacobians = []
             for step in steps:
                 sampled, by_velocity = _sample(
                     channels[-1 - step], points, velocity, step, observed
                 )
-                residuals.append(np.where(np.isfinite(sampled), sampled - greys, 0))
+                residuals.append(
+                    np.where(np.isfinite(sampled), sampled - greys, 0)
+                )
                 jacobians.append(by_velocity @ directions)
             return np.concatenate(residuals), np.concatenate(jacobians)
 
@@ -136,7 +157,9 @@ def _sample(
     pixels, _ = pinhole.project(moved, camera)
     is_shown = inside(pixels, camera)[:, None]
     u, v = pixels.T[:, None].astype(np.float32)
-    sampled = cv2.remap(channels, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)[0]
+    sampled = cv2.remap(
+        channels, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )[0]
     z = moved[:, 2:]
     by_xy = sampled[:, 1:] * [camera.fx_px, camera.fy_px] / z
     by_z = -(by_xy * moved[:, :2]).sum(axis=1, keepdims=True) / z

@@ -36,7 +36,11 @@ class Coefficients:
     spread: FloatArray  # [5, F * 3], of the logarithm of a residual's scale
     degrees: FloatArray  # [3], of freedom of Student's t: heave, pitch, roll
     max_feature: float = 4.0  # in root mean squares; larger twists are outliers
-    noise_floor: tuple[float, float, float] = (0.05, 0.01, 0.01)  # m/s, rad/s: noise of the rates
+    noise_floor: tuple[float, float, float] = (
+        0.05,
+        0.01,
+        0.01,
+    )  # m/s, rad/s: noise of the rates
 
     @property
     def num_past_steps(self) -> int:
@@ -48,21 +52,27 @@ class Coefficients:
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return heave (m, downwards), pitch and roll (rad) [N, F, 3]."""
-        return (self.features(twists) @ self.weights).reshape(len(twists), -1, 3)
+        return (self.features(twists) @ self.weights).reshape(
+            len(twists), -1, 3
+        )
 
     def scales(
         self,
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return the scales [N, F, 3] of the residual."""
-        return np.exp(self.motion_features(twists) @ self.spread).reshape(len(twists), -1, 3)
+        return np.exp(self.motion_features(twists) @ self.spread).reshape(
+            len(twists), -1, 3
+        )
 
     def features(
         self,
         twists: FloatArray,  # [N, P, 6], per second
     ) -> FloatArray:
         """Return scaled and clipped changes [N, P * 6]."""
-        return np.clip(changes(twists) / self.scale, -self.max_feature, self.max_feature)
+        return np.clip(
+            changes(twists) / self.scale, -self.max_feature, self.max_feature
+        )
 
     def motion_features(
         self,
@@ -72,14 +82,18 @@ class Coefficients:
         rates = np.sqrt((twists[..., BODY_AXES] ** 2).mean(axis=1))
         speed = np.abs(twists[..., Axis.FORWARD]).mean(axis=1)
         log_rates = np.log(np.hypot(rates, self.noise_floor))
-        return np.column_stack([np.ones(len(twists)), log_rates, np.log1p(speed)])
+        return np.column_stack(
+            [np.ones(len(twists)), log_rates, np.log1p(speed)]
+        )
 
 
 @dataclass(frozen=True)
 class BodyMotion:
     """Heave, pitch and roll for the poses of a planar forecast."""
 
-    coefficients: Path | None = None  # a file of `fit-body-motion`; None: the packaged one
+    coefficients: Path | None = (
+        None  # a file of `fit-body-motion`; None: the packaged one
+    )
 
     def added_to(
         self,
@@ -104,7 +118,9 @@ class BodyMotion:
         It is constant beyond the fitted 2.1 s.
         """
         fitted = load(self.coefficients)
-        twists = past_motion.twists_per_s(past, fitted.step_s, fitted.num_past_steps)[None]
+        twists = past_motion.twists_per_s(
+            past, fitted.step_s, fitted.num_past_steps
+        )[None]
         steps = (times_s - past.times_s[-1]) / fitted.step_s
         means = _interpolated(fitted.means(twists)[0], steps)
         scales = _interpolated(fitted.scales(twists)[0], steps)
@@ -116,7 +132,9 @@ def changes(
 ) -> FloatArray:
     """Return twists [N, P * 6] less their mean speed: 0 for steady straight driving."""
     changes = twists.copy()
-    changes[..., Axis.FORWARD] -= changes[..., Axis.FORWARD].mean(axis=1, keepdims=True)
+    changes[..., Axis.FORWARD] -= changes[..., Axis.FORWARD].mean(
+        axis=1, keepdims=True
+    )
     return changes.reshape(len(changes), -1)
 
 
@@ -127,14 +145,18 @@ def over_plane(
     """Return heave, pitch and roll [F, 3] of poses [F, 4, 4] over the past motion's plane."""
     reference = past.world_from_cam[-1]
     plane = past_motion.vehicle_from_cam(past)
-    flat = planar.lift(planar.reduce(world_from_cam, reference, plane), reference, plane)
+    flat = planar.lift(
+        planar.reduce(world_from_cam, reference, plane), reference, plane
+    )
     return se3.log(se3.inverse(flat) @ world_from_cam)[:, BODY_AXES]
 
 
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
-    source = path or Path(str(resources.files("geovp_classic.poses") / "body_motion.npz"))
+    source = path or Path(
+        str(resources.files("geovp_classic.poses") / "body_motion.npz")
+    )
     try:
         arrays = files.finite_arrays(source)
         return Coefficients(

@@ -19,7 +19,9 @@ from geovp_classic.forecasting.planar_forecaster import Modes, PlanarForecaster
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
-Constants = Literal["turn-rate", "acceleration", "acceleration-damped"]  # tables of turn_rate.toml
+Constants = Literal[
+    "turn-rate", "acceleration", "acceleration-damped"
+]  # tables of turn_rate.toml
 Belief = tuple[FloatArray, FloatArray]  # state [n] and covariance [n, n]
 
 
@@ -47,7 +49,11 @@ def initial_belief(
     measured: FloatArray,  # [P, 3], as (x, z, yaw)
     times_s: FloatArray,  # [P]
     model: VehicleModel,
-    deviations: tuple[float, ...] = (20.0, 2.0, 3.0),  # of speed, turn rate and acceleration
+    deviations: tuple[float, ...] = (
+        20.0,
+        2.0,
+        3.0,
+    ),  # of speed, turn rate and acceleration
 ) -> Belief:
     """Return a wide belief at the first pose, with the velocity of the first step."""
     state = np.zeros(model.num_states)
@@ -94,7 +100,9 @@ class TurnRateKalman(PlanarForecaster):
         noise = self.model.measurement_noise
         measurement = np.eye(3, self.model.num_states)
         for dt_s, state in zip(np.diff(times_s), measured[1:], strict=True):
-            belief = kalman.update(*self.prediction(belief, dt_s), state, noise, measurement)
+            belief = kalman.update(
+                *self.prediction(belief, dt_s), state, noise, measurement
+            )
         return belief
 
     def modes(
@@ -124,11 +132,15 @@ class TurnRateKalman(PlanarForecaster):
         if num_samples == 1:
             return self.modes(past, plane, ahead_s)[1]
         rng = np.random.default_rng(self.seed)
-        states = rng.multivariate_normal(*self._present(past, plane), num_samples)
+        states = rng.multivariate_normal(
+            *self._present(past, plane), num_samples
+        )
         path = []
         for dt_s in np.diff(ahead_s, prepend=0.0):
             noise = self.model.process_noise(states.mean(axis=0), dt_s)
-            disturbance = rng.multivariate_normal(np.zeros(len(noise)), noise, num_samples)
+            disturbance = rng.multivariate_normal(
+                np.zeros(len(noise)), noise, num_samples
+            )
             states = self.model.transition(states, dt_s) + disturbance
             path.append(states[:, :3])
         return np.stack(path, axis=1)
@@ -151,7 +163,9 @@ class TurnRateUnscented(TurnRateKalman):
         dt_s: float,
     ) -> Belief:
         """Return the belief after dt, from sigma points (Wan & van der Merwe 2000)."""
-        points = kalman.MerweScaledSigmaPoints(len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0)
+        points = kalman.MerweScaledSigmaPoints(
+            len(belief[0]), alpha=0.5, beta=2.0, kappa=0.0
+        )
         moved = self.model.transition(points.sigma_points(*belief), dt_s)
         noise = self.model.process_noise(belief[0], dt_s)
         return kalman.unscented_transform(moved, points.Wm, points.Wc, noise)

@@ -27,7 +27,9 @@ class Network:
     def __call__(self, features: FloatArray) -> FloatArray:
         """Return outputs [M, N, out] of standardised features [N, in]."""
         hidden = features
-        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+        for weight, bias in zip(
+            self.weights[:-1], self.biases[:-1], strict=True
+        ):
             linear = hidden @ weight + bias
             hidden = linear * expit(linear)
         return hidden @ self.weights[-1] + self.biases[-1]
@@ -75,7 +77,9 @@ class DampedTurn:
         earlier = past[:, -1 - self.num_recent, None]
         change = (last - earlier) / self.num_recent  # per step
         speeds = last + change * np.arange(num_steps + 1)
-        speeds = np.where(speeds * last < 0, 0.0, speeds)  # braking ends at rest
+        speeds = np.where(
+            speeds * last < 0, 0.0, speeds
+        )  # braking ends at rest
         turn_rate = twists[:, -self.num_recent :, Axis.YAW].mean(axis=1)
         decay = self.turn_decay ** np.arange(1, num_steps + 1)
         turns = turn_rate[:, None] * decay * step_s
@@ -179,11 +183,17 @@ class SpreadModel:
         features = self.features(with_mirrored(twists), with_mirrored(centre))
         outputs = self.network(self.inputs(features)).astype(np.float64)
         by_side = np.swapaxes(outputs, 0, 1)  # [2, M, ...]
-        log_weights, means, log_deviations = mixture_parameters(by_side, self.num_modes)
+        log_weights, means, log_deviations = mixture_parameters(
+            by_side, self.num_modes
+        )
         weights = np.exp(log_weights).reshape(-1)
         depth = means.shape[-1]
         deviations = np.exp(log_deviations)
-        return weights / weights.sum(), means.reshape(-1, depth), deviations.reshape(-1, depth)
+        return (
+            weights / weights.sum(),
+            means.reshape(-1, depth),
+            deviations.reshape(-1, depth),
+        )
 
 
 @dataclass(frozen=True)
@@ -215,7 +225,9 @@ def mixture_parameters(
     """Return log weights [..., K], means [..., K, D] and log deviations [..., K, D]."""
     depth = (outputs.shape[-1] // num_modes - 1) // 2
     shape = (*outputs.shape[:-1], num_modes, depth)
-    logits, means, log_deviations = np.split(outputs, [num_modes, num_modes * (1 + depth)], axis=-1)
+    logits, means, log_deviations = np.split(
+        outputs, [num_modes, num_modes * (1 + depth)], axis=-1
+    )
     log_weights = logits - logsumexp(logits, axis=-1, keepdims=True)
     log_deviations = np.clip(log_deviations, -4.0, 3.0)
     return log_weights, means.reshape(shape), log_deviations.reshape(shape)

@@ -46,9 +46,13 @@ class MotionPrior(PlanarForecaster):
     keeps its last speed and turn rate.
     """
 
-    coefficients: Path | None = None  # a file of `fit-prior`; None: the packaged one
+    coefficients: Path | None = (
+        None  # a file of `fit-prior`; None: the packaged one
+    )
     num_past_steps: int = 9
-    max_turn_rad_s: float = 1.5  # faster turns are not in the training poses, and are clipped
+    max_turn_rad_s: float = (
+        1.5  # faster turns are not in the training poses, and are clipped
+    )
 
     def paths(
         self,
@@ -62,7 +66,11 @@ class MotionPrior(PlanarForecaster):
         if len(past) == 1 or (is_stationary and num_samples == 1):
             return np.zeros((num_samples, len(ahead_s), 3))
         mixture = self._mixture(past, ahead_s)
-        return mixture.centre[None] if num_samples == 1 else mixture.sample(num_samples, self.seed)
+        return (
+            mixture.centre[None]
+            if num_samples == 1
+            else mixture.sample(num_samples, self.seed)
+        )
 
     def modes(
         self,
@@ -72,7 +80,9 @@ class MotionPrior(PlanarForecaster):
     ) -> Modes:
         """Return the mixture; raise BadData for a single past pose."""
         if len(past) == 1:
-            raise BadData("a single past pose has no predictive distribution: give at least two")
+            raise BadData(
+                "a single past pose has no predictive distribution: give at least two"
+            )
         mixture = self._mixture(past, ahead_s)
         return mixture.weights, mixture.means, mixture.covariances
 
@@ -82,8 +92,12 @@ class MotionPrior(PlanarForecaster):
         ahead_s: FloatArray,  # [F]
     ) -> "PathMixture":
         fitted = load(self.coefficients)
-        twists = past_motion.twists_per_s(past, fitted.centre.step_s, self.num_past_steps)
-        twists[:, 3:] = np.clip(twists[:, 3:], -self.max_turn_rad_s, self.max_turn_rad_s)
+        twists = past_motion.twists_per_s(
+            past, fitted.centre.step_s, self.num_past_steps
+        )
+        twists[:, 3:] = np.clip(
+            twists[:, 3:], -self.max_turn_rad_s, self.max_turn_rad_s
+        )
         return path_mixture(fitted, twists[None], ahead_s)
 
 
@@ -106,12 +120,17 @@ class PathMixture:
         rng = np.random.default_rng(seed)
         modes = rng.choice(len(self.weights), size=num_samples, p=self.weights)
         white = rng.standard_normal((num_samples, self.roots.shape[-1]))
-        return self.means[modes] + np.einsum("stid,sd->sti", self.roots[modes], white)
+        return self.means[modes] + np.einsum(
+            "stid,sd->sti", self.roots[modes], white
+        )
 
     @property
     def covariances(self) -> FloatArray:
         """Covariances [K, T, 3, 3] of (x, z, yaw)."""
-        return self.roots @ np.swapaxes(self.roots, -1, -2) + self.residual_covariance
+        return (
+            self.roots @ np.swapaxes(self.roots, -1, -2)
+            + self.residual_covariance
+        )
 
 
 def path_mixture(
@@ -126,29 +145,40 @@ def path_mixture(
     centre = _path_at(grid[0], steps)
     # Deviations are 0 at time 0, linear between the steps of the grid, and continue beyond it.
     nodes = np.arange(grid.shape[1] + 1)
-    interpolation = make_interp_spline(nodes, np.eye(len(nodes)), k=1)(steps)[:, 1:]  # [T, F]
+    interpolation = make_interp_spline(nodes, np.eye(len(nodes)), k=1)(steps)[
+        :, 1:
+    ]  # [T, F]
     basis = np.einsum("tf,fid->tid", interpolation, fitted.spread.basis)
     both = np.stack([basis, basis * MIRRORED_STATE[:, None]])
     variance = interpolation**2 @ fitted.spread.residual_variance
-    rotations = Rotation.from_euler("z", -centre[:, 2:]).as_matrix()  # from (right, ahead, yaw)
-    bases = np.repeat(rotations @ both, len(weights) // 2, axis=0)  # [K, T, 3, D]
+    rotations = Rotation.from_euler(
+        "z", -centre[:, 2:]
+    ).as_matrix()  # from (right, ahead, yaw)
+    bases = np.repeat(
+        rotations @ both, len(weights) // 2, axis=0
+    )  # [K, T, 3, D]
     return PathMixture(
         centre=centre,
         weights=weights,
         means=centre + np.einsum("ktid,kd->kti", bases, means),
         roots=bases * deviations[:, None, None],
-        residual_covariance=(rotations * variance[:, None]) @ np.swapaxes(rotations, 1, 2),
+        residual_covariance=(rotations * variance[:, None])
+        @ np.swapaxes(rotations, 1, 2),
     )
 
 
 @functools.cache
 def load(path: Path | None) -> Coefficients:
     """Read the coefficients of a file (None: the packaged one); raise BadData for another file."""
-    source = path or Path(str(resources.files("geovp_classic.poses") / "motion_prior.npz"))
+    source = path or Path(
+        str(resources.files("geovp_classic.poses") / "motion_prior.npz")
+    )
     try:
         fitted = unpacked(files.finite_arrays(source))
         num_past_steps = len(fitted.centre.inputs.mean) // 6
-        path_mixture(fitted, np.zeros((1, num_past_steps, 6)), np.ones(1))  # checks the shapes
+        path_mixture(
+            fitted, np.zeros((1, num_past_steps, 6)), np.ones(1)
+        )  # checks the shapes
         return fitted
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise BadData(
@@ -169,7 +199,9 @@ def unpacked(table: dict[str, FloatArray]) -> Coefficients:
         name: str,
         limit: float,
     ) -> Standardisation:
-        return Standardisation(table[f"{name}_mean"], table[f"{name}_deviation"], limit)
+        return Standardisation(
+            table[f"{name}_mean"], table[f"{name}_deviation"], limit
+        )
 
     centre = CentreModel(
         step_s=float(table["step_s"]),
@@ -193,7 +225,9 @@ def _path_at(
 ) -> FloatArray:
     """Return states [T, 3]: a cubic spline, and beyond the grid its last screw motion."""
     nodes = np.concatenate([np.zeros((1, 3)), grid])
-    states = CubicSpline(np.arange(len(nodes)), nodes)(np.minimum(steps, len(grid)))
+    states = CubicSpline(np.arange(len(nodes)), nodes)(
+        np.minimum(steps, len(grid))
+    )
     is_beyond = steps > len(grid)
     ends = planar.lift(nodes[-2:], np.eye(4), np.eye(4))
     times = np.array([len(grid) - 1.0, len(grid)])

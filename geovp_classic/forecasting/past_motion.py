@@ -27,10 +27,14 @@ def in_metres(
     length = np.linalg.norm(steps, axis=-1).sum()
     if past.is_metric or length == 0:
         return past, 1.0
-    metres_per_unit = assumed_speed_m_s * (past.times_s[-1] - past.times_s[0]) / length
+    metres_per_unit = (
+        assumed_speed_m_s * (past.times_s[-1] - past.times_s[0]) / length
+    )
     world_from_cam = past.world_from_cam.copy()
     world_from_cam[:, :3, 3] *= metres_per_unit
-    return Trajectory(world_from_cam, past.times_s, is_metric=True), metres_per_unit
+    return Trajectory(
+        world_from_cam, past.times_s, is_metric=True
+    ), metres_per_unit
 
 
 def vehicle_from_cam(
@@ -46,7 +50,9 @@ def vehicle_from_cam(
     _, down, forward = steps[:, :3, 3].sum(axis=0)
     pitch_rad = np.arctan(down * forward / (forward**2 + min_path_m**2))
     max_pitch_rad = np.radians(max_pitch_deg)
-    return planar.level_vehicle_from_cam(np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad))
+    return planar.level_vehicle_from_cam(
+        np.clip(pitch_rad, -max_pitch_rad, max_pitch_rad)
+    )
 
 
 def twists_per_s(
@@ -59,7 +65,9 @@ def twists_per_s(
     The first twist is repeated where the grid begins before the past.
     """
     span_s = past.times_s[-1] - past.times_s[0]
-    num_covered = np.floor(span_s / step_s + 0.1)  # a tenth of a step may be extrapolated
+    num_covered = np.floor(
+        span_s / step_s + 0.1
+    )  # a tenth of a step may be extrapolated
     num_covered = int(np.clip(num_covered, 1, num_steps))
     grid_s = past.times_s[-1] - step_s * np.arange(num_covered, -1, -1)
     poses = se3.interpolate(past.world_from_cam, past.times_s, grid_s)

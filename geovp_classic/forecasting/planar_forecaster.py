@@ -9,7 +9,9 @@ from geovp_classic.forecasting.sampling import PlanarForecast
 from geovp_classic.geometry import planar
 from geovp_classic.types import FloatArray, Trajectory
 
-Modes = tuple[FloatArray, FloatArray, FloatArray]  # weights [K], means, covariances
+Modes = tuple[
+    FloatArray, FloatArray, FloatArray
+]  # weights [K], means, covariances
 
 
 @dataclass(frozen=True)
@@ -69,4 +71,6 @@ class PlanarForecaster(abc.ABC):
         body = None
         if self.body_motion is not None and len(past) > 1:
             body = self.body_motion.distribution(metric, times_s)
-        return PlanarForecast(*modes, past.world_from_cam[-1], plane, body, metres_per_unit)
+        return PlanarForecast(
+            *modes, past.world_from_cam[-1], plane, body, metres_per_unit
+        )

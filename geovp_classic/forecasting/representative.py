@@ -22,10 +22,16 @@ from geovp_classic.types import FloatArray, Trajectory
 class ImageDistance:
     """Distance of two futures as the angle by which the image content moves, in rad."""
 
-    depth_m: float = 10.0  # of the scene: a metre to the side moves it as much as 1 / 10 rad
-    ahead_ratio: float = 0.5  # effect of a metre ahead to a metre aside, half-way to the border
+    depth_m: float = (
+        10.0  # of the scene: a metre to the side moves it as much as 1 / 10 rad
+    )
+    ahead_ratio: float = (
+        0.5  # effect of a metre ahead to a metre aside, half-way to the border
+    )
     roll_ratio: float = 0.5  # effect of a roll to a yaw
-    max_distance_rad: float = 0.04  # images further apart have nothing in common
+    max_distance_rad: float = (
+        0.04  # images further apart have nothing in common
+    )
     num_steps: int = 10  # future steps that are compared
 
     def motions(
@@ -35,7 +41,9 @@ class ImageDistance:
         metres_per_unit: float = 1.0,  # of both
     ) -> FloatArray:
         """Return the motions in the image from the centre to the futures [S, K, 6]."""
-        steps = np.linspace(0, len(centre) - 1, self.num_steps).round().astype(int)
+        steps = (
+            np.linspace(0, len(centre) - 1, self.num_steps).round().astype(int)
+        )
         steps = np.unique(steps)
         twists = se3.log(se3.inverse(centre[steps]) @ futures[:, steps])
         rad_per_unit = metres_per_unit / self.depth_m
@@ -51,7 +59,9 @@ class ImageDistance:
     ) -> FloatArray:
         """Return the distances [A, B] between futures, averaged over the steps."""
         steps = range(motions_a.shape[1])
-        distances = np.stack([cdist(motions_a[:, step], motions_b[:, step]) for step in steps])
+        distances = np.stack(
+            [cdist(motions_a[:, step], motions_b[:, step]) for step in steps]
+        )
         return np.minimum(distances, self.max_distance_rad).mean(axis=0)
 
 
@@ -68,7 +78,9 @@ class Representative:
 
     def __post_init__(self) -> None:
         if self.num_draws < 2:
-            raise BadData(f"representative: num_draws is {self.num_draws}, expected 2 or more")
+            raise BadData(
+                f"representative: num_draws is {self.num_draws}, expected 2 or more"
+            )
 
     def forecast(
         self,
@@ -89,7 +101,9 @@ class Representative:
         futures = np.concatenate([centre, draws])
         metres_per_unit = past_motion.in_metres(past)[1]
         motions = self.distance.motions(centre[0], futures, metres_per_unit)
-        selected = _medoids(self.distance.between(motions, motions), num_samples)
+        selected = _medoids(
+            self.distance.between(motions, motions), num_samples
+        )
         return futures[selected]
 
 

@@ -49,12 +49,16 @@ class PlanarForecast:
     covariances: FloatArray  # [K, F, 3, 3]
     world_from_reference: FloatArray  # [4, 4], the last observed camera
     vehicle_from_cam: FloatArray  # [4, 4]
-    body: BodyForecast | None = None  # None: height, pitch and roll do not change
+    body: BodyForecast | None = (
+        None  # None: height, pitch and roll do not change
+    )
     metres_per_unit: float = 1.0  # of the cameras' positions
 
     def states_of(self, world_from_cam: FloatArray) -> FloatArray:
         """Return (x, z, yaw_rad) [..., F, 3] of cameras [..., F, 4, 4]."""
-        states = planar.reduce(world_from_cam, self.world_from_reference, self.vehicle_from_cam)
+        states = planar.reduce(
+            world_from_cam, self.world_from_reference, self.vehicle_from_cam
+        )
         states[..., :2] *= self.metres_per_unit
         return states
 
@@ -64,7 +68,9 @@ class PlanarForecast:
         error[..., 2] = (error[..., 2] + np.pi) % (2 * np.pi) - np.pi
         root = np.linalg.cholesky(self.covariances)[:, None]  # [K, 1, F, 3, 3]
         white = (np.linalg.inv(root) @ error[..., None])[..., 0]
-        log_root_determinant = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(-1)
+        log_root_determinant = np.log(
+            np.diagonal(root, axis1=-2, axis2=-1)
+        ).sum(-1)
         log_volume = log_root_determinant + 1.5 * np.log(2 * np.pi)
         log_densities = -0.5 * (white**2).sum(-1) - log_volume  # [K, N, F]
         return logsumexp(log_densities, axis=0, b=self.weights[:, None, None])

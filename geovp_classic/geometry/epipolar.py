@@ -29,7 +29,11 @@ class Epipolar:
     ) -> Self:
         """Return the maps of a motion between two cameras."""
         other = other_camera or camera
-        infinity = other.matrix @ other_from_this[:3, :3] @ np.linalg.inv(camera.matrix)
+        infinity = (
+            other.matrix
+            @ other_from_this[:3, :3]
+            @ np.linalg.inv(camera.matrix)
+        )
         epipole = other.matrix @ other_from_this[:3, 3]
         return cls(infinity.astype(np.float32), epipole.astype(np.float32))
 
@@ -42,7 +46,9 @@ class Epipolar:
         Points behind the other camera, where this ratio is not positive, are mapped far outside.
         """
         q = np.asarray(inverse_depth, dtype=np.float32)
-        x, y, ratio = (at + q * b for at, b in zip(self._at(q), self.epipole, strict=True))
+        x, y, ratio = (
+            at + q * b for at, b in zip(self._at(q), self.epipole, strict=True)
+        )
         z = np.maximum(ratio, np.float32(1e-3))
         return np.stack([x / z, y / z], axis=-1), ratio
 
@@ -71,7 +77,9 @@ class Epipolar:
         return tuple(a[0] * u + (a[1] * v + a[2]) for a in self.infinity)
 
 
-def inside(pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0) -> BoolArray:
+def inside(
+    pixels: FloatArray, camera: Intrinsics, border_px: float = 0.0
+) -> BoolArray:
     """Return which pixels [..., 2] lie within `border_px` of the outermost pixel centres."""
     u = pixels[..., 0]
     v = pixels[..., 1]

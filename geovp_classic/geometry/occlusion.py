@@ -17,11 +17,17 @@ def background_pixels(
     known pixel are copied from the row above or below in the same manner.
     """
     index = np.arange(is_known.size).reshape(is_known.shape)
-    _copy_farther(np.ascontiguousarray(is_known), np.ascontiguousarray(depth), index)
+    _copy_farther(
+        np.ascontiguousarray(is_known), np.ascontiguousarray(depth), index
+    )
     rows: BoolArray = np.asarray(is_known.any(axis=1))
     if not rows.all():
         down = np.ascontiguousarray(index.T)
-        _copy_farther(np.repeat(rows[None], is_known.shape[1], axis=0), depth.ravel()[down], down)
+        _copy_farther(
+            np.repeat(rows[None], is_known.shape[1], axis=0),
+            depth.ravel()[down],
+            down,
+        )
         index = np.ascontiguousarray(down.T)
     return index
 
@@ -51,5 +57,7 @@ def _copy_farther(
                 left_depth = depth[row, left]
                 right_depth = depth[row, right]
                 is_nearer = column - left <= right - column
-                is_left = left_depth > right_depth or (left_depth == right_depth and is_nearer)
+                is_left = left_depth > right_depth or (
+                    left_depth == right_depth and is_nearer
+                )
             index[row, column] = index[row, left if is_left else right]

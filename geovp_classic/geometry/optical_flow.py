@@ -16,7 +16,10 @@ def track_points(
     pixels: FloatArray,  # [N, 2] in the image before, N >= 1
     predicted: FloatArray,  # [N, 2] in the image now, where the search starts
     window_px: int,
-    num_levels: tuple[int, int] = (4, 4),  # of the pyramid, forward and backward
+    num_levels: tuple[int, int] = (
+        4,
+        4,
+    ),  # of the pyramid, forward and backward
     termination: tuple[int, float] = (30, 0.01),  # iterations, pixels of a step
     max_return_px: float = 0.5,  # between a point and where tracking it back ends
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -36,7 +39,9 @@ def track_points(
     )
     start = np.asarray(pixels, dtype=np.float32)
     guess = np.array(predicted, dtype=np.float32)
-    tracked, status, error = track(before, now, start, guess, maxLevel=forward_levels - 1)
+    tracked, status, error = track(
+        before, now, start, guess, maxLevel=forward_levels - 1
+    )
     returned, return_status, _ = track(
         now, before, tracked, start.copy(), maxLevel=backward_levels - 1
     )

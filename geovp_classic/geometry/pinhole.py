@@ -29,13 +29,16 @@ def unproject(
     """Return points [..., 3] in the camera frame at the given z-depth."""
     x = (pixels[..., 0] - camera.cx_px) / camera.fx_px
     y = (pixels[..., 1] - camera.cy_px) / camera.fy_px
-    return np.stack([x * depth, y * depth, np.broadcast_to(depth, x.shape)], axis=-1)
+    return np.stack(
+        [x * depth, y * depth, np.broadcast_to(depth, x.shape)], axis=-1
+    )
 
 
 def pixel_grid(camera: Intrinsics) -> FloatArray:
     """Return all pixels [H, W, 2] as (u, v)."""
     u, v = np.meshgrid(
-        np.arange(camera.width_px, dtype=np.float64), np.arange(camera.height_px, dtype=np.float64)
+        np.arange(camera.width_px, dtype=np.float64),
+        np.arange(camera.height_px, dtype=np.float64),
     )
     return np.stack([u, v], axis=-1)
 
@@ -61,7 +64,10 @@ def centre_crop(
     height_px = max(1, round(size_px[1] * scale))
     left_px = (camera.width_px - width_px) // 2
     top_px = (camera.height_px - height_px) // 2
-    window = (slice(top_px, top_px + height_px), slice(left_px, left_px + width_px))
+    window = (
+        slice(top_px, top_px + height_px),
+        slice(left_px, left_px + width_px),
+    )
     cropped = camera.cropped(left_px, top_px, width_px, height_px)
     return window, cropped.resized(*size_px)
 
@@ -80,7 +86,11 @@ def resize(image: ByteArray, size_px: tuple[int, int]) -> ByteArray:
         )
     shrinking = size_px[0] < width_px or size_px[1] < height_px
     return np.asarray(
-        cv2.resize(image, size_px, interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC)
+        cv2.resize(
+            image,
+            size_px,
+            interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_CUBIC,
+        )
     )
 
 
@@ -93,4 +103,7 @@ def grey8(frame: ByteArray) -> ByteArray:
     """Convert an image [H, W, 3] or [H, W] to grey, uint8."""
     if frame.ndim == 2:
         return frame
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    return np.asarray(
+        cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY),
+        dtype=np.uint8,
+    )

@@ -25,8 +25,13 @@ def irls(
     start: State,
     # residuals [N] or [N, D] and their jacobian [N, K] or [N, D, K]
     linearise: Callable[[State], tuple[FloatArray, FloatArray]],
-    retract: Callable[[State, FloatArray], State],  # a state and a step [K] -> the next state
-    scale: float | Callable[[FloatArray], float],  # of the residuals, or how to get it from them
+    retract: Callable[
+        [State, FloatArray], State
+    ],  # a state and a step [K] -> the next state
+    scale: float
+    | Callable[
+        [FloatArray], float
+    ],  # of the residuals, or how to get it from them
     weight: Weight = cauchy_weight,
     num_rounds: int = 10,
     min_step: float = 1e-8,
@@ -40,12 +45,18 @@ def irls(
     state = start
     for _ in range(num_rounds):
         residual, jacobian = linearise(state)
-        size = residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
+        size = (
+            residual if residual.ndim == 1 else np.linalg.norm(residual, axis=1)
+        )
         current_scale = scale(size) if callable(scale) else scale
-        weights = weight(size, current_scale).reshape(-1, *[1] * (jacobian.ndim - 1))
+        weights = weight(size, current_scale).reshape(
+            -1, *[1] * (jacobian.ndim - 1)
+        )
         num_unknowns = jacobian.shape[-1]
         weighted = (jacobian * weights).reshape(-1, num_unknowns)
-        normal = weighted.T @ jacobian.reshape(-1, num_unknowns) + damping * np.eye(num_unknowns)
+        normal = weighted.T @ jacobian.reshape(
+            -1, num_unknowns
+        ) + damping * np.eye(num_unknowns)
         step = -np.linalg.solve(normal, weighted.T @ residual.ravel())
         state = retract(state, step)
         if np.abs(step).max() < min_step:

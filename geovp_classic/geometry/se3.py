@@ -46,7 +46,9 @@ def exp(twist: FloatArray) -> FloatArray:
     """Return the rigid motions [..., 4, 4] of twists [..., 6]."""
     twist = np.asarray(twist, dtype=np.float64)
     rotation_vector = twist[..., 3:]
-    translation = (_left_jacobian(rotation_vector) @ twist[..., :3, None])[..., 0]
+    translation = (_left_jacobian(rotation_vector) @ twist[..., :3, None])[
+        ..., 0
+    ]
     return compose(_rotation_matrix(rotation_vector), translation)
 
 
@@ -80,7 +82,9 @@ def turn(
     c_from_b: FloatArray,  # [..., 4, 4]
 ) -> FloatArray:
     """Return the rotation vectors [..., 3], in c, that turn the first rotations into the second."""
-    return _rotation_vector(c_from_b[..., :3, :3] @ np.swapaxes(c_from_a[..., :3, :3], -1, -2))
+    return _rotation_vector(
+        c_from_b[..., :3, :3] @ np.swapaxes(c_from_a[..., :3, :3], -1, -2)
+    )
 
 
 def turned(
@@ -88,7 +92,10 @@ def turned(
     rotation_vector: FloatArray,  # [..., 3], in c
 ) -> FloatArray:
     """Return the same positions with their rotations turned."""
-    return compose(_rotation_matrix(rotation_vector) @ c_from_a[..., :3, :3], c_from_a[..., :3, 3])
+    return compose(
+        _rotation_matrix(rotation_vector) @ c_from_a[..., :3, :3],
+        c_from_a[..., :3, 3],
+    )
 
 
 def rotation_angle_rad(b_from_a: FloatArray) -> FloatArray:
@@ -127,7 +134,9 @@ def cross_matrix(vector: FloatArray) -> FloatArray:
 
 
 def _rotation_matrix(rotation_vector: FloatArray) -> FloatArray:
-    flat = np.array(rotation_vector).reshape(-1, 3)  # a copy: SciPy 1.15 needs a writable array
+    flat = np.array(rotation_vector).reshape(
+        -1, 3
+    )  # a copy: SciPy 1.15 needs a writable array
     matrices = Rotation.from_rotvec(flat).as_matrix()
     return matrices.reshape(*rotation_vector.shape[:-1], 3, 3)
 
@@ -140,9 +149,13 @@ def _rotation_vector(rotation: FloatArray) -> FloatArray:
 def _left_jacobian(rotation_vector: FloatArray) -> FloatArray:
     """Return V [..., 3, 3] with exp(v, w) = (R, V v) (Barfoot 2017, eq. 7.37)."""
     angle_rad = np.linalg.norm(rotation_vector, axis=-1)[..., None]
-    axis = rotation_vector / np.maximum(angle_rad, np.finfo(float).tiny)  # 0 without rotation
+    axis = rotation_vector / np.maximum(
+        angle_rad, np.finfo(float).tiny
+    )  # 0 without rotation
     sine_ratio = np.sinc(angle_rad / np.pi)[..., None]  # sin(a) / a
-    cosine_ratio = 0.5 * angle_rad * np.sinc(angle_rad / (2 * np.pi)) ** 2  # (1 - cos(a)) / a
+    cosine_ratio = (
+        0.5 * angle_rad * np.sinc(angle_rad / (2 * np.pi)) ** 2
+    )  # (1 - cos(a)) / a
     outer = axis[..., :, None] * axis[..., None, :]
     along_axis = sine_ratio * np.eye(3) + (1 - sine_ratio) * outer
     return along_axis + cross_matrix(cosine_ratio * axis)

@@ -37,7 +37,9 @@ class TwoViewEstimator:
     # inliers of a motion without translation; the others may be moving objects
     min_static_fraction: float = 0.7
     min_inlier_fraction: float = 0.4  # of a general motion
-    min_in_front_fraction: float = 0.6  # of the inliers, in front of both cameras
+    min_in_front_fraction: float = (
+        0.6  # of the inliers, in front of both cameras
+    )
 
     def estimate(
         self,
@@ -49,20 +51,33 @@ class TwoViewEstimator:
 
         The kind is "unknown" with too few points, or if most of them share no motion.
         """
-        unknown = TwoView("unknown", np.eye(4), np.zeros(len(rays_a), dtype=bool), 0.0)
+        unknown = TwoView(
+            "unknown", np.eye(4), np.zeros(len(rays_a), dtype=bool), 0.0
+        )
         if len(rays_a) < self.min_points:
             return unknown
         max_error = self.max_inlier_error * noise
         shift = np.linalg.norm(rays_b - rays_a, axis=1)
         if (shift < max_error).mean() >= self.min_static_fraction:
-            return TwoView("stationary", np.eye(4), shift < max_error, float(np.median(shift)))
-        rotation = se3.compose(best_rotation(rays_a, rays_b, noise), np.zeros(3))
+            return TwoView(
+                "stationary",
+                np.eye(4),
+                shift < max_error,
+                float(np.median(shift)),
+            )
+        rotation = se3.compose(
+            best_rotation(rays_a, rays_b, noise), np.zeros(3)
+        )
         shift = parallax(rotation, rays_a, rays_b)
         if (shift < max_error).mean() >= self.min_static_fraction:
-            return TwoView("rotation", rotation, shift < max_error, float(np.median(shift)))
+            return TwoView(
+                "rotation", rotation, shift < max_error, float(np.median(shift))
+            )
         return self._general(rays_a, rays_b, noise) or unknown
 
-    def _general(self, rays_a: FloatArray, rays_b: FloatArray, noise: float) -> TwoView | None:
+    def _general(
+        self, rays_a: FloatArray, rays_b: FloatArray, noise: float
+    ) -> TwoView | None:
         """Return the motion by MAGSAC++ (Barath et al. 2020), refined with all inliers."""
         max_error = self.max_inlier_error * noise
         a = np.ascontiguousarray(rays_a)
@@ -70,17 +85,27 @@ class TwoViewEstimator:
         camera = np.eye(3)
         try:
             essential, _ = cv2.findEssentialMat(
-                a, b, camera, cv2.USAC_MAGSAC, prob=0.9999, threshold=max_error, maxIters=1000
+                a,
+                b,
+                camera,
+                cv2.USAC_MAGSAC,
+                prob=0.9999,
+                threshold=max_error,
+                maxIters=1000,
             )
         except cv2.error:  # all samples are degenerate
             return None
         if essential is None or essential.shape != (3, 3):
             return None
-        _, rotation, direction, *_ = cv2.recoverPose(essential, a, b, camera, distanceThresh=1e9)
+        _, rotation, direction, *_ = cv2.recoverPose(
+            essential, a, b, camera, distanceThresh=1e9
+        )
         b_from_a: FloatArray = np.eye(4)
         b_from_a[:3, :3] = rotation
         b_from_a[:3, 3:] = direction
-        fits = np.abs(sampson_terms(rays_a, rays_b, b_from_a).distance) < max_error
+        fits = (
+            np.abs(sampson_terms(rays_a, rays_b, b_from_a).distance) < max_error
+        )
         if fits.mean() < self.min_inlier_fraction:
             return None
         b_from_a = refine(rays_a[fits], rays_b[fits], b_from_a, noise)
@@ -91,9 +116,13 @@ class TwoViewEstimator:
         # rays that are parallel within the noise meet in front or behind by chance
         in_front = (mask[:, 0] > 0) | (shift < max_error)
         inliers = in_front & (np.abs(distance) < max_error)
-        if inliers.sum() < max(self.min_points, self.min_in_front_fraction * fits.sum()):
+        if inliers.sum() < max(
+            self.min_points, self.min_in_front_fraction * fits.sum()
+        ):
             return None
-        return TwoView("general", b_from_a, inliers, float(np.median(shift[inliers])))
+        return TwoView(
+            "general", b_from_a, inliers, float(np.median(shift[inliers]))
+        )
 
 
 def homogeneous(rays: FloatArray) -> FloatArray:
@@ -101,7 +130,9 @@ def homogeneous(rays: FloatArray) -> FloatArray:
     return np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
 
 
-def parallax(b_from_a: FloatArray, rays_a: FloatArray, rays_b: FloatArray) -> FloatArray:
+def parallax(
+    b_from_a: FloatArray, rays_a: FloatArray, rays_b: FloatArray
+) -> FloatArray:
     """Return how far rays [N, 2] are from the rotated ones on z = 1 [N]; NaN behind the camera."""
     rotated = homogeneous(rays_a) @ b_from_a[:3, :3].T
     depth = np.where(rotated[:, 2:] > 1e-6, rotated[:, 2:], np.nan)
@@ -162,7 +193,9 @@ def sampson_terms(
     # b . (t x (w x Ra)) = w . (Ra x (b x t)) and b . (dt x Ra) = dt . (Ra x b)
     by_rotation = np.cross(rotated, np.cross(b, translation))
     by_direction = np.cross(rotated, b) @ tangents(translation).T
-    by_motion = np.concatenate([by_rotation, by_direction], axis=1) / gradient[:, None]
+    by_motion = (
+        np.concatenate([by_rotation, by_direction], axis=1) / gradient[:, None]
+    )
     return SampsonTerms(distance, by_motion, gradient, line_a, line_b)
 
 

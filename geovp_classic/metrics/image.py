@@ -28,7 +28,10 @@ class MaskedMetric:
         return 1
 
     def __call__(
-        self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
+        self,
+        predicted: ByteArray,
+        target: ByteArray,
+        mask: BoolArray | None = None,
     ) -> FloatArray:
         """Return the score of each frame [F].
 
@@ -37,7 +40,10 @@ class MaskedMetric:
         return self.over(predicted, target, [mask])[0]
 
     def over(
-        self, predicted: ByteArray, target: ByteArray, masks: Sequence[BoolArray | None]
+        self,
+        predicted: ByteArray,
+        target: ByteArray,
+        masks: Sequence[BoolArray | None],
     ) -> list[FloatArray]:
         """Return the scores [F] for each mask; frames are compared once for all masks."""
         for mask in masks:
@@ -48,14 +54,18 @@ class MaskedMetric:
                 f"{self.min_size_px}x{self.min_size_px} pixels: use larger frames"
             )
         shape = target.shape[:3]
-        stacked = np.array([np.ones(shape, bool) if mask is None else mask for mask in masks])
+        stacked = np.array(
+            [np.ones(shape, bool) if mask is None else mask for mask in masks]
+        )
         scores = [
             self.score_frame(predicted[step], target[step], stacked[:, step])
             for step in range(len(target))
         ]
         return list(np.stack(scores, axis=-1))
 
-    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
+    def score_frame(
+        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
+    ) -> FloatArray:
         """Return the score of one frame [H, W, 3] under each mask [M, H, W]."""
         raise NotImplementedError
 
@@ -82,15 +92,23 @@ class Psnr(MaskedMetric):
     @property
     def protocol(self) -> str:
         """Return the definition in words."""
-        channels = "RGB jointly" if self.channels == "jointly" else "mean over R, G and B"
+        channels = (
+            "RGB jointly"
+            if self.channels == "jointly"
+            else "mean over R, G and B"
+        )
         return f"{channels}, 8 bit, per frame"
 
-    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
+    def score_frame(
+        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
+    ) -> FloatArray:
         """Return decibels under each mask."""
         squares = np.square(predicted.astype(np.int32) - target)
         if self.channels == "jointly":
             squares = squares.mean(axis=-1, keepdims=True)
-        errors = np.array([masked_mean(squares, mask) for mask in masks])  # [M, channels]
+        errors = np.array(
+            [masked_mean(squares, mask) for mask in masks]
+        )  # [M, channels]
         with np.errstate(divide="ignore"):
             decibels = 10.0 * np.log10(255.0**2 / errors)
         return np.minimum(decibels, self.ceiling_db).mean(axis=-1)
@@ -134,7 +152,9 @@ class Ssim(MaskedMetric):
             text += f", data range {self.data_range:g} for values of range 1"
         return text
 
-    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
+    def score_frame(
+        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
+    ) -> FloatArray:
         """Return the similarity under each mask (Wang et al. 2004, eq. 13)."""
         radius = self.min_size_px // 2
         if self.border == "zero":
@@ -158,7 +178,9 @@ class Ssim(MaskedMetric):
         return np.array([masked_mean(means, mask[valid]) for mask in masks])
 
 
-def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None) -> None:
+def check_frames(
+    predicted: ByteArray, target: ByteArray, mask: BoolArray | None
+) -> None:
     """Raise BadData unless frames are uint8 [F, H, W, 3] of one shape and the mask fits."""
     for name, frames in (("predicted", predicted), ("target", target)):
         if frames.dtype != np.uint8 or frames.shape != (*target.shape[:3], 3):
@@ -166,7 +188,9 @@ def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None
                 f"metric: {name} frames are {frames.dtype} of shape {frames.shape}, expected "
                 f"uint8 [F, H, W, 3] like the target's {target.shape}"
             )
-    if mask is not None and (mask.dtype != np.bool_ or mask.shape != target.shape[:3]):
+    if mask is not None and (
+        mask.dtype != np.bool_ or mask.shape != target.shape[:3]
+    ):
         raise BadData(
             f"metric: mask is {mask.dtype} of shape {mask.shape}, expected bool of shape "
             f"{target.shape[:3]}"
@@ -176,4 +200,8 @@ def check_frames(predicted: ByteArray, target: ByteArray, mask: BoolArray | None
 def masked_mean(values: FloatArray, mask: BoolArray) -> FloatArray:
     """Return the mean of values [H, W, ...] over a mask [H, W]; NaN for an empty mask."""
     selected = values[mask]
-    return selected.mean(axis=0) if len(selected) else np.full(values.shape[2:], np.nan)
+    return (
+        selected.mean(axis=0)
+        if len(selected)
+        else np.full(values.shape[2:], np.nan)
+    )

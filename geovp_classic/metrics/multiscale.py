@@ -24,7 +24,13 @@ class MsSsim(MaskedMetric):
     """
 
     # of the scales, the finest first (section 3.2)
-    exponents: ClassVar[tuple[float, ...]] = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
+    exponents: ClassVar[tuple[float, ...]] = (
+        0.0448,
+        0.2856,
+        0.3001,
+        0.2363,
+        0.1333,
+    )
     bounds: ClassVar[tuple[float, float]] = (0.0, 1.0)
     protocol: ClassVar[str] = (
         "Wang 2003, 5 scales by 2x2 means, Gaussian 11 px, sigma 1.5, valid region, mean over "
@@ -36,16 +42,26 @@ class MsSsim(MaskedMetric):
         """Return the size at which the coarsest scale holds one window."""
         return 161
 
-    def score_frame(self, predicted: ByteArray, target: ByteArray, masks: BoolArray) -> FloatArray:
+    def score_frame(
+        self, predicted: ByteArray, target: ByteArray, masks: BoolArray
+    ) -> FloatArray:
         """Return the similarity, 0 to 1, under each mask."""
         p: FloatArray = predicted / 255.0
         t: FloatArray = target / 255.0
-        weights: FloatArray = np.moveaxis(masks, 0, -1).astype(np.float64)  # [H, W, M]
+        weights: FloatArray = np.moveaxis(masks, 0, -1).astype(
+            np.float64
+        )  # [H, W, M]
         scores = np.ones((len(masks), 3))
         for exponent in self.exponents:
             structure, luminance = _compare(p, t)
-            terms = structure * luminance if exponent == self.exponents[-1] else structure
-            scores *= np.maximum(_weighted_mean(terms, weights), 0.0) ** exponent
+            terms = (
+                structure * luminance
+                if exponent == self.exponents[-1]
+                else structure
+            )
+            scores *= (
+                np.maximum(_weighted_mean(terms, weights), 0.0) ** exponent
+            )
             p, t, weights = (_halved(image) for image in (p, t, weights))
         return scores.mean(axis=-1)
 
@@ -65,7 +81,9 @@ def _compare(p: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _blurred(image: FloatArray) -> FloatArray:
     """Return the Gaussian means of the windows inside the image."""
-    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), dtype=np.float64)[INSIDE]
+    return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5), dtype=np.float64)[
+        INSIDE
+    ]
 
 
 def _weighted_mean(
@@ -75,12 +93,17 @@ def _weighted_mean(
     """Return the means [M, 3] over the windows; NaN where all weights are 0."""
     inner = weights[INSIDE]
     with np.errstate(invalid="ignore"):
-        return np.einsum("hwc,hwm->mc", terms, inner) / inner.sum(axis=(0, 1))[:, None]
+        return (
+            np.einsum("hwc,hwm->mc", terms, inner)
+            / inner.sum(axis=(0, 1))[:, None]
+        )
 
 
 def _halved(image: FloatArray) -> FloatArray:
     """Return the means over 2x2 pixels of [H, W, C]."""
     height_px, width_px, _ = image.shape
-    even = np.pad(image, ((0, height_px % 2), (0, width_px % 2), (0, 0)), mode="edge")
+    even = np.pad(
+        image, ((0, height_px % 2), (0, width_px % 2), (0, 0)), mode="edge"
+    )
     rows = (even[::2] + even[1::2]) / 2
     return (rows[:, ::2] + rows[:, 1::2]) / 2

@@ -27,7 +27,9 @@ ALIGNMENTS: tuple[Alignment, ...] = get_args(Alignment)
 class Drift:
     """Mean drift over all segments (KITTI odometry development kit, evaluate_odometry)."""
 
-    translation_percent: float  # t_rel; NaN if the trajectory is too short for any segment
+    translation_percent: (
+        float  # t_rel; NaN if the trajectory is too short for any segment
+    )
     rotation_deg_per_100m: float  # r_rel
     num_segments: int
 
@@ -37,7 +39,9 @@ class Drift:
         return f"{self.translation_percent:.2f} % / {self.rotation_deg_per_100m:.3f} deg/100m"
 
 
-def aligned(estimate: Trajectory, truth: Trajectory, alignment: Alignment) -> Trajectory:
+def aligned(
+    estimate: Trajectory, truth: Trajectory, alignment: Alignment
+) -> Trajectory:
     """Return the estimate in the truth's world and, where a scale is fitted, in its unit."""
     _check_lengths(estimate, truth)
     poses = estimate.world_from_cam.copy()
@@ -48,8 +52,12 @@ def aligned(estimate: Trajectory, truth: Trajectory, alignment: Alignment) -> Tr
     if alignment in ("origin", "scale"):
         truth_from_estimate = truth.world_from_cam[0] @ se3.inverse(poses[0])
     else:
-        _, truth_from_estimate = umeyama(poses[:, :3, 3], positions, with_scale=False)
-    return Trajectory(truth_from_estimate @ poses, estimate.times_s, truth.is_metric)
+        _, truth_from_estimate = umeyama(
+            poses[:, :3, 3], positions, with_scale=False
+        )
+    return Trajectory(
+        truth_from_estimate @ poses, estimate.times_s, truth.is_metric
+    )
 
 
 def kitti_drift(
@@ -59,14 +67,18 @@ def kitti_drift(
     frames_between_starts: int = 10,
 ) -> Drift:
     """Return the error of the relative motion over segments of the truth, per metre of segment."""
-    steps_m = np.linalg.norm(np.diff(truth.world_from_cam[:, :3, 3], axis=0), axis=-1)
+    steps_m = np.linalg.norm(
+        np.diff(truth.world_from_cam[:, :3, 3], axis=0), axis=-1
+    )
     distance_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     starts = np.arange(0, len(truth), frames_between_starts)
     translations = []
     rotations_rad = []
     for length_m in lengths_m:
         # the first frame farther than the length
-        ends = np.searchsorted(distance_m, distance_m[starts] + length_m, side="right")
+        ends = np.searchsorted(
+            distance_m, distance_m[starts] + length_m, side="right"
+        )
         has_end = ends < len(truth)
         error = _motion_error(estimate, truth, starts[has_end], ends[has_end])
         translations.append(np.linalg.norm(error[:, :3, 3], axis=-1) / length_m)
@@ -75,7 +87,9 @@ def kitti_drift(
     rotation_deg = np.rad2deg(np.concatenate(rotations_rad))
     if len(translation) == 0:
         return Drift(np.nan, np.nan, 0)
-    return Drift(100 * translation.mean(), 100 * rotation_deg.mean(), len(translation))
+    return Drift(
+        100 * translation.mean(), 100 * rotation_deg.mean(), len(translation)
+    )
 
 
 def absolute_error_m(estimate: Trajectory, truth: Trajectory) -> FloatArray:
@@ -94,10 +108,14 @@ def relative_error(
     differ in length or have no such step.
     """
     if not 1 <= num_steps < len(truth):
-        raise BadData(f"relative pose error over {num_steps} steps, expected 1 to {len(truth) - 1}")
+        raise BadData(
+            f"relative pose error over {num_steps} steps, expected 1 to {len(truth) - 1}"
+        )
     start = np.arange(len(truth) - num_steps)
     error = _motion_error(estimate, truth, start, start + num_steps)
-    return np.linalg.norm(error[:, :3, 3], axis=-1), np.rad2deg(se3.rotation_angle_rad(error))
+    return np.linalg.norm(error[:, :3, 3], axis=-1), np.rad2deg(
+        se3.rotation_angle_rad(error)
+    )
 
 
 def root_mean_square(values: FloatArray) -> float:

@@ -9,7 +9,13 @@ import numpy as np
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.interfaces import FrameMetric
 from geovp_classic.metrics.image import Psnr
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,10 @@ class Stabilised:
         )
 
     def __call__(
-        self, predicted: ByteArray, target: ByteArray, mask: BoolArray | None = None
+        self,
+        predicted: ByteArray,
+        target: ByteArray,
+        mask: BoolArray | None = None,
     ) -> FloatArray:
         """Return the scores [F] of rotated frames over the pixels that both cameras see."""
         return self.metric(predicted, target, mask)
@@ -66,15 +75,21 @@ def turned(
     """
     views = frames.copy()
     masks = np.empty(frames.shape[:3], dtype=bool)
-    predicted_from_true = se3.inverse(predicted.world_from_cam) @ target.world_from_cam
+    predicted_from_true = (
+        se3.inverse(predicted.world_from_cam) @ target.world_from_cam
+    )
     last_px = np.array([camera.width_px - 1, camera.height_px - 1])
     for step, rotation in enumerate(predicted_from_true[:, :3, :3]):
         rays = pinhole.rays(camera) @ rotation.T
         pixels, _ = pinhole.project(rays, camera)  # NaN behind the camera
-        masks[step] = ((pixels >= -1e-6) & (pixels <= last_px + 1e-6)).all(axis=-1)
+        masks[step] = ((pixels >= -1e-6) & (pixels <= last_px + 1e-6)).all(
+            axis=-1
+        )
         if np.allclose(rotation, np.eye(3), atol=1e-9):
             continue
-        u, v = np.moveaxis(np.nan_to_num(pixels, nan=-1.0).astype(np.float32), -1, 0)
+        u, v = np.moveaxis(
+            np.nan_to_num(pixels, nan=-1.0).astype(np.float32), -1, 0
+        )
         views[step] = cv2.remap(
             frames[step], u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
         )

@@ -8,10 +8,18 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from geovp_classic.geometry import pinhole, se3
-from geovp_classic.types import BoolArray, Context, FloatArray, Intrinsics, Target
+from geovp_classic.types import (
+    BoolArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Target,
+)
 
 
-def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[str, BoolArray]:
+def strata(
+    context: Context, target: Target, tolerance: float = 0.02
+) -> dict[str, BoolArray]:
     """Return masks [F, H, W] by name, {} for a clip without depth or without metric poses.
 
     "seen" is static, and its surface point was visible in an observed frame. "disoccluded" is
@@ -24,7 +32,12 @@ def strata(context: Context, target: Target, tolerance: float = 0.02) -> dict[st
     """
     past = context.past
     future = target.trajectory
-    if past is None or future is None or context.past_depths is None or target.depths is None:
+    if (
+        past is None
+        or future is None
+        or context.past_depths is None
+        or target.depths is None
+    ):
         return {}
     if not (past.is_metric and future.is_metric):
         return {}
@@ -68,16 +81,23 @@ def _is_visible(
     plane is. At edges it would mix two surfaces; there the nearest pixel decides.
     """
     # points times inverse depth, so that sky is a direction
-    points = rays @ past_from_cam[:3, :3].T + inverse_depth[:, None] * past_from_cam[:3, 3]
+    points = (
+        rays @ past_from_cam[:3, :3].T
+        + inverse_depth[:, None] * past_from_cam[:3, 3]
+    )
     pixels, depth = pinhole.project(points, camera)
     pixels = np.nan_to_num(pixels, nan=-1e6)  # behind the camera
-    inside = np.clip(pixels, -0.5, [camera.width_px - 0.5, camera.height_px - 0.5])
+    inside = np.clip(
+        pixels, -0.5, [camera.width_px - 0.5, camera.height_px - 0.5]
+    )
     is_inside = (inside == pixels).all(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = np.where(is_inside, inverse_depth / depth, np.nan)
     is_visible = np.zeros(len(rays), dtype=bool)
     for order in (0, 1):  # the nearest pixel, and linear interpolation
-        recorded = map_coordinates(observed, inside.T[::-1], order=order, mode="nearest")
+        recorded = map_coordinates(
+            observed, inside.T[::-1], order=order, mode="nearest"
+        )
         is_visible |= np.abs(recorded - expected) <= tolerance * expected
     return is_visible
 

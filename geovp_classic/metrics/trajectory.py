@@ -35,7 +35,9 @@ class TranslationError(_Error):
         _check_instants(predicted, target)
         if not (predicted.is_metric and target.is_metric):
             return np.full(len(target), np.nan)
-        offset = predicted.world_from_cam[:, :3, 3] - target.world_from_cam[:, :3, 3]
+        offset = (
+            predicted.world_from_cam[:, :3, 3] - target.world_from_cam[:, :3, 3]
+        )
         return np.linalg.norm(offset, axis=-1)
 
 
@@ -48,7 +50,9 @@ class RotationError(_Error):
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return degrees per step [F], 0 to 180."""
-        return np.rad2deg(se3.rotation_angle_rad(_target_from_predicted(predicted, target)))
+        return np.rad2deg(
+            se3.rotation_angle_rad(_target_from_predicted(predicted, target))
+        )
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,9 @@ class AverageDisplacement(TranslationError):
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return metres [F], NaN before the last step."""
-        return _at_last_step(len(target), super().__call__(predicted, target).mean())
+        return _at_last_step(
+            len(target), super().__call__(predicted, target).mean()
+        )
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,9 @@ class FinalDisplacement(TranslationError):
 
     def __call__(self, predicted: Trajectory, target: Trajectory) -> FloatArray:
         """Return metres [F], NaN before the last step."""
-        return _at_last_step(len(target), super().__call__(predicted, target)[-1])
+        return _at_last_step(
+            len(target), super().__call__(predicted, target)[-1]
+        )
 
 
 @dataclass(frozen=True)
@@ -102,10 +110,17 @@ def relative_to_last_observed(
 ) -> Trajectory:
     """Return the futures in the frame of the last observed camera."""
     last_from_world = se3.inverse(past.world_from_cam[-1])
-    return Trajectory(last_from_world @ futures, times_s, past.is_metric, past.scale_uncertainty)
+    return Trajectory(
+        last_from_world @ futures,
+        times_s,
+        past.is_metric,
+        past.scale_uncertainty,
+    )
 
 
-def _target_from_predicted(predicted: Trajectory, target: Trajectory) -> FloatArray:
+def _target_from_predicted(
+    predicted: Trajectory, target: Trajectory
+) -> FloatArray:
     """Return the predicted cameras in the real cameras' frames [F, 4, 4]."""
     _check_instants(predicted, target)
     return se3.inverse(target.world_from_cam) @ predicted.world_from_cam

@@ -9,4 +9,11 @@ from geovp_classic.observation.observe import (
     stream,
 )
 
-__all__ = ["Observed", "Observer", "Stream", "recent", "scene_window_of", "stream"]
+__all__ = [
+    "Observed",
+    "Observer",
+    "Stream",
+    "recent",
+    "scene_window_of",
+    "stream",
+]

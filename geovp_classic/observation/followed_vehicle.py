@@ -24,13 +24,20 @@ class FollowedVehicle:
 
         Negative fractions extrapolate. The vehicle scales by equal factors in equal times.
         """
-        scale, shift = (complex(*self.first_from_last[:, column]) for column in (0, 2))
+        scale, shift = (
+            complex(*self.first_from_last[:, column]) for column in (0, 2)
+        )
         power = scale**fraction  # a complex number rotates and scales
         offset = shift * (fraction if scale == 1 else (power - 1) / (scale - 1))
         similarity = np.array(
-            [[power.real, -power.imag, offset.real], [power.imag, power.real, offset.imag]]
+            [
+                [power.real, -power.imag, offset.real],
+                [power.imag, power.real, offset.imag],
+            ]
         )
-        return np.asarray(cv2.warpAffine(image, similarity, image.shape[1::-1]), np.uint8)
+        return np.asarray(
+            cv2.warpAffine(image, similarity, image.shape[1::-1]), np.uint8
+        )
 
 
 @dataclass(frozen=True)
@@ -49,9 +56,15 @@ class FollowedVehicleDetector:
     termination: tuple[int, float] = (10, 0.03)  # iterations, pixels
     top: float = 0.5  # below this row a street comes nearer
     max_error: float = 0.006  # of a corner on the vehicle
-    scale_range: tuple[float, float] = (0.86, 1.17)  # from the last frame to the first
+    scale_range: tuple[float, float] = (
+        0.86,
+        1.17,
+    )  # from the last frame to the first
     max_shift_width: float = 0.06
-    min_size: tuple[float, float] = (0.12, 0.06)  # of width and height, its low part
+    min_size: tuple[float, float] = (
+        0.12,
+        0.06,
+    )  # of width and height, its low part
     max_corner_fraction: float = 0.75  # of all corners; the street has the rest
     min_inlier_fraction: float = 0.65  # of the corners within its outline
     creeping_distance: float = 0.05  # other corners move farther than this
@@ -70,7 +83,9 @@ class FollowedVehicleDetector:
         top_px = self.top * height_px
         is_low = np.zeros(last.shape, np.uint8)
         is_low[round(top_px) :] = 1
-        similarity = self._similarity(*self._track(last, first, is_low), height_px, width_px)
+        similarity = self._similarity(
+            *self._track(last, first, is_low), height_px, width_px
+        )
         if similarity is None:
             return None
         pixels, pixels_first = self._track(last, first, np.ones_like(is_low))
@@ -80,14 +95,20 @@ class FollowedVehicleDetector:
         if not len(low):
             return None
         start, end = np.percentile(low, (5, 95), axis=0)
-        half_width_px = (end[0] - start[0]) / 2 + 2 * self.margin_width * width_px
-        is_ahead = np.abs(pixels[:, 0] - (start[0] + end[0]) / 2) <= half_width_px
+        half_width_px = (
+            end[0] - start[0]
+        ) / 2 + 2 * self.margin_width * width_px
+        is_ahead = (
+            np.abs(pixels[:, 0] - (start[0] + end[0]) / 2) <= half_width_px
+        )
         mask = self._outline(pixels[is_inlier & is_ahead], last.shape)
         is_inside = mask[tuple(np.rint(pixels[:, ::-1]).astype(int).T)]
         is_creeping = error_px[~is_inside] < self.creeping_distance * height_px
         is_vehicle = (
             is_inlier[is_inside].mean() > self.min_inlier_fraction
-            and ((end - start) > np.array(self.min_size) * (width_px, height_px)).all()
+            and (
+                (end - start) > np.array(self.min_size) * (width_px, height_px)
+            ).all()
             and is_inside.mean() < self.max_corner_fraction
             and is_creeping.mean() < self.max_creeping_fraction
         )
@@ -98,17 +119,28 @@ class FollowedVehicleDetector:
     ) -> tuple[FloatArray, FloatArray]:
         """Return corners [N, 2] of the last image and their pixels in the first, NaN if lost."""
         spacing_px = self.corner_spacing * len(last)
-        corners = cv2.goodFeaturesToTrack(last, 0, self.corner_quality, spacing_px, mask=where)
+        corners = cv2.goodFeaturesToTrack(
+            last, 0, self.corner_quality, spacing_px, mask=where
+        )
         if corners is None:
             return np.zeros((0, 2)), np.zeros((0, 2))
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
         pixels_first, is_tracked, _ = track_points(
-            (last, first), pixels, pixels, self.window_px, self.num_levels, self.termination
+            (last, first),
+            pixels,
+            pixels,
+            self.window_px,
+            self.num_levels,
+            self.termination,
         )
         return pixels, np.where(is_tracked[:, None], pixels_first, np.nan)
 
     def _similarity(
-        self, pixels: FloatArray, pixels_first: FloatArray, height_px: int, width_px: int
+        self,
+        pixels: FloatArray,
+        pixels_first: FloatArray,
+        height_px: int,
+        width_px: int,
     ) -> FloatArray | None:
         """Fit a similarity [2, 3] (RANSAC); None for few corners, or if it moves or scales much."""
         is_tracked = np.isfinite(pixels_first[:, 0])
@@ -116,27 +148,41 @@ class FollowedVehicleDetector:
         if is_tracked.sum() < self.min_corners:
             return None
         fitted = cv2.estimateAffinePartial2D(
-            pixels[is_tracked], pixels_first[is_tracked], ransacReprojThreshold=max_error_px
+            pixels[is_tracked],
+            pixels_first[is_tracked],
+            ransacReprojThreshold=max_error_px,
         )[0]
         if fitted is None:
             return None
         similarity = np.asarray(fitted, np.float64)
-        centre = pixels[_errors(pixels, pixels_first, similarity) < max_error_px].mean(axis=0)
+        centre = pixels[
+            _errors(pixels, pixels_first, similarity) < max_error_px
+        ].mean(axis=0)
         shift_px = np.linalg.norm(similarity @ [*centre, 1.0] - centre)
         min_scale, max_scale = self.scale_range
         is_near = min_scale < np.hypot(*similarity[:, 0]) < max_scale
-        return similarity if is_near and shift_px < self.max_shift_width * width_px else None
+        return (
+            similarity
+            if is_near and shift_px < self.max_shift_width * width_px
+            else None
+        )
 
     def _outline(self, pixels: FloatArray, shape: tuple[int, ...]) -> BoolArray:
         """Return the convex hull [H, W] of pixels [N, 2], with a margin."""
-        hull = np.rint(cv2.convexHull(np.asarray(pixels, np.float32))).astype(np.int32)
+        hull = np.rint(cv2.convexHull(np.asarray(pixels, np.float32))).astype(
+            np.int32
+        )
         side_px = 2 * round(self.margin_width * shape[1]) + 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side_px, side_px))
         filled = cv2.fillConvexPoly(np.zeros(shape, np.uint8), hull, 1)
         return cv2.dilate(filled, disc) > 0
 
 
-def _errors(pixels: FloatArray, pixels_first: FloatArray, similarity: FloatArray) -> FloatArray:
+def _errors(
+    pixels: FloatArray, pixels_first: FloatArray, similarity: FloatArray
+) -> FloatArray:
     """Return distances [N] in pixels from where the similarity maps corners; inf if lost."""
     mapped = pixels @ similarity[:, :2].T + similarity[:, 2]
-    return np.nan_to_num(np.linalg.norm(mapped - pixels_first, axis=1), nan=np.inf)
+    return np.nan_to_num(
+        np.linalg.norm(mapped - pixels_first, axis=1), nan=np.inf
+    )

@@ -16,10 +16,18 @@ class FrameScreening:
     """Detection of frames without information; thresholds are in grey values of 0..255."""
 
     min_contrast: float = 4.0  # standard deviation; a frame with less is blank
-    max_duplicate_difference: float = 0.3  # mean difference; noise and video coding exceed it
-    min_motion_difference: float = 3.0  # of a moving camera; no change after it is a fault
-    min_cut_change: float = 1.25  # times the median change of the clip, at a cut
-    max_cut_tracked_fraction: float = 0.2  # of the corners; in streets at least half are tracked
+    max_duplicate_difference: float = (
+        0.3  # mean difference; noise and video coding exceed it
+    )
+    min_motion_difference: float = (
+        3.0  # of a moving camera; no change after it is a fault
+    )
+    min_cut_change: float = (
+        1.25  # times the median change of the clip, at a cut
+    )
+    max_cut_tracked_fraction: float = (
+        0.2  # of the corners; in streets at least half are tracked
+    )
     cut_height_px: int = 96  # of the small images in which a cut is looked for
     cut_num_corners: tuple[int, int] = (15, 80)  # fewest and most corners there
     cut_window_px: int = 11  # of Lucas-Kanade there
@@ -29,12 +37,19 @@ class FrameScreening:
         greys: ByteArray,  # [P, H, W]
     ) -> BoolArray:
         """Return which frames [P] carry information; all of them if fewer than two do."""
-        usable = np.array([cv2.meanStdDev(grey)[1].item() > self.min_contrast for grey in greys])
+        usable = np.array(
+            [
+                cv2.meanStdDev(grey)[1].item() > self.min_contrast
+                for grey in greys
+            ]
+        )
         previous_change = 0.0
         for before, now in itertools.pairwise(np.flatnonzero(usable)):
             change = _difference(greys[before], greys[now])
             is_duplicate = change < self.max_duplicate_difference
-            usable[now] = not (is_duplicate and previous_change >= self.min_motion_difference)
+            usable[now] = not (
+                is_duplicate and previous_change >= self.min_motion_difference
+            )
             if not is_duplicate:
                 previous_change = change
         steps = np.flatnonzero(usable)
@@ -52,12 +67,18 @@ class FrameScreening:
             if changes[a] <= self.min_cut_change * np.median(changes):
                 continue
             across = [(a, b), (a, b + 1), (max(a - 1, 0), b)]
-            tracked = (self._tracked_fraction(greys[i], greys[j]) for i, j in across)
-            if all(fraction < self.max_cut_tracked_fraction for fraction in tracked):
+            tracked = (
+                self._tracked_fraction(greys[i], greys[j]) for i, j in across
+            )
+            if all(
+                fraction < self.max_cut_tracked_fraction for fraction in tracked
+            ):
                 return b
         return 0
 
-    def _tracked_fraction(self, before_grey: ByteArray, now_grey: ByteArray) -> float:
+    def _tracked_fraction(
+        self, before_grey: ByteArray, now_grey: ByteArray
+    ) -> float:
         """Return the fraction of corners tracked there and back; 1 if there are too few."""
         min_corners, max_corners = self.cut_num_corners
         before = self._normalised(before_grey)
@@ -66,12 +87,19 @@ class FrameScreening:
         if corners is None or len(corners) < min_corners:
             return 1.0
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
-        return track_points((before, now), pixels, pixels, self.cut_window_px)[1].mean()
+        return track_points((before, now), pixels, pixels, self.cut_window_px)[
+            1
+        ].mean()
 
     def _normalised(self, grey: ByteArray) -> ByteArray:
         """Return a small image of fixed mean and contrast, independent of exposure."""
-        size_px = (round(grey.shape[1] * self.cut_height_px / len(grey)), self.cut_height_px)
-        small = cv2.resize(grey.astype(np.float32), size_px, interpolation=cv2.INTER_AREA)
+        size_px = (
+            round(grey.shape[1] * self.cut_height_px / len(grey)),
+            self.cut_height_px,
+        )
+        small = cv2.resize(
+            grey.astype(np.float32), size_px, interpolation=cv2.INTER_AREA
+        )
         normalised = (small - small.mean()) / max(small.std(), 1e-3)
         return np.clip(128 + 48 * normalised, 0, 255).astype(np.uint8)
 

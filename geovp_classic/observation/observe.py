@@ -8,9 +8,16 @@ import numpy as np
 
 from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import pinhole
-from geovp_classic.observation.followed_vehicle import FollowedVehicle, FollowedVehicleDetector
+from geovp_classic.observation.followed_vehicle import (
+    FollowedVehicle,
+    FollowedVehicleDetector,
+)
 from geovp_classic.observation.frame_screening import FrameScreening
-from geovp_classic.observation.scene_mask import SceneMasking, Window, scene_window
+from geovp_classic.observation.scene_mask import (
+    SceneMasking,
+    Window,
+    scene_window,
+)
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -53,10 +60,15 @@ class Observed:
         Uncropped frames, where they are a privileged input, may show an ego vehicle that the crop
         does not.
         """
-        full = self.original.full if PrivilegedInput.FULL_FRAMES in needs else None
+        full = (
+            self.original.full if PrivilegedInput.FULL_FRAMES in needs else None
+        )
         if self.mask.any() or self.full_mask is None or full is None:
             return self.mask
-        return _warped(self.full_mask, full.intrinsics, self.original.intrinsics) > 0
+        return (
+            _warped(self.full_mask, full.intrinsics, self.original.intrinsics)
+            > 0
+        )
 
 
 @dataclass(frozen=True)
@@ -65,9 +77,15 @@ class Observer:
 
     screening: FrameScreening = field(default_factory=FrameScreening)
     masking: SceneMasking = field(default_factory=SceneMasking)
-    followed_vehicle: FollowedVehicleDetector = field(default_factory=FollowedVehicleDetector)
-    max_full_scale: float = 1.5  # resolution of uncropped frames over that of the crop
-    inpaint_radius_px: float = 3.0  # of the pixels of a followed vehicle (Telea 2004)
+    followed_vehicle: FollowedVehicleDetector = field(
+        default_factory=FollowedVehicleDetector
+    )
+    max_full_scale: float = (
+        1.5  # resolution of uncropped frames over that of the crop
+    )
+    inpaint_radius_px: float = (
+        3.0  # of the pixels of a followed vehicle (Telea 2004)
+    )
 
     def observe(self, context: Context) -> Observed:
         """Return the context reduced to the scene, with observations of its streams.
@@ -84,7 +102,9 @@ class Observer:
         vehicle = self.followed_vehicle.detect(greys)
         full, full_mask, full_usable = context.full, None, None
         if full is not None:
-            full_mask, full_usable = self.scene(full.frames, _greys(full.frames))
+            full_mask, full_usable = self.scene(
+                full.frames, _greys(full.frames)
+            )
             full_window = scene_window(full_mask)
             full = replace(
                 full,
@@ -96,19 +116,27 @@ class Observer:
             frames = self._inpainted(frames, masks)
             greys = _greys(frames)
             if full is not None:
-                warped = [_warped(mask, camera, full.intrinsics) for mask in masks]
-                full = replace(full, frames=self._inpainted(full.frames, warped))
+                warped = [
+                    _warped(mask, camera, full.intrinsics) for mask in masks
+                ]
+                full = replace(
+                    full, frames=self._inpainted(full.frames, warped)
+                )
         observations = Observations(frames, greys, is_usable, camera)
         reduced = replace(
             context,
             frames=frames,
             intrinsics=camera,
-            past_depths=None if context.past_depths is None else context.past_depths[:, *window],
+            past_depths=None
+            if context.past_depths is None
+            else context.past_depths[:, *window],
             full=full,
             observations=observations,
         )
         if full is not None and full_usable is not None:
-            full_observations = self._full_observations(full, camera, full_usable)
+            full_observations = self._full_observations(
+                full, camera, full_usable
+            )
             reduced = replace(reduced, full_observations=full_observations)
         return Observed(reduced, mask, full_mask, vehicle, context)
 
@@ -122,7 +150,9 @@ class Observer:
                 return context.observations
             greys = _greys(context.frames)
             usable = self.screening.usable(greys)
-            return Observations(context.frames, greys, usable, context.intrinsics)
+            return Observations(
+                context.frames, greys, usable, context.intrinsics
+            )
         if context.full is None:
             raise Incompatible(
                 "uncropped frames are asked for, the clip has none: use a data set that gives them"
@@ -133,7 +163,11 @@ class Observer:
         return self._full_observations(context.full, context.intrinsics, usable)
 
     def recent(
-        self, context: Context, past: Trajectory, frames: Stream, num_frames: int
+        self,
+        context: Context,
+        past: Trajectory,
+        frames: Stream,
+        num_frames: int,
     ) -> tuple[Context, Trajectory]:
         """Return the last usable frames of one stream as a context, and their poses."""
         stream = self.stream(context, frames)
@@ -151,7 +185,9 @@ class Observer:
         )
         return recent.observed(steps), past[steps]
 
-    def scene(self, frames: ByteArray, greys: ByteArray) -> tuple[BoolArray, BoolArray]:
+    def scene(
+        self, frames: ByteArray, greys: ByteArray
+    ) -> tuple[BoolArray, BoolArray]:
         """Return the mask [H, W] of non-scene pixels, and which frames [P] are usable.
 
         Frames are [P, H, W, C], grey images [P, H, W].
@@ -169,18 +205,32 @@ class Observer:
         """Return uncropped frames at up to `max_full_scale` times the resolution of the crop."""
         native = full.intrinsics
         scale = np.clip(native.fx_px / crop.fx_px, 1, self.max_full_scale)
-        width_px = max(1, round(native.width_px * scale * crop.fx_px / native.fx_px))
-        height_px = max(1, round(native.height_px * scale * crop.fy_px / native.fy_px))
-        frames = np.stack([pinhole.resize(frame, (width_px, height_px)) for frame in full.frames])
+        width_px = max(
+            1, round(native.width_px * scale * crop.fx_px / native.fx_px)
+        )
+        height_px = max(
+            1, round(native.height_px * scale * crop.fy_px / native.fy_px)
+        )
+        frames = np.stack(
+            [
+                pinhole.resize(frame, (width_px, height_px))
+                for frame in full.frames
+            ]
+        )
         camera = native.resized(width_px, height_px)
         return Observations(frames, _greys(frames), is_usable, camera)
 
-    def _inpainted(self, frames: ByteArray, masks: list[ByteArray]) -> ByteArray:
+    def _inpainted(
+        self, frames: ByteArray, masks: list[ByteArray]
+    ) -> ByteArray:
         """Return frames [P, H, W, 3] with masked pixels inpainted from around them."""
         radius_px = self.inpaint_radius_px
         pairs = zip(frames, masks, strict=True)
         return np.stack(
-            [cv2.inpaint(np.array(f), mask, radius_px, cv2.INPAINT_TELEA) for f, mask in pairs]
+            [
+                cv2.inpaint(np.array(f), mask, radius_px, cv2.INPAINT_TELEA)
+                for f, mask in pairs
+            ]
         )
 
 
@@ -205,7 +255,9 @@ def _greys(frames: ByteArray) -> ByteArray:
     return np.stack([pinhole.grey8(frame) for frame in frames])
 
 
-def _vehicle_masks(vehicle: FollowedVehicle, context: Context) -> list[ByteArray]:
+def _vehicle_masks(
+    vehicle: FollowedVehicle, context: Context
+) -> list[ByteArray]:
     """Return the followed vehicle's mask [H, W] in each observed frame."""
     past_s = context.times_s[: context.num_past]
     fractions = back_fractions(past_s, past_s[0], past_s[-1])
@@ -213,7 +265,9 @@ def _vehicle_masks(vehicle: FollowedVehicle, context: Context) -> list[ByteArray
     return [vehicle.moved(mask, fraction) for fraction in fractions]
 
 
-def back_fractions(times_s: FloatArray, first_s: float, last_s: float) -> FloatArray:
+def back_fractions(
+    times_s: FloatArray, first_s: float, last_s: float
+) -> FloatArray:
     """Return fractions [F] of the way from the last observed time back to the first."""
     return (last_s - times_s) / (last_s - first_s)
 
@@ -221,14 +275,21 @@ def back_fractions(times_s: FloatArray, first_s: float, last_s: float) -> FloatA
 def _windowed(camera: Intrinsics, window: Window) -> Intrinsics:
     rows, columns = window
     width_px = columns.stop - columns.start
-    return camera.cropped(columns.start, rows.start, width_px, rows.stop - rows.start)
+    return camera.cropped(
+        columns.start, rows.start, width_px, rows.stop - rows.start
+    )
 
 
-def _warped(mask: BoolArray | ByteArray, camera: Intrinsics, other: Intrinsics) -> ByteArray:
+def _warped(
+    mask: BoolArray | ByteArray, camera: Intrinsics, other: Intrinsics
+) -> ByteArray:
     """Return a camera's mask [H, W] as another camera at the same place sees it."""
     other_from_this = other.matrix @ np.linalg.inv(camera.matrix)
     size_px = (other.width_px, other.height_px)
     image = mask.astype(np.uint8)
     return np.asarray(
-        cv2.warpAffine(image, other_from_this[:2], size_px, flags=cv2.INTER_NEAREST), np.uint8
+        cv2.warpAffine(
+            image, other_from_this[:2], size_px, flags=cv2.INTER_NEAREST
+        ),
+        np.uint8,
     )

@@ -20,22 +20,36 @@ class SceneMasking:
     """Detection of letterbox bars and the ego vehicle; grey values are 0..255."""
 
     max_bar_grey: float = 20.0  # brightest pixel of a bar
-    max_bar_brightness_fraction: float = 0.1  # of the image's; dark footage is not letterboxing
+    max_bar_brightness_fraction: float = (
+        0.1  # of the image's; dark footage is not letterboxing
+    )
     max_lit_fraction: float = 0.02  # of a bar's line that may be brighter
-    min_content_fraction: float = 0.5  # of the height and the width, between bars
+    min_content_fraction: float = (
+        0.5  # of the height and the width, between bars
+    )
     bar_border_px: int = 2  # blended with the bars by video coding
     min_frames: int = 3  # fewer frames show no ego vehicle
     min_rows: int = 64  # nor do smaller images
-    max_still_deviation: float = 3.0  # standard deviation of a pixel in place, over the frames
-    min_motion_difference: float = 3.0  # mean change of the scene from the first to the last frame
+    max_still_deviation: float = (
+        3.0  # standard deviation of a pixel in place, over the frames
+    )
+    min_motion_difference: float = (
+        3.0  # mean change of the scene from the first to the last frame
+    )
     max_vehicle_height_fraction: float = 0.4  # of the image
     min_vehicle_width_fraction: float = 0.6  # of the lowest row
     min_edge: float = 12.0  # grey values across the vehicle's border
-    min_edge_frames_fraction: float = 0.75  # a shadow's border passes this test in single frames
+    min_edge_frames_fraction: float = (
+        0.75  # a shadow's border passes this test in single frames
+    )
     edge_margin_px: int = 3  # to both sides of the border
-    max_arc_distance_fraction: float = 0.03  # of the height: farther above the arc is road
+    max_arc_distance_fraction: float = (
+        0.03  # of the height: farther above the arc is road
+    )
     arc_num_columns: int = 12  # through which candidate arcs are laid
-    max_leak_fraction: float = 1 / 3  # of the columns that leak into the road above the arc
+    max_leak_fraction: float = (
+        1 / 3
+    )  # of the columns that leak into the road above the arc
 
     def content_window(
         self,
@@ -56,9 +70,14 @@ class SceneMasking:
             return nothing
         margin_px = self.edge_margin_px
         bottom = greys[:, -margin_px:].astype(np.float32).mean(axis=1)
-        if (bottom.std(axis=0) < self.max_still_deviation).mean() < self.min_vehicle_width_fraction:
+        if (
+            bottom.std(axis=0) < self.max_still_deviation
+        ).mean() < self.min_vehicle_width_fraction:
             return nothing
-        first = round(greys.shape[1] * (1 - self.max_vehicle_height_fraction)) - 2 * margin_px
+        first = (
+            round(greys.shape[1] * (1 - self.max_vehicle_height_fraction))
+            - 2 * margin_px
+        )
         grey = greys[:, first:].astype(np.float32)
         still = (grey.std(axis=0) < self.max_still_deviation).astype(np.uint8)
         closed = cv2.morphologyEx(still, cv2.MORPH_CLOSE, np.ones((5, 5)))
@@ -82,19 +101,28 @@ class SceneMasking:
         edges = np.median(np.abs(above - below), axis=1)  # of each frame
         edge = np.quantile(edges, 1 - self.min_edge_frames_fraction)
         motion = np.abs(grey[-1] - grey[0])[~mask[first:]].mean()
-        is_vehicle = edge >= self.min_edge and motion >= self.min_motion_difference
+        is_vehicle = (
+            edge >= self.min_edge and motion >= self.min_motion_difference
+        )
         return mask if is_vehicle else nothing
 
     def _content_lines(self, frames: ByteArray) -> slice:
         """Return the rows between bars at the top and the bottom."""
         num_lines = frames.shape[1]
-        ends = [(frames[:, end] > self.max_bar_grey).any(axis=(0, 2)).mean() for end in (0, -1)]
+        ends = [
+            (frames[:, end] > self.max_bar_grey).any(axis=(0, 2)).mean()
+            for end in (0, -1)
+        ]
         if min(ends) > self.max_lit_fraction:
             return slice(0, num_lines)
         brightest = frames.max(axis=(0, 3))
         brightness = np.quantile(brightest, 0.95)
-        black = min(self.max_bar_grey, self.max_bar_brightness_fraction * brightness)
-        lit = np.flatnonzero((brightest > black).mean(axis=1) > self.max_lit_fraction)
+        black = min(
+            self.max_bar_grey, self.max_bar_brightness_fraction * brightness
+        )
+        lit = np.flatnonzero(
+            (brightest > black).mean(axis=1) > self.max_lit_fraction
+        )
         if len(lit) == 0:
             return slice(0, num_lines)
         start = lit[0] + self.bar_border_px if lit[0] > 0 else 0
@@ -115,10 +143,15 @@ class SceneMasking:
             return np.zeros_like(mask)
         tops = mask.argmax(axis=0)[columns].astype(float)
         bound_px = self.max_arc_distance_fraction * len(mask)
-        samples = np.unique(np.linspace(0, len(columns) - 1, self.arc_num_columns).astype(int))
+        samples = np.unique(
+            np.linspace(0, len(columns) - 1, self.arc_num_columns).astype(int)
+        )
         triples = np.array(list(itertools.combinations(samples, 3)))
         powers = np.vander(columns / mask.shape[1], 3)
-        arcs = np.linalg.solve(powers[triples], tops[triples][..., None])[..., 0] @ powers.T
+        arcs = (
+            np.linalg.solve(powers[triples], tops[triples][..., None])[..., 0]
+            @ powers.T
+        )
         errors = np.minimum(np.abs(arcs - tops), bound_px).mean(axis=1)
         arc = arcs[errors.argmin()]
         is_leak = tops < arc - bound_px

@@ -23,7 +23,9 @@ def bundle_adjust(
     options = _options(robust_px)
     if not _solve(model, options, num_fixed):
         return cam_from_world, points
-    adjusted = np.array([model.points3D[n + 1].xyz for n in range(len(points))]).reshape(-1, 3)
+    adjusted = np.array(
+        [model.points3D[n + 1].xyz for n in range(len(points))]
+    ).reshape(-1, 3)
     poses = np.tile(np.eye(4), (len(cam_from_world), 1, 1))
     for k in range(len(poses)):
         poses[k, :3] = model.images[k + 1].cam_from_world().matrix()
@@ -53,7 +55,10 @@ def adjust_focal(
 
 
 def _reconstruction(
-    cam_from_world: FloatArray, points: FloatArray, pixels: FloatArray, lens: Lens
+    cam_from_world: FloatArray,
+    points: FloatArray,
+    pixels: FloatArray,
+    lens: Lens,
 ) -> pycolmap.Reconstruction:
     """Return the window as a reconstruction with undistorted pixels; identifiers count from 1."""
     camera = lens.camera
@@ -70,7 +75,9 @@ def _reconstruction(
         )
     )
     for k, pose in enumerate(cam_from_world):
-        image = pycolmap.Image(name=str(k), keypoints=undistorted[k], camera_id=1, image_id=k + 1)
+        image = pycolmap.Image(
+            name=str(k), keypoints=undistorted[k], camera_id=1, image_id=k + 1
+        )
         rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
         model.add_image_with_trivial_frame(image, rigid)
     observed = np.isfinite(pixels[..., 0])
@@ -98,7 +105,9 @@ def _options(robust_px: float) -> pycolmap.BundleAdjustmentOptions:
 
 
 def _solve(
-    model: pycolmap.Reconstruction, options: pycolmap.BundleAdjustmentOptions, num_fixed: int
+    model: pycolmap.Reconstruction,
+    options: pycolmap.BundleAdjustmentOptions,
+    num_fixed: int,
 ) -> bool:
     """Adjust the model in place, and return whether the solver succeeded."""
     config = pycolmap.BundleAdjustmentConfig()

@@ -17,14 +17,22 @@ class CornerTracker:
     num_features: int = 450
     # smallest eigenvalue of a corner, for an image of variance 1 (scale of OpenCV)
     min_corner_strength: float = 0.003
-    min_contrast: float = 1.5  # grey values; an image with a smaller deviation has no corners
+    min_contrast: float = (
+        1.5  # grey values; an image with a smaller deviation has no corners
+    )
     border_px: int = 8  # without corners
-    half_size_from_px: int = 640  # wider images are searched for corners at half their size
+    half_size_from_px: int = (
+        640  # wider images are searched for corners at half their size
+    )
     window_px: int = 11
     num_levels: int = 4
     max_return_px: float = 0.5  # of the forward-backward check
-    noise_px: float = 0.25  # standard deviation of a coordinate of a tracked corner
-    min_exposure_change: float = 0.08  # relative change that is compensated before tracking
+    noise_px: float = (
+        0.25  # standard deviation of a coordinate of a tracked corner
+    )
+    min_exposure_change: float = (
+        0.08  # relative change that is compensated before tracking
+    )
     # a window may differ by this times the median difference, plus these grey values
     max_difference_ratio: float = 3.0
     max_difference_offset: float = 4.0
@@ -35,7 +43,9 @@ class CornerTracker:
 
     def __post_init__(self) -> None:
         if self.num_features < 50:
-            raise BadData(f"num_features is {self.num_features}: expected at least 50")
+            raise BadData(
+                f"num_features is {self.num_features}: expected at least 50"
+            )
 
     def detect(self, grey: ByteArray) -> FloatArray:
         """Return all corners [M, 2] of an image [H, W], the strongest first."""
@@ -46,7 +56,10 @@ class CornerTracker:
         if grey.shape[1] >= self.half_size_from_px:
             shrink = 2
             grey = np.asarray(
-                cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8
+                cv2.resize(
+                    grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA
+                ),
+                np.uint8,
             )
         strength = cv2.cornerMinEigenVal(grey, 3) * (255 / contrast) ** 2
         border = self.border_px // shrink
@@ -58,7 +71,9 @@ class CornerTracker:
         corners = np.stack([columns, rows], axis=1)[order]
         return (corners + 0.5) * shrink - 0.5
 
-    def select(self, corners: FloatArray, occupied: FloatArray, image: ByteArray) -> FloatArray:
+    def select(
+        self, corners: FloatArray, occupied: FloatArray, image: ByteArray
+    ) -> FloatArray:
         """Return the strongest corner [K, 2] of every cell without any of the `occupied` points.
 
         The image [H, W] has about `num_features` square cells.
@@ -91,13 +106,17 @@ class CornerTracker:
             )
         return tracked, is_found
 
-    def match_exposure(self, grey: ByteArray, reference: ByteArray) -> ByteArray:
+    def match_exposure(
+        self, grey: ByteArray, reference: ByteArray
+    ) -> ByteArray:
         """Return the image with the exposure of another, if they differ noticeably.
 
         The gain is a median over cells of the images, so that new objects do not change it.
         """
         cells, cells_reference = (
-            cv2.resize(image[::4, ::4], (16, 8), interpolation=cv2.INTER_AREA).astype(np.float32)
+            cv2.resize(
+                image[::4, ::4], (16, 8), interpolation=cv2.INTER_AREA
+            ).astype(np.float32)
             for image in (grey, reference)
         )
         gain = float(np.median((cells_reference + 1) / (cells + 1)))
@@ -125,13 +144,20 @@ class CornerTracker:
         is_found &= _is_inside(tracked, images[1], margin_px=2)
         if is_found.any():
             usual = float(np.median(difference[is_found]))
-            is_found &= difference < self.max_difference_ratio * usual + self.max_difference_offset
+            is_found &= (
+                difference
+                < self.max_difference_ratio * usual + self.max_difference_offset
+            )
         return tracked, is_found
 
 
-def _is_inside(pixels: FloatArray, image: ByteArray, margin_px: float) -> BoolArray:
+def _is_inside(
+    pixels: FloatArray, image: ByteArray, margin_px: float
+) -> BoolArray:
     size_px = np.array(image.shape[1::-1])
-    return np.asarray(((pixels >= margin_px) & (pixels < size_px - margin_px)).all(axis=1))
+    return np.asarray(
+        ((pixels >= margin_px) & (pixels < size_px - margin_px)).all(axis=1)
+    )
 
 
 def _cell(pixels: FloatArray, side_px: float) -> IntArray:

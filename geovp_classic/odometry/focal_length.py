@@ -35,7 +35,9 @@ class FocalLength:
     @property
     def is_sure(self) -> bool:
         """Return whether the standard deviation is below a tenth, enough for prediction."""
-        return bool(np.log(self.high_px / self.low_px) < 2 * NORMAL_QUANTILE * 0.1)
+        return bool(
+            np.log(self.high_px / self.low_px) < 2 * NORMAL_QUANTILE * 0.1
+        )
 
 
 @dataclass(frozen=True)
@@ -43,24 +45,36 @@ class FocalLengthEstimator:
     """Search of the focal length that bundle adjustment leaves unchanged."""
 
     window: int = 30  # images; 3 s at KITTI's rate
-    min_images: int = 15  # of a window; shorter ones agree with wrong focal lengths too often
+    min_images: int = (
+        15  # of a window; shorter ones agree with wrong focal lengths too often
+    )
     # focal lengths by image width, for views of 110 to 33 degrees
     start_ratios: tuple[float, ...] = (0.35, 0.6, 1.0, 1.7)
     max_rounds: int = 4  # of the search between two of these
     max_step: float = 0.01  # of the logarithm, which ends the search
-    step_noise: float = 0.008  # of the logarithm; errors on KITTI times slope are 0.006 (rms)
-    systematic_error: float = 0.025  # relative, by a principal point that is not at the centre
+    step_noise: float = (
+        0.008  # of the logarithm; errors on KITTI times slope are 0.006 (rms)
+    )
+    systematic_error: float = (
+        0.025  # relative, by a principal point that is not at the centre
+    )
     min_keyframes: int = 5
     num_points: int = 500  # with most observations, in the bundle adjustment
     tracking: Tracking = field(default_factory=Tracking)
 
     @single_threaded_blas
-    def estimate(self, windows: Iterable[Sequence[ByteArray]]) -> FocalLength | None:
+    def estimate(
+        self, windows: Iterable[Sequence[ByteArray]]
+    ) -> FocalLength | None:
         """Return the focal length of grey images [H, W], from windows of consecutive ones.
 
         The result is None if no window is informative.
         """
-        roots = [self._root(window) for window in windows if len(window) >= self.min_images]
+        roots = [
+            self._root(window)
+            for window in windows
+            if len(window) >= self.min_images
+        ]
         informative = [root for root in roots if root is not None]
         if not informative:
             return None
@@ -89,7 +103,9 @@ class FocalLengthEstimator:
             focal_px = float(np.exp(log_focal))
             centre = ((width_px - 1) / 2, (height_px - 1) / 2)
             whole = Intrinsics(focal_px, focal_px, *centre, width_px, height_px)
-            adjusted_px = self._adjusted_focal(images, whole.cropped(left, top, *size))
+            adjusted_px = self._adjusted_focal(
+                images, whole.cropped(left, top, *size)
+            )
             return float(np.log(adjusted_px)) - log_focal
 
         starts = [float(np.log(ratio * size[0])) for ratio in self.start_ratios]
@@ -119,8 +135,15 @@ class FocalLengthEstimator:
         tracks = tracker.map
         if len(tracks.keyframes) < self.min_keyframes:
             return np.nan
-        counts: FloatArray = np.where(tracks.triangulated, tracks.observed.sum(axis=0), 0)
+        counts: FloatArray = np.where(
+            tracks.triangulated, tracks.observed.sum(axis=0), 0
+        )
         index = np.argsort(-counts, kind="stable")[: self.num_points]
         index = index[counts[index] >= 2]
         observations = tracks.observations[:, index]
-        return adjust_focal(tracks.cam_from_world, tracks.points[index], observations, Lens(camera))
+        return adjust_focal(
+            tracks.cam_from_world,
+            tracks.points[index],
+            observations,
+            Lens(camera),
+        )

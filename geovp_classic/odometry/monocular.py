@@ -49,7 +49,11 @@ class Monocular:
     @property
     def needs(self) -> PrivilegedInput:
         """Return the inputs that the scale needs, and the uncropped frames if asked for."""
-        full = PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        full = (
+            PrivilegedInput.FULL_FRAMES
+            if self.frames == "full"
+            else PrivilegedInput.NONE
+        )
         return self.scale.needs | full
 
     @single_threaded_blas
@@ -69,27 +73,36 @@ class Monocular:
                 greys[-1:], len(greys), axis=0
             )  # hides what moves in front of the street
         corners = parallel_map(self.tracking.corners.detect, greys)
-        images = [Image(*image) for image in zip(greys, corners, times_s[steps], strict=True)]
+        images = [
+            Image(*image)
+            for image in zip(greys, corners, times_s[steps], strict=True)
+        ]
 
         # Track
         path = self._track_images(images, view.intrinsics)
         if self.plausibility.is_sideways(path.world_from_cam):
             # Two views of a turn also fit a sharper one with a step to the side; others may not.
-            reversed_images = [replace(image, time_s=-image.time_s) for image in images[::-1]]
+            reversed_images = [
+                replace(image, time_s=-image.time_s) for image in images[::-1]
+            ]
             backward = self._track_images(reversed_images, view.intrinsics)
             if backward.reprojection_error < path.reprojection_error:
                 path = backward.reversed()
 
         # Check
         is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
-        is_measured &= self.plausibility.fits_acceleration(path.world_from_cam, times_s[steps])
+        is_measured &= self.plausibility.fits_acceleration(
+            path.world_from_cam, times_s[steps]
+        )
         if is_measured.sum() >= 2:
             path = path.select(is_measured)
             images = [images[index] for index in np.flatnonzero(is_measured)]
             steps = steps[is_measured]
 
         # Scale
-        estimator = self._fit_scale(images, path, view.intrinsics, context.camera_height_m)
+        estimator = self._fit_scale(
+            images, path, view.intrinsics, context.camera_height_m
+        )
         estimator.finalize(path.length, images[-1].time_s - images[0].time_s)
 
         # Bridge
@@ -97,10 +110,14 @@ class Monocular:
         world_from_cam[steps] = path.world_from_cam
         world_from_cam[:, :3, 3] *= estimator.unit
         is_known = np.isin(np.arange(len(times_s)), steps)
-        world_from_cam = frame_screening.bridged(world_from_cam, times_s, is_known)
+        world_from_cam = frame_screening.bridged(
+            world_from_cam, times_s, is_known
+        )
         tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
         tracked[steps] = path.tracked
-        return self._trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
+        return self._trajectory(
+            world_from_cam, times_s, estimator.uncertainty
+        ), tracked
 
     def track_sequence(
         self,
@@ -117,9 +134,13 @@ class Monocular:
         estimator = self.scale.estimator(intrinsics, camera_height_m)
         num_starts = 1
         units = np.full(len(times_s), np.nan)
-        for index, (frame, time_s) in enumerate(zip(frames, times_s, strict=True)):
+        for index, (frame, time_s) in enumerate(
+            zip(frames, times_s, strict=True)
+        ):
             grey = pinhole.grey8(frame)
-            tracker.push(Image(grey, self.tracking.corners.detect(grey), float(time_s)))
+            tracker.push(
+                Image(grey, self.tracking.corners.detect(grey), float(time_s))
+            )
             if tracker.num_starts > num_starts:
                 estimator.restart()
                 num_starts = tracker.num_starts
@@ -131,29 +152,49 @@ class Monocular:
         steps = se3.inverse(poses[:-1]) @ poses[1:]
         is_known = np.isfinite(units)
         if is_known.any():
-            units = np.interp(np.arange(len(units)), np.flatnonzero(is_known), units[is_known])
+            units = np.interp(
+                np.arange(len(units)), np.flatnonzero(is_known), units[is_known]
+            )
             steps[:, :3, 3] *= units[1:, None]
-        world_from_cam = np.stack(list(accumulate(steps, np.matmul, initial=np.eye(4))))
-        return self._trajectory(world_from_cam, times_s, estimator.uncertainty), tracked
+        world_from_cam = np.stack(
+            list(accumulate(steps, np.matmul, initial=np.eye(4)))
+        )
+        return self._trajectory(
+            world_from_cam, times_s, estimator.uncertainty
+        ), tracked
 
-    def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
+    def _track_images(
+        self, images: list[Image], intrinsics: Intrinsics
+    ) -> Path:
         """Track the images of a clip, and adjust all of them together."""
         keyframes = self.tracking.keyframes.for_clip(len(images))
-        tracker = Tracker(replace(self.tracking, keyframes=keyframes), intrinsics)
+        tracker = Tracker(
+            replace(self.tracking, keyframes=keyframes), intrinsics
+        )
         for image in images:
             tracker.push(image)
         tracker.map.adjust(num_fixed=1)
-        return Path(*tracker.poses(), tracker.map.reprojection_error(), tracker.radial.mean)
+        return Path(
+            *tracker.poses(),
+            tracker.map.reprojection_error(),
+            tracker.radial.mean,
+        )
 
     def _fit_scale(
-        self, images: list[Image], path: Path, intrinsics: Intrinsics, height_m: float | None
+        self,
+        images: list[Image],
+        path: Path,
+        intrinsics: Intrinsics,
+        height_m: float | None,
     ) -> ScaleEstimator:
         """Measure the scale with every image and an earlier one.
 
         This is the one before it, unless the camera is too slow.
         """
         steps = se3.inverse(path.world_from_cam[:-1]) @ path.world_from_cam[1:]
-        pitch_rad = planar.travel_pitch_rad(steps[path.tracked[:-1] & path.tracked[1:], :3, 3])
+        pitch_rad = planar.travel_pitch_rad(
+            steps[path.tracked[:-1] & path.tracked[1:], :3, 3]
+        )
         mean_step = path.length / max(len(steps), 1)
         best: ScaleEstimator | None = None
         for stride in self.scale_strides:
@@ -175,16 +216,23 @@ class Monocular:
         return best
 
     def _trajectory(
-        self, world_from_cam: FloatArray, times_s: FloatArray, uncertainty: float
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        uncertainty: float,
     ) -> Trajectory:
         """Return a metric trajectory, or one with a mean step of 1 if the scale is unknown."""
-        steps = np.linalg.norm(np.diff(world_from_cam[:, :3, 3], axis=0), axis=1)
+        steps = np.linalg.norm(
+            np.diff(world_from_cam[:, :3, 3], axis=0), axis=1
+        )
         if self.scale.is_metric and np.isfinite(uncertainty):
             return Trajectory(world_from_cam, times_s, True, uncertainty)
         moves = steps.sum() > 0
         if moves:
             world_from_cam[:, :3, 3] /= steps.mean()
-        return Trajectory(world_from_cam, times_s, self.scale.is_metric and not moves, None)
+        return Trajectory(
+            world_from_cam, times_s, self.scale.is_metric and not moves, None
+        )
 
 
 @dataclass(frozen=True)
@@ -204,10 +252,16 @@ class Path:
 
     def reversed(self) -> Path:
         """Return the path in the other direction, from its new first image."""
-        world_from_cam = se3.inverse(self.world_from_cam[-1]) @ self.world_from_cam[::-1]
-        return replace(self, world_from_cam=world_from_cam, tracked=self.tracked[::-1])
+        world_from_cam = (
+            se3.inverse(self.world_from_cam[-1]) @ self.world_from_cam[::-1]
+        )
+        return replace(
+            self, world_from_cam=world_from_cam, tracked=self.tracked[::-1]
+        )
 
     def select(self, mask: BoolArray) -> Path:
         """Return the path through some of the images [P]."""
         selected = self.world_from_cam[mask]
-        return replace(self, world_from_cam=selected, tracked=self.tracked[mask])
+        return replace(
+            self, world_from_cam=selected, tracked=self.tracked[mask]
+        )

@@ -15,7 +15,9 @@ class Plausibility:
 
     max_sideways_ratio: float = 0.5  # to the motion along the axis
     step_tolerance: float = 0.3  # of a median step, from constant acceleration
-    min_inlier_fraction: float = 0.6  # with fewer the acceleration is not constant
+    min_inlier_fraction: float = (
+        0.6  # with fewer the acceleration is not constant
+    )
 
     def is_sideways(self, world_from_cam: FloatArray) -> bool:
         """Return whether poses [P, 4, 4] move more to the side than those of a vehicle."""
@@ -43,11 +45,17 @@ class Plausibility:
         progress = np.append(0.0, np.cumsum(ahead))
         powers = np.vander(times_s - times_s[0], 3)
         triples = np.array(list(combinations(range(len(times_s)), 3)))
-        parabolas = np.linalg.solve(powers[triples], progress[triples][..., None])[..., 0]
+        parabolas = np.linalg.solve(
+            powers[triples], progress[triples][..., None]
+        )[..., 0]
         errors = np.abs(parabolas @ powers.T - progress)  # [trials, P]
         best = np.median(errors, axis=1).argmin()
         inliers = errors[best] <= tolerance
-        return inliers if inliers.mean() >= self.min_inlier_fraction else all_inliers
+        return (
+            inliers
+            if inliers.mean() >= self.min_inlier_fraction
+            else all_inliers
+        )
 
 
 def longest_segment(
@@ -62,7 +70,9 @@ def longest_segment(
     steps = np.flatnonzero(tracked)
     restarts = np.flatnonzero(np.diff(steps) > max_bridged + 1) + 1
     segments = np.split(steps, restarts)
-    segment = max(reversed(segments), key=len)  # the last one of equally long ones
+    segment = max(
+        reversed(segments), key=len
+    )  # the last one of equally long ones
     is_measured: BoolArray = np.zeros(len(tracked), dtype=bool)
     is_measured[segment] = True
     if len(segment) and segment[0] > steps[0]:

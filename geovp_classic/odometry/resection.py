@@ -16,7 +16,9 @@ class Resection:
     """Robust Gauss-Newton from a guess, and from random samples if that has few inliers."""
 
     max_inlier_error: float = 5.0  # standard deviations of the noise
-    min_sampling_fraction: float = 0.6  # inliers of the guess that make random samples unnecessary
+    min_sampling_fraction: float = (
+        0.6  # inliers of the guess that make random samples unnecessary
+    )
     min_inliers: int = 12
     min_inlier_fraction: float = 0.4
 
@@ -37,11 +39,15 @@ class Resection:
             sampled = _sample_pose(points, rays, max_error)
             if sampled is not None:
                 other = refine_pose(points, rays, sampled, noise)
-                other_inliers = reprojection_errors(points, rays, other) < max_error
+                other_inliers = (
+                    reprojection_errors(points, rays, other) < max_error
+                )
                 if other_inliers.sum() > inliers.sum():
                     pose = other
                     inliers = other_inliers
-        if inliers.sum() < max(self.min_inliers, self.min_inlier_fraction * len(points)):
+        if inliers.sum() < max(
+            self.min_inliers, self.min_inlier_fraction * len(points)
+        ):
             return None
         return pose, inliers
 
@@ -76,10 +82,14 @@ def refine_pose(
     def scale(errors: FloatArray) -> float:
         return max(noise, float(np.quantile(errors, 0.3)))
 
-    return irls(cam_from_world, linearise, retract, scale, num_rounds=20, min_step=1e-7)
+    return irls(
+        cam_from_world, linearise, retract, scale, num_rounds=20, min_step=1e-7
+    )
 
 
-def _sample_pose(points: FloatArray, rays: FloatArray, max_error: float) -> FloatArray | None:
+def _sample_pose(
+    points: FloatArray, rays: FloatArray, max_error: float
+) -> FloatArray | None:
     """Return a pose with many inliers by MAGSAC++ (Barath et al. 2020); None without one."""
     try:
         has_pose, rotation_vector, translation, _ = cv2.solvePnPRansac(

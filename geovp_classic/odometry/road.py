@@ -35,7 +35,9 @@ class RoadAligner:
     min_correlation: float = 0.5
     blur_px: float = 1.0  # of the images that are aligned
     grey_noise: float = 2.0  # standard deviation of grey values
-    max_height_error: float = 0.05  # by the grey noise; above it the road has no texture
+    max_height_error: float = (
+        0.05  # by the grey noise; above it the road has no texture
+    )
 
     def samples(self, lens: Lens, normal: FloatArray) -> FloatArray:
         """Return pixels [N, 2] of the road ahead, evenly spread over the image.
@@ -44,8 +46,14 @@ class RoadAligner:
         """
         camera = lens.camera
         horizon = (1 / self.max_distance - normal[2]) / normal[1]  # on z = 1
-        top = int(np.clip(camera.cy_px + camera.fy_px * horizon, 0, camera.height_px - 2))
-        rows, columns = np.mgrid[top : camera.height_px - 2, 2 : camera.width_px - 2]
+        top = int(
+            np.clip(
+                camera.cy_px + camera.fy_px * horizon, 0, camera.height_px - 2
+            )
+        )
+        rows, columns = np.mgrid[
+            top : camera.height_px - 2, 2 : camera.width_px - 2
+        ]
         pixels = np.stack([columns.ravel(), rows.ravel()], axis=1)
         rays = homogeneous(lens.rays(pixels))
         inverse_depth = np.maximum(rays @ normal, 1e-6)
@@ -93,13 +101,20 @@ class RoadAligner:
         before, now = (blur(grey, 1.5) - blur(grey, 6.0) for grey in images)
         values = sample(now, pixels)
         rays = homogeneous(lens.rays(pixels))
-        heights = np.geomspace(self.min_height, self.max_height, self.num_heights)
+        heights = np.geomspace(
+            self.min_height, self.max_height, self.num_heights
+        )
         heights *= np.linalg.norm(before_from_now[:3, 3])
         best_plane = None
         best_correlation = self.min_correlation
         for offset_rad in np.radians(self.pitches_deg):
-            planes = level_plane(1.0, pitch_rad + offset_rad, roll_rad) / heights[:, None]
-            correlations = self.correlation(before, values, before_from_now, lens, rays, planes)
+            planes = (
+                level_plane(1.0, pitch_rad + offset_rad, roll_rad)
+                / heights[:, None]
+            )
+            correlations = self.correlation(
+                before, values, before_from_now, lens, rays, planes
+            )
             best = int(correlations.argmax())
             if correlations[best] > best_correlation:
                 best_plane = planes[best]
@@ -110,7 +125,9 @@ class RoadAligner:
 
     def align(
         self,
-        images: tuple[FloatArray, FloatArray],  # [H, W] float32 each, before and now
+        images: tuple[
+            FloatArray, FloatArray
+        ],  # [H, W] float32 each, before and now
         before_from_now: FloatArray,  # [4, 4]
         lens: Lens,
         pixels: FloatArray,  # [N, 2] of the second image
@@ -133,46 +150,77 @@ class RoadAligner:
         focal_px = (lens.camera.fx_px, lens.camera.fy_px)
         plane = prior
         for _ in range(6):
-            points, pixels_before, visible = _project(lens, rays, before_from_now, plane)
+            points, pixels_before, visible = _project(
+                lens, rays, before_from_now, plane
+            )
             if visible.mean() < self.min_visible_fraction:
                 return None
             x, y, depth = points[visible].T
             values, by_u, by_v = sample(fields, pixels_before[visible]).T
             # derivative of the grey value by m . r, without distortion
-            slope = by_u * focal_px[0] * (translation[0] * depth - x * translation[2])
-            slope += by_v * focal_px[1] * (translation[1] * depth - y * translation[2])
+            slope = (
+                by_u
+                * focal_px[0]
+                * (translation[0] * depth - x * translation[2])
+            )
+            slope += (
+                by_v
+                * focal_px[1]
+                * (translation[1] * depth - y * translation[2])
+            )
             jacobian = (slope / depth**2)[:, None] * rays[visible]
             difference = values - target[visible]
             difference -= np.median(difference)
-            spread = max(self.grey_noise, 1.4826 * float(np.median(np.abs(difference))))
+            spread = max(
+                self.grey_noise, 1.4826 * float(np.median(np.abs(difference)))
+            )
             weight = geman_mcclure_weight(difference, 2 * spread) / spread**2
-            jacobian -= weight @ jacobian / weight.sum()  # eliminates the offset
+            jacobian -= (
+                weight @ jacobian / weight.sum()
+            )  # eliminates the offset
             information = jacobian.T * weight @ jacobian
-            gradient = jacobian.T * weight @ difference + prior_information @ (plane - prior)
+            gradient = jacobian.T * weight @ difference + prior_information @ (
+                plane - prior
+            )
             step = -np.linalg.solve(information + prior_information, gradient)
             plane = plane + step
             if np.abs(step).max() < 5e-3 * np.linalg.norm(plane):
                 break
-        height_error = 1 / np.sqrt(max(float(plane @ information @ plane), 1e-12))
-        correlation = self.correlation(before, target, before_from_now, lens, rays, plane)
-        if height_error > self.max_height_error or correlation < self.min_correlation:
+        height_error = 1 / np.sqrt(
+            max(float(plane @ information @ plane), 1e-12)
+        )
+        correlation = self.correlation(
+            before, target, before_from_now, lens, rays, plane
+        )
+        if (
+            height_error > self.max_height_error
+            or correlation < self.min_correlation
+        ):
             return None
         return plane
 
 
-def level_plane(height: float, pitch_rad: float = 0.0, roll_rad: float = 0.0) -> FloatArray:
+def level_plane(
+    height: float, pitch_rad: float = 0.0, roll_rad: float = 0.0
+) -> FloatArray:
     """Return the plane m [3] under a camera that looks up by the pitch.
 
     A positive roll turns the camera clockwise.
     """
     cos_pitch = np.cos(pitch_rad)
-    normal = [cos_pitch * np.sin(roll_rad), cos_pitch * np.cos(roll_rad), -np.sin(pitch_rad)]
+    normal = [
+        cos_pitch * np.sin(roll_rad),
+        cos_pitch * np.cos(roll_rad),
+        -np.sin(pitch_rad),
+    ]
     return np.array(normal) / height
 
 
 def blur(grey: ByteArray, sigma_px: float) -> FloatArray:
     """Return the grey image [H, W] as float32, blurred."""
-    return np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma_px), dtype=np.float32)
+    return np.asarray(
+        cv2.GaussianBlur(grey, (0, 0), sigma_px), dtype=np.float32
+    )
 
 
 def sample(
@@ -181,7 +229,9 @@ def sample(
 ) -> FloatArray:
     """Return the values [..., N] or [..., N, C] of an image at pixels, bilinear."""
     u, v = pixels.reshape(-1, 2).astype(np.float32).T
-    values = np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.float64)
+    values = np.asarray(
+        cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.float64
+    )
     return values.reshape(*pixels.shape[:-1], *image.shape[2:])
 
 
@@ -197,9 +247,14 @@ def _project(
     which are visible [..., N].
     """
     inverse_depth = planes @ rays.T
-    points = rays @ before_from_now[:3, :3].T + inverse_depth[..., None] * before_from_now[:3, 3]
+    points = (
+        rays @ before_from_now[:3, :3].T
+        + inverse_depth[..., None] * before_from_now[:3, 3]
+    )
     in_front = points[..., 2] > 1e-3
-    pixels = lens.pixels(points[..., :2] / np.where(in_front, points[..., 2], 1.0)[..., None])
+    pixels = lens.pixels(
+        points[..., :2] / np.where(in_front, points[..., 2], 1.0)[..., None]
+    )
     last = (lens.camera.width_px - 2, lens.camera.height_px - 2)
     visible = in_front & ((pixels > 1) & (pixels < last)).all(axis=-1)
     return points, pixels, visible
@@ -210,4 +265,6 @@ def _normalised(values: FloatArray, visible: BoolArray) -> FloatArray:
     count = np.maximum(visible.sum(axis=-1, keepdims=True), 1)
     mean = np.where(visible, values, 0.0).sum(axis=-1, keepdims=True) / count
     centred = np.where(visible, values - mean, 0.0)
-    return centred / np.maximum(np.linalg.norm(centred, axis=-1, keepdims=True), 1e-3)
+    return centred / np.maximum(
+        np.linalg.norm(centred, axis=-1, keepdims=True), 1e-3
+    )

@@ -23,10 +23,14 @@ class RadialEstimate:
     """Normal distribution of `Lens.radial`, at first centred on an ideal lens."""
 
     mean: float = 0.0
-    variance: float = 0.015**2  # about the distortion left in rectified KITTI images
+    variance: float = (
+        0.015**2
+    )  # about the distortion left in rectified KITTI images
     min_turn_deg: float = 1.5  # between two keyframes; in less, distortion looks like tracking bias
     min_points: int = 50
-    scale: float = 3.0  # of the Cauchy weights, in standard deviations of the noise
+    scale: float = (
+        3.0  # of the Cauchy weights, in standard deviations of the noise
+    )
     inflation: float = 2.0  # of the noise, for the points' common errors
 
     def updated(
@@ -39,7 +43,11 @@ class RadialEstimate:
         """Return the estimate after two more images; the same one unless the camera turned."""
         length = float(np.linalg.norm(b_from_a[:3, 3]))
         turn_deg = np.degrees(se3.rotation_angle_rad(b_from_a))
-        if len(distorted_a) < self.min_points or length < 1e-6 or turn_deg < self.min_turn_deg:
+        if (
+            len(distorted_a) < self.min_points
+            or length < 1e-6
+            or turn_deg < self.min_turn_deg
+        ):
             return self
         motion = se3.compose(b_from_a[:3, :3], b_from_a[:3, 3] / length)
         a = undistort(distorted_a, self.mean)
@@ -48,15 +56,22 @@ class RadialEstimate:
         terms = sampson_terms(a, b, motion)
         by_radial = radial_derivative(distorted_a, distorted_b, terms)
         # Schur complement: what the motion explains as well is no information about the lens
-        weight = cauchy_weight(terms.distance, self.scale * noise) / (self.inflation * noise) ** 2
+        weight = (
+            cauchy_weight(terms.distance, self.scale * noise)
+            / (self.inflation * noise) ** 2
+        )
         weighted = terms.by_motion.T * weight
         normal = weighted @ terms.by_motion
-        explained = terms.by_motion @ np.linalg.lstsq(normal, weighted @ by_radial)[0]
+        explained = (
+            terms.by_motion @ np.linalg.lstsq(normal, weighted @ by_radial)[0]
+        )
         residual = by_radial - explained
         information = float(residual @ (weight * residual))
         variance = 1 / (1 / self.variance + information)
         gradient = float(residual @ (weight * terms.distance))
-        return replace(self, mean=self.mean - variance * gradient, variance=variance)
+        return replace(
+            self, mean=self.mean - variance * gradient, variance=variance
+        )
 
 
 def radial_derivative(
@@ -70,9 +85,16 @@ def radial_derivative(
     """
     along = np.zeros(len(distorted_a))
     stretched = np.zeros(len(distorted_a))
-    for rays, line in ((distorted_a, terms.line_a), (distorted_b, terms.line_b)):
+    for rays, line in (
+        (distorted_a, terms.line_a),
+        (distorted_b, terms.line_b),
+    ):
         radius2 = (rays**2).sum(axis=1)
         projection = (rays * line[:, :2]).sum(axis=1)
         along += radius2 * projection
-        stretched += radius2 * (line[:, :2] ** 2).sum(axis=1) + 2 * projection**2
-    return along / terms.gradient - terms.distance * stretched / terms.gradient**2
+        stretched += (
+            radius2 * (line[:, :2] ** 2).sum(axis=1) + 2 * projection**2
+        )
+    return (
+        along / terms.gradient - terms.distance * stretched / terms.gradient**2
+    )

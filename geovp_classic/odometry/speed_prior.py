@@ -33,7 +33,9 @@ class SpeedPrior:
             )
 
 
-def fit(drives: Mapping[str, Trajectory], others: Mapping[str, Trajectory]) -> SpeedPrior:
+def fit(
+    drives: Mapping[str, Trajectory], others: Mapping[str, Trajectory]
+) -> SpeedPrior:
     """Fit the median to all windows of the drives, and the spread to all sequences.
 
     Raise BadData if no drive moves.
@@ -41,21 +43,32 @@ def fit(drives: Mapping[str, Trajectory], others: Mapping[str, Trajectory]) -> S
     log_speeds = [_log_speeds(drive) for drive in drives.values()]
     speeds = np.concatenate([np.zeros(0), *log_speeds])
     if len(speeds) == 0:
-        raise BadData(f"no drive of {list(drives)} is faster than 0.5 m/s: use other sequences")
+        raise BadData(
+            f"no drive of {list(drives)} is faster than 0.5 m/s: use other sequences"
+        )
     median = float(np.median(speeds))
     log_speeds += [_log_speeds(other) for other in others.values()]
-    variances = [np.mean((speeds - median) ** 2) for speeds in log_speeds if len(speeds)]
+    variances = [
+        np.mean((speeds - median) ** 2) for speeds in log_speeds if len(speeds)
+    ]
     spread = float(np.sqrt(np.mean(variances)))
     return SpeedPrior(float(np.exp(median)), max(spread, MIN_SPREAD))
 
 
 def _log_speeds(
-    drive: Trajectory, num_poses: int = 10, stride: int = 5, min_speed_m_s: float = 0.5
+    drive: Trajectory,
+    num_poses: int = 10,
+    stride: int = 5,
+    min_speed_m_s: float = 0.5,
 ) -> FloatArray:
     """Return logarithms [N] of the mean speeds of a drive's windows in which it moves."""
-    steps_m = np.linalg.norm(np.diff(drive.world_from_cam[:, :3, 3], axis=0), axis=1)
+    steps_m = np.linalg.norm(
+        np.diff(drive.world_from_cam[:, :3, 3], axis=0), axis=1
+    )
     path_m = np.append(0.0, np.cumsum(steps_m))
     first = np.arange(0, len(drive) - num_poses + 1, stride)
     last = first + num_poses - 1
-    speeds = (path_m[last] - path_m[first]) / (drive.times_s[last] - drive.times_s[first])
+    speeds = (path_m[last] - path_m[first]) / (
+        drive.times_s[last] - drive.times_s[first]
+    )
     return np.asarray(np.log(speeds[speeds > min_speed_m_s]))

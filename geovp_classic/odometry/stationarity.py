@@ -26,7 +26,9 @@ class Stationarity:
     last_row: float = 0.5
     max_shift_px: float = 0.25  # of a corner that stays in place
     max_slow_shift_px: float = 5.0
-    max_slow_ratio: float = 0.5  # of the number of slow corners to those in place
+    max_slow_ratio: float = (
+        0.5  # of the number of slow corners to those in place
+    )
     min_fraction: float = 0.2  # of the corners, in place
     # extent of the corners in place by the image's size; a vehicle that is followed is narrower
     min_width_fraction: float = 0.5
@@ -34,7 +36,9 @@ class Stationarity:
     # White noise: a mean over n x n pixels has 1 / n^2 of its variance, but most of that of
     # textures, which are correlated from pixel to pixel, once they have moved.
     noise_block_px: int = 8
-    min_noise_variance: float = 9.0  # of the change from the first to the second half
+    min_noise_variance: float = (
+        9.0  # of the change from the first to the second half
+    )
     max_block_variance_ratio: float = 1.5  # to that of white noise
 
     def is_stationary(self, greys: ByteArray) -> bool:
@@ -58,8 +62,12 @@ class Stationarity:
 
     def _stays_in_place(self, greys: ByteArray) -> bool:
         height, width = greys[0].shape
-        greys = greys[:, round(self.first_row * height) : round(self.last_row * height)]
-        corners = cv2.goodFeaturesToTrack(greys[-1], self.max_corners, 0.01, height / 32)
+        greys = greys[
+            :, round(self.first_row * height) : round(self.last_row * height)
+        ]
+        corners = cv2.goodFeaturesToTrack(
+            greys[-1], self.max_corners, 0.01, height / 32
+        )
         if len(greys) < 4 or corners is None or len(corners) < self.min_corners:
             return False
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
@@ -68,14 +76,21 @@ class Stationarity:
             tracked, is_found, _ = track_points(
                 (greys[-1], greys[step]), pixels, pixels, self.window_px, (1, 1)
             )
-            shift_px = np.where(is_found, np.linalg.norm(tracked - pixels, axis=1), np.inf)
+            shift_px = np.where(
+                is_found, np.linalg.norm(tracked - pixels, axis=1), np.inf
+            )
             max_shift_px = np.maximum(max_shift_px, shift_px)
         in_place = max_shift_px < self.max_shift_px
-        num_slow = (max_shift_px < self.max_slow_shift_px).sum() - in_place.sum()
+        num_slow = (
+            max_shift_px < self.max_slow_shift_px
+        ).sum() - in_place.sum()
         if in_place.mean() < self.min_fraction:
             return False
         if num_slow > self.max_slow_ratio * in_place.sum():
             return False
         low, high = np.percentile(pixels[in_place], (10, 90), axis=0)
-        min_extent = (self.min_width_fraction * width, self.min_height_fraction * height)
+        min_extent = (
+            self.min_width_fraction * width,
+            self.min_height_fraction * height,
+        )
         return bool((high - low > min_extent).all())

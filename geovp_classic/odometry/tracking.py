@@ -10,8 +10,18 @@ from geovp_classic.odometry.features import CornerTracker
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.resection import Resection
 from geovp_classic.odometry.self_calibration import RadialEstimate
-from geovp_classic.odometry.windowed_map import Keyframe, KeyframePolicy, WindowedMap
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, IntArray, Intrinsics
+from geovp_classic.odometry.windowed_map import (
+    Keyframe,
+    KeyframePolicy,
+    WindowedMap,
+)
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    Intrinsics,
+)
 
 
 @dataclass(frozen=True)
@@ -23,11 +33,17 @@ class Tracking:
     two_view: TwoViewEstimator = field(default_factory=TwoViewEstimator)
     resection: Resection = field(default_factory=Resection)
     radial: RadialEstimate = field(default_factory=RadialEstimate)
-    min_start_points: int = 30  # corners or inliers that a map is initialised with
-    min_start_fraction: float = 0.5  # inliers of a motion relative to a keyframe
+    min_start_points: int = (
+        30  # corners or inliers that a map is initialised with
+    )
+    min_start_fraction: float = (
+        0.5  # inliers of a motion relative to a keyframe
+    )
     # inliers among a reference keyframe's points; with fewer left a new reference is chosen
     min_reference_fraction: float = 0.3
-    min_found_fraction: float = 0.5  # with fewer points found, the image is bad, not the map
+    min_found_fraction: float = (
+        0.5  # with fewer points found, the image is bad, not the map
+    )
     max_bridged: int = 4  # images in a row, before the map is discarded
 
 
@@ -63,11 +79,15 @@ class Tracker:
         self.settings = settings
         self.radial = settings.radial
         lens = Lens(camera, self.radial.mean)
-        self.map = WindowedMap(lens, settings.corners.noise_px, settings.keyframes)
+        self.map = WindowedMap(
+            lens, settings.corners.noise_px, settings.keyframes
+        )
         self.map.add_keyframe(np.eye(4))
         self.num_starts = 0  # maps so far; each has its own unit of length
         # the last two keyframes' images, their motion before_from_now [4, 4], and `Lens.radial`
-        self.new_pair: tuple[ByteArray, ByteArray, FloatArray, float] | None = None
+        self.new_pair: tuple[ByteArray, ByteArray, FloatArray, float] | None = (
+            None
+        )
         self._poses: list[RelativePose] = []
         self._last: Image | None = None  # last localised image
         self._world_from_last: FloatArray = np.eye(4)
@@ -83,20 +103,32 @@ class Tracker:
         tracks = None
         if self._last is not None:
             elapsed_s = image.time_s - self._last.time_s
-            world_from_cam = world_from_cam @ se3.exp(self._twist_per_s * elapsed_s)
-            tracks = self._localise(self._last, image, se3.inverse(world_from_cam))
+            world_from_cam = world_from_cam @ se3.exp(
+                self._twist_per_s * elapsed_s
+            )
+            tracks = self._localise(
+                self._last, image, se3.inverse(world_from_cam)
+            )
         tracked = tracks is not None
         if tracked:
             self._num_bridged = 0
             world_from_cam = self._world_from_last
         else:
             self._num_bridged += 1
-            if self._last is None or self._num_bridged > self.settings.max_bridged:
-                tracked = self._restart(image, world_from_cam) and self._num_bridged == 1
+            if (
+                self._last is None
+                or self._num_bridged > self.settings.max_bridged
+            ):
+                tracked = (
+                    self._restart(image, world_from_cam)
+                    and self._num_bridged == 1
+                )
         keyframe = self.map.keyframes[-1]
         keyframe_from_cam = keyframe.cam_from_world @ world_from_cam
         waiting = None if self.map.triangulated.any() else tracks
-        self._poses.append(RelativePose(tracked, keyframe, keyframe_from_cam, waiting))
+        self._poses.append(
+            RelativePose(tracked, keyframe, keyframe_from_cam, waiting)
+        )
 
     def poses(self) -> tuple[FloatArray, BoolArray]:
         """Return world_from_cam [T, 4, 4] and marks of tracked images [T]."""
@@ -104,22 +136,36 @@ class Tracker:
             se3.inverse(pose.keyframe.cam_from_world) @ pose.keyframe_from_cam
             for pose in self._poses
         ]
-        return np.stack(world_from_cam), np.array([pose.tracked for pose in self._poses])
+        return np.stack(world_from_cam), np.array(
+            [pose.tracked for pose in self._poses]
+        )
 
-    def _localise(self, last: Image, image: Image, predicted: FloatArray) -> Tracks | None:
+    def _localise(
+        self, last: Image, image: Image, predicted: FloatArray
+    ) -> Tracks | None:
         """Localise the camera near a predicted cam_from_world [4, 4] by the points of the map."""
         index = np.flatnonzero(self.map.active)
-        guess = self.map.predict_pixels(se3.inverse(self._world_from_last), predicted)
+        guess = self.map.predict_pixels(
+            se3.inverse(self._world_from_last), predicted
+        )
         corners = self.settings.corners
-        pixels, is_found = corners.track(last.grey, image.grey, self.map.pixels[index], guess)
+        pixels, is_found = corners.track(
+            last.grey, image.grey, self.map.pixels[index], guess
+        )
         has_point = is_found & self.map.triangulated[index]
         points = self.map.points[index[has_point]]
         rays = self.map.lens.rays(pixels[has_point])
-        localised = self.settings.resection.resect(points, rays, predicted, self.map.noise)
+        localised = self.settings.resection.resect(
+            points, rays, predicted, self.map.noise
+        )
         if localised is None:
-            return self._localise_from_keyframe(image, index[is_found], pixels[is_found])
+            return self._localise_from_keyframe(
+                image, index[is_found], pixels[is_found]
+            )
         cam_from_world, is_found[has_point] = localised
-        tracks = self._move(image, index[is_found], pixels[is_found], cam_from_world)
+        tracks = self._move(
+            image, index[is_found], pixels[is_found], cam_from_world
+        )
         if self._keyframe_is_due():
             self._add_keyframe(image)
         return tracks
@@ -133,7 +179,11 @@ class Tracker:
         parallax initialises a new map.
         """
         has_map = self.map.triangulated.any()
-        if has_map and len(index) < self.settings.min_found_fraction * self.map.active.sum():
+        if (
+            has_map
+            and len(index)
+            < self.settings.min_found_fraction * self.map.active.sum()
+        ):
             return None
         in_keyframe = self.map.observed[-1, index]
         index = index[in_keyframe]
@@ -144,14 +194,19 @@ class Tracker:
             self.map.noise,
         )
         min_inliers = max(
-            self.settings.min_start_points, self.settings.min_start_fraction * len(index)
+            self.settings.min_start_points,
+            self.settings.min_start_fraction * len(index),
         )
         num_inliers = motion.inliers.sum()
         if num_inliers < min_inliers:
             return None
         num_reference = self.map.observed[-1].sum()
-        few_left = num_inliers < self.settings.min_reference_fraction * num_reference
-        min_parallax = 0.0 if few_left else self.settings.keyframes.min_start_parallax
+        few_left = (
+            num_inliers < self.settings.min_reference_fraction * num_reference
+        )
+        min_parallax = (
+            0.0 if few_left else self.settings.keyframes.min_start_parallax
+        )
         initialises = motion.parallax > max(min_parallax, 4 * self.map.noise)
         initialises &= motion.kind == "general"
         if has_map:
@@ -160,15 +215,25 @@ class Tracker:
         elapsed_s = max(image.time_s - self._keyframe.time_s, 1e-6)
         baseline = 0.0
         if initialises:
-            baseline = 1.0 if self._speed_per_s is None else self._speed_per_s * elapsed_s
+            baseline = (
+                1.0
+                if self._speed_per_s is None
+                else self._speed_per_s * elapsed_s
+            )
         cam_from_keyframe = motion.b_from_a.copy()
         cam_from_keyframe[:3, 3] *= baseline
-        cam_from_world = cam_from_keyframe @ self.map.keyframes[-1].cam_from_world
+        cam_from_world = (
+            cam_from_keyframe @ self.map.keyframes[-1].cam_from_world
+        )
         inliers = motion.inliers
-        tracks = self._move(image, index[inliers], pixels[inliers], cam_from_world)
+        tracks = self._move(
+            image, index[inliers], pixels[inliers], cam_from_world
+        )
         if initialises:
             self.num_starts += 1
-            self._twist_per_s = se3.log(se3.inverse(cam_from_keyframe)) / elapsed_s
+            self._twist_per_s = (
+                se3.log(se3.inverse(cam_from_keyframe)) / elapsed_s
+            )
             self._add_keyframe(image)
             self._localise_waiting()
         elif few_left:
@@ -176,7 +241,11 @@ class Tracker:
         return tracks
 
     def _move(
-        self, image: Image, index: IntArray, pixels: FloatArray, cam_from_world: FloatArray
+        self,
+        image: Image,
+        index: IntArray,
+        pixels: FloatArray,
+        cam_from_world: FloatArray,
     ) -> Tracks:
         """Make this image the last localised one, in which the tracks [M] are at pixels [M, 2]."""
         self.map.pixels[:] = np.nan
@@ -194,8 +263,12 @@ class Tracker:
         observed = self.map.observed[-1]
         num_shared = (self.map.active & observed).sum()
         parallax = self.map.parallax(se3.inverse(self._world_from_last))
-        min_parallax = max(self.settings.keyframes.min_parallax, 3 * self.map.noise)
-        min_shared = self.settings.keyframes.min_shared_fraction * observed.sum()
+        min_parallax = max(
+            self.settings.keyframes.min_parallax, 3 * self.map.noise
+        )
+        min_shared = (
+            self.settings.keyframes.min_shared_fraction * observed.sum()
+        )
         return bool(parallax > min_parallax or num_shared < min_shared)
 
     def _add_keyframe(self, image: Image) -> None:
@@ -206,19 +279,39 @@ class Tracker:
         moves = self.map.parallax(cam_from_world) > policy.min_start_parallax
         self.map.add_keyframe(cam_from_world)
         shared = self.map.observed[-2:].all(axis=0)
-        rays_a, rays_b = self.map.lens.distorted_rays(self.map.observations[-2:, shared])
-        now_from_before = cam_from_world @ se3.inverse(self.map.keyframes[-2].cam_from_world)
-        self.radial = self.radial.updated(rays_a, rays_b, now_from_before, self.map.noise)
+        rays_a, rays_b = self.map.lens.distorted_rays(
+            self.map.observations[-2:, shared]
+        )
+        now_from_before = cam_from_world @ se3.inverse(
+            self.map.keyframes[-2].cam_from_world
+        )
+        self.radial = self.radial.updated(
+            rays_a, rays_b, now_from_before, self.map.noise
+        )
         self.map.lens = replace(self.map.lens, radial=self.radial.mean)
         self.map.triangulate()
-        if self.map.is_full or (len(self.map.keyframes) - 1) % policy.adjust_every == 0:
+        if (
+            self.map.is_full
+            or (len(self.map.keyframes) - 1) % policy.adjust_every == 0
+        ):
             self.map.adjust(num_fixed=2 if self.map.is_full else 1)
-        self._world_from_last = se3.inverse(self.map.keyframes[-1].cam_from_world)
-        before_from_now = self.map.keyframes[-2].cam_from_world @ self._world_from_last
+        self._world_from_last = se3.inverse(
+            self.map.keyframes[-1].cam_from_world
+        )
+        before_from_now = (
+            self.map.keyframes[-2].cam_from_world @ self._world_from_last
+        )
         if moves:
             elapsed_s = image.time_s - self._keyframe.time_s
-            self._speed_per_s = float(np.linalg.norm(before_from_now[:3, 3])) / elapsed_s
-        self.new_pair = (self._keyframe.grey, image.grey, before_from_now, self.radial.mean)
+            self._speed_per_s = (
+                float(np.linalg.norm(before_from_now[:3, 3])) / elapsed_s
+            )
+        self.new_pair = (
+            self._keyframe.grey,
+            image.grey,
+            before_from_now,
+            self.radial.mean,
+        )
         self._keyframe = image
         self._start_tracks(image)
 
@@ -242,7 +335,9 @@ class Tracker:
     def _start_tracks(self, image: Image) -> None:
         """Start tracks at new corners of the newest keyframe."""
         occupied = self.map.pixels[self.map.active]
-        self.map.add_tracks(self.settings.corners.select(image.corners, occupied, image.grey))
+        self.map.add_tracks(
+            self.settings.corners.select(image.corners, occupied, image.grey)
+        )
 
     def _localise_waiting(self) -> None:
         """Localise earlier images in a map that was just initialised."""
@@ -251,11 +346,20 @@ class Tracker:
                 continue
             ids, pixels = pose.waiting
             pose.waiting = None
-            _, observed, index = np.intersect1d(ids, self.map.track_ids, return_indices=True)
+            _, observed, index = np.intersect1d(
+                ids, self.map.track_ids, return_indices=True
+            )
             has_point = self.map.triangulated[index]
             points = self.map.points[index[has_point]]
             rays = self.map.lens.rays(pixels[observed[has_point]])
-            guess = se3.inverse(pose.keyframe_from_cam) @ pose.keyframe.cam_from_world
-            localised = self.settings.resection.resect(points, rays, guess, self.map.noise)
+            guess = (
+                se3.inverse(pose.keyframe_from_cam)
+                @ pose.keyframe.cam_from_world
+            )
+            localised = self.settings.resection.resect(
+                points, rays, guess, self.map.noise
+            )
             if localised is not None:
-                pose.keyframe_from_cam = pose.keyframe.cam_from_world @ se3.inverse(localised[0])
+                pose.keyframe_from_cam = (
+                    pose.keyframe.cam_from_world @ se3.inverse(localised[0])
+                )

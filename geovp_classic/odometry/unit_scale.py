@@ -5,7 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.interfaces import ScaleEstimator
-from geovp_classic.types import ByteArray, FloatArray, Intrinsics, PrivilegedInput
+from geovp_classic.types import (
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    PrivilegedInput,
+)
 
 
 @dataclass(frozen=True)
@@ -16,7 +21,10 @@ class UnitSpeed:
     is_metric = False
 
     def estimator(
-        self, intrinsics: Intrinsics, camera_height_m: float | None, pitch_rad: float = 0.0
+        self,
+        intrinsics: Intrinsics,
+        camera_height_m: float | None,
+        pitch_rad: float = 0.0,
     ) -> ScaleEstimator:
         """Return an estimator without measurements."""
         return UnitScale()
@@ -34,7 +42,11 @@ class UnitScale:
         """Assume nothing."""
 
     def update(
-        self, before: ByteArray, now: ByteArray, before_from_now: FloatArray, radial: float = 0.0
+        self,
+        before: ByteArray,
+        now: ByteArray,
+        before_from_now: FloatArray,
+        radial: float = 0.0,
     ) -> None:
         """Ignore the images."""
 

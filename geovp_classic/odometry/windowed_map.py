@@ -12,7 +12,10 @@ from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous, parallax
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.triangulation import reprojection_errors, triangulate
+from geovp_classic.odometry.triangulation import (
+    reprojection_errors,
+    triangulate,
+)
 from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 
@@ -25,18 +28,30 @@ class KeyframePolicy:
     # clip, every image of a moving camera is a keyframe.
     min_parallax: float = 0.025
     min_clip_parallax: float = 0.001
-    min_start_parallax: float = 0.004  # between the two images that initialise a map
+    min_start_parallax: float = (
+        0.004  # between the two images that initialise a map
+    )
     # of the last keyframe's tracks; a new keyframe is due when fewer are left
     min_shared_fraction: float = 0.6
-    max_bundle_points: int = 300  # those with most observations; 0: no bundle adjustment
-    adjust_every: int = 1  # keyframes between bundle adjustments, until the window is full
+    max_bundle_points: int = (
+        300  # those with most observations; 0: no bundle adjustment
+    )
+    adjust_every: int = (
+        1  # keyframes between bundle adjustments, until the window is full
+    )
     adjust_every_in_clip: int = 5
-    min_point_parallax: float = 4.0  # of a triangulated point's rays, in standard deviations
-    max_reprojection_error: float = 5.0  # of an observation, in standard deviations
+    min_point_parallax: float = (
+        4.0  # of a triangulated point's rays, in standard deviations
+    )
+    max_reprojection_error: float = (
+        5.0  # of an observation, in standard deviations
+    )
 
     def __post_init__(self) -> None:
         if self.window < 3:
-            raise BadData(f"window is {self.window}: expected at least 3 keyframes")
+            raise BadData(
+                f"window is {self.window}: expected at least 3 keyframes"
+            )
 
     def for_clip(self, num_images: int) -> KeyframePolicy:
         """Return the policy for a clip, which is adjusted as a whole."""
@@ -62,14 +77,22 @@ class WindowedMap:
     the window observe its point, which constrains their poses.
     """
 
-    def __init__(self, lens: Lens, noise_px: float, policy: KeyframePolicy) -> None:
+    def __init__(
+        self, lens: Lens, noise_px: float, policy: KeyframePolicy
+    ) -> None:
         self.lens = lens
         self.noise_px = noise_px  # standard deviation of a pixel's coordinates
         self.policy = policy
         self.keyframes: list[Keyframe] = []  # K
-        self.observations: FloatArray = np.zeros((0, 0, 2))  # [K, N, 2] pixels; NaN: not observed
-        self.pixels: FloatArray = np.zeros((0, 2))  # [N, 2] in the last image; NaN: ended
-        self.points: FloatArray = np.zeros((0, 3))  # [N, 3] in the world; NaN: not triangulated
+        self.observations: FloatArray = np.zeros(
+            (0, 0, 2)
+        )  # [K, N, 2] pixels; NaN: not observed
+        self.pixels: FloatArray = np.zeros(
+            (0, 2)
+        )  # [N, 2] in the last image; NaN: ended
+        self.points: FloatArray = np.zeros(
+            (0, 3)
+        )  # [N, 3] in the world; NaN: not triangulated
         self.track_ids: IntArray = np.zeros(0, dtype=np.int64)  # [N]
         self._num_tracks = 0
 
@@ -101,7 +124,9 @@ class WindowedMap:
     @property
     def cam_from_world(self) -> FloatArray:
         """Return the poses [K, 4, 4] of the keyframes."""
-        return np.stack([keyframe.cam_from_world for keyframe in self.keyframes])
+        return np.stack(
+            [keyframe.cam_from_world for keyframe in self.keyframes]
+        )
 
     def reprojection_error(self) -> float:
         """Return the median error of all observations in standard deviations; inf without any."""
@@ -113,9 +138,13 @@ class WindowedMap:
         """Make the last image a keyframe; the oldest one leaves a full window."""
         if self.is_full:
             self._drop_oldest(1)
-        self.observations = np.concatenate([self.observations, self.pixels[None]])
+        self.observations = np.concatenate(
+            [self.observations, self.pixels[None]]
+        )
         self.keyframes.append(Keyframe(cam_from_world))
-        self._keep(self.active | (self.triangulated & (self.observed.sum(axis=0) >= 2)))
+        self._keep(
+            self.active | (self.triangulated & (self.observed.sum(axis=0) >= 2))
+        )
 
     def add_tracks(self, pixels: FloatArray) -> None:
         """Start tracks at new pixels [M, 2] of the newest keyframe."""
@@ -123,7 +152,9 @@ class WindowedMap:
         observations = np.full((len(self.keyframes), count, 2), np.nan)
         observations[-1] = pixels
         ids = self._num_tracks + np.arange(count)
-        self.observations = np.concatenate([self.observations, observations], axis=1)
+        self.observations = np.concatenate(
+            [self.observations, observations], axis=1
+        )
         self.pixels = np.concatenate([self.pixels, pixels])
         self.points = np.concatenate([self.points, np.full((count, 3), np.nan)])
         self.track_ids = np.concatenate([self.track_ids, ids])
@@ -141,7 +172,9 @@ class WindowedMap:
 
     def triangulate(self) -> None:
         """Triangulate tracks that two or more keyframes observe with enough parallax."""
-        index = np.flatnonzero(~self.triangulated & (self.observed.sum(axis=0) >= 2))
+        index = np.flatnonzero(
+            ~self.triangulated & (self.observed.sum(axis=0) >= 2)
+        )
         self.points[index] = self._triangulate(index)
 
     def adjust(self, num_fixed: int) -> None:
@@ -152,7 +185,11 @@ class WindowedMap:
         num_observations = self.observed.sum(axis=0)
         index = np.flatnonzero(self.triangulated & (num_observations >= 2))
         max_points = self.policy.max_bundle_points
-        if len(self.keyframes) <= num_fixed or len(index) < 8 or max_points == 0:
+        if (
+            len(self.keyframes) <= num_fixed
+            or len(index) < 8
+            or max_points == 0
+        ):
             return
         index = index[np.argsort(-num_observations[index], kind="stable")]
         adjusted = index[:max_points]
@@ -173,12 +210,16 @@ class WindowedMap:
     def cull(self) -> None:
         """Discard observations with large errors, then points with fewer than two left."""
         errors = self._errors(self.points, self.observations)
-        self.observations[errors > self.policy.max_reprojection_error * self.noise] = np.nan
+        self.observations[
+            errors > self.policy.max_reprojection_error * self.noise
+        ] = np.nan
         outliers = self.triangulated & (self.observed.sum(axis=0) < 2)
         self.points[outliers] = np.nan
         self.pixels[outliers] = np.nan
 
-    def predict_pixels(self, last_from_world: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+    def predict_pixels(
+        self, last_from_world: FloatArray, cam_from_world: FloatArray
+    ) -> FloatArray:
         """Return the pixels [M, 2] of the active tracks in a new image.
 
         A track without a point is as far away as its three neighbours in the image.
@@ -188,7 +229,9 @@ class WindowedMap:
         depth: FloatArray = np.maximum(points[:, 2], 1e-3)
         has_depth = np.isfinite(depth)
         if has_depth.sum() >= 3:
-            _, neighbours = cKDTree(pixels[has_depth]).query(pixels[~has_depth], k=3)
+            _, neighbours = cKDTree(pixels[has_depth]).query(
+                pixels[~has_depth], k=3
+            )
             inverse_depth = 1 / depth[has_depth]
             depth[~has_depth] = 1 / inverse_depth[neighbours].mean(axis=1)
         else:
@@ -197,14 +240,20 @@ class WindowedMap:
         cam_from_last = cam_from_world @ se3.inverse(last_from_world)
         points = se3.transform(cam_from_last, points)
         in_front = points[:, 2:] > 1e-6
-        predicted = self.lens.pixels(points[:, :2] / np.where(in_front, points[:, 2:], 1.0))
+        predicted = self.lens.pixels(
+            points[:, :2] / np.where(in_front, points[:, 2:], 1.0)
+        )
         return np.where(in_front, predicted, pixels)
 
     def parallax(self, cam_from_world: FloatArray) -> float:
         """Return the median shift on z = 1 of tracks since the newest keyframe, beyond rotation."""
-        cam_from_keyframe = cam_from_world @ se3.inverse(self.keyframes[-1].cam_from_world)
+        cam_from_keyframe = cam_from_world @ se3.inverse(
+            self.keyframes[-1].cam_from_world
+        )
         rays_keyframe = self.lens.rays(self.observations[-1])
-        shift = parallax(cam_from_keyframe, rays_keyframe, self.lens.rays(self.pixels))
+        shift = parallax(
+            cam_from_keyframe, rays_keyframe, self.lens.rays(self.pixels)
+        )
         shift = shift[np.isfinite(shift)]
         return float(np.median(shift)) if len(shift) else 0.0
 
@@ -221,9 +270,13 @@ class WindowedMap:
         is_good = is_near & ~is_outlier.any(axis=0)
         return np.where(is_good[:, None], points, np.nan)
 
-    def _errors(self, points: FloatArray, observations: FloatArray) -> FloatArray:
+    def _errors(
+        self, points: FloatArray, observations: FloatArray
+    ) -> FloatArray:
         """Return reprojection errors [K, M] on z = 1; NaN where there is no observation."""
-        return reprojection_errors(points, self.lens.rays(observations), self.cam_from_world)
+        return reprojection_errors(
+            points, self.lens.rays(observations), self.cam_from_world
+        )
 
     def _drop_oldest(self, count: int) -> None:
         self.keyframes = self.keyframes[count:]
@@ -236,7 +289,9 @@ class WindowedMap:
         self.track_ids = self.track_ids[mask]
 
 
-def largest_parallax(rays: FloatArray, cam_from_world: FloatArray) -> FloatArray:
+def largest_parallax(
+    rays: FloatArray, cam_from_world: FloatArray
+) -> FloatArray:
     """Return the largest chord [M] between the first ray of each point and its others.
 
     Rays [K, M, 2] are NaN where a keyframe does not observe a point.

@@ -21,7 +21,9 @@ class Matern52:
     def __call__(self, apart_s: FloatArray) -> FloatArray:
         """Return the covariances [...] in rad^2."""
         ratio = np.sqrt(5) * np.abs(apart_s) / self.time_constant_s
-        return np.asarray(self.deviation_rad**2 * (1 + ratio + ratio**2 / 3) * np.exp(-ratio))
+        return np.asarray(
+            self.deviation_rad**2 * (1 + ratio + ratio**2 / 3) * np.exp(-ratio)
+        )
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,10 @@ def covariance_of_differences(
     """Return the covariance [N, M] of angle(a) - angle(a_from) and angle(b) - angle(b_from)."""
     a_from = np.broadcast_to(a_from_s, a_s.shape)
     b_from = np.broadcast_to(b_from_s, b_s.shape)
-    ends = kernel(np.subtract.outer(a_s, b_s)) + kernel(np.subtract.outer(a_from, b_from))
-    mixed = kernel(np.subtract.outer(a_s, b_from)) + kernel(np.subtract.outer(a_from, b_s))
+    ends = kernel(np.subtract.outer(a_s, b_s)) + kernel(
+        np.subtract.outer(a_from, b_from)
+    )
+    mixed = kernel(np.subtract.outer(a_s, b_from)) + kernel(
+        np.subtract.outer(a_from, b_s)
+    )
     return np.asarray(ends - mixed)

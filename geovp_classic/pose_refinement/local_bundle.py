@@ -31,9 +31,13 @@ class Corners:
     ) -> FloatArray:
         """Return inverse depths q >= 0 [N] that solve (u, v) (a_z + q b_z) = (a + q b)_xy."""
         matrix = self.camera.matrix
-        a = self.rays @ np.swapaxes(matrix @ poses[:, :3, :3], -1, -2)  # [S, N, 3]
+        a = self.rays @ np.swapaxes(
+            matrix @ poses[:, :3, :3], -1, -2
+        )  # [S, N, 3]
         b = (poses[:, :3, 3] @ matrix.T)[:, None]  # [S, 1, 3]
-        factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.is_visible[..., None]
+        factor = (self.pixels * b[..., 2:] - b[..., :2]) * self.is_visible[
+            ..., None
+        ]
         target = a[..., :2] - self.pixels * a[..., 2:]
         numerator = (factor * target).sum(axis=(0, 2))
         denominator = (factor**2).sum(axis=(0, 2))
@@ -47,7 +51,9 @@ class Corners:
         """
         positions = poses[:, None, :3, 3]  # [S, 1, 3]
         rotations = np.swapaxes(poses[:, :3, :3], -1, -2)
-        points = self.rays @ rotations + inverse_depth[:, None] * positions  # [S, N, 3]
+        points = (
+            self.rays @ rotations + inverse_depth[:, None] * positions
+        )  # [S, N, 3]
         is_valid = self.is_visible & (points[..., 2] > 1e-3)
         points = np.where(is_valid[..., None], points, [0.0, 0.0, 1.0])
         pixels, depth = pinhole.project(points, self.camera)
@@ -69,15 +75,21 @@ class Corners:
 class LocalBundle:
     """Iteratively reweighted Gauss-Newton with the inverse depths eliminated (Schur complement)."""
 
-    error_scale_px: float = 0.5  # reprojection errors of this size have half the weight (Cauchy)
-    rotation_deviation_rad: float = 1.7e-4  # standard deviation of a given rotation
+    error_scale_px: float = (
+        0.5  # reprojection errors of this size have half the weight (Cauchy)
+    )
+    rotation_deviation_rad: float = (
+        1.7e-4  # standard deviation of a given rotation
+    )
     # Standard deviation of a given position, over its distance from the reference.
     position_deviation_fraction: float = 7e-4
     # Deviation of all given poses, in standard deviations, that halves their weight (Cauchy).
     prior_scale: float = 5.5
     num_rounds: int = 8
     min_step: float = 0.1  # standard deviations of the given poses; a smaller step is the last one
-    damping: float = 1e-3  # of the inverse depths and poses, relative to their curvature
+    damping: float = (
+        1e-3  # of the inverse depths and poses, relative to their curvature
+    )
 
     def adjust(
         self,
@@ -91,16 +103,22 @@ class LocalBundle:
         for _ in range(self.num_rounds):
             errors, by_twist, by_depth = corners.linearise(poses, inverse_depth)
             scale = self.error_scale_px
-            weights = cauchy_weight(np.linalg.norm(errors, axis=-1), scale) / scale**2
+            weights = (
+                cauchy_weight(np.linalg.norm(errors, axis=-1), scale) / scale**2
+            )
             weighted_twist = weights[..., None, None] * by_twist
             weighted_depth = weights[..., None] * by_depth
 
             # Normal equations of the poses, with the prior.
-            deviation = precision * se3.log(poses @ se3.inverse(given))  # [S, 6]
+            deviation = precision * se3.log(
+                poses @ se3.inverse(given)
+            )  # [S, 6]
             prior_weight = 1 / (1 + (deviation**2).sum() / self.prior_scale**2)
             prior_hessian = prior_weight * precision[..., None] ** 2 * np.eye(6)
             prior_gradient = prior_weight * precision * deviation
-            pose_hessian = np.einsum("snki,snkj->sij", weighted_twist, by_twist, optimize=True)
+            pose_hessian = np.einsum(
+                "snki,snkj->sij", weighted_twist, by_twist, optimize=True
+            )
             pose_hessian += prior_hessian
             pose_gradient = np.einsum("snki,snk->si", weighted_twist, errors)
             pose_gradient += prior_gradient
@@ -116,7 +134,9 @@ class LocalBundle:
             eliminated = mixed / depth_hessian[:, None]
             damped_hessian = pose_hessian * (1 + self.damping * np.eye(6))
             reduced_hessian = block_diag(*damped_hessian) - eliminated.T @ mixed
-            reduced_gradient = pose_gradient.ravel() - eliminated.T @ depth_gradient
+            reduced_gradient = (
+                pose_gradient.ravel() - eliminated.T @ depth_gradient
+            )
             twists = -np.linalg.solve(reduced_hessian, reduced_gradient)
             depth_step = -(depth_gradient + mixed @ twists) / depth_hessian
 
@@ -132,5 +152,7 @@ class LocalBundle:
         distance = np.linalg.norm(given[:, :3, 3], axis=1)
         fraction = self.position_deviation_fraction
         deviation = np.full((len(given), 6), self.rotation_deviation_rad)
-        deviation[:, :3] = fraction * np.maximum(distance, fraction * distance.max())[:, None]
+        deviation[:, :3] = (
+            fraction * np.maximum(distance, fraction * distance.max())[:, None]
+        )
         return 1 / deviation

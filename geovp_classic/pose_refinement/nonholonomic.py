@@ -19,7 +19,13 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.pose_refinement.registration import has_direction, unrefined
-from geovp_classic.types import BoolArray, Context, FloatArray, Motion, PrivilegedInput
+from geovp_classic.types import (
+    BoolArray,
+    Context,
+    FloatArray,
+    Motion,
+    PrivilegedInput,
+)
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,9 @@ class MotionDirection:
 
     direction: FloatArray  # [3], unit length
     given_error_rad: float  # RMS per axis: given directions of motion against those of the images
-    constraint_error_rad: float  # RMS per axis: the images' directions against the constraint
+    constraint_error_rad: (
+        float  # RMS per axis: the images' directions against the constraint
+    )
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,9 @@ class NonholonomicConstraint:
     frame.
     """
 
-    lever_m: float = 1.0  # lever arm: distance of the camera before the rear axle
+    lever_m: float = (
+        1.0  # lever arm: distance of the camera before the rear axle
+    )
     lever_deviation_m: float = 0.4  # standard deviation of the lever arm
     # Standard deviation of the constraint: tyres slip, roads tilt.
     model_deviation_rad: float = 1.75e-3  # 0.1 degrees
@@ -45,7 +55,9 @@ class NonholonomicConstraint:
     # is intended.
     outlier_deviations: float = 15.0
 
-    needs = PrivilegedInput.NONE  # it compares registered poses with the given ones
+    needs = (
+        PrivilegedInput.NONE
+    )  # it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with other future positions; unchanged where lengths are not metres or
@@ -57,7 +69,9 @@ class NonholonomicConstraint:
         if direction is None or not motion.past.is_metric:
             return motion
         last_from_cam = se3.inverse(registered[-1]) @ motion.futures
-        futures = [self.constrain(future, direction) for future in last_from_cam]
+        futures = [
+            self.constrain(future, direction) for future in last_from_cam
+        ]
         return motion.refined(motion.past, registered[-1] @ np.stack(futures))
 
     def motion_direction(
@@ -68,7 +82,9 @@ class NonholonomicConstraint:
         """Return the direction of motion of past poses in metres; None when they do not move, or
         for a single one.
         """
-        before, now = (se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, registered))
+        before, now = (
+            se3.inverse(poses[-1]) @ poses[:-1] for poses in (given, registered)
+        )
         is_usable = has_direction(before[:, :3, 3]) & now[:, :3, 3].any(axis=1)
         if not is_usable.any():
             return None
@@ -101,7 +117,9 @@ class NonholonomicConstraint:
         steps = se3.log(se3.inverse(before) @ reference_from_cam)
         steps[:, :3] += self._correction(steps, motion)
         translations = se3.exp(steps)[:, :3, 3:]
-        positions = np.cumsum((before[:, :3, :3] @ translations)[..., 0], axis=0)
+        positions = np.cumsum(
+            (before[:, :3, :3] @ translations)[..., 0], axis=0
+        )
         return se3.compose(reference_from_cam[:, :3, :3], positions)
 
     def _correction(
@@ -112,9 +130,17 @@ class NonholonomicConstraint:
         """Return the correction [F, 3] of the translations (a Kalman update with both
         directions).
         """
-        lengths = np.maximum(np.linalg.norm(steps[:, :3], axis=1, keepdims=True), 1e-6)
-        errors = (self._expected(steps, motion.direction) - steps[:, :3]) / lengths
-        lever = self.lever_deviation_m * np.cross(steps[:, 3:], motion.direction) / lengths
+        lengths = np.maximum(
+            np.linalg.norm(steps[:, :3], axis=1, keepdims=True), 1e-6
+        )
+        errors = (
+            self._expected(steps, motion.direction) - steps[:, :3]
+        ) / lengths
+        lever = (
+            self.lever_deviation_m
+            * np.cross(steps[:, 3:], motion.direction)
+            / lengths
+        )
         variance = self.model_deviation_rad**2 + motion.constraint_error_rad**2
         covariance = variance * np.eye(3) + lever[:, :, None] * lever[:, None]
         given_variance = motion.given_error_rad**2
@@ -133,12 +159,19 @@ class NonholonomicConstraint:
         return np.asarray(along[:, None] * direction + levers)
 
 
-def _rms_angle_rad(poses: FloatArray, others: FloatArray, is_usable: BoolArray) -> float:
+def _rms_angle_rad(
+    poses: FloatArray, others: FloatArray, is_usable: BoolArray
+) -> float:
     """Return the RMS difference per axis of directions from the reference."""
-    difference = _unit(poses[is_usable, :3, 3]) - _unit(others[is_usable, :3, 3])
+    difference = _unit(poses[is_usable, :3, 3]) - _unit(
+        others[is_usable, :3, 3]
+    )
     return float(np.sqrt((difference**2).sum(axis=1).mean() / 2))
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
     """Return vectors [..., 3] of unit length."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-6))
+    return np.asarray(
+        vectors
+        / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-6)
+    )

@@ -34,11 +34,15 @@ from geovp_classic.types import (
 class CornerTracker:
     """Corners of the middle of a reference image, tracked from frame to frame until lost."""
 
-    max_corners: int = 400  # in a square image; proportionally more in wider ones
+    max_corners: int = (
+        400  # in a square image; proportionally more in wider ones
+    )
     # Width over height of the middle. Corners farther out make the fit within the square worse.
     max_aspect: float = 1.6
     quality: float = 0.01  # of the best corner, for cv2.goodFeaturesToTrack
-    spacing_fraction: float = 0.025  # least distance of corners, over the image's height
+    spacing_fraction: float = (
+        0.025  # least distance of corners, over the image's height
+    )
     window_px: int = 15  # in images of up to `tall_px` rows; proportionally more in taller ones
     tall_px: int = 256
     max_return_px: float = 0.5  # forward-backward error of a track
@@ -54,7 +58,9 @@ class CornerTracker:
         is_visible = np.zeros(pixels.shape[:2], dtype=bool)
         is_visible[reference] = True
         height = images.shape[1]
-        window_px = int(self.window_px * max(1, height / self.tall_px)) | 1  # odd
+        window_px = (
+            int(self.window_px * max(1, height / self.tall_px)) | 1
+        )  # odd
         backward = range(reference - 1, -1, -1)
         forward = range(reference + 1, len(images))
         for steps in (backward, forward):
@@ -65,13 +71,15 @@ class CornerTracker:
                 tracked = is_visible[before]
                 pixels[step] = pixels[before]
                 if tracked.any():
-                    pixels[step, tracked], is_visible[step, tracked], _ = track_points(
-                        (images[before], images[step]),
-                        pixels[before, tracked],
-                        pixels[before, tracked] + motion[tracked],
-                        window_px,
-                        num_levels,
-                        max_return_px=self.max_return_px,
+                    pixels[step, tracked], is_visible[step, tracked], _ = (
+                        track_points(
+                            (images[before], images[step]),
+                            pixels[before, tracked],
+                            pixels[before, tracked] + motion[tracked],
+                            window_px,
+                            num_levels,
+                            max_return_px=self.max_return_px,
+                        )
                     )
                 motion = pixels[step] - pixels[before]
                 num_levels = (2, 1)  # the last motion is a good prediction
@@ -87,7 +95,9 @@ class CornerTracker:
         middle[:, margin : width - margin] = 255
         max_corners = int(self.max_corners * aspect)
         spacing_px = self.spacing_fraction * height
-        corners = cv2.goodFeaturesToTrack(image, max_corners, self.quality, spacing_px, mask=middle)
+        corners = cv2.goodFeaturesToTrack(
+            image, max_corners, self.quality, spacing_px, mask=middle
+        )
         if corners is None:
             return np.zeros((0, 2), np.float32)
         return np.asarray(corners, np.float32).reshape(-1, 2)
@@ -121,12 +131,18 @@ class Registration:
 
     def __post_init__(self) -> None:
         if self.num_frames < 2:
-            raise BadData(f"registration: num_frames is {self.num_frames}, expected 2 or more")
+            raise BadData(
+                f"registration: num_frames is {self.num_frames}, expected 2 or more"
+            )
 
     @property
     def needs(self) -> PrivilegedInput:
         """Return the uncropped frames if they are used, else nothing."""
-        return PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        return (
+            PrivilegedInput.FULL_FRAMES
+            if self.frames == "full"
+            else PrivilegedInput.NONE
+        )
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""
@@ -135,15 +151,23 @@ class Registration:
         steps = steps[steps >= len(stream.is_usable) - self.num_frames]
         given = motion.past.world_from_cam
         reference = len(steps) - 1
-        registered = self.register(stream.greys[steps], stream.intrinsics, given[steps], reference)
+        registered = self.register(
+            stream.greys[steps], stream.intrinsics, given[steps], reference
+        )
         first = steps[0]
         past = given.copy()
-        past[:first] = registered.world_from_cam[0] @ se3.inverse(given[first]) @ given[:first]
+        past[:first] = (
+            registered.world_from_cam[0]
+            @ se3.inverse(given[first])
+            @ given[:first]
+        )
         past[steps] = registered.world_from_cam
         last_from_cam = se3.inverse(given[-1]) @ motion.futures
         last_from_cam[..., :3, 3] @= registered.direction_correction.T
         futures = given[-1] @ last_from_cam
-        return motion.refined(replace(motion.past, world_from_cam=past), futures)
+        return motion.refined(
+            replace(motion.past, world_from_cam=past), futures
+        )
 
     def register(
         self,
@@ -157,22 +181,33 @@ class Registration:
         """
         unchanged = Registered(world_from_cam, np.eye(3))
         sources = np.delete(np.arange(len(images)), reference)
-        source_from_reference = se3.inverse(world_from_cam[sources]) @ world_from_cam[reference]
+        source_from_reference = (
+            se3.inverse(world_from_cam[sources]) @ world_from_cam[reference]
+        )
         if not source_from_reference[:, :3, 3].any():
             return unchanged
         pixels, is_visible = self.tracker.track(images, reference)
         is_used = is_visible[sources].any(axis=0)
         if is_used.sum() < self.min_corners:
             return unchanged
-        rays = pinhole.unproject(pixels[reference, is_used], np.ones(is_used.sum()), camera)
-        corners = Corners(
-            rays, pixels[sources][:, is_used], is_visible[sources][:, is_used], camera
+        rays = pinhole.unproject(
+            pixels[reference, is_used], np.ones(is_used.sum()), camera
         )
-        reference_from_source = se3.inverse(self.bundle.adjust(corners, source_from_reference))
+        corners = Corners(
+            rays,
+            pixels[sources][:, is_used],
+            is_visible[sources][:, is_used],
+            camera,
+        )
+        reference_from_source = se3.inverse(
+            self.bundle.adjust(corners, source_from_reference)
+        )
         adjusted = world_from_cam.copy()
         adjusted[sources] = world_from_cam[reference] @ reference_from_source
         correction = direction_correction(
-            se3.inverse(source_from_reference), reference_from_source, self.persistence
+            se3.inverse(source_from_reference),
+            reference_from_source,
+            self.persistence,
         )
         return Registered(adjusted, correction)
 
@@ -202,7 +237,10 @@ def direction_correction(
     if not is_reliable.any():
         return np.eye(3)
     lengths = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-    turns = np.cross(before[is_reliable], after[is_reliable]) / lengths[is_reliable, None]
+    turns = (
+        np.cross(before[is_reliable], after[is_reliable])
+        / lengths[is_reliable, None]
+    )
     twist = np.concatenate([np.zeros(3), persistence * turns.mean(axis=0)])
     return se3.exp(twist)[:3, :3]
 

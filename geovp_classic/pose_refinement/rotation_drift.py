@@ -26,7 +26,13 @@ from geovp_classic.pose_refinement.unmeasured_intervals import (
     agreement_weight,
     recordings,
 )
-from geovp_classic.types import BoolArray, Context, FloatArray, Motion, PrivilegedInput
+from geovp_classic.types import (
+    BoolArray,
+    Context,
+    FloatArray,
+    Motion,
+    PrivilegedInput,
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,9 @@ class DriftModel:
 
     def observed_covariance(self, past_s: FloatArray) -> FloatArray:
         """Return the covariance [P, P] of past errors with the noise of the registration."""
-        return self.covariance(past_s, past_s) + self.registration_s**2 * np.eye(len(past_s))
+        return self.covariance(
+            past_s, past_s
+        ) + self.registration_s**2 * np.eye(len(past_s))
 
 
 @dataclass(frozen=True)
@@ -65,24 +73,32 @@ class RotationDrift:
     roll: DriftModel = DriftModel(0.2, 0.4)
     # Standard deviation of the rate at which headings and tilts drift.
     rate_deviation_rad_s: float = 8.7e-4  # 0.05 degrees/s
-    lag_deviation_s: float = 0.008  # standard deviation of the lag between recordings and images
+    lag_deviation_s: float = (
+        0.008  # standard deviation of the lag between recordings and images
+    )
     # Larger errors of past rotations are jumps, as after an unmeasured interval. They do not
     # continue.
     jump_rad: float = 3.5e-3  # 0.2 degrees
     registration_error_rad: float = 8.7e-4  # 0.05 degrees
     detector: IntervalDetector = field(default_factory=IntervalDetector)
 
-    needs = PrivilegedInput.NONE  # it compares registered poses with the given ones
+    needs = (
+        PrivilegedInput.NONE
+    )  # it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with other future poses."""
         futures = [
             self._correct(future, recording)
-            for future, recording in zip(motion.futures, recordings(context, motion), strict=True)
+            for future, recording in zip(
+                motion.futures, recordings(context, motion), strict=True
+            )
         ]
         return motion.refined(motion.past, np.stack(futures))
 
-    def _correct(self, world_from_cam: FloatArray, recording: Recording) -> FloatArray:
+    def _correct(
+        self, world_from_cam: FloatArray, recording: Recording
+    ) -> FloatArray:
         """Return the future poses [F, 4, 4] with lag and drift of the recording removed."""
         given = recording.given
         times_s = recording.times_s
@@ -90,7 +106,10 @@ class RotationDrift:
         is_unmeasured = np.zeros(len(given), bool)
         for interval in self.detector.detect(recording):
             is_unmeasured |= interval.inside(len(given))
-        by_lag = _by_lag(given, times_s, last, ~is_unmeasured) * recording.is_continuous()
+        by_lag = (
+            _by_lag(given, times_s, last, ~is_unmeasured)
+            * recording.is_continuous()
+        )
         past_rad = recording.past_rad
         used = np.flatnonzero(~is_unmeasured[:last])
         future = slice(last + 1, None)
@@ -99,7 +118,9 @@ class RotationDrift:
         )
         weight = agreement_weight(past_rad[used], self.jump_rad)
         if is_unmeasured[last]:
-            weight *= agreement_weight(past_rad[:last], self.registration_error_rad)
+            weight *= agreement_weight(
+                past_rad[:last], self.registration_error_rad
+            )
         last_from_cam = se3.inverse(recording.world_from_last) @ world_from_cam
         last_from_cam[:, :3, 3] += weight * lag_s * by_lag[future, :3]
         errors_rad = weight * (lag_s * by_lag[future, 3:] + drift_rad)
@@ -119,14 +140,20 @@ class RotationDrift:
         # All axes in one vector [3 P], since they share the lag.
         lag_scale = self.lag_deviation_s / self.rate_deviation_rad_s
         by_shared_lag = by_lag.T.ravel() * lag_scale
-        covariance = block_diag(*(axis.observed_covariance(past_s) for axis in axes))
+        covariance = block_diag(
+            *(axis.observed_covariance(past_s) for axis in axes)
+        )
         covariance += np.outer(by_shared_lag, by_shared_lag)
         weights = np.linalg.solve(covariance, errors_rad.T.ravel())
         drift = [
             axis.covariance(future_s, past_s) @ axis_weights
-            for axis, axis_weights in zip(axes, np.split(weights, 3), strict=True)
+            for axis, axis_weights in zip(
+                axes, np.split(weights, 3), strict=True
+            )
         ]
-        return float(by_shared_lag @ weights) * lag_scale, np.stack(drift, axis=1)
+        return float(by_shared_lag @ weights) * lag_scale, np.stack(
+            drift, axis=1
+        )
 
 
 def _by_lag(
@@ -136,13 +163,18 @@ def _by_lag(
     is_measured: BoolArray,  # [T]
 ) -> FloatArray:
     """Return the changes of positions and rotations [T, 6] per second of lag."""
-    step = np.arange(len(times_s))  # central differences, but not across unmeasured poses
+    step = np.arange(
+        len(times_s)
+    )  # central differences, but not across unmeasured poses
     before = np.maximum(step - 1, 0)
     before = np.where(is_measured[before], before, step)
     after = np.minimum(step + 1, len(step) - 1)
     after = np.where(is_measured[after], after, step)
     duration_s = np.maximum(times_s[after] - times_s[before], 1e-6)[:, None]
-    turning = se3.turn(reference_from_cam[before], reference_from_cam[after]) / duration_s
+    turning = (
+        se3.turn(reference_from_cam[before], reference_from_cam[after])
+        / duration_s
+    )
     position = reference_from_cam[:, :3, 3]
     moving = (position[after] - position[before]) / duration_s
     moving = moving - moving[reference] - np.cross(turning[reference], position)

@@ -20,7 +20,13 @@ from geovp_classic.pose_refinement.angle_kernels import (
     covariance_of_differences,
 )
 from geovp_classic.pose_refinement.registration import unrefined
-from geovp_classic.types import BoolArray, Context, FloatArray, Motion, PrivilegedInput
+from geovp_classic.types import (
+    BoolArray,
+    Context,
+    FloatArray,
+    Motion,
+    PrivilegedInput,
+)
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,13 @@ class Recording:
             return False
         around = slice(self.last - 1, self.last + 2)
         durations_s = np.diff(self.times_s[around])
-        before, after = np.diff(self.given[around, :3, 3], axis=0) / durations_s[:, None]
-        return bool(np.linalg.norm(after - before) <= max_change * np.linalg.norm(before))
+        before, after = (
+            np.diff(self.given[around, :3, 3], axis=0) / durations_s[:, None]
+        )
+        return bool(
+            np.linalg.norm(after - before)
+            <= max_change * np.linalg.norm(before)
+        )
 
 
 def recordings(context: Context, motion: Motion) -> list[Recording]:
@@ -64,7 +75,8 @@ def recordings(context: Context, motion: Motion) -> list[Recording]:
     times_s = context.times_s - motion.past.times_s[-1]
     return [
         Recording(
-            se3.inverse(last) @ np.concatenate([recorded.past.world_from_cam, future]),
+            se3.inverse(last)
+            @ np.concatenate([recorded.past.world_from_cam, future]),
             se3.inverse(registered[-1]) @ registered,
             times_s,
             motion.past.is_metric,
@@ -86,7 +98,9 @@ class Interval:
     def inside(self, count: int) -> BoolArray:
         """Return which of `count` poses are unmeasured."""
         is_unmeasured = np.zeros(count, dtype=bool)
-        is_unmeasured[0 if self.first is None else self.first + 1 : self.last] = True
+        is_unmeasured[
+            0 if self.first is None else self.first + 1 : self.last
+        ] = True
         return is_unmeasured
 
 
@@ -94,7 +108,9 @@ class Interval:
 class IntervalDetector:
     """Unmeasured intervals are uniform motion: measured steps are hardly ever so even."""
 
-    max_turn_change_rad_s: float = 3.5e-4  # 0.02 degrees/s from one step to the next
+    max_turn_change_rad_s: float = (
+        3.5e-4  # 0.02 degrees/s from one step to the next
+    )
     max_speed_change_m_s: float = 0.05
     min_speed_m_s: float = 0.5  # a stationary camera moves uniformly, too
     min_steps: int = 5
@@ -111,7 +127,9 @@ class IntervalDetector:
         times_s: FloatArray,  # [T]
     ) -> list[Interval]:
         """Return all unmeasured intervals of a sequence of poses, in order."""
-        is_uniform = np.concatenate([[0], self._is_uniform(world_from_cam, times_s), [0]])
+        is_uniform = np.concatenate(
+            [[0], self._is_uniform(world_from_cam, times_s), [0]]
+        )
         changes = np.diff(is_uniform)
         begins = np.flatnonzero(changes == 1).tolist()
         ends = np.flatnonzero(changes == -1).tolist()
@@ -124,16 +142,24 @@ class IntervalDetector:
                 intervals.append(Interval(first, last))
         return intervals
 
-    def _is_uniform(self, world_from_cam: FloatArray, times_s: FloatArray) -> BoolArray:
+    def _is_uniform(
+        self, world_from_cam: FloatArray, times_s: FloatArray
+    ) -> BoolArray:
         """Return whether each step but the last continues uniformly in the next one [T - 2]."""
         durations_s = np.diff(times_s)[:, None]
-        turning = se3.turn(world_from_cam[:-1], world_from_cam[1:]) / durations_s
+        turning = (
+            se3.turn(world_from_cam[:-1], world_from_cam[1:]) / durations_s
+        )
         moving = np.diff(world_from_cam[:, :3, 3], axis=0) / durations_s
         turn_change = np.linalg.norm(np.diff(turning, axis=0), axis=1)
         speed_change = np.linalg.norm(np.diff(moving, axis=0), axis=1)
         is_moving = np.linalg.norm(moving[1:], axis=1) > self.min_speed_m_s
         is_turn_even = turn_change < self.max_turn_change_rad_s
-        return np.asarray(is_turn_even & (speed_change < self.max_speed_change_m_s) & is_moving)
+        return np.asarray(
+            is_turn_even
+            & (speed_change < self.max_speed_change_m_s)
+            & is_moving
+        )
 
 
 @dataclass(frozen=True)
@@ -148,14 +174,22 @@ class UnmeasuredIntervals:
     # Rotations about the camera's x, y and z axis; chosen on poses of the sequences 00, 02, 08 and
     # 09, with intervals cut into them.
     pitch: Matern52 = field(default=Matern52(0.0105, 0.25))  # 0.6 degrees
-    yaw: IntegratedOrnsteinUhlenbeck = field(default=IntegratedOrnsteinUhlenbeck(0.035, 1.2))
-    roll: IntegratedOrnsteinUhlenbeck = field(default=IntegratedOrnsteinUhlenbeck(0.035, 0.15))
+    yaw: IntegratedOrnsteinUhlenbeck = field(
+        default=IntegratedOrnsteinUhlenbeck(0.035, 1.2)
+    )
+    roll: IntegratedOrnsteinUhlenbeck = field(
+        default=IntegratedOrnsteinUhlenbeck(0.035, 0.15)
+    )
     # Uniform motion that agrees with registered rotations to this error was measured.
     registration_error_rad: float = 8.7e-4  # 0.05 degrees
-    noise_rad: float = 5.2e-4  # 0.03 degrees, of registered and of recorded rotations
+    noise_rad: float = (
+        5.2e-4  # 0.03 degrees, of registered and of recorded rotations
+    )
     after_s: float = 0.5  # how long after the interval measured poses are used
 
-    needs = PrivilegedInput.NONE  # it compares registered poses with the given ones
+    needs = (
+        PrivilegedInput.NONE
+    )  # it compares registered poses with the given ones
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with other future rotations; unchanged where the last frame's pose was
@@ -164,15 +198,23 @@ class UnmeasuredIntervals:
         futures = motion.futures.copy()
         for number, recording in enumerate(recordings(context, motion)):
             agreement = agreement_weight(
-                recording.past_rad[: recording.last], self.registration_error_rad
+                recording.past_rad[: recording.last],
+                self.registration_error_rad,
             )
             for interval in self.detector.detect(recording):
                 if interval.inside(len(recording.given))[recording.last]:
                     errors_rad = self.errors(
-                        interval, recording.given, recording.registered, recording.times_s
+                        interval,
+                        recording.given,
+                        recording.registered,
+                        recording.times_s,
                     )
-                    last_from_cam = se3.inverse(recording.world_from_last) @ futures[number]
-                    turned = se3.turned(last_from_cam, (1 - agreement) * errors_rad)
+                    last_from_cam = (
+                        se3.inverse(recording.world_from_last) @ futures[number]
+                    )
+                    turned = se3.turned(
+                        last_from_cam, (1 - agreement) * errors_rad
+                    )
                     futures[number] = recording.world_from_last @ turned
         return motion.refined(motion.past, futures)
 
@@ -197,12 +239,18 @@ class UnmeasuredIntervals:
         uniform = se3.turned(identity, times_s[:, None] * rate_rad_s)
         recorded_rad = se3.turn(uniform, given)
         registered_rad = se3.turn(uniform[:num_past], registered)
-        is_measured = (times_s > times_s[end]) & (times_s <= times_s[end] + self.after_s)
-        is_measured[: 0 if interval.first is None else interval.first + 1] = True
+        is_measured = (times_s > times_s[end]) & (
+            times_s <= times_s[end] + self.after_s
+        )
+        is_measured[: 0 if interval.first is None else interval.first + 1] = (
+            True
+        )
         # Registration ties the past to the reference, the recording ties measured poses to the
         # interval's end.
         at_s = np.concatenate([times_s[: num_past - 1], times_s[is_measured]])
-        from_s = np.concatenate([np.zeros(num_past - 1), np.full(is_measured.sum(), times_s[end])])
+        from_s = np.concatenate(
+            [np.zeros(num_past - 1), np.full(is_measured.sum(), times_s[end])]
+        )
         relative_rad = recorded_rad[is_measured] - recorded_rad[end]
         known_rad = np.concatenate([registered_rad[:-1], relative_rad])
         known_rad += (at_s - from_s)[:, None] * rate_rad_s
@@ -213,11 +261,15 @@ class UnmeasuredIntervals:
         expected_rad = np.stack(
             [
                 self._expected(kernel, measured_angles, at_s, from_s, future_s)
-                for kernel, measured_angles in zip(kernels, known_rad.T, strict=True)
+                for kernel, measured_angles in zip(
+                    kernels, known_rad.T, strict=True
+                )
             ],
             axis=1,
         )
-        corrected = se3.turned(uniform[future], expected_rad - future_s[:, None] * rate_rad_s)
+        corrected = se3.turned(
+            uniform[future], expected_rad - future_s[:, None] * rate_rad_s
+        )
         return se3.turn(given[future], corrected)
 
     def _expected(
@@ -230,10 +282,15 @@ class UnmeasuredIntervals:
     ) -> FloatArray:
         """Return the expected angles [F], relative to the one at time 0."""
         has_same_origin = np.equal.outer(from_s, from_s)
-        covariance = covariance_of_differences(kernel, at_s, from_s, at_s, from_s)
+        covariance = covariance_of_differences(
+            kernel, at_s, from_s, at_s, from_s
+        )
         covariance += self.noise_rad**2 * (np.eye(len(at_s)) + has_same_origin)
         weights = np.linalg.solve(covariance, known_rad)
-        return covariance_of_differences(kernel, future_s, 0.0, at_s, from_s) @ weights
+        return (
+            covariance_of_differences(kernel, future_s, 0.0, at_s, from_s)
+            @ weights
+        )
 
 
 def agreement_weight(past_rad: FloatArray, half_rad: float) -> float:

@@ -7,7 +7,13 @@ from geovp_classic.forecasting.motion_prior import MotionPrior
 from geovp_classic.interfaces import Forecaster, Odometry
 from geovp_classic.odometry.monocular import Monocular
 from geovp_classic.odometry.recorded import Recorded
-from geovp_classic.types import Context, FloatArray, Motion, PrivilegedInput, Trajectory
+from geovp_classic.types import (
+    Context,
+    FloatArray,
+    Motion,
+    PrivilegedInput,
+    Trajectory,
+)
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,9 @@ class ContinuedRecording:
 
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
 
-    def forecast(self, past: Trajectory, times_s: FloatArray, num_samples: int = 1) -> FloatArray:
+    def forecast(
+        self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
+    ) -> FloatArray:
         """Return futures [S, F, 4, 4]; a forecaster beside this class implements it."""
         raise NotImplementedError
 

@@ -7,7 +7,9 @@ from geovp_classic.parallel import single_threaded_blas
 from geovp_classic.pose_refinement.nonholonomic import NonholonomicConstraint
 from geovp_classic.pose_refinement.registration import Registration
 from geovp_classic.pose_refinement.rotation_drift import RotationDrift
-from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredIntervals
+from geovp_classic.pose_refinement.unmeasured_intervals import (
+    UnmeasuredIntervals,
+)
 from geovp_classic.pose_sources.road_height import RoadHeight
 from geovp_classic.types import Context, Motion, PrivilegedInput
 
@@ -27,7 +29,9 @@ class Refined:
     """A pose source and its refinements; the default chain was selected on `val`."""
 
     source: PoseSource
-    refinements: tuple[PoseRefinement, ...] = field(default_factory=_default_refinements)
+    refinements: tuple[PoseRefinement, ...] = field(
+        default_factory=_default_refinements
+    )
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -40,7 +44,9 @@ class Refined:
     @single_threaded_blas
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the refined motion."""
-        motion = self.source.estimate(context.only(self.source.needs), num_samples)
+        motion = self.source.estimate(
+            context.only(self.source.needs), num_samples
+        )
         for refinement in self.refinements:
             motion = refinement.refine(context.only(refinement.needs), motion)
         return motion

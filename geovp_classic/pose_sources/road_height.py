@@ -22,7 +22,9 @@ class RoadHeight:
     shows.
     """
 
-    depth: DepthSource = field(default_factory=Multiview)  # the renderer's: it is computed once
+    depth: DepthSource = field(
+        default_factory=Multiview
+    )  # the renderer's: it is computed once
     frames: Literal["crop", "full"] = "crop"
     num_frames: int = 10
     ground: GroundFit = field(default_factory=GroundFit)
@@ -31,7 +33,11 @@ class RoadHeight:
     @property
     def needs(self) -> PrivilegedInput:
         """Return what the depth source needs, and the uncropped frames if they are used."""
-        full = PrivilegedInput.FULL_FRAMES if self.frames == "full" else PrivilegedInput.NONE
+        full = (
+            PrivilegedInput.FULL_FRAMES
+            if self.frames == "full"
+            else PrivilegedInput.NONE
+        )
         return self.depth.needs | full
 
     def refine(self, context: Context, motion: Motion) -> Motion:
@@ -47,6 +53,9 @@ class RoadHeight:
         world_from_last = past.world_from_cam[-1]
         last_from_cam = se3.inverse(world_from_last) @ motion.futures
         futures = np.stack(
-            [self.profile.correct_heights(future, points, ground) for future in last_from_cam]
+            [
+                self.profile.correct_heights(future, points, ground)
+                for future in last_from_cam
+            ]
         )
         return motion.refined(motion.past, world_from_last @ futures)

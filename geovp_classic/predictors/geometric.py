@@ -7,7 +7,13 @@ import numpy as np
 from geovp_classic.interfaces import PoseSource, Renderer, Scene
 from geovp_classic.observation import Observed, Observer
 from geovp_classic.rendering.masked_scene import MaskedScene
-from geovp_classic.types import Context, Motion, Prediction, PrivilegedInput, Trajectory
+from geovp_classic.types import (
+    Context,
+    Motion,
+    Prediction,
+    PrivilegedInput,
+    Trajectory,
+)
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,9 @@ class GeometricPredictor:
 
     def estimate(self, observed: Observed, num_samples: int = 1) -> Motion:
         """Estimate the past and future motion of the camera."""
-        return self.pose_source.estimate(observed.only(self.pose_source.needs), num_samples)
+        return self.pose_source.estimate(
+            observed.only(self.pose_source.needs), num_samples
+        )
 
     def reconstruct(self, observed: Observed, past: Trajectory) -> Scene:
         """Reconstruct the scene, which depends on the past alone."""
@@ -55,7 +63,10 @@ class GeometricPredictor:
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
     """Render the scene from all sampled futures of the motion, at the future times."""
     times_s = context.times_s[context.num_past :]
-    samples = [scene.view(future, times_s, context.intrinsics) for future in motion.futures]
+    samples = [
+        scene.view(future, times_s, context.intrinsics)
+        for future in motion.futures
+    ]
     frames = np.stack([views.frames for views in samples])
     covered = np.stack([views.covered for views in samples])
     return Prediction(frames, covered, motion)

@@ -38,24 +38,36 @@ class DepthFusion:
 
     depth: DepthSource = field(default_factory=Multiview)
     inpainter: Inpainter = field(default_factory=DetailTransfer)
-    frames: Literal["crop", "full"] = "crop"  # full: the uncropped ones, with all their detail
+    frames: Literal["crop", "full"] = (
+        "crop"  # full: the uncropped ones, with all their detail
+    )
     num_frames: int = 10  # the last observed frames are used
     crack_px: int = 3  # gaps up to twice this width between surfaces are closed, not inpainted
-    max_depth_difference: float = 0.1  # relative, of inverse depths of one surface in two frames
+    max_depth_difference: float = (
+        0.1  # relative, of inverse depths of one surface in two frames
+    )
     patch_model: PatchModel = field(default_factory=PatchModel)
     # None: magnified surfaces stay blurred.
     detail: MagnifiedDetail | None = field(default_factory=MagnifiedDetail)
     # None: dynamic objects are rendered as static.
-    dynamic_objects: DynamicObjects | None = field(default_factory=DynamicObjects)
-    exposure_estimator: ExposureEstimator = field(default_factory=ExposureEstimator)
+    dynamic_objects: DynamicObjects | None = field(
+        default_factory=DynamicObjects
+    )
+    exposure_estimator: ExposureEstimator = field(
+        default_factory=ExposureEstimator
+    )
     # None: the exposure stays that of the last frame.
     exposure: ExposureControl | None = field(default_factory=ExposureControl)
 
     def __post_init__(self) -> None:
         if self.frames not in ("crop", "full"):
-            raise BadData(f"frames is {self.frames!r}, expected 'crop' or 'full'")
+            raise BadData(
+                f"frames is {self.frames!r}, expected 'crop' or 'full'"
+            )
         if self.num_frames < 1:
-            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
+            raise BadData(
+                f"num_frames is {self.num_frames}, expected 1 or more observed frames"
+            )
         if not (0 < self.max_depth_difference < 1 and self.crack_px >= 0):
             raise BadData(
                 f"max_depth_difference is {self.max_depth_difference} and crack_px "
@@ -79,28 +91,45 @@ class DepthFusion:
         depths, confidence = self.depth.inverse_depths(recent, past)
         exposure = self._exposure(recent, past, depths[-1])
         sprites = self._sprites(recent, past, depths[-1], exposure)
-        depths, is_dynamic = mask_out(sprites, depths, past.world_from_cam, since_s)
+        depths, is_dynamic = mask_out(
+            sprites, depths, past.world_from_cam, since_s
+        )
 
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
         sources = self._sources(recent, past)
         cloud, used = fusion.fuse(
-            sources, depths, is_known & ~is_dynamic, self.max_depth_difference, self.patch_model
+            sources,
+            depths,
+            is_known & ~is_dynamic,
+            self.max_depth_difference,
+            self.patch_model,
         )
         matched = [exposure.match(sources[step], step) for step in used]
 
         scene: Scene = fusion.CloudScene(
-            cloud, matched, self.patch_model, self.inpainter, self.detail, self.crack_px
+            cloud,
+            matched,
+            self.patch_model,
+            self.inpainter,
+            self.detail,
+            self.crack_px,
         )
         if self.frames == "full" and not sprites:
             step = np.abs(context.times_s[: context.num_past] - last_s).argmin()
-            last = Source(context.frames[step], context.intrinsics, past.world_from_cam[-1])
+            last = Source(
+                context.frames[step],
+                context.intrinsics,
+                past.world_from_cam[-1],
+            )
             scene = StationaryScene(scene, last, float(np.max(depths[-1])))
         if sprites:
             scene = DynamicScene(scene, sprites, last_s)
         if self.exposure is not None:
             is_whole = self.frames == "full"
-            scene = ExposedScene(scene, sources[-1], exposure, self.exposure, last_s, is_whole)
+            scene = ExposedScene(
+                scene, sources[-1], exposure, self.exposure, last_s, is_whole
+            )
         return scene
 
     def sprites(self, context: Context, past: Trajectory) -> list[Sprite]:
@@ -110,17 +139,29 @@ class DepthFusion:
         exposure = self._exposure(recent, past, depths[-1])
         return self._sprites(recent, past, depths[-1], exposure)
 
-    def _recent(self, context: Context, past: Trajectory) -> tuple[Context, Trajectory]:
+    def _recent(
+        self, context: Context, past: Trajectory
+    ) -> tuple[Context, Trajectory]:
         """Return the last usable frames, cropped or uncropped, and their poses."""
-        return recent_frames(context.only(self.needs), past, self.frames, self.num_frames)
+        return recent_frames(
+            context.only(self.needs), past, self.frames, self.num_frames
+        )
 
-    def _exposure(self, recent: Context, past: Trajectory, inverse_depth: FloatArray) -> Exposure:
+    def _exposure(
+        self, recent: Context, past: Trajectory, inverse_depth: FloatArray
+    ) -> Exposure:
         """Return the exposure of the frames relative to the last one."""
         greys = stream(recent, "crop").greys
-        return self.exposure_estimator.estimate(greys, recent.intrinsics, past, inverse_depth)
+        return self.exposure_estimator.estimate(
+            greys, recent.intrinsics, past, inverse_depth
+        )
 
     def _sprites(
-        self, recent: Context, past: Trajectory, inverse_depth: FloatArray, exposure: Exposure
+        self,
+        recent: Context,
+        past: Trajectory,
+        inverse_depth: FloatArray,
+        exposure: Exposure,
     ) -> list[Sprite]:
         """Return the dynamic objects of the last frame; none where there is no road."""
         camera = recent.intrinsics
@@ -129,10 +170,19 @@ class DepthFusion:
             return []
         gains = np.exp(exposure.log_gains).astype(np.float32)
         images = stream(recent, "crop").greys * gains[:, None, None]
-        observed = PosedImages(images, camera, past, inverse_depth.astype(np.float32), road)
+        observed = PosedImages(
+            images, camera, past, inverse_depth.astype(np.float32), road
+        )
         pose = past.world_from_cam[-1]
         return [
-            Sprite(recent.frames[-1], dynamic.mask, camera, pose, dynamic.depth, dynamic.velocity)
+            Sprite(
+                recent.frames[-1],
+                dynamic.mask,
+                camera,
+                pose,
+                dynamic.depth,
+                dynamic.velocity,
+            )
             for dynamic in self.dynamic_objects.detect(observed)
         ]
 

@@ -57,7 +57,9 @@ class GivenDepth:
                 "for the sky"
             )
         inverse_depth = 1 / np.where(depth > 0, depth, np.nan)
-        last = Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
+        last = Source(
+            context.frames[-1], context.intrinsics, past.world_from_cam[-1]
+        )
         cloud = self.patch_model.from_depth_map(inverse_depth, depth > 0, 0)
         return SurfaceScene(self, last, inverse_depth, cloud)
 
@@ -72,7 +74,10 @@ class SurfaceScene:
     cloud: Patches
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4].
 
@@ -85,25 +90,42 @@ class SurfaceScene:
         )
         rendered = []
         mixed = []
-        for pose, inverse_depth, winner in zip(world_from_cam, depth_maps, winners, strict=True):
+        for pose, inverse_depth, winner in zip(
+            world_from_cam, depth_maps, winners, strict=True
+        ):
             is_hit = winner != NO_INDEX
             frame, is_shown, _, _ = warp(
-                self.last, np.where(is_hit, inverse_depth, np.nan), pose, intrinsics
+                self.last,
+                np.where(is_hit, inverse_depth, np.nan),
+                pose,
+                intrinsics,
             )
-            rendered.append((frame, is_shown, patches.depths(inverse_depth, is_shown)))
+            rendered.append(
+                (frame, is_shown, patches.depths(inverse_depth, is_shown))
+            )
             mixed.append(self._is_mixed(winner, pose, intrinsics))
         last = resampled(self.last, intrinsics)
         views = inpainted_views(rendered, self.settings.inpainter, last)
-        return Views(views.frames, views.covered & ~np.stack(mixed), views.depths)
+        return Views(
+            views.frames, views.covered & ~np.stack(mixed), views.depths
+        )
 
     def _is_mixed(
-        self, winner: IndexArray, world_from_cam: FloatArray, intrinsics: Intrinsics
+        self,
+        winner: IndexArray,
+        world_from_cam: FloatArray,
+        intrinsics: Intrinsics,
     ) -> BoolArray:
         """Return the pixels [H, W] whose patch shows surfaces that have separated."""
-        cam_from_last = se3.inverse(world_from_cam) @ self.last.world_from_source
+        cam_from_last = (
+            se3.inverse(world_from_cam) @ self.last.world_from_source
+        )
         epipolar = Epipolar.of(self.last.camera, cam_from_last, intrinsics)
         separated = separated_edges(
-            self.inverse_depth, epipolar, self.settings.min_gap_px, self.settings.patch_model
+            self.inverse_depth,
+            epipolar,
+            self.settings.min_gap_px,
+            self.settings.patch_model,
         )
         is_hit = winner != NO_INDEX
         columns, rows = self.cloud.pixels[winner[is_hit]].astype(int).T

@@ -42,11 +42,15 @@ class GroundFarPlane:
     # than one second of noisy heights.
     pitch_deg: float | None = None
     roll_deg: float = 0.0  # clockwise
-    min_path_m: float = 0.1  # a shorter path has no direction of travel: the pitch is 0
+    min_path_m: float = (
+        0.1  # a shorter path has no direction of travel: the pitch is 0
+    )
 
     needs = PrivilegedInput.CAMERA_HEIGHT
 
-    def reconstruct(self, context: Context, past: Trajectory) -> StationaryScene:
+    def reconstruct(
+        self, context: Context, past: Trajectory
+    ) -> StationaryScene:
         """Return the two planes; raise Incompatible without a camera height or metric poses."""
         context, past = recent(context, past, "crop", len(past))
         if context.camera_height_m is None:
@@ -57,10 +61,16 @@ class GroundFarPlane:
             raise Incompatible(
                 "the camera's height is in metres, the poses are not: give the odometry a scale"
             )
-        level_from_cam = planar.level_vehicle_from_cam(self._pitch_rad(past), self._roll_rad)
+        level_from_cam = planar.level_vehicle_from_cam(
+            self._pitch_rad(past), self._roll_rad
+        )
         normal_last = level_from_cam[1, :3]
-        last = Source(context.frames[-1], context.intrinsics, past.world_from_cam[-1])
-        scene = GroundFarScene(last, normal_last, context.camera_height_m, self.inpainter)
+        last = Source(
+            context.frames[-1], context.intrinsics, past.world_from_cam[-1]
+        )
+        scene = GroundFarScene(
+            last, normal_last, context.camera_height_m, self.inpainter
+        )
         below_horizon = pinhole.rays(context.intrinsics) @ normal_last
         max_inverse_depth = float(below_horizon.max()) / context.camera_height_m
         return StationaryScene(scene, last, max_inverse_depth)
@@ -76,7 +86,9 @@ class GroundFarPlane:
         rotations = past.world_from_cam[1:, :3, :3]
         steps = np.diff(past.world_from_cam[:, :3, 3], axis=0)
         steps_cam = np.einsum("nji,nj->ni", rotations, steps)
-        level_from_rolled = planar.level_vehicle_from_cam(0.0, self._roll_rad)[:3, :3]
+        level_from_rolled = planar.level_vehicle_from_cam(0.0, self._roll_rad)[
+            :3, :3
+        ]
         unrolled = steps_cam @ level_from_rolled.T
         if np.abs(unrolled[:, 2]).sum() <= self.min_path_m:
             return 0.0
@@ -93,26 +105,37 @@ class GroundFarScene:
     inpainter: Inpainter
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4]; uncovered beside the last frame."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
-        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
+        return inpainted_views(
+            views, self.inpainter, resampled(self.last, intrinsics)
+        )
 
     def _view(
         self, world_from_cam: FloatArray, intrinsics: Intrinsics
     ) -> tuple[ByteArray, BoolArray, FloatArray]:
         """Return frame [H, W, 3], coverage and depth [H, W] from one pose."""
         inverse_depth = self._inverse_depth(world_from_cam, intrinsics)
-        frame, covered, _, _ = warp(self.last, inverse_depth, world_from_cam, intrinsics)
+        frame, covered, _, _ = warp(
+            self.last, inverse_depth, world_from_cam, intrinsics
+        )
         return frame, covered, patches.depths(inverse_depth, covered)
 
-    def _inverse_depth(self, world_from_cam: FloatArray, intrinsics: Intrinsics) -> FloatArray:
+    def _inverse_depth(
+        self, world_from_cam: FloatArray, intrinsics: Intrinsics
+    ) -> FloatArray:
         """Return the inverse depth [H, W]: of the ground below this view's horizon, 0 above it.
 
         It is NaN on the ground when the camera is below the ground.
         """
-        last_from_cam = se3.inverse(self.last.world_from_source) @ world_from_cam
+        last_from_cam = (
+            se3.inverse(self.last.world_from_source) @ world_from_cam
+        )
         normal_cam = self.normal_last @ last_from_cam[:3, :3]
         height_m = self.height_m - self.normal_last @ last_from_cam[:3, 3]
         below_horizon = pinhole.rays(intrinsics) @ normal_cam

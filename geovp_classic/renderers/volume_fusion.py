@@ -35,7 +35,9 @@ class VolumeFusion:
 
     def __post_init__(self) -> None:
         if self.num_frames < 1:
-            raise BadData(f"num_frames is {self.num_frames}, expected 1 or more observed frames")
+            raise BadData(
+                f"num_frames is {self.num_frames}, expected 1 or more observed frames"
+            )
         if not 0 < self.max_depth_difference < 1:
             raise BadData(
                 f"max_depth_difference is {self.max_depth_difference}, expected a fraction "
@@ -62,5 +64,10 @@ class VolumeFusion:
         last = Source(recent.frames[-1], recent.intrinsics, poses[-1])
         last_depth = inverse_depths[-1].astype(np.float32)
         return VolumeScene(
-            volume, last, last_depth, self.max_depth_difference, self.gap_px, self.inpainter
+            volume,
+            last,
+            last_depth,
+            self.max_depth_difference,
+            self.gap_px,
+            self.inpainter,
         )

@@ -30,8 +30,12 @@ class MagnifiedDetail:
     # Magnifications between which each frequency band is lost.
     band_edges: tuple[float, ...] = (1.0, 1.7, 2.7, 4.0, 6.0)
     blur_px: float = 0.5  # standard deviation of the low-pass filter per unit of magnification
-    coarse_px: float = 4.0  # detail is what a blur of this standard deviation removes
-    contrast_px: float = 6.0  # standard deviation of the window in which contrasts are compared
+    coarse_px: float = (
+        4.0  # detail is what a blur of this standard deviation removes
+    )
+    contrast_px: float = (
+        6.0  # standard deviation of the window in which contrasts are compared
+    )
     min_contrast_grey: float = 2.0  # below it nothing is amplified
 
     def transfer(
@@ -84,7 +88,9 @@ def wide_blur(
     height, width = image.shape[:2]
     small_width = max(1, width // shrink)
     small_height = max(1, height // shrink)
-    small = cv2.resize(image, (small_width, small_height), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(
+        image, (small_width, small_height), interpolation=cv2.INTER_AREA
+    )
     small = small.astype(np.float32)
     blurred = cv2.GaussianBlur(small, (0, 0), sigma_px / shrink)
     return np.asarray(cv2.resize(blurred, (width, height)))

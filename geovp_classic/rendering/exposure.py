@@ -20,7 +20,14 @@ from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.interfaces import Scene
 from geovp_classic.parallel import parallel_map
 from geovp_classic.rendering.source import Source, resampled
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Trajectory, Views
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+    Views,
+)
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,9 @@ class ToneCurve:
     def values(self, log_gain: float) -> FloatArray:
         """Return new values [256], at most 255, of the grey values 0 to 255."""
         brighter = np.arange(256) * math.exp(log_gain)
-        return np.minimum(brighter + self._highlight(log_gain) * self._saturation(), 255)
+        return np.minimum(
+            brighter + self._highlight(log_gain) * self._saturation(), 255
+        )
 
     def apply(self, frame: ByteArray, log_gain: float) -> ByteArray:
         """Return the frame [H, W, 3] or [H, W] after a change of exposure."""
@@ -91,13 +100,21 @@ class ExposureEstimator:
     width_px: int = 128  # of the images that are compared
     blur_px: float = 1.5  # of them; no depth is exact enough for finer detail
     min_grey: float = 20.0  # darker pixels are not compared,
-    min_mean_fraction: float = 0.3  # nor those below this fraction of a dim image's mean
+    min_mean_fraction: float = (
+        0.3  # nor those below this fraction of a dim image's mean
+    )
     max_grey: float = 235.0  # nor partly saturated ones
-    min_valid_fraction: float = 0.02  # of the image; with fewer pixels the gain is 1
+    min_valid_fraction: float = (
+        0.02  # of the image; with fewer pixels the gain is 1
+    )
     num_trend_steps: int = 2  # from which the rate is estimated
     max_rate_hz: float = 1.5  # log gain per second of a control
-    min_jump_hz: float = 3.0  # a faster change is a jump, which no control makes
-    steady_log_gain: float = 0.008  # RMS log gain between frames at confidence one half
+    min_jump_hz: float = (
+        3.0  # a faster change is a jump, which no control makes
+    )
+    steady_log_gain: float = (
+        0.008  # RMS log gain between frames at confidence one half
+    )
     tone_curve: ToneCurve = field(default_factory=ToneCurve)
 
     def estimate(
@@ -109,12 +126,16 @@ class ExposureEstimator:
     ) -> Exposure:
         """Return the exposure; it is constant for a single frame."""
         seconds = past.times_s - past.times_s[-1]
-        gains = self._log_gains(greys, camera, past.world_from_cam, inverse_depth)
+        gains = self._log_gains(
+            greys, camera, past.world_from_cam, inverse_depth
+        )
         steps = np.diff(gains, append=0.0)
         durations = np.diff(seconds, append=0.0)
         is_jump = np.abs(steps) > self.min_jump_hz * durations
         jumps = np.where(is_jump, steps, 0.0)
-        jumped = -np.cumsum(jumps[::-1])[::-1]  # log gain of all jumps since each frame
+        jumped = -np.cumsum(jumps[::-1])[
+            ::-1
+        ]  # log gain of all jumps since each frame
         levels = [_log(float(grey.mean())) for grey in greys] + jumped
         level = float(levels.mean())
         if len(greys) == 1:
@@ -129,7 +150,9 @@ class ExposureEstimator:
 
         variance = float((np.diff(controlled) ** 2).mean())
         confidence = variance / (variance + self.steady_log_gain**2)
-        return Exposure(seconds, gains, rate, level, confidence, self.tone_curve)
+        return Exposure(
+            seconds, gains, rate, level, confidence, self.tone_curve
+        )
 
     def _log_gains(
         self,
@@ -142,18 +165,27 @@ class ExposureEstimator:
         small = _shrunk(camera, self.width_px / camera.width_px)
         size_px = (small.width_px, small.height_px)
         nearest = cv2.INTER_NEAREST
-        depth = np.asarray(cv2.resize(inverse_depth, size_px, interpolation=nearest), np.float32)
+        depth = np.asarray(
+            cv2.resize(inverse_depth, size_px, interpolation=nearest),
+            np.float32,
+        )
         images = [self._small(grey, size_px) for grey in greys]
         is_valid = self._is_comparable(images[-1], images[-1])
 
         def log_gain(step: int) -> float:
-            cam_from_last = se3.inverse(world_from_cam[step]) @ world_from_cam[-1]
+            cam_from_last = (
+                se3.inverse(world_from_cam[step]) @ world_from_cam[-1]
+            )
             pixels, ratio = Epipolar.of(small, cam_from_last).project(depth)
             u, v = cv2.split(pixels)
             warped: FloatArray = np.asarray(
                 cv2.remap(images[step], u, v, cv2.INTER_LINEAR), np.float32
             )  # 0 outside
-            is_used = is_valid & (ratio > 0) & self._is_comparable(warped, images[step])
+            is_used = (
+                is_valid
+                & (ratio > 0)
+                & self._is_comparable(warped, images[step])
+            )
             if is_used.mean() < self.min_valid_fraction:
                 return 0.0
             ratio = images[-1][is_used] / warped[is_used]
@@ -165,10 +197,14 @@ class ExposureEstimator:
     def _small(self, grey: ByteArray, size_px: tuple[int, int]) -> FloatArray:
         """Return a smaller image [h, w] float32 without its finest detail."""
         small = cv2.resize(grey, size_px, interpolation=cv2.INTER_AREA)
-        blurred = cv2.GaussianBlur(small.astype(np.float32), (0, 0), self.blur_px)
+        blurred = cv2.GaussianBlur(
+            small.astype(np.float32), (0, 0), self.blur_px
+        )
         return np.asarray(blurred)
 
-    def _is_comparable(self, warped: FloatArray, image: FloatArray) -> BoolArray:
+    def _is_comparable(
+        self, warped: FloatArray, image: FloatArray
+    ) -> BoolArray:
         """Return where [h, w] a warped image is neither dark nor saturated."""
         mean = float(image.mean())
         darkest = min(self.min_grey, self.min_mean_fraction * mean)
@@ -183,7 +219,9 @@ class ExposureControl:
     pull_hz: float = 3.3  # target rate per log step of the mean from its level
     step_s: float = 0.1  # of the simulation, as between two frames
     max_log_gain: float = math.log(2)
-    meter_px: int = 64  # height of the whole images whose future mean is rendered
+    meter_px: int = (
+        64  # height of the whole images whose future mean is rendered
+    )
 
     def __post_init__(self) -> None:
         if not (self.inertia_s > 0 and self.pull_hz > 0):
@@ -205,7 +243,9 @@ class ExposureControl:
         the histogram changes linearly from the last frame's to that of the image then.
         """
         if since_s <= 0:
-            return float(-np.interp(since_s, observed.seconds, observed.log_gains))
+            return float(
+                -np.interp(since_s, observed.seconds, observed.log_gains)
+            )
         num_steps = max(1, round(since_s / self.step_s))
         dt_s = since_s / num_steps
         decay = math.exp(-dt_s / self.inertia_s)
@@ -218,7 +258,10 @@ class ExposureControl:
             gain = gain + rate_hz * dt_s
             gain = min(max(gain, -self.max_log_gain), self.max_log_gain)
             mixed = last + fraction * (histogram - last)
-            error = _log(float(mixed @ observed.tone_curve.values(gain))) - log_level
+            error = (
+                _log(float(mixed @ observed.tone_curve.values(gain)))
+                - log_level
+            )
         return gain
 
 
@@ -234,7 +277,10 @@ class ExposedScene:
     is_whole: bool  # whether that is the camera's whole image, whose mean the control holds
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4] at the times [F]."""
         views = self.scene.view(world_from_cam, times_s, intrinsics)
@@ -253,7 +299,11 @@ class ExposedScene:
         def expose(step: int) -> ByteArray:
             since_s = float(times_s[step]) - self.last_s
             gain = self.control.log_gain(
-                self.exposure, since_s, _histogram(metered[step]), histogram, level
+                self.exposure,
+                since_s,
+                _histogram(metered[step]),
+                histogram,
+                level,
             )
             return self.exposure.tone_curve.apply(views.frames[step], gain)
 

@@ -21,7 +21,13 @@ from geovp_classic.rendering.inpainting import inpainted_views
 from geovp_classic.rendering.patches import Patches, PatchModel
 from geovp_classic.rendering.rasterizer import NO_INDEX, IndexArray
 from geovp_classic.rendering.source import Source, resampled
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    Views,
+)
 
 
 def fuse(
@@ -43,7 +49,11 @@ def fuse(
         for later in used:
             if is_new.any():
                 is_new &= hidden_from(
-                    sources[later], depths[later], sources[step], depths[step], max_depth_difference
+                    sources[later],
+                    depths[later],
+                    sources[step],
+                    depths[step],
+                    max_depth_difference,
                 )
         if is_new.any() or not used:
             clouds.append(model.from_depth_map(depths[step], is_new, len(used)))
@@ -63,10 +73,17 @@ def hidden_from(
     They lie beside its image or behind its surfaces. A surface in front of those would be visible
     in the later frame: its depth is wrong, so it does not count as hidden.
     """
-    pixels, ratio = later.project(inverse_depth, source.world_from_source, source.camera)
+    pixels, ratio = later.project(
+        inverse_depth, source.world_from_source, source.camera
+    )
     u, v = cv2.split(pixels)
     shown_depth = cv2.remap(
-        later_depth, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.inf
+        later_depth,
+        u,
+        v,
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=np.inf,
     )
     is_behind = inverse_depth < ratio * shown_depth * (1 - max_depth_difference)
     return np.asarray((ratio <= 0) | is_behind)
@@ -84,7 +101,10 @@ class CloudScene:
     crack_px: int
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Return the views from the poses [F, 4, 4]; uncovered where no source shows a surface."""
         z_buffer, winner = self.model.rasterise(
@@ -93,18 +113,29 @@ class CloudScene:
         sampler = ImageSampler.of(self.sources, intrinsics)
         source_of_patch = np.append(self.cloud.source, np.int32(NO_INDEX))
 
-        def render(step: int) -> tuple[ByteArray, BoolArray, FloatArray, FloatArray]:
+        def render(
+            step: int,
+        ) -> tuple[ByteArray, BoolArray, FloatArray, FloatArray]:
             source_index = source_of_patch[winner[step]]
-            inverse_depth, source_index = close_cracks(z_buffer[step], source_index, self.crack_px)
+            inverse_depth, source_index = close_cracks(
+                z_buffer[step], source_index, self.crack_px
+            )
             inverse_depth = smooth(inverse_depth, source_index)
             frame, covered, magnification = sampler.sample(
                 inverse_depth, source_index, world_from_cam[step]
             )
-            return frame, covered, patches.depths(inverse_depth, covered), magnification
+            return (
+                frame,
+                covered,
+                patches.depths(inverse_depth, covered),
+                magnification,
+            )
 
         rendered = parallel_map(render, range(len(world_from_cam)))
         last = resampled(self.sources[0], intrinsics)
-        views = inpainted_views([view[:3] for view in rendered], self.inpainter, last)
+        views = inpainted_views(
+            [view[:3] for view in rendered], self.inpainter, last
+        )
         if self.detail is None:
             return views
         magnification = np.stack([view[3] for view in rendered])
@@ -157,5 +188,7 @@ def smooth(
     kernel = np.ones((3, 3), np.uint8)
     is_inner = cv2.erode(index, kernel) == cv2.dilate(index, kernel)
     for _ in range(2):
-        inverse_depth = np.where(is_inner, cv2.medianBlur(inverse_depth, 3), inverse_depth)
+        inverse_depth = np.where(
+            is_inner, cv2.medianBlur(inverse_depth, 3), inverse_depth
+        )
     return inverse_depth

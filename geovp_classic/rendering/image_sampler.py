@@ -22,7 +22,9 @@ class ImageSampler:
     @classmethod
     def of(cls, sources: Sequence[Source], camera: Intrinsics) -> Self:
         """Return the sampler of at least one source."""
-        return cls(camera, sources, [source.shrunk(camera) for source in sources])
+        return cls(
+            camera, sources, [source.shrunk(camera) for source in sources]
+        )
 
     def sample(
         self,
@@ -38,11 +40,19 @@ class ImageSampler:
         colours = np.zeros((*size, 3), np.float32)
         covered = np.zeros(size, bool)
         magnification = np.full(size, np.inf, np.float32)
-        for index, (fine, coarse) in enumerate(zip(self.fine, self.coarse, strict=True)):
-            pixels, ratio = fine.project(inverse_depth, world_from_cam, self.camera)
+        for index, (fine, coarse) in enumerate(
+            zip(self.fine, self.coarse, strict=True)
+        ):
+            pixels, ratio = fine.project(
+                inverse_depth, world_from_cam, self.camera
+            )
             is_shown = (source_index == index) & fine.is_visible(pixels, ratio)
-            magnified = ratio * (self.camera.fx_px / (fine.camera.fx_px * fine.resolution))
-            colours += _blend(fine, coarse, pixels, is_shown, magnified)  # 0 where not shown
+            magnified = ratio * (
+                self.camera.fx_px / (fine.camera.fx_px * fine.resolution)
+            )
+            colours += _blend(
+                fine, coarse, pixels, is_shown, magnified
+            )  # 0 where not shown
             magnification = np.where(is_shown, magnified, magnification)
             covered |= is_shown
         return to_bytes(colours), covered, magnification

@@ -14,17 +14,23 @@ InpaintFrame = Callable[[ByteArray, BoolArray, FloatArray], ByteArray]
 
 
 def inpainted_views(
-    views: Sequence[tuple[ByteArray, BoolArray, FloatArray]],  # F frames, coverages and depths
+    views: Sequence[
+        tuple[ByteArray, BoolArray, FloatArray]
+    ],  # F frames, coverages and depths
     inpainter: Inpainter,
     last: ByteArray,  # [H, W, 3], the last observed frame at the size of the views
 ) -> Views:
     """Return views with their uncovered pixels inpainted."""
-    frames, covered, depths = (np.stack(maps) for maps in zip(*views, strict=True))
+    frames, covered, depths = (
+        np.stack(maps) for maps in zip(*views, strict=True)
+    )
     stacked = Views(frames, covered, depths)
     return Views(inpainter.inpaint(stacked, last), covered, depths)
 
 
-def inpaint_each(views: Views, last: ByteArray, inpaint_frame: InpaintFrame) -> ByteArray:
+def inpaint_each(
+    views: Views, last: ByteArray, inpaint_frame: InpaintFrame
+) -> ByteArray:
     """Inpaint view by view; a view without any covered pixel becomes the last frame."""
 
     def inpaint_step(step: int) -> ByteArray:

@@ -13,7 +13,11 @@ import numpy as np
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.epipolar import Epipolar
 from geovp_classic.parallel import parallel_map
-from geovp_classic.rendering.rasterizer import NO_INDEX, IndexArray, rasterise_view
+from geovp_classic.rendering.rasterizer import (
+    NO_INDEX,
+    IndexArray,
+    rasterise_view,
+)
 from geovp_classic.rendering.source import Source
 from geovp_classic.types import BoolArray, FloatArray, Intrinsics
 
@@ -107,7 +111,9 @@ class PatchModel:
 
         Pixels without a patch have inverse depth -1 and number NO_INDEX.
         """
-        source_px = sources[0].camera.fx_px / camera.fx_px  # pixels of a source per pixel
+        source_px = (
+            sources[0].camera.fx_px / camera.fx_px
+        )  # pixels of a source per pixel
         stride = max(1, int(self.coarse_patch_px * source_px))
         used = np.arange(len(cloud))
         if stride > 1:
@@ -123,19 +129,37 @@ class PatchModel:
         def rasterise(pose: FloatArray) -> tuple[FloatArray, IndexArray]:
             cam_from_world = se3.inverse(pose)
             maps = [
-                Epipolar.of(source.camera, cam_from_world @ source.world_from_source, camera)
+                Epipolar.of(
+                    source.camera,
+                    cam_from_world @ source.world_from_source,
+                    camera,
+                )
                 for source in sources
             ]
             to_view = np.stack(
-                [np.column_stack([epipolar.infinity, epipolar.epipole]) for epipolar in maps]
+                [
+                    np.column_stack([epipolar.infinity, epipolar.epipole])
+                    for epipolar in maps
+                ]
             )
             z_buffer = np.full(size, -1, np.float32)
             winner = np.full(size, NO_INDEX, np.int32)
             half_px = stride * self.half_px
-            rasterise_view(pixels, inverse_depth, slope, source, to_view, half_px, z_buffer, winner)
+            rasterise_view(
+                pixels,
+                inverse_depth,
+                slope,
+                source,
+                to_view,
+                half_px,
+                z_buffer,
+                winner,
+            )
             return z_buffer, numbers[winner]
 
-        z_buffers, winners = zip(*parallel_map(rasterise, world_from_cam), strict=True)
+        z_buffers, winners = zip(
+            *parallel_map(rasterise, world_from_cam), strict=True
+        )
         return np.stack(z_buffers), np.stack(winners)
 
 

@@ -38,7 +38,9 @@ class Source:
         magnification of surfaces that face the camera. It is not positive behind the source.
         """
         source_from_cam = se3.inverse(self.world_from_source) @ world_from_cam
-        return Epipolar.of(camera, source_from_cam, self.camera).project(inverse_depth)
+        return Epipolar.of(camera, source_from_cam, self.camera).project(
+            inverse_depth
+        )
 
     def is_visible(
         self, pixels: FloatArray, ratio: FloatArray, min_ratio: float = 1e-3
@@ -66,12 +68,21 @@ class Source:
         v = v.astype(np.float32)
         border = cv2.BORDER_CONSTANT
         luma_image, chroma_image = self._luma_chroma
-        luma = cv2.remap(luma_image, u, v, cv2.INTER_LANCZOS4, borderMode=border)
+        luma = cv2.remap(
+            luma_image, u, v, cv2.INTER_LANCZOS4, borderMode=border
+        )
         chroma = cv2.remap(
-            chroma_image, u, v, cv2.INTER_CUBIC, borderMode=border, borderValue=(0.5, 0.5)
+            chroma_image,
+            u,
+            v,
+            cv2.INTER_CUBIC,
+            borderMode=border,
+            borderValue=(0.5, 0.5),
         )
         channels = cv2.merge([luma, *cv2.split(chroma)])
-        return np.asarray(cv2.cvtColor(channels, cv2.COLOR_YCrCb2RGB), np.float32)
+        return np.asarray(
+            cv2.cvtColor(channels, cv2.COLOR_YCrCb2RGB), np.float32
+        )
 
     @functools.cached_property
     def _luma_chroma(self) -> tuple[FloatArray, FloatArray]:
@@ -130,7 +141,9 @@ def resampled(source: Source, camera: Intrinsics) -> ByteArray:
         return source.frame
     infinity = np.zeros((camera.height_px, camera.width_px), np.float32)
     pixels, _ = source.project(infinity, source.world_from_source, camera)
-    size_px = np.array([source.camera.width_px, source.camera.height_px], np.float32)
+    size_px = np.array(
+        [source.camera.width_px, source.camera.height_px], np.float32
+    )
     inside_pixels = np.clip(pixels, 0, size_px - 1)
     everywhere = np.ones(infinity.shape, bool)
     colours = source.shrunk(camera).sample(inside_pixels, everywhere)

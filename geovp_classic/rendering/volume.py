@@ -19,7 +19,13 @@ from geovp_classic.interfaces import Inpainter
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.inpainting import inpainted_views
 from geovp_classic.rendering.source import Source, resampled, to_bytes, warp
-from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics, Views
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    Intrinsics,
+    Views,
+)
 
 
 @dataclass(frozen=True)
@@ -46,17 +52,22 @@ class Volume:
         active = hash_map.active_buf_indices().to(o3d.core.int64)
         blocks = hash_map.key_tensor()[active]
         cam_from_volume = se3.inverse(world_from_cam) @ self.world_from_volume
-        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        with o3d.utility.VerbosityContextManager(
+            o3d.utility.VerbosityLevel.Error
+        ):
             maps = self.grid.ray_cast(
                 blocks,
                 o3d.core.Tensor.from_numpy(camera.matrix),
-                o3d.core.Tensor.from_numpy(_scaled(cam_from_volume, 1 / self.unit)),
+                o3d.core.Tensor.from_numpy(
+                    _scaled(cam_from_volume, 1 / self.unit)
+                ),
                 camera.width_px,
                 camera.height_px,
                 ["depth", "color"],
                 1.0,
                 settings.min_depth,
-                2 * settings.reach,  # a camera that backs up is farther from the volume
+                2
+                * settings.reach,  # a camera that backs up is farther from the volume
                 settings.min_weight,
                 settings.truncation_voxels,
                 cell_px,
@@ -113,17 +124,25 @@ class VolumeSettings:
         matrix = core.Tensor.from_numpy(camera.matrix)
         cam_from_last = se3.inverse(world_from_cam) @ world_from_cam[-1]
         for step, frame in enumerate(frames):
-            is_used = is_known[step] & (inverse_depths[step] * unit > 1 / self.reach)
+            is_used = is_known[step] & (
+                inverse_depths[step] * unit > 1 / self.reach
+            )
             if not is_used.any():
                 continue
             safe = np.where(is_used, inverse_depths[step], 1)
             depth = np.where(is_used, 1 / (unit * safe), 0)
             depth_map = _image(depth[..., None])
-            extrinsic = core.Tensor.from_numpy(_scaled(cam_from_last[step], 1 / unit))
+            extrinsic = core.Tensor.from_numpy(
+                _scaled(cam_from_last[step], 1 / unit)
+            )
             limits = (1.0, self.reach, self.truncation_voxels)
-            blocks = grid.compute_unique_block_coordinates(depth_map, matrix, extrinsic, *limits)
+            blocks = grid.compute_unique_block_coordinates(
+                depth_map, matrix, extrinsic, *limits
+            )
             image = _image(frame / 255)
-            grid.integrate(blocks, depth_map, image, matrix, matrix, extrinsic, *limits)
+            grid.integrate(
+                blocks, depth_map, image, matrix, matrix, extrinsic, *limits
+            )
         volume = Volume(grid, world_from_cam[-1], unit, self)
         # Open3D 0.20 leaves holes in any cast that needs a larger map of ranges than all before
         # it. A first cast with many more cells than later ones need is therefore thrown away.
@@ -143,11 +162,16 @@ class VolumeScene:
     inpainter: Inpainter
 
     def view(
-        self, world_from_cam: FloatArray, times_s: FloatArray, intrinsics: Intrinsics
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
     ) -> Views:
         """Return the views of the volume and the far plane from the poses [F, 4, 4]."""
         views = [self._view(pose, intrinsics) for pose in world_from_cam]
-        return inpainted_views(views, self.inpainter, resampled(self.last, intrinsics))
+        return inpainted_views(
+            views, self.inpainter, resampled(self.last, intrinsics)
+        )
 
     def _view(
         self, world_from_cam: FloatArray, camera: Intrinsics
@@ -158,7 +182,9 @@ class VolumeScene:
         is_solid = np.isfinite(inverse_depth)
         # Pixels without a surface may lie on the far plane.
         plane_depth = np.where(is_solid, inverse_depth, 0)
-        last_colours, is_shown, is_beyond = self._from_last(plane_depth, world_from_cam, camera)
+        last_colours, is_shown, is_beyond = self._from_last(
+            plane_depth, world_from_cam, camera
+        )
         is_last = is_shown & (is_solid | is_beyond)
         is_voxel = is_solid & (colours > 0).any(axis=-1)
         covered = is_last | is_voxel
@@ -168,20 +194,33 @@ class VolumeScene:
         return frame, covered, patches.depths(plane_depth, covered)
 
     def _from_last(
-        self, inverse_depth: FloatArray, world_from_cam: FloatArray, camera: Intrinsics
+        self,
+        inverse_depth: FloatArray,
+        world_from_cam: FloatArray,
+        camera: Intrinsics,
     ) -> tuple[ByteArray, BoolArray, BoolArray]:
         """Sample the last frame for surfaces at the view's inverse depth [H, W].
 
         Return colours [H, W, 3], where the last frame shows the surfaces [H, W]: neither beside
         its image nor behind its own surfaces, and where its own ones lie beyond the volume [H, W].
         """
-        colours, is_inside, pixels, ratio = warp(self.last, inverse_depth, world_from_cam, camera)
+        colours, is_inside, pixels, ratio = warp(
+            self.last, inverse_depth, world_from_cam, camera
+        )
         u, v = cv2.split(pixels)
         last_depth = cv2.remap(self.last_depth, u, v, cv2.INTER_NEAREST)
         depth_in_last = inverse_depth / np.where(is_inside, ratio, 1)
-        is_in_front = depth_in_last >= last_depth * (1 - self.max_depth_difference)
-        is_beyond = last_depth * self.volume.unit * self.volume.settings.reach <= 1
-        return colours, is_inside & (is_in_front | (inverse_depth == 0)), is_beyond
+        is_in_front = depth_in_last >= last_depth * (
+            1 - self.max_depth_difference
+        )
+        is_beyond = (
+            last_depth * self.volume.unit * self.volume.settings.reach <= 1
+        )
+        return (
+            colours,
+            is_inside & (is_in_front | (inverse_depth == 0)),
+            is_beyond,
+        )
 
 
 def close_gaps(

@@ -17,8 +17,19 @@ Conventions:
 - A trajectory has one arbitrary world frame; `world_from_cam[0]` need not be the identity.
 """
 
-from geovp_classic.types.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from geovp_classic.types.clips import Clip, Context, ExtraView, PrivilegedInput, Target
+from geovp_classic.types.arrays import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    IntArray,
+)
+from geovp_classic.types.clips import (
+    Clip,
+    Context,
+    ExtraView,
+    PrivilegedInput,
+    Target,
+)
 from geovp_classic.types.motion import Intrinsics, Motion, Trajectory
 from geovp_classic.types.observations import Observations
 from geovp_classic.types.predictions import Prediction, Views

@@ -36,7 +36,9 @@ def store(owner: object, field: str, array: npt.NDArray[Any]) -> None:
     object.__setattr__(owner, field, view)
 
 
-def store_checked(owner: object, field: str, dtype: Any, shape: tuple[int, ...]) -> None:
+def store_checked(
+    owner: object, field: str, dtype: Any, shape: tuple[int, ...]
+) -> None:
     """Check dtype and shape of an array field and make it read-only; skip None."""
     value = getattr(owner, field)
     if value is None:
@@ -55,7 +57,9 @@ def store_times(owner: object, field: str, count: int | None = None) -> None:
     times_s = np.asarray(getattr(owner, field), dtype=np.float64)
     expected = (times_s.size if count is None else count,)
     if times_s.shape != expected:
-        raise BadData(f"{_name(owner)}: {field} has shape {times_s.shape}, expected {expected}")
+        raise BadData(
+            f"{_name(owner)}: {field} has shape {times_s.shape}, expected {expected}"
+        )
     is_valid = np.isfinite(times_s)
     is_valid[1:] &= np.diff(times_s) > 0
     if not is_valid.all():
@@ -80,7 +84,9 @@ def store_rigid(
             "two of 4"
         )
     rotation = poses[..., :3, :3]
-    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(
+        axis=(-2, -1)
+    )
     is_rigid = (
         (defect < tolerance)
         & (np.linalg.det(rotation) > 0)

@@ -44,7 +44,9 @@ class ExtraView(ShortRepr):
     view_from_cam: FloatArray  # [4, 4]; the identity for uncropped frames
 
     def __post_init__(self) -> None:
-        store_checked(self, "frames", np.uint8, _shape(self.frames, self.intrinsics))
+        store_checked(
+            self, "frames", np.uint8, _shape(self.frames, self.intrinsics)
+        )
         store_rigid(self, "view_from_cam", 2)
 
     def __len__(self) -> int:
@@ -65,7 +67,9 @@ class Clip(ShortRepr):
     times_s: FloatArray  # [T]
     intrinsics: Intrinsics
     trajectory: Trajectory | None = None  # [T]
-    depths: FloatArray | None = None  # [T, H, W] float32 z-depth; 0 = unknown, inf = sky
+    depths: FloatArray | None = (
+        None  # [T, H, W] float32 z-depth; 0 = unknown, inf = sky
+    )
     moving: BoolArray | None = None  # [T, H, W]; True on dynamic objects
     full: ExtraView | None = None  # [T]
     right: ExtraView | None = None  # [T]
@@ -89,7 +93,9 @@ class Clip(ShortRepr):
         """Return T, the number of frames."""
         return len(self.frames)
 
-    def split(self, num_past: int, needs: PrivilegedInput) -> tuple[Context, Target]:
+    def split(
+        self, num_past: int, needs: PrivilegedInput
+    ) -> tuple[Context, Target]:
         """Return the context of a predictor with these privileged inputs, and the target."""
         if not 1 <= num_past < len(self):
             raise BadData(
@@ -128,16 +134,22 @@ class Context(ShortRepr):
     intrinsics: Intrinsics
     past: Trajectory | None = None  # [P], PrivilegedInput.PAST_POSES
     future: Trajectory | None = None  # [F], PrivilegedInput.FUTURE_POSES
-    past_depths: FloatArray | None = None  # [P, H, W], PrivilegedInput.PAST_DEPTHS
+    past_depths: FloatArray | None = (
+        None  # [P, H, W], PrivilegedInput.PAST_DEPTHS
+    )
     camera_height_m: float | None = None  # PrivilegedInput.CAMERA_HEIGHT
     full: ExtraView | None = None  # [P], PrivilegedInput.FULL_FRAMES
     right: ExtraView | None = None  # [P], PrivilegedInput.RIGHT_FRAMES
     name: str = ""  # of the clip, by which recorded predictions are found
     observations: Observations | None = None  # [P], of the frames
-    full_observations: Observations | None = None  # [P], PrivilegedInput.FULL_FRAMES
+    full_observations: Observations | None = (
+        None  # [P], PrivilegedInput.FULL_FRAMES
+    )
 
     def __post_init__(self) -> None:
-        store_checked(self, "frames", np.uint8, _shape(self.frames, self.intrinsics))
+        store_checked(
+            self, "frames", np.uint8, _shape(self.frames, self.intrinsics)
+        )
         store_times(self, "times_s")
         if self.num_future < 1:
             raise BadData(
@@ -156,13 +168,17 @@ class Context(ShortRepr):
 
     def recent(self, num_frames: int) -> Context:
         """Return the context with only the last `num_frames` observed frames, or all if fewer."""
-        return self.observed(np.arange(self.num_past) >= self.num_past - num_frames)
+        return self.observed(
+            np.arange(self.num_past) >= self.num_past - num_frames
+        )
 
     def observed(self, mask: BoolArray) -> Context:
         """Return the context with only some of the observed frames, by a mask [P]."""
         if mask.all():
             return self
-        times_s = self.times_s[np.append(mask, np.ones(self.num_future, dtype=bool))]
+        times_s = self.times_s[
+            np.append(mask, np.ones(self.num_future, dtype=bool))
+        ]
         return replace(
             self,
             frames=take(self.frames, mask),

@@ -30,16 +30,27 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         is_finite = np.isfinite(self.matrix).all()
-        if not is_finite or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0:
-            raise BadData(f"{self} must be finite, with positive focal lengths and sizes")
+        if (
+            not is_finite
+            or min(self.fx_px, self.fy_px, self.width_px, self.height_px) <= 0
+        ):
+            raise BadData(
+                f"{self} must be finite, with positive focal lengths and sizes"
+            )
 
     @property
     def matrix(self) -> FloatArray:
         """Return the 3x3 calibration matrix K."""
-        rows = [[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1]]
+        rows = [
+            [self.fx_px, 0, self.cx_px],
+            [0, self.fy_px, self.cy_px],
+            [0, 0, 1],
+        ]
         return np.array(rows, dtype=np.float64)
 
-    def cropped(self, left_px: int, top_px: int, width_px: int, height_px: int) -> Intrinsics:
+    def cropped(
+        self, left_px: int, top_px: int, width_px: int, height_px: int
+    ) -> Intrinsics:
         """Return the camera of image[top : top + height, left : left + width]."""
         return replace(
             self,
@@ -55,7 +66,9 @@ class Intrinsics:
         sy = height_px / self.height_px
         cx_px = (self.cx_px + 0.5) * sx - 0.5
         cy_px = (self.cy_px + 0.5) * sy - 0.5
-        return Intrinsics(self.fx_px * sx, self.fy_px * sy, cx_px, cy_px, width_px, height_px)
+        return Intrinsics(
+            self.fx_px * sx, self.fy_px * sy, cx_px, cy_px, width_px, height_px
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,14 +77,20 @@ class Trajectory(ShortRepr):
 
     world_from_cam: FloatArray  # [T, 4, 4]
     times_s: FloatArray  # [T], increasing
-    is_metric: bool  # True: lengths are metres; False: an unknown but constant unit
-    scale_uncertainty: float | None = None  # relative standard deviation of estimated metres
+    is_metric: (
+        bool  # True: lengths are metres; False: an unknown but constant unit
+    )
+    scale_uncertainty: float | None = (
+        None  # relative standard deviation of estimated metres
+    )
 
     def __post_init__(self) -> None:
         store_rigid(self, "world_from_cam", 3)
         store_times(self, "times_s", len(self.world_from_cam))
         uncertainty = self.scale_uncertainty
-        if uncertainty is not None and not (self.is_metric and 0 <= uncertainty < np.inf):
+        if uncertainty is not None and not (
+            self.is_metric and 0 <= uncertainty < np.inf
+        ):
             raise BadData(
                 f"scale_uncertainty is {uncertainty}, expected 0 or more of a metric trajectory, "
                 "else None"
@@ -84,7 +103,9 @@ class Trajectory(ShortRepr):
     def __getitem__(self, steps: slice | BoolArray) -> Trajectory:
         """Return the steps of a slice or a mask [T], in the same world frame."""
         poses = self.world_from_cam[steps].copy()
-        return replace(self, world_from_cam=poses, times_s=self.times_s[steps].copy())
+        return replace(
+            self, world_from_cam=poses, times_s=self.times_s[steps].copy()
+        )
 
     def then(self, later: Trajectory) -> Trajectory:
         """Return these steps followed by later steps of the same world frame and unit."""
@@ -103,8 +124,12 @@ class Motion(ShortRepr):
 
     past: Trajectory  # [P]
     futures: FloatArray  # [S, F, 4, 4]; S = 1 when deterministic
-    tracked: BoolArray  # [P]; False for a pose that was bridged instead of measured
-    unrefined: Motion | None = None  # motion of the pose source, before refinements
+    tracked: (
+        BoolArray  # [P]; False for a pose that was bridged instead of measured
+    )
+    unrefined: Motion | None = (
+        None  # motion of the pose source, before refinements
+    )
 
     def __post_init__(self) -> None:
         store_rigid(self, "futures", 4)

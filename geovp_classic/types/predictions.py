@@ -5,7 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.errors import BadData
-from geovp_classic.types.arrays import BoolArray, ByteArray, FloatArray, ShortRepr, store_checked
+from geovp_classic.types.arrays import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    ShortRepr,
+    store_checked,
+)
 from geovp_classic.types.motion import Motion
 
 

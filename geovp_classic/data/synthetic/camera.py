@@ -55,15 +55,21 @@ def world_from_camera(
     delays_s = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])[:, None]
     travelled_m = ego.speed.travelled_m(times_s + delays_s)  # [5, T]
     speed_m_s = (travelled_m[3] - travelled_m[1]) / 0.2
-    acceleration_m_s2 = (travelled_m[4] - 2 * travelled_m[2] + travelled_m[0]) / 0.04
+    acceleration_m_s2 = (
+        travelled_m[4] - 2 * travelled_m[2] + travelled_m[0]
+    ) / 0.04
     amplitude = bounce * np.clip(speed_m_s / 8.0, 0.0, 1.2)
     rng = np.random.default_rng([seed, 7])
-    pitch, roll, heave = (amplitude * _waves(rng, times_s, 0.8, 2.2) for _ in range(3))
+    pitch, roll, heave = (
+        amplitude * _waves(rng, times_s, 0.8, 2.2) for _ in range(3)
+    )
     body_from_rest = np.zeros((len(times_s), 6))
     body_from_rest[:, 1] = 0.008 * heave - CAMERA_HEIGHT_M
     body_from_rest[:, 3] = 0.0022 * pitch + bounce * 0.004 * acceleration_m_s2
     body_from_rest[:, 5] = 0.0016 * roll
-    mount = planar.level_vehicle_from_cam(np.deg2rad(pitch_deg), np.deg2rad(roll_deg))
+    mount = planar.level_vehicle_from_cam(
+        np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
+    )
     world_from_vehicle = terrain.world_from_vehicle(*ego.place_at(times_s))
     return world_from_vehicle @ se3.exp(body_from_rest) @ mount
 
@@ -82,7 +88,9 @@ def expose(
     num_frames, height_px, width_px, _ = light.shape
     times_s = np.arange(num_frames) * 0.1
     gain = np.exp(exposure_drift * _waves(rng, times_s, 0.1, 0.5))
-    grain = rng.standard_normal((num_frames, height_px, canvas_px, 3), dtype=np.float32)
+    grain = rng.standard_normal(
+        (num_frames, height_px, canvas_px, 3), dtype=np.float32
+    )
     left_px = (canvas_px - width_px) // 2
     grain = grain[:, :, left_px : left_px + width_px]
     image = 255 * np.sqrt(np.clip(light * gain[:, None, None, None], 0.0, 1.0))
@@ -90,7 +98,11 @@ def expose(
 
 
 def _waves(
-    rng: Generator, times_s: FloatArray, min_hz: float, max_hz: float, num_waves: int = 4
+    rng: Generator,
+    times_s: FloatArray,
+    min_hz: float,
+    max_hz: float,
+    num_waves: int = 4,
 ) -> FloatArray:
     """Return a wandering signal [T] of about unit variance."""
     frequencies_hz = rng.uniform(min_hz, max_hz, num_waves)

@@ -20,7 +20,13 @@ from geovp_classic.data.synthetic.shading import Optics
 from geovp_classic.data.synthetic.street import build_street
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3
-from geovp_classic.types import Clip, ExtraView, FloatArray, Intrinsics, Trajectory
+from geovp_classic.types import (
+    Clip,
+    ExtraView,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+)
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -56,7 +62,9 @@ class Synthetic:
     gloss: float = 1.0  # scale of the reflections of glass and paint
     blur_px: float = 0.45  # standard deviation of the lens
     finest_detail_m: float = 0.0  # textures are smoothed to this size
-    cache: Path | None = None  # default: GEOVP_CACHE, else the user's cache folder
+    cache: Path | None = (
+        None  # default: GEOVP_CACHE, else the user's cache folder
+    )
 
     def __post_init__(self) -> None:
         counts = (self.num_clips, self.num_frames, self.stride, *self.size_px)
@@ -80,14 +88,18 @@ class Synthetic:
         if self.with_full:
             views["full"] = ExtraView(arrays["full"], full_camera, np.eye(4))
         if self.with_right:
-            views["right"] = ExtraView(arrays["right"], full_camera, camera.right_from_left())
+            views["right"] = ExtraView(
+                arrays["right"], full_camera, camera.right_from_left()
+            )
         times_s = arrays["times_s"]
         return Clip(
             name=self.clip_name(index),
             frames=arrays["frames"],
             times_s=times_s,
             intrinsics=camera.square_camera(self.size_px),
-            trajectory=Trajectory(arrays["world_from_cam"], times_s, is_metric=True),
+            trajectory=Trajectory(
+                arrays["world_from_cam"], times_s, is_metric=True
+            ),
             depths=arrays["depths"],
             moving=arrays["moving"],
             camera_height_m=camera.CAMERA_HEIGHT_M,
@@ -135,20 +147,42 @@ class Synthetic:
         times_s = (first + np.arange(self.num_frames)) / 10.0
         square = camera.square_camera(self.size_px)
         full = camera.full_camera(self.size_px)
-        optics = Optics(self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m)
+        optics = Optics(
+            self.haze_per_m, self.gloss, self.blur_px, self.finest_detail_m
+        )
 
-        def render(world_from_cam: FloatArray, intrinsics: Intrinsics, view: int) -> Arrays:
-            rendering = render_drive(street, world_from_cam, intrinsics, times_s, optics)
+        def render(
+            world_from_cam: FloatArray, intrinsics: Intrinsics, view: int
+        ) -> Arrays:
+            rendering = render_drive(
+                street, world_from_cam, intrinsics, times_s, optics
+            )
             rng = np.random.default_rng([self.seed, index, view, 99])
             frames = camera.expose(
-                rendering.light, full.width_px, rng, self.noise, self.exposure_drift
+                rendering.light,
+                full.width_px,
+                rng,
+                self.noise,
+                self.exposure_drift,
             )
-            return {"frames": frames, "depths": rendering.depths, "moving": rendering.moving}
+            return {
+                "frames": frames,
+                "depths": rendering.depths,
+                "moving": rendering.moving,
+            }
 
         world_from_cam = camera.world_from_camera(
-            street.ego, street.terrain, times_s, seed, self.pitch_deg, self.roll_deg, self.bounce
+            street.ego,
+            street.terrain,
+            times_s,
+            seed,
+            self.pitch_deg,
+            self.roll_deg,
+            self.bounce,
         )
-        images = render(world_from_cam, full if self.with_full else square, view=0)
+        images = render(
+            world_from_cam, full if self.with_full else square, view=0
+        )
         left_px = (images["frames"].shape[2] - square.width_px) // 2
         crop = np.s_[:, :, left_px : left_px + square.width_px]
         arrays = {name: image[crop] for name, image in images.items()}
@@ -158,7 +192,9 @@ class Synthetic:
             arrays["full"] = images["frames"]
         if self.with_right:
             left_from_right = se3.inverse(camera.right_from_left())
-            arrays["right"] = render(world_from_cam @ left_from_right, full, view=1)["frames"]
+            arrays["right"] = render(
+                world_from_cam @ left_from_right, full, view=1
+            )["frames"]
         return arrays
 
     def _folder(self) -> Path:
@@ -168,6 +204,9 @@ class Synthetic:
         digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
         for source in sorted(Path(__file__).parent.glob("*.py")):
             digest.update(source.read_bytes())
-        user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "geovp"
+        user_cache = (
+            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+            / "geovp"
+        )
         root = Path(self.cache or os.environ.get("GEOVP_CACHE") or user_cache)
         return root / "synthetic" / digest.hexdigest()[:16]

@@ -18,7 +18,9 @@ SIZE = 512  # a power of two
 UNTINTED_WHITE = (236, 236, 230, 0)
 
 
-def noise_of(rng: Generator, slope: float, min_frequency: float = 1.0) -> FloatArray:
+def noise_of(
+    rng: Generator, slope: float, min_frequency: float = 1.0
+) -> FloatArray:
     """Return tileable noise [SIZE, SIZE] of zero mean and unit standard deviation.
 
     The amplitude falls as frequency**-slope. Frequencies are in cycles per tile.
@@ -34,7 +36,9 @@ def noise_of(rng: Generator, slope: float, min_frequency: float = 1.0) -> FloatA
 
 
 def rgba(
-    brightness: FloatArray, colour: Rgb = (1.0, 1.0, 1.0), alpha: FloatArray | float = 1.0
+    brightness: FloatArray,
+    colour: Rgb = (1.0, 1.0, 1.0),
+    alpha: FloatArray | float = 1.0,
 ) -> ByteArray:
     """Return an image of one colour; brightness and alpha are [SIZE, SIZE], 0 to 1."""
     red, green, blue = (brightness * channel for channel in colour)
@@ -62,7 +66,9 @@ def even(
     **_: Any,
 ) -> ByteArray:
     """Paint one colour with layers of noise."""
-    layers = [amplitude * noise_of(rng, *spectrum) for amplitude, *spectrum in noise]
+    layers = [
+        amplitude * noise_of(rng, *spectrum) for amplitude, *spectrum in noise
+    ]
     return rgba(brightness + np.sum(layers, axis=0), colour)
 
 
@@ -76,13 +82,22 @@ def clouds(rng: Generator) -> ByteArray:
 def road(rng: Generator) -> ByteArray:
     """Paint asphalt with repairs and cracks."""
     image = even(rng, [(0.035, 1.2, 1), (0.04, 0.3, 40)], 0.46)
-    for x, y, width, height in rng.integers((0, 0, 40, 40), (450, 450, 160, 160), (6, 4)):
+    for x, y, width, height in rng.integers(
+        (0, 0, 40, 40), (450, 450, 160, 160), (6, 4)
+    ):
         repair = image[y : y + height, x : x + width]
         repair[:] = 0.65 * repair + 0.35 * rng.integers(85, 108)
     for _ in range(7):
         start = rng.uniform((30, 0), (480, 330))
         crack = start + rng.normal((0, 9), (4, 3), (22, 2)).cumsum(axis=0)
-        cv2.polylines(image, [crack.astype(np.int32)], False, (72, 72, 74, 255), 2, cv2.LINE_AA)
+        cv2.polylines(
+            image,
+            [crack.astype(np.int32)],
+            False,
+            (72, 72, 74, 255),
+            2,
+            cv2.LINE_AA,
+        )
     return image
 
 
@@ -103,14 +118,20 @@ def pavement(rng: Generator) -> ByteArray:
 def plaster(rng: Generator) -> ByteArray:
     """Paint a rendered wall with streaks of rain; tinted brown, it serves as bark."""
     streaks = cv2.GaussianBlur(noise_of(rng, 0.6), (0, 0), sigmaX=2, sigmaY=40)
-    brightness = 0.86 + 0.025 * noise_of(rng, 1.4) + 0.02 * streaks / streaks.std()
+    brightness = (
+        0.86 + 0.025 * noise_of(rng, 1.4) + 0.02 * streaks / streaks.std()
+    )
     return rgba(brightness + 0.02 * noise_of(rng, 0.2, 60))
 
 
 def brick(rng: Generator) -> ByteArray:
     """Paint bricks of 25 x 8 cm with light joints."""
-    stones, is_joint = _stone_courses(rng, (22, 68), 0.13, joint=0.15, shift=0.5)
-    shade = np.where(is_joint, 0.72, 0.76 * stones) * (1 + 0.05 * noise_of(rng, 0.8))
+    stones, is_joint = _stone_courses(
+        rng, (22, 68), 0.13, joint=0.15, shift=0.5
+    )
+    shade = np.where(is_joint, 0.72, 0.76 * stones) * (
+        1 + 0.05 * noise_of(rng, 0.8)
+    )
     return rgba(shade, (1.0, 0.96, 0.94), np.where(is_joint, 0.4, 1.0))
 
 
@@ -146,7 +167,9 @@ def leaves(rng: Generator) -> ByteArray:
         place = rng.integers(16, SIZE - 16, 2).tolist()
         axes = rng.integers((8, 4), (15, 8)).tolist()
         angle_deg = rng.uniform(0, 180)
-        cv2.ellipse(image, place, axes, angle_deg, 0, 360, colour, -1, cv2.LINE_AA)
+        cv2.ellipse(
+            image, place, axes, angle_deg, 0, 360, colour, -1, cv2.LINE_AA
+        )
         if count % 50 == 0:  # shift the border, so that the tile has no seam
             image = np.roll(image, rng.integers(0, SIZE, 2), axis=(0, 1))
     return image
@@ -161,7 +184,11 @@ def car_window(rng: Generator) -> ByteArray:
 
 
 def _draw(
-    image: ByteArray, kind: str, at: Sequence[int], colour: Sequence[int], width: int = -1
+    image: ByteArray,
+    kind: str,
+    at: Sequence[int],
+    colour: Sequence[int],
+    width: int = -1,
 ) -> None:
     """Draw a shape on an image."""
     first = at[:2]
@@ -172,7 +199,9 @@ def _draw(
         case "line":
             cv2.line(image, first, second, colour, width, cv2.LINE_AA)
         case "ellipse":
-            cv2.ellipse(image, first, second, 0, 0, 360, colour, width, cv2.LINE_AA)
+            cv2.ellipse(
+                image, first, second, 0, 0, 360, colour, width, cv2.LINE_AA
+            )
 
 
 def _glass(brightness: FloatArray) -> ByteArray:
@@ -208,7 +237,9 @@ def _with_windows(rng: Generator, wall: ByteArray, num_rows: int) -> ByteArray:
     """Paint windows with frames, curtains, sills and two columns of panes on a wall."""
     width = 104
     height = 123
-    brightness = np.linspace(0.42, 0.16, SIZE)[:, None] * (1 + 0.25 * noise_of(rng, 1.4))
+    brightness = np.linspace(0.42, 0.16, SIZE)[:, None] * (
+        1 + 0.25 * noise_of(rng, 1.4)
+    )
     glass = cv2.resize(_glass(brightness), (width, height))
     for left, top in _windows():
         right = left + width
@@ -219,8 +250,17 @@ def _with_windows(rng: Generator, wall: ByteArray, num_rows: int) -> ByteArray:
         window[:, :curtain] = window[:, -curtain:] = (168, 164, 154, 0)
         for row in range(num_rows):
             level = top + row * height // num_rows
-            cv2.rectangle(wall, (left, level), (left + 52, bottom), UNTINTED_WHITE, 5)
-            cv2.rectangle(wall, (left + 52, level), (right, bottom), UNTINTED_WHITE, 5)
+            cv2.rectangle(
+                wall, (left, level), (left + 52, bottom), UNTINTED_WHITE, 5
+            )
+            cv2.rectangle(
+                wall, (left + 52, level), (right, bottom), UNTINTED_WHITE, 5
+            )
         cv2.rectangle(wall, (left, top), (right, bottom), UNTINTED_WHITE, 10)
-        wall[bottom + 6 : bottom + 16, left - 14 : right + 15] = (205, 203, 196, 0)
+        wall[bottom + 6 : bottom + 16, left - 14 : right + 15] = (
+            205,
+            203,
+            196,
+            0,
+        )
     return wall

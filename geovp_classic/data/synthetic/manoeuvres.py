@@ -52,7 +52,9 @@ class Speed:
         last = np.ceil((including_zero_s.max() + 2.0) / self.tick_s)
         ticks_s = np.arange(first, last + 1) * self.tick_s
         speeds = np.interp(ticks_s, self.times_s, self.speeds_m_s)
-        speeds = gaussian_filter1d(speeds, self.smoothing_s / self.tick_s, mode="nearest")
+        speeds = gaussian_filter1d(
+            speeds, self.smoothing_s / self.tick_s, mode="nearest"
+        )
         steps_m = 0.5 * (speeds[1:] + speeds[:-1]) * self.tick_s
         travelled_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         travelled_m -= np.interp(0.0, ticks_s, travelled_m)
@@ -91,14 +93,19 @@ def plan(manoeuvre: Manoeuvre, rng: Generator) -> Plan:
     table = tables[manoeuvre]
     if "bends" in table:
         side = rng.choice([-1.0, 1.0])
-        bends = [(length_m, side * turn_rad) for length_m, turn_rad in table["bends"]]
+        bends = [
+            (length_m, side * turn_rad) for length_m, turn_rad in table["bends"]
+        ]
         roads = Roads([from_bends(bends, easing_m=5.0)])
     else:
         main = straight((0.0, -200.0), 0.0, 560.0)
         cross = straight((-260.0, 0.0), np.pi / 2, 520.0)
         roads = Roads([main, cross], (200.0, 260.0))
     default = {"speed_m_s": _draw(rng, table["speed_m_s"])}
-    ego, *traffic = (_journey(rng, roads, **default | journey) for journey in table["journeys"])
+    ego, *traffic = (
+        _journey(rng, roads, **default | journey)
+        for journey in table["journeys"]
+    )
     if "turn" in table:
         ego = replace(ego, path=_turn(**table["turn"]), right_m=0.0)
     return Plan(roads, ego, traffic)

@@ -25,7 +25,9 @@ class TriangleMesh:
 
     corners: FloatArray  # [N, 3, 3], metres
     uv: FloatArray  # [N, 3, 2], in tiles of the texture
-    ambient: FloatArray  # [N, 3], fraction of the sky light that reaches the corner
+    ambient: (
+        FloatArray  # [N, 3], fraction of the sky light that reaches the corner
+    )
     texture: IntArray  # [N]
     tint: FloatArray  # [N, 3]
 
@@ -60,10 +62,15 @@ def triangles(
     """
     count = len(corners)
     if uv is None:
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        cross = np.cross(
+            corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        )
         normal_axis = np.abs(cross).argmax(axis=-1)
         uv_axes = np.array([[2, 1], [0, 2], [0, 1]])[normal_axis]  # [N, 2]
-        uv = np.take_along_axis(corners, uv_axes[:, None], axis=-1) / TILE_M[texture]
+        uv = (
+            np.take_along_axis(corners, uv_axes[:, None], axis=-1)
+            / TILE_M[texture]
+        )
     return TriangleMesh(
         corners,
         uv,
@@ -77,7 +84,8 @@ def sheet(
     points: npt.ArrayLike,  # [R, K, 3]
     texture: Texture,
     tint: Colour = WHITE,
-    uv: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,  # u and v in tiles, each [R, K]
+    uv: tuple[npt.ArrayLike, npt.ArrayLike]
+    | None = None,  # u and v in tiles, each [R, K]
     ambient: npt.ArrayLike = 1.0,  # [R, K]
 ) -> TriangleMesh:
     """Return the surface through R rows of K points, with two triangles per cell."""
@@ -88,7 +96,9 @@ def sheet(
         u, v = (np.broadcast_to(values, shape) for values in uv)
         uv_corners = _split_cells(np.stack([u, v], axis=-1))
     ambient_corners = _split_cells(np.broadcast_to(ambient, shape))
-    return triangles(_split_cells(grid), texture, tint, uv_corners, ambient_corners)
+    return triangles(
+        _split_cells(grid), texture, tint, uv_corners, ambient_corners
+    )
 
 
 def box(
@@ -98,7 +108,9 @@ def box(
     tint: Colour = WHITE,
 ) -> TriangleMesh:
     """Return a box without its underside."""
-    foot = np.array([(-1, 1, -1), (1, 1, -1), (1, 1, 1), (-1, 1, 1), (-1, 1, -1)])
+    foot = np.array(
+        [(-1, 1, -1), (1, 1, -1), (1, 1, 1), (-1, 1, 1), (-1, 1, -1)]
+    )
     rows = np.stack([foot, foot * [1, -1, 1], foot * [0, -1, 0]])
     return sheet(centre + rows * half_size, texture, tint)
 

@@ -24,7 +24,9 @@ from geovp_classic.data.synthetic.textures import TILE_M, Texture
 from geovp_classic.geometry import se3
 from geovp_classic.types import FloatArray
 
-TABLES: dict[str, Any] = tomllib.loads(Path(__file__).with_name("objects.toml").read_text())
+TABLES: dict[str, Any] = tomllib.loads(
+    Path(__file__).with_name("objects.toml").read_text()
+)
 TINTS = TABLES["tints"]
 
 
@@ -44,19 +46,34 @@ def house(rng: Generator, garden_m: float) -> tuple[TriangleMesh, FloatArray]:
     top = -2.8 * storeys
     door_x = (rng.integers(bays[0]) + 0.5) * size_m[0] / bays[0] - x
 
-    foot = np.array([(-x, 0.0, -z), (x, 0.0, -z), (x, 0.0, z), (-x, 0.0, z), (-x, 0.0, -z)])
+    foot = np.array(
+        [(-x, 0.0, -z), (x, 0.0, -z), (x, 0.0, z), (-x, 0.0, z), (-x, 0.0, -z)]
+    )
     walls = Texture.BRICK_WINDOWS if has_bricks else Texture.PLASTER_WINDOWS
     uv = (np.cumsum([0.0, *bays, *bays]) / 2, [[-storeys / 2], [0.0]])
     parts = [
-        sheet([foot + np.array([0.0, top, 0.0]), foot], walls, tint, uv, [[1.0], [0.8]]),
-        box((0, 0.1, 0), (x + 0.03, 0.5, z + 0.03), Texture.PLASTER, TINTS["stone"]),
+        sheet(
+            [foot + np.array([0.0, top, 0.0]), foot],
+            walls,
+            tint,
+            uv,
+            [[1.0], [0.8]],
+        ),
+        box(
+            (0, 0.1, 0),
+            (x + 0.03, 0.5, z + 0.03),
+            Texture.PLASTER,
+            TINTS["stone"],
+        ),
         box((door_x, -1.28, -z), (0.6, 1.08, 0.04), Texture.PLAIN, door_tint),
         box((door_x, -2.54, -z), (0.9, 0.06, 0.9), Texture.ROOF, roof_tint),
     ]
     gables = Texture.BRICK if has_bricks else Texture.PLASTER
     if rng.random() < 0.35:  # the ridge runs from front to back
         quarter_turn = se3.exp(np.array([0, 0, 0, 0, np.pi / 2, 0]))
-        parts.append(_roof(rng, z, x, top, gables, tint, roof_tint).moved(quarter_turn))
+        parts.append(
+            _roof(rng, z, x, top, gables, tint, roof_tint).moved(quarter_turn)
+        )
     else:
         parts.append(_roof(rng, x, z, top, gables, tint, roof_tint))
     if rng.random() < 0.6:  # a hedge with a gap for the gate
@@ -65,9 +82,16 @@ def house(rng: Generator, garden_m: float) -> tuple[TriangleMesh, FloatArray]:
         for left in (-x - 0.5, 1.0):
             half_size = (half_m, rng.uniform(0.8, 1.5), 0.35)
             parts.append(
-                box((left + half_m, 0, hedge_z), half_size, Texture.LEAVES, TINTS["hedge"])
+                box(
+                    (left + half_m, 0, hedge_z),
+                    half_size,
+                    Texture.LEAVES,
+                    TINTS["hedge"],
+                )
             )
-    return joined(parts).moved(se3.compose(np.eye(3), np.array([0, 0, z]))), size_m
+    return joined(parts).moved(
+        se3.compose(np.eye(3), np.array([0, 0, z]))
+    ), size_m
 
 
 def _roof(
@@ -84,7 +108,9 @@ def _roof(
     ridge = top - rise * z
     eaves_z = z + 0.45
     eaves_y = top + 0.45 * rise
-    gables = np.array([[(end, ridge, 0), (end, top, z), (end, top, -z)] for end in (-x, x)])
+    gables = np.array(
+        [[(end, ridge, 0), (end, top, z), (end, top, -z)] for end in (-x, x)]
+    )
     rows = ((eaves_y, -eaves_z), (ridge, 0), (eaves_y, eaves_z))
     slopes = [[(end, *row) for end in (-x - 0.4, x + 0.4)] for row in rows]
     slope_tiles = eaves_z * np.hypot(1, rise) / TILE_M[Texture.ROOF]
@@ -104,30 +130,48 @@ def tree(rng: Generator, height_m: float, detail: int) -> TriangleMesh:
     green = rng.choice(TINTS["greens"])
     crown_m = height_m * rng.uniform(0.25, 0.33)
     slimness = rng.uniform(0.8, 1.5)
-    fork_m = max(height_m - crown_m * (0.9 + 0.4 * slimness), 2.2 + 0.6 * crown_m)
-    trunk = _branch((0, 0.3, 0), (0.1, -fork_m, 0.05), 0.026 * height_m, 0.013 * height_m)
+    fork_m = max(
+        height_m - crown_m * (0.9 + 0.4 * slimness), 2.2 + 0.6 * crown_m
+    )
+    trunk = _branch(
+        (0, 0.3, 0), (0.1, -fork_m, 0.05), 0.026 * height_m, 0.013 * height_m
+    )
     parts = [trunk]
     for turn in range(6):  # the first lump is in the middle
         angle_rad = 2.4 * turn + rng.uniform(-0.4, 0.4)
         out_m = crown_m * rng.uniform(0.45, 0.75) * (turn > 0)
-        up_m = crown_m * slimness * (rng.uniform(-0.35, 0.5) if turn > 0 else 0.45)
-        centre = np.array([out_m * np.sin(angle_rad), -fork_m - up_m, out_m * np.cos(angle_rad)])
+        up_m = (
+            crown_m * slimness * (rng.uniform(-0.35, 0.5) if turn > 0 else 0.45)
+        )
+        centre = np.array(
+            [
+                out_m * np.sin(angle_rad),
+                -fork_m - up_m,
+                out_m * np.cos(angle_rad),
+            ]
+        )
         lump = _foliage(rng, crown_m * rng.uniform(0.45, 0.68), detail, green)
         parts.append(lump.moved(se3.compose(np.eye(3), centre)))
         parts.append(_branch((0.1, -0.7 * fork_m, 0.05), centre, 0.09, 0.03))
     return joined(parts)
 
 
-def _branch(start: Colour, end: Colour, start_radius_m: float, end_radius_m: float) -> TriangleMesh:
+def _branch(
+    start: Colour, end: Colour, start_radius_m: float, end_radius_m: float
+) -> TriangleMesh:
     """Return a cone of bark between two points [3]."""
     rings = lathe(start, end, [(0.0, start_radius_m), (1.0, end_radius_m)])
     return sheet(rings, Texture.PLASTER, TINTS["bark"])
 
 
-def _foliage(rng: Generator, radius_m: float, detail: int, green: Colour) -> TriangleMesh:
+def _foliage(
+    rng: Generator, radius_m: float, detail: int, green: Colour
+) -> TriangleMesh:
     """Return a dented ball of leaves with sprays that stick out, darker below and inside."""
     angle_rad = np.linspace(0, np.pi, 4 * detail + 1)
-    profile = np.stack([0.5 - 0.5 * np.cos(angle_rad), np.sin(angle_rad)], axis=-1)
+    profile = np.stack(
+        [0.5 - 0.5 * np.cos(angle_rad), np.sin(angle_rad)], axis=-1
+    )
     ball = lathe((0, 1, 0), (0, -1, 0), profile, 6 * detail)
     waves = np.sin(ball @ rng.normal(0, 3.0, (3, 8)) + rng.uniform(0, 6.3, 8))
     ball *= radius_m * (1 + 0.045 * waves.sum(axis=-1, keepdims=True))
@@ -135,8 +179,14 @@ def _foliage(rng: Generator, radius_m: float, detail: int, green: Colour) -> Tri
     outward *= radius_m / np.linalg.norm(outward, axis=-1, keepdims=True)
     sprays = outward + rng.normal(0, 0.14, (len(outward), 3, 3))
     corners = np.concatenate([sheet(ball, Texture.LEAVES).corners, sprays])
-    light = 0.66 - 0.40 * corners[..., 1] / radius_m + rng.normal(0, 0.08, (len(corners), 1))
-    return triangles(corners, Texture.LEAVES, green, ambient=np.clip(light, 0.22, 1.15))
+    light = (
+        0.66
+        - 0.40 * corners[..., 1] / radius_m
+        + rng.normal(0, 0.08, (len(corners), 1))
+    )
+    return triangles(
+        corners, Texture.LEAVES, green, ambient=np.clip(light, 0.22, 1.15)
+    )
 
 
 def lamp() -> TriangleMesh:
@@ -156,7 +206,9 @@ class Car:
     half_width_m: float
     shoulder_m: float  # height of the body
     roof_m: float  # height of the roof
-    cabin_z_m: tuple[float, float, float, float]  # foot and roof at the tail, roof and foot ahead
+    cabin_z_m: tuple[
+        float, float, float, float
+    ]  # foot and roof at the tail, roof and foot ahead
     probability: float
     floor_m: float = 0.24  # height of the floor
     wheel_m: float = 0.31  # radius
@@ -165,9 +217,13 @@ class Car:
         """Return the car on the ground, its nose towards +z."""
         x = 0.9 * self.half_width_m
         half_size = (x, 0.11, self.half_length_m - 0.05)
-        under = box((0, 0.11 - self.floor_m, 0), half_size, Texture.PLAIN, TINTS["dark"])
+        under = box(
+            (0, 0.11 - self.floor_m, 0), half_size, Texture.PLAIN, TINTS["dark"]
+        )
         wheels = [
-            self._wheel(side * self.half_width_m, end * 0.64 * self.half_length_m)
+            self._wheel(
+                side * self.half_width_m, end * 0.64 * self.half_length_m
+            )
             for side in (-1, 1)
             for end in (-1, 1)
         ]
@@ -178,7 +234,9 @@ class Car:
         sections = np.array(TABLES["car"]["sections"])
         outline = np.array(TABLES["car"]["outline"])
         scale_m = [self.half_length_m, self.half_width_m, self.shoulder_m]
-        z, width_m, top_m = (sections * scale_m).T[..., None]  # each [sections, 1]
+        z, width_m, top_m = (sections * scale_m).T[
+            ..., None
+        ]  # each [sections, 1]
         x = width_m * outline[:, 0]
         above_m = (top_m - self.floor_m) * outline[:, 1]  # above the floor
         shell = np.stack([x, -self.floor_m - above_m, z + 0 * x], axis=-1)
@@ -186,28 +244,41 @@ class Car:
         u = (z / self.half_length_m + 1) / 2
         v = np.clip(1 - above_m / (self.shoulder_m - self.floor_m), 0.01, 0.99)
         meshes = [sheet(shell, Texture.CAR_SIDE, paint, (u, v), ambient)]
-        for end, middle in ((0, 0.25), (-1, 0.75)):  # tail and nose in the texture
+        for end, middle in (
+            (0, 0.25),
+            (-1, 0.75),
+        ):  # tail and nose in the texture
             rows = np.stack([shell[end], shell[end] * [0, 1, 1]])
             u = middle + 0.25 * rows[..., 0] / width_m[end]
             v = 1 - above_m[end] / above_m[end].max()
-            meshes.append(sheet(rows, Texture.CAR_END, paint, (u, v), ambient[end]))
+            meshes.append(
+                sheet(rows, Texture.CAR_END, paint, (u, v), ambient[end])
+            )
         return joined(meshes)
 
     def _cabin(self, paint: Colour) -> TriangleMesh:
         """Return the glazed upper part: a pane at the front and at the back, two at the sides."""
         x = 0.92 * self.half_width_m * np.array([-1.0, 1.0, 1.0, -1.0, -1.0])
         z = np.array(self.cabin_z_m)
-        foot = np.column_stack([x, 0 * x + 0.03 - self.shoulder_m, z[[3, 3, 0, 0, 3]]])
-        roof = np.column_stack([0.82 * x, 0 * x - self.roof_m, z[[2, 2, 1, 1, 2]]])
+        foot = np.column_stack(
+            [x, 0 * x + 0.03 - self.shoulder_m, z[[3, 3, 0, 0, 3]]]
+        )
+        roof = np.column_stack(
+            [0.82 * x, 0 * x - self.roof_m, z[[2, 2, 1, 1, 2]]]
+        )
         lid = np.broadcast_to(roof[:4].mean(axis=0), roof.shape)
         uv = ([0.0, 1.0, 3.0, 4.0, 6.0], [[0.0], [0.0], [1.0]])
         return sheet([lid, roof, foot], Texture.CAR_WINDOW, paint, uv)
 
     def _wheel(self, x: float, z: float) -> TriangleMesh:
         """Return tyre and rim of the wheel whose outer face is at x."""
-        profile = self.wheel_m * np.array([(0.0, 1.0), (3.3, 1.0), (3.3, 0.66), (2.9, 0.0)])
+        profile = self.wheel_m * np.array(
+            [(0.0, 1.0), (3.3, 1.0), (3.3, 0.66), (2.9, 0.0)]
+        )
         inner_x = x - 0.2 * np.sign(x)
-        rings = lathe((inner_x, -self.wheel_m, z), (x, -self.wheel_m, z), profile, 16)
+        rings = lathe(
+            (inner_x, -self.wheel_m, z), (x, -self.wheel_m, z), profile, 16
+        )
         tyre = sheet(rings[:3], Texture.PLAIN, TINTS["dark"])
         rim = sheet(rings[2:], Texture.PLAIN, TINTS["steel"])
         return joined([tyre, rim])

@@ -45,9 +45,13 @@ class RayCaster:
         self.boxes = _bounding_boxes(self.mesh.corners, num_leaves)
         self.bary_from_world = _bary_from_world(self.mesh.corners)
         # u, v and ambient light as affine functions of the place
-        values = np.concatenate([self.mesh.uv, self.mesh.ambient[..., None]], axis=-1)
+        values = np.concatenate(
+            [self.mesh.uv, self.mesh.ambient[..., None]], axis=-1
+        )
         edges = values[:, 1:] - values[:, :1]
-        self.values_from_world = edges.swapaxes(1, 2) @ self.bary_from_world[:, :2]  # [N, 3, 4]
+        self.values_from_world = (
+            edges.swapaxes(1, 2) @ self.bary_from_world[:, :2]
+        )  # [N, 3, 4]
         self.values_from_world[..., 3] += values[:, 0]
 
     def cast(
@@ -87,7 +91,9 @@ class RayCaster:
         facing = np.einsum("nj,nj->n", normal, rays)[:, None]
         points = eye + lengths[:, None] * rays
         along = normal @ pixel_steps.T / facing  # [N, 2]
-        steps = lengths[:, None, None] * (pixel_steps - along[..., None] * rays[:, None])
+        steps = lengths[:, None, None] * (
+            pixel_steps - along[..., None] * rays[:, None]
+        )
         values_from_world = self.values_from_world[triangles]
         values = np.einsum("nkj,nj->nk", values_from_world[..., :3], points)
         values += values_from_world[..., 3]
@@ -95,7 +101,9 @@ class RayCaster:
             points,
             normal=np.where(facing > 0, -normal, normal),
             uv=values[:, :2],
-            uv_steps=np.einsum("nkj,nsj->nsk", values_from_world[:, :2, :3], steps),
+            uv_steps=np.einsum(
+                "nkj,nsj->nsk", values_from_world[:, :2, :3], steps
+            ),
             sizes_m=np.linalg.norm(steps, axis=-1),
             ambient=values[:, 2],
             texture=self.mesh.texture[triangles],
@@ -174,7 +182,9 @@ def _cast(boxes, bary_from_world, origins, directions, stops_early):  # type: ig
             if node >= num_inner:
                 first = (node - num_inner) * TRIANGLES_PER_LEAF
                 for triangle in range(first, first + TRIANGLES_PER_LEAF):
-                    length = _to_triangle(bary_from_world[triangle], origin, direction)
+                    length = _to_triangle(
+                        bary_from_world[triangle], origin, direction
+                    )
                     if length < nearest:
                         nearest = length
                         triangles[ray] = triangle
@@ -219,8 +229,16 @@ def _to_triangle(matrix, origin, direction):  # type: ignore[no-untyped-def]  # 
     """
     height = _dot(matrix[2], origin) + matrix[2, 3]
     length = -height / _dot(matrix[2], direction)
-    u = _dot(matrix[0], origin) + matrix[0, 3] + length * _dot(matrix[0], direction)
-    v = _dot(matrix[1], origin) + matrix[1, 3] + length * _dot(matrix[1], direction)
+    u = (
+        _dot(matrix[0], origin)
+        + matrix[0, 3]
+        + length * _dot(matrix[0], direction)
+    )
+    v = (
+        _dot(matrix[1], origin)
+        + matrix[1, 3]
+        + length * _dot(matrix[1], direction)
+    )
     is_inside = u >= -1e-9 and v >= -1e-9 and u + v <= 1 + 1e-9
     return length if is_inside and length > 0 else np.inf
 

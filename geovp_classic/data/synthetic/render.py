@@ -22,7 +22,9 @@ class Rendering(NamedTuple):
     """The frames of a drive without noise."""
 
     light: FloatArray  # [T, H, W, 3], linear
-    depths: FloatArray  # [T, H, W], float32, z-depth at pixel centres; inf = sky
+    depths: (
+        FloatArray  # [T, H, W], float32, z-depth at pixel centres; inf = sky
+    )
     moving: BoolArray  # [T, H, W], on moving cars and in their shadows
 
 
@@ -40,11 +42,15 @@ def render_drive(
         if street.traffic:
             traffic = street.traffic_at(float(times_s[step]))
             layers.append(RayCaster(joined(traffic)))
-        frame = _Frame(layers, street.weather, optics, world_from_cam[step], camera)
+        frame = _Frame(
+            layers, street.weather, optics, world_from_cam[step], camera
+        )
         return frame.render()
 
     frames = parallel_map(render, range(len(times_s)))
-    return Rendering(*(np.stack(images) for images in zip(*frames, strict=True)))
+    return Rendering(
+        *(np.stack(images) for images in zip(*frames, strict=True))
+    )
 
 
 @dataclass(frozen=True)
@@ -57,8 +63,12 @@ class _Frame:
     world_from_cam: FloatArray  # [4, 4]
     camera: Intrinsics
     blur_reach: float = 3.0  # in standard deviations
-    max_contrast: float = 0.5  # of light among neighbours, (high - low) / (high + low)
-    leaf_gap_m: float = 0.7  # leaves are not shaded by closer neighbours, to avoid flicker
+    max_contrast: float = (
+        0.5  # of light among neighbours, (high - low) / (high + low)
+    )
+    leaf_gap_m: float = (
+        0.7  # leaves are not shaded by closer neighbours, to avoid flicker
+    )
 
     def render(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Return light [H, W, 3], depth [H, W] and moving [H, W].
@@ -70,7 +80,9 @@ class _Frame:
         margin_px = int(self.blur_reach * blur_px + 0.5) + 1
         width_px = self.camera.width_px + 2 * margin_px
         height_px = self.camera.height_px + 2 * margin_px
-        padded = self.camera.cropped(-margin_px, -margin_px, width_px, height_px)
+        padded = self.camera.cropped(
+            -margin_px, -margin_px, width_px, height_px
+        )
         pixels = pinhole.pixel_grid(padded) - margin_px
         light, depth, is_moving, texture = self._trace(pixels)
 
@@ -80,11 +92,15 @@ class _Frame:
         max_contrast = [self.max_contrast] * 3 + [0.0]
         is_edge = (high - low > max_contrast * (high + low)).any(axis=-1)
         offsets_px = np.array([(-0.36, -0.2), (0.36, -0.24), (0.0, 0.44)])
-        more_light, _, more_moving, _ = self._trace(pixels[is_edge][:, None] + offsets_px)
+        more_light, _, more_moving, _ = self._trace(
+            pixels[is_edge][:, None] + offsets_px
+        )
         light[is_edge] = (light[is_edge] + more_light.sum(axis=1)) / 4
         is_moving[is_edge] |= more_moving.any(axis=1)
 
-        light = gaussian_filter(light, (blur_px, blur_px, 0), truncate=self.blur_reach)
+        light = gaussian_filter(
+            light, (blur_px, blur_px, 0), truncate=self.blur_reach
+        )
         inner = np.s_[margin_px:-margin_px, margin_px:-margin_px]
         return light[inner], depth[inner].astype(np.float32), is_moving[inner]
 
@@ -112,13 +128,20 @@ class _Frame:
         texture = np.full(len(rays), -1)
         for layer, (lengths, triangles) in zip(self.layers, casts, strict=True):
             index = np.flatnonzero(~is_sky & (lengths == depth))
-            hits = layer.hits(eye, rays[index], depth[index], triangles[index], pixel_steps)
+            hits = layer.hits(
+                eye, rays[index], depth[index], triangles[index], pixel_steps
+            )
             is_lit, is_shaded_by_traffic = self._sunlight(hits)
             light[index] = shade(hits, eye, is_lit, self.weather, self.optics)
             texture[index] = hits.texture
-            is_moving[index] = is_shaded_by_traffic | (layer is not self.layers[0])
+            is_moving[index] = is_shaded_by_traffic | (
+                layer is not self.layers[0]
+            )
         maps = (depth, is_moving, texture)
-        return [light.reshape(*shape, 3), *(values.reshape(shape) for values in maps)]
+        return [
+            light.reshape(*shape, 3),
+            *(values.reshape(shape) for values in maps),
+        ]
 
     def _sunlight(self, hits: Hits) -> tuple[BoolArray, BoolArray]:
         """Return whether the sun reaches the hits [N], and whether only traffic blocks it [N]."""
@@ -126,8 +149,12 @@ class _Frame:
         is_leaf = hits.texture == Texture.LEAVES
         facing = np.flatnonzero((hits.normal @ to_sun > 0) | is_leaf)
         gap_m = np.where(is_leaf, self.leaf_gap_m, 0.01)[facing, None]
-        points = hits.points[facing] + 0.01 * hits.normal[facing] + gap_m * to_sun
-        is_blocked, *by_traffic = (layer.is_blocked(points, to_sun) for layer in self.layers)
+        points = (
+            hits.points[facing] + 0.01 * hits.normal[facing] + gap_m * to_sun
+        )
+        is_blocked, *by_traffic = (
+            layer.is_blocked(points, to_sun) for layer in self.layers
+        )
         is_lit, is_shaded_by_traffic = np.zeros((2, len(is_leaf)), dtype=bool)
         is_shaded_by_traffic[facing] = ~is_blocked & np.any(by_traffic, axis=0)
         is_lit[facing] = ~is_blocked

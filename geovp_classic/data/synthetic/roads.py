@@ -37,7 +37,9 @@ class Path:
         inside_m = np.clip(along_m, 0.0, self.length_m)
         knots_m = np.arange(len(self.points)) * STEP_M
         yaw_rad = np.interp(inside_m, knots_m, self.yaw_rad)
-        x, z = (np.interp(inside_m, knots_m, values) for values in self.points.T)
+        x, z = (
+            np.interp(inside_m, knots_m, values) for values in self.points.T
+        )
         ahead, right = _directions(yaw_rad)
         beyond_m = np.asarray(along_m - inside_m)[..., None]
         offset = beyond_m * ahead + np.asarray(right_m)[..., None] * right
@@ -50,24 +52,36 @@ class Path:
         return ((places - self.points[nearest]) * right).sum(axis=-1)
 
 
-def from_bends(bends: Sequence[tuple[float, float]], easing_m: float = 2.0) -> Path:
+def from_bends(
+    bends: Sequence[tuple[float, float]], easing_m: float = 2.0
+) -> Path:
     """Return the path from the origin towards +z through pieces of (length_m, turn_rad).
 
     The curvature is smoothed like that of a steered car.
     """
-    pieces = [np.full(round(length_m / STEP_M), turn / length_m) for length_m, turn in bends]
-    curvature = gaussian_filter1d(np.concatenate(pieces), easing_m / STEP_M, mode="nearest")
+    pieces = [
+        np.full(round(length_m / STEP_M), turn / length_m)
+        for length_m, turn in bends
+    ]
+    curvature = gaussian_filter1d(
+        np.concatenate(pieces), easing_m / STEP_M, mode="nearest"
+    )
     yaw_rad = np.concatenate([[0.0], np.cumsum(curvature) * STEP_M])
     steps, _ = _directions(0.5 * (yaw_rad[1:] + yaw_rad[:-1]))
     points = np.cumsum(STEP_M * steps, axis=0)
     return Path(np.concatenate([np.zeros((1, 2)), points]), yaw_rad)
 
 
-def straight(start: tuple[float, float], yaw_rad: float, length_m: float) -> Path:
+def straight(
+    start: tuple[float, float], yaw_rad: float, length_m: float
+) -> Path:
     """Return a straight line on the map."""
     ahead, _ = _directions(np.array(yaw_rad))
     along_m = np.arange(round(length_m / STEP_M) + 1) * STEP_M
-    return Path(np.asarray(start) + along_m[:, None] * ahead, np.full(len(along_m), yaw_rad))
+    return Path(
+        np.asarray(start) + along_m[:, None] * ahead,
+        np.full(len(along_m), yaw_rad),
+    )
 
 
 @dataclass(frozen=True)
@@ -88,11 +102,16 @@ class Roads:
 
     def distance_m(self, places: FloatArray) -> FloatArray:
         """Return the signed distance [N] of places [N, 2] from the kerb, negative on the road."""
-        sides_m = [np.abs(path.right_m(places)) - self.half_width_m for path in self.paths]
+        sides_m = [
+            np.abs(path.right_m(places)) - self.half_width_m
+            for path in self.paths
+        ]
         if len(sides_m) == 1:
             return sides_m[0]
         outside_m = np.minimum(*sides_m)
-        inside_m = [np.maximum(self.corner_radius_m - side_m, 0) for side_m in sides_m]
+        inside_m = [
+            np.maximum(self.corner_radius_m - side_m, 0) for side_m in sides_m
+        ]
         return np.maximum(self.corner_radius_m, outside_m) - np.hypot(*inside_m)
 
     def kerbs(self) -> list[FloatArray]:
@@ -116,7 +135,10 @@ class Roads:
         z = -np.concatenate([reach_m, arc_z, edge_m])
         corner = np.stack([x, z], axis=-1)
         quarter_turn = np.array([[0.0, -1.0], [1.0, 0.0]])
-        return [corner @ np.linalg.matrix_power(quarter_turn, turns) for turns in range(4)]
+        return [
+            corner @ np.linalg.matrix_power(quarter_turn, turns)
+            for turns in range(4)
+        ]
 
 
 def _directions(yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.data.synthetic.ray_casting import Hits
-from geovp_classic.data.synthetic.textures import TABLES, TILE_M, Texture, sample
+from geovp_classic.data.synthetic.textures import (
+    TABLES,
+    TILE_M,
+    Texture,
+    sample,
+)
 from geovp_classic.types import BoolArray, FloatArray
 
 Rgb = tuple[float, float, float]
@@ -32,13 +37,17 @@ class Weather:
         """
         up = np.maximum(-directions[:, 1:2], 0.0)
         horizon_weight = np.exp(-4.0 * up)
-        clear = self.horizon * horizon_weight + self.zenith * (1 - horizon_weight)
+        clear = self.horizon * horizon_weight + self.zenith * (
+            1 - horizon_weight
+        )
 
         reach = 0.35 / (up + 0.12)
         uv = directions[:, [0, 2]] * reach + self.cloud_shift
         uv_steps = 0.004 * reach[:, :, None] ** 2 * np.eye(2)
         clouds = sample(Texture.CLOUDS, uv, uv_steps)
-        cover = clouds[:, 3:] * np.minimum(1.0, 5.0 * up)  # no clouds in the haze
+        cover = clouds[:, 3:] * np.minimum(
+            1.0, 5.0 * up
+        )  # no clouds in the haze
 
         towards_sun = np.maximum(directions @ self.to_sun, 0.0)[:, None]
         glow = 0.35 * towards_sun**24 * self.sun

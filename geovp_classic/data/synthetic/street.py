@@ -68,17 +68,24 @@ class _Furniture:
     rng: Generator
     max_distance_m: float = 110.0  # from the drive
     meshes: list[TriangleMesh] = field(default_factory=list)
-    occupied: list[tuple[float, float, float]] = field(default_factory=list)  # (x, z, radius)
+    occupied: list[tuple[float, float, float]] = field(
+        default_factory=list
+    )  # (x, z, radius)
 
     def place_all(self) -> None:
         """Furnish both sides of each road, then the land behind."""
         sizes = ((7, 2), (8.5, 1), (10, 2), (11, 1))
-        trees = [objects.tree(self.rng, height_m, detail) for height_m, detail in sizes]
+        trees = [
+            objects.tree(self.rng, height_m, detail)
+            for height_m, detail in sizes
+        ]
         for path in self.roads.paths:
             for side in (-1.0, 1.0):
                 self._place_houses(path, side)
                 self._place_parked_cars(path, side)
-                for along_m in np.arange(6.0 if side > 0 else 21.0, path.length_m, 30.0):
+                for along_m in np.arange(
+                    6.0 if side > 0 else 21.0, path.length_m, 30.0
+                ):
                     place, to_road_rad = self._beside(path, side, along_m, 0.5)
                     if self._is_free(place, 0.0, 0.3):
                         self._put(objects.lamp(), place, to_road_rad)
@@ -99,18 +106,24 @@ class _Furniture:
         self, path: Path, side: float, along_m: float, from_kerb_m: float
     ) -> tuple[FloatArray, float]:
         """Return a place [2] beside the road, and the yaw of an object whose -z faces the road."""
-        place, yaw_rad = path.at(along_m, side * (self.roads.half_width_m + from_kerb_m))
+        place, yaw_rad = path.at(
+            along_m, side * (self.roads.half_width_m + from_kerb_m)
+        )
         return place, float(yaw_rad) + side * np.pi / 2
 
     def _place_houses(self, path: Path, side: float) -> None:
         """Place houses in gardens behind the pavement."""
         for along_m in np.cumsum(self.rng.uniform(2.0, 6.0, 200)):
             garden_m = self.rng.uniform(2.5, 6.5)
-            front, to_road_rad = self._beside(path, side, along_m, 2.2 + garden_m)
+            front, to_road_rad = self._beside(
+                path, side, along_m, 2.2 + garden_m
+            )
             if not self._is_free(front, 4.0, garden_m + 2.1):
                 continue
             house, (width_m, depth_m) = objects.house(self.rng, garden_m)
-            middle, _ = self._beside(path, side, along_m, 2.2 + garden_m + depth_m / 2)
+            middle, _ = self._beside(
+                path, side, along_m, 2.2 + garden_m + depth_m / 2
+            )
             radius_m = 0.4 * np.hypot(width_m, depth_m)
             if self._is_free(middle, radius_m, depth_m / 2 + 3.4):
                 self._put(house, front, to_road_rad)
@@ -121,28 +134,45 @@ class _Furniture:
         for along_m in np.cumsum(self.rng.choice([6.2, 7.0, 13.0, 22.0], 80)):
             place, to_road_rad = self._beside(path, side, along_m, -1.05)
             middle, _ = path.at(along_m + np.array([-9.0, 9.0]))
-            is_straight = (self.roads.distance_m(middle) > -self.roads.half_width_m - 0.05).all()
+            is_straight = (
+                self.roads.distance_m(middle) > -self.roads.half_width_m - 0.05
+            ).all()
             from_route_m = abs(self.route.right_m(place[None])[0])
-            if is_straight and from_route_m > 1.6 and self._is_free(place, 0.0, -2.0):
+            if (
+                is_straight
+                and from_route_m > 1.6
+                and self._is_free(place, 0.0, -2.0)
+            ):
                 self._put(objects.car(self.rng), place, to_road_rad - np.pi / 2)
 
-    def _put_tree(self, tree: TriangleMesh, place: FloatArray, max_scale: float) -> None:
+    def _put_tree(
+        self, tree: TriangleMesh, place: FloatArray, max_scale: float
+    ) -> None:
         """Add a randomly turned and scaled tree."""
         yaw_rad = self.rng.uniform(0, 6.3)
         self._put(tree, place, yaw_rad, self.rng.uniform(0.7, max_scale))
 
-    def _is_free(self, place: FloatArray, radius_m: float, min_from_kerb_m: float) -> bool:
+    def _is_free(
+        self, place: FloatArray, radius_m: float, min_from_kerb_m: float
+    ) -> bool:
         """Return whether a place [2] is near the drive, off the road and clear of other objects."""
         if self.roads.distance_m(place[None])[0] < min_from_kerb_m:
             return False
-        if np.linalg.norm(self.drive - place, axis=-1).min() >= self.max_distance_m:
+        if (
+            np.linalg.norm(self.drive - place, axis=-1).min()
+            >= self.max_distance_m
+        ):
             return False
         x, z, radii_m = np.array(self.occupied).reshape(-1, 3).T
         gaps_m = np.hypot(x - place[0], z - place[1]) - radii_m
         return bool((gaps_m > radius_m).all())
 
     def _put(
-        self, mesh: TriangleMesh, place: FloatArray, yaw_rad: float, scale: float = 1.0
+        self,
+        mesh: TriangleMesh,
+        place: FloatArray,
+        yaw_rad: float,
+        scale: float = 1.0,
     ) -> None:
         """Add an upright object at a place [2], on the road or a kerb above it."""
         is_on_pavement = self.roads.distance_m(place[None])[0] > 0

@@ -36,11 +36,15 @@ def mip_maps() -> ByteArray:
     stack = np.zeros((len(Texture), 2 * SIZE, SIZE, 4), dtype=np.uint8)
     for number, (name, table) in enumerate(TABLES.items()):
         # All streets share the images; they differ by tints and layout.
-        image = images.paint(name, table, np.random.default_rng([20_110_926, number]))
+        image = images.paint(
+            name, table, np.random.default_rng([20_110_926, number])
+        )
         for level in range(SIZE.bit_length()):
             size = SIZE >> level
             first = 2 * SIZE - 2 * size
-            resized = cv2.resize(image, (size, size), interpolation=cv2.INTER_AREA)
+            resized = cv2.resize(
+                image, (size, size), interpolation=cv2.INTER_AREA
+            )
             stack[number, first : first + size, :size] = resized
     return stack
 
@@ -49,12 +53,15 @@ def sample(
     texture: IntArray | Texture,  # [N] or one for all
     uv: FloatArray,  # [N, 2], in tiles; images repeat
     uv_steps: FloatArray,  # [N, 2, 2], change of uv to the next pixel to the right and below
-    min_size: FloatArray | float = 0.0,  # [N], in tiles; smaller details are not resolved
+    min_size: FloatArray
+    | float = 0.0,  # [N], in tiles; smaller details are not resolved
 ) -> FloatArray:
     """Return RGBA [N, 4] in 0..1, averaged over the footprint of each pixel."""
     textures = np.zeros(len(uv), dtype=int) + texture
     min_sizes = np.zeros(len(uv)) + min_size
-    return _sample(mip_maps(), textures, np.ascontiguousarray(uv), uv_steps, min_sizes)
+    return _sample(
+        mip_maps(), textures, np.ascontiguousarray(uv), uv_steps, min_sizes
+    )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -86,8 +93,14 @@ def _sample(stack, texture, uv, uv_steps, min_size):  # type: ignore[no-untyped-
                 top = math.floor(y)
                 for row in (top, top + 1):
                     for column in (left, left + 1):
-                        weight = mip_weight * (1.0 - abs(x - column)) * (1.0 - abs(y - row))
+                        weight = (
+                            mip_weight
+                            * (1.0 - abs(x - column))
+                            * (1.0 - abs(y - row))
+                        )
                         texel = image[first + row % width, column % width]
                         for channel in range(4):
-                            colours[i, channel] += weight * texel[channel] / (255.0 * num_taps)
+                            colours[i, channel] += (
+                                weight * texel[channel] / (255.0 * num_taps)
+                            )
     return colours
