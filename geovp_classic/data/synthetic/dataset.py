@@ -202,7 +202,7 @@ class Synthetic:
         settings = dataclasses.asdict(self)
         del settings["cache"], settings["num_clips"]
         digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-        for source in sorted(Path(__file__).parent.glob("*.py")):
+        for source in sorted(Path(__file__).parent.glob("*.*")):
             digest.update(source.read_bytes())
         user_cache = (
             Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
