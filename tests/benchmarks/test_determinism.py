@@ -55,7 +55,7 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Results:
     [
         (2, Serial(), {}, 0.0, 1e-3),
         (1, Processes(2), {}, 0.0, 1e-3),
-        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, 0.01, 0.2),
+        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, 0.03, 0.2),
     ],
     ids=["threads", "workers", "processors"],
 )
