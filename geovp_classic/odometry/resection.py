@@ -65,25 +65,34 @@ def refine_pose(
     """
 
     def linearise(pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-        points_cam = se3.transform(pose, points)
-        inverse_depth = 1 / np.maximum(points_cam[:, 2], 1e-6)
-        x, y = points_cam[:, :2].T * inverse_depth
-        jacobian = np.zeros((len(points), 2, 6))
-        jacobian[:, 0, 0] = jacobian[:, 1, 1] = inverse_depth
-        jacobian[:, :, 2] = -np.stack([x, y], axis=1) * inverse_depth[:, None]
-        jacobian[:, 0, 3:] = np.stack([-x * y, 1 + x**2, -y], axis=1)
-        jacobian[:, 1, 3:] = np.stack([-1 - y**2, x * y, x], axis=1)
-        return np.stack([x, y], axis=1) - rays, jacobian
+        x, y, z = pose[:3, :3] @ points.T + pose[:3, 3:]
+        inverse_depth = 1 / np.maximum(z, 1e-6)
+        x *= inverse_depth
+        y *= inverse_depth
+        jacobian = np.zeros((2, 6, len(points)))
+        jacobian[0, 0] = jacobian[1, 1] = inverse_depth
+        jacobian[0, 2] = -x * inverse_depth
+        jacobian[1, 2] = -y * inverse_depth
+        jacobian[0, 3:] = -x * y, 1 + x * x, -y
+        jacobian[1, 3:] = -1 - y * y, x * y, x
+        residual = np.stack([x, y], axis=1) - rays
+        return residual, jacobian.transpose(2, 0, 1)
 
     def retract(pose: FloatArray, step: FloatArray) -> FloatArray:
         rotation = np.asarray(cv2.Rodrigues(step[3:])[0], dtype=np.float64)
         return se3.compose(rotation, step[:3]) @ pose
 
     def scale(errors: FloatArray) -> float:
-        return max(noise, float(np.quantile(errors, 0.3)))
+        rank = int(0.3 * len(errors))
+        return max(noise, float(np.partition(errors, rank)[rank]))
 
     return irls(
-        cam_from_world, linearise, retract, scale, num_rounds=20, min_step=1e-7
+        cam_from_world,
+        linearise,
+        retract,
+        scale,
+        num_rounds=20,
+        min_step=noise / 50,
     )
 
 

@@ -16,7 +16,7 @@ IndexArray = npt.NDArray[np.int32]
 NO_INDEX = -1
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def rasterise_view(
     pixels: FloatArray,  # [N, 2], middle (u, v) of each patch in its source
     inverse_depth: FloatArray,  # [N]

@@ -1,6 +1,6 @@
-"""Same settings, same results: within one grey level with any number of processes and threads.
+"""Same settings, same results, with any number of processes and threads and on other processors.
 
-On another processor, sums in compiled code round differently, and few pixels get another depth.
+Scores agree to 1e-6 and pixels to one grey level.
 """
 
 from pathlib import Path
@@ -51,11 +51,11 @@ def serial(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 
 @pytest.mark.parametrize(
-    ("threads", "executor", "environment", "max_fraction", "max_difference"),
+    ("threads", "executor", "environment"),
     [
-        (2, Serial(), {}, 0.0, 1e-3),
-        (1, Processes(2), {}, 0.0, 1e-3),
-        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}, 0.03, 0.2),
+        (2, Serial(), {}),
+        (1, Processes(2), {}),
+        (1, Processes(1), {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}),
     ],
     ids=["threads", "workers", "processors"],
 )
@@ -66,21 +66,18 @@ def test_frames_poses_and_scores_are_the_same_within_a_tolerance(
     threads: int,
     executor: Executor,
     environment: dict[str, str],  # of the processes that are started
-    max_fraction: float,  # of pixels that are off by more than one grey level
-    max_difference: float,  # of a score at one step, in dB or metres
 ) -> None:
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     other = run(tmp_path, threads, executor)
     np.testing.assert_allclose(
-        other.scores(CELL).value, serial.scores(CELL).value, rtol=1e-6, atol=max_difference
+        other.scores(CELL).value, serial.scores(CELL).value, rtol=1e-6, atol=1e-6
     )
     clips = [clip for clip, _ in serial.predictions(CELL)]
     assert len(clips) == 3
     for clip in clips:
         one, two = (results.prediction(CELL, clip) for results in (serial, other))
-        off = np.abs(one.frames.astype(int) - two.frames) > 1
-        assert off.mean() <= max_fraction
+        assert np.abs(one.frames.astype(int) - two.frames).max() <= 1
         assert one.motion is not None
         assert two.motion is not None
         np.testing.assert_allclose(one.motion.futures, two.motion.futures, atol=1e-6)
