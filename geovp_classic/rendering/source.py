@@ -10,6 +10,9 @@ from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.epipolar import Epipolar, inside
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Intrinsics
 
+# Images are enlarged once by Lanczos' kernel, and sampled bicubically. This takes a quarter of the
+# time of sampling with `INTER_LANCZOS4`. An odd factor keeps the pixels themselves.
+ENLARGEMENT = 3
 MARGIN_PX = 4  # half the size of OpenCV's Lanczos kernel
 
 
@@ -53,47 +56,38 @@ class Source:
         pixels: FloatArray,  # [H, W, 2] float32, inside the image where it is sampled
         is_sampled: BoolArray,  # [H, W]
     ) -> FloatArray:
-        """Sample colours [H, W, 3] float32; 0 where they are not sampled.
-
-        Luma is sampled by Lanczos' kernel. Chroma, for which eyes and codecs have a lower
-        resolution, is interpolated bicubically.
-        """
-        height, width = self.frame.shape[:2]
-        scale_u = width / self.camera.width_px
-        scale_v = height / self.camera.height_px
-        shift = MARGIN_PX - 0.5
-        u = (pixels[..., 0] + 0.5) * scale_u + shift
-        v = (pixels[..., 1] + 0.5) * scale_v + shift
-        u = np.where(is_sampled, u, -1e4).astype(np.float32)
-        v = v.astype(np.float32)
-        border = cv2.BORDER_CONSTANT
-        luma_image, chroma_image = self._luma_chroma
-        luma = cv2.remap(
-            luma_image, u, v, cv2.INTER_LANCZOS4, borderMode=border
-        )
-        chroma = cv2.remap(
-            chroma_image,
-            u,
-            v,
+        """Sample colours [H, W, 3] float32; 0 where they are not sampled."""
+        height, width = self._enlarged.shape[:2]
+        scale_u = (width / ENLARGEMENT - 2 * MARGIN_PX) / self.camera.width_px
+        scale_v = (height / ENLARGEMENT - 2 * MARGIN_PX) / self.camera.height_px
+        u = (pixels[..., 0] + 0.5) * scale_u + MARGIN_PX
+        v = (pixels[..., 1] + 0.5) * scale_v + MARGIN_PX
+        u = np.where(is_sampled, u * ENLARGEMENT - 0.5, -1e4)
+        v = v * ENLARGEMENT - 0.5
+        colours = cv2.remap(
+            self._enlarged,
+            u.astype(np.float32),
+            v.astype(np.float32),
             cv2.INTER_CUBIC,
-            borderMode=border,
-            borderValue=(0.5, 0.5),
+            borderMode=cv2.BORDER_CONSTANT,
         )
-        channels = cv2.merge([luma, *cv2.split(chroma)])
-        return np.asarray(
-            cv2.cvtColor(channels, cv2.COLOR_YCrCb2RGB), np.float32
-        )
+        return np.asarray(colours, np.float32)
 
     @functools.cached_property
-    def _luma_chroma(self) -> tuple[FloatArray, FloatArray]:
-        """Return luma [H'', W''] and chroma [H'', W'', 2] float32, with margins like the border."""
+    def _enlarged(self) -> FloatArray:
+        """Return the enlarged image, float32, with margins that continue its border."""
         margin = MARGIN_PX
         framed = cv2.copyMakeBorder(
             self.frame, margin, margin, margin, margin, cv2.BORDER_REPLICATE
         )
-        channels = cv2.cvtColor(framed.astype(np.float32), cv2.COLOR_RGB2YCrCb)
-        luma, *chroma = cv2.split(channels)
-        return np.asarray(luma), np.asarray(cv2.merge(chroma))
+        enlarged = cv2.resize(
+            framed.astype(np.float32),
+            None,
+            fx=ENLARGEMENT,
+            fy=ENLARGEMENT,
+            interpolation=cv2.INTER_LANCZOS4,
+        )
+        return np.asarray(enlarged, np.float32)
 
     def shrunk(self, camera: Intrinsics, max_scale: float = 0.95) -> "Source":
         """Return the source with an image no finer than views of the camera.
