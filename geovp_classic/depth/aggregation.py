@@ -40,17 +40,18 @@ class SemiGlobalAggregation:
         image: ByteArray,  # [H, W] grey
     ) -> SumArray:
         """Return the path costs [H, W, N], summed over all eight directions."""
-        sums = np.zeros(costs.shape, np.uint16)
-        # The upward pass is the downward one on an image turned by 180 degrees.
-        for is_upward, turned in ((False, image), (True, image[::-1, ::-1])):
-            _follow(
-                costs,
-                is_upward,
-                self.small_step_cost,
-                self._large_steps(turned),
-                sums,
-            )
-        return sums
+
+        def follow(is_upward: bool) -> SumArray:
+            # The upward pass is the downward one on an image turned by 180 degrees.
+            turned = image[::-1, ::-1] if is_upward else image
+            large_steps = self._large_steps(turned)
+            sums = np.empty(costs.shape, np.uint16)
+            _follow(costs, is_upward, self.small_step_cost, large_steps, sums)
+            return sums
+
+        downward, upward = parallel_map(follow, (False, True))
+        downward += upward
+        return downward
 
     def _large_steps(self, image: ByteArray) -> PathArray:
         """Return the costs [4, H, W] of large steps from the neighbour in each direction."""
@@ -127,9 +128,9 @@ def _follow(
     is_upward: bool,
     small_step: int,
     large_steps: PathArray,  # [4, H, W], in the order of the pass
-    sums: SumArray,  # [H, W, N], added to
+    sums: SumArray,  # [H, W, N], written
 ) -> None:
-    """Add the costs of the four paths of one pass.
+    """Sum the costs of the four paths of one pass.
 
     Paths have a margin of one plane on either side, which is never the best one.
     """
@@ -182,7 +183,7 @@ def _follow(
                     + vertical[n + 1]
                     + right[n + 1]
                 )
-                total[n] += np.uint16(path_sum)
+                total[n] = np.uint16(path_sum)
 
 
 @numba.njit(nogil=True, cache=True)
