@@ -5,6 +5,7 @@ The definitions in use differ by several dB and .15 SSIM. Each metric therefore 
 float64 per frame [F]. With a mask [F, H, W], only its pixels count; a frame with none scores NaN.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -16,7 +17,7 @@ from geovp_classic.errors import BadData
 from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 
-class MaskedMetric:
+class MaskedMetric(ABC):
     """A frame metric that scores several masks for little more than the cost of one."""
 
     unit: ClassVar[str] = ""
@@ -63,11 +64,11 @@ class MaskedMetric:
         ]
         return list(np.stack(scores, axis=-1))
 
+    @abstractmethod
     def score_frame(
         self, predicted: ByteArray, target: ByteArray, masks: BoolArray
     ) -> FloatArray:
         """Return the score of one frame [H, W, 3] under each mask [M, H, W]."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

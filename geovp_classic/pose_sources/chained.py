@@ -1,5 +1,6 @@
 """Odometry for the past, a forecaster for the future."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -41,16 +42,16 @@ class Chained:
         return Motion(past, futures, tracked)
 
 
-class ContinuedRecording:
+class ContinuedRecording(ABC):
     """Pose source that continues the recorded past with its own `forecast`."""
 
     needs: ClassVar[PrivilegedInput] = PrivilegedInput.PAST_POSES
 
+    @abstractmethod
     def forecast(
         self, past: Trajectory, times_s: FloatArray, num_samples: int = 1
     ) -> FloatArray:
         """Return futures [S, F, 4, 4]; a forecaster beside this class implements it."""
-        raise NotImplementedError
 
     def estimate(self, context: Context, num_samples: int = 1) -> Motion:
         """Return the recorded past and its continuation; raise Incompatible without poses."""
