@@ -4,14 +4,13 @@ that shows both.
 
 import logging
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Progress = Callable[[int, int], None]  # (done, total)
-FIRST_SHOWN_S, REFRESHED_S = 0.5, 1.0
+FIRST_SHOWN_S = 0.5
 BAR = (
     "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}{postfix}]"
 )
@@ -39,11 +38,14 @@ def tracked(items: Iterable[Item], total: int, progress: Progress) -> Iterator[I
 
 @contextmanager
 def progress_bar(description: str, unit: str) -> Iterator[Progress]:
-    """A Progress that shows a bar on standard error, once the work takes half a second; none with
-    --quiet.
+    """Show a progress bar with the current step on standard error.
+
+    Nothing is shown with --quiet or where standard error is not a terminal. The bar is drawn by the
+    calling thread alone: another thread could hold its lock when standard error breaks.
     """
     from tqdm import tqdm
 
+    tqdm.monitor_interval = 0  # no thread of tqdm either
     is_quiet = not logger.isEnabledFor(logging.WARNING)
     with tqdm(
         total=0,
@@ -52,13 +54,10 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
         bar_format=BAR,
         file=sys.stderr,
         delay=FIRST_SHOWN_S,
-        disable=is_quiet,
+        disable=is_quiet or not sys.stderr.isatty(),
     ) as bar:
-        ended = threading.Event()
-        clock = threading.Thread(target=_refresh, args=(bar, ended), daemon=True)
         listener = _Listener(bar)
         steps.addHandler(listener)
-        clock.start()
 
         def show(done: int, total: int) -> None:
             bar.total = total
@@ -68,8 +67,6 @@ def progress_bar(description: str, unit: str) -> Iterator[Progress]:
             yield show
         finally:
             steps.removeHandler(listener)
-            ended.set()
-            clock.join()
             bar.set_postfix_str("", refresh=False)
 
 
@@ -81,18 +78,7 @@ class _Listener(logging.Handler):
         self._bar = bar
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._bar.set_postfix_str(record.getMessage(), refresh=False)
         done = int(getattr(record, "done", 0))
-        if done:
-            self._bar.update(min(done, max(0, (self._bar.total or 0) - self._bar.n)))
-
-
-def _refresh(bar: Any, ended: threading.Event) -> None:
-    """Show the bar before its first step is done, and on a terminal go on so that its clock does
-    not stand still.
-    """
-    wait_s = FIRST_SHOWN_S
-    while not ended.wait(wait_s):
-        bar.delay = 0  # it is shown now, so its line has to be ended
-        bar.refresh()
-        wait_s = REFRESHED_S if sys.stderr.isatty() else threading.TIMEOUT_MAX
+        rest = max(0, (self._bar.total or 0) - self._bar.n)
+        self._bar.set_postfix_str(record.getMessage(), refresh=False)
+        self._bar.update(min(done, rest))

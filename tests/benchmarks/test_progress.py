@@ -1,5 +1,6 @@
 """Progress is reported after each item, and the bar stays off standard output."""
 
+import sys
 import time
 
 import pytest
@@ -16,17 +17,25 @@ def test_an_item_is_done_when_the_next_is_asked_for() -> None:
     assert calls == [(1, 2), (2, 2)]
 
 
-def test_the_bar_is_there_before_the_first_step_is_done_and_says_what_is_done(
-    capsys: pytest.CaptureFixture[str],
+def test_the_bar_says_what_is_done(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with progress_bar("letters", "steps") as progress:
         progress(0, 4)
-        announce("compiling")
         time.sleep(0.7)
-        assert "letters:   0%|" in (shown := capsys.readouterr().err)
+        announce("compiling", done=1)
+        shown = capsys.readouterr().err
+        assert "letters:  25%|" in shown
         assert "compiling" in shown
-        announce("a", done=1)
         announce("b", done=9)  # never more than all
-        assert "5/4" not in capsys.readouterr().err
+        assert "10/4" not in capsys.readouterr().err
         progress(2, 4)
     assert "2/4" in capsys.readouterr().err
+
+
+def test_redirected_logs_have_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress_bar("letters", "steps") as progress:
+        time.sleep(0.6)
+        progress(2, 4)
+    assert capsys.readouterr().err == ""

@@ -16,6 +16,7 @@ import signal
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -137,6 +138,7 @@ def command_line() -> ModuleParser:
 
 def main(given: Sequence[str] | None = None) -> int:
     """Run the chosen verb and return the exit code."""
+    _open_closed_streams()
     parser = command_line()
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what may stand next
         import argcomplete
@@ -151,27 +153,32 @@ def main(given: Sequence[str] | None = None) -> int:
         ):  # a name that is no text in the terminal's encoding is printed escaped
             stream.reconfigure(errors="backslashreplace")
     chosen = parser.parse_args(given)
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _interrupt)
-    with messages(chosen.amount):
-        return _run(chosen)
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, _interrupt) if is_main_thread else None
+    try:
+        with messages(chosen.amount):
+            return _run(chosen)
+    finally:
+        if is_main_thread:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _run(chosen: argparse.Namespace) -> int:
     """Run the verb; what can be said in a sentence is."""
     try:
-        return int(getattr(chosen, "verb", print_study)(chosen))
+        code = int(getattr(chosen, "verb", print_study)(chosen))
+        sys.stdout.flush()
+        return code
     except GeovpError as error:
         say.info("where it was found", exc_info=True)
         sentence = " ".join(str(error).split())
         say.error(sentence if len(sentence) <= LONGEST else f"{sentence[:LONGEST]} ...")
         return BAD_INPUT
     except KeyboardInterrupt:
-        print(file=sys.stderr)
         say.error("interrupted; what was done is kept, the same command goes on from there")
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output has seen enough
-        sys.stderr.close()
+        _discard_output()
         return DONE
     except OSError as error:
         advice = "fix the path or the disk and rerun: finished work is kept"
@@ -181,8 +188,26 @@ def _run(chosen: argparse.Namespace) -> int:
                 "goes on from there"
             )
         say.error(f"{error.strerror or error}: {error.filename or 'a file'}: {advice}")
+        _discard_output()
         return BAD_INPUT
 
 
 def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
+
+
+def _open_closed_streams() -> None:
+    """Open the null device for closed standard streams, whose numbers other files would get."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    sys.stdout = sys.stdout or os.fdopen(1, "w")
+    sys.stderr = sys.stderr or os.fdopen(2, "w")
+
+
+def _discard_output() -> None:
+    """Send what standard output still holds to the null device, or Python would fail at its end."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    with suppress(OSError, ValueError):
+        os.dup2(null, sys.stdout.fileno())
+    os.close(null)

@@ -7,7 +7,7 @@ import os
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 PACKAGES = ("geovp_classic", "geovp_benchmarks", "geovp_learned")
 LEVELS = {"quiet": logging.ERROR, "normal": logging.WARNING, "verbose": logging.INFO}
@@ -17,12 +17,16 @@ say = logging.getLogger("geovp_benchmarks.cli")
 
 
 class _Handler(logging.Handler):
-    """A line `geovp: ...` on standard error, above a progress bar if there is one."""
+    """A line `geovp: ...` on standard error, above a progress bar if there is one.
+
+    A message that nobody can read any more does not end the work.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
         tqdm = sys.modules.get("tqdm")
         write = tqdm.tqdm.write if tqdm is not None else print
-        write(f"geovp: {self.format(record)}", file=sys.stderr)
+        with suppress(OSError, ValueError):
+            write(f"geovp: {self.format(record)}", file=sys.stderr)
 
 
 @contextmanager
