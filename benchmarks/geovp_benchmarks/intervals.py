@@ -161,16 +161,6 @@ def block_interval(
     return found.low, found.high
 
 
-def holm(p_values: FloatArray) -> FloatArray:
-    """P values [K] corrected for K comparisons (Holm 1979); NaN stays and is not counted."""
-    corrected = np.full(len(p_values), np.nan)
-    known = np.flatnonzero(np.isfinite(p_values))
-    order = known[np.argsort(p_values[known])]
-    steps = p_values[order] * np.arange(len(order), 0, -1)
-    corrected[order] = np.minimum(np.maximum.accumulate(steps), 1)
-    return corrected
-
-
 def autocorrelation_time(
     values: FloatArray, groups: list[npt.NDArray[np.intp]]
 ) -> tuple[float, int]:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from geovp_benchmarks import intervals, statistics
-from geovp_benchmarks.intervals import UNBOUNDED, Bounds, Interval
+from geovp_benchmarks.intervals import LEVEL, UNBOUNDED, Bounds, Interval
 from geovp_benchmarks.statistics import Estimate
 from geovp_benchmarks.store import Cell
 from geovp_classic.errors import BadData
@@ -18,6 +18,7 @@ from geovp_classic.registry import nearest
 from geovp_classic.types import BoolArray, FloatArray
 
 SIGNIFICANT = 0.05
+MIN_EFFECTIVE = 8.0  # clips, below which no value is in bold
 Spread = Literal["interval", "standard-error"]
 
 
@@ -60,11 +61,12 @@ class Row:
         by_truth: bool = False,
         protocol: str = "",
         bounds: Mapping[str, Bounds] | None = None,  # by column, what values there can be
+        level: float = LEVEL,
     ) -> Self:
-        """The row with its estimates."""
+        """Return the row with its estimates."""
         sequences, ends = intervals.sequences_of(clips), bounds or {}
         found = {
-            key: intervals.interval(one, sequences, bounds=ends.get(key, UNBOUNDED))
+            key: intervals.interval(one, sequences, level, bounds=ends.get(key, UNBOUNDED))
             for key, one in values.items()
         }
         return cls(
@@ -195,47 +197,60 @@ def _is_of(name: str, label: str) -> bool:
 
 
 def different(rows: Sequence[Row], column: Column) -> list[Row]:
-    """The rows of differences that are significant in a column."""
-    with_one = [row for row in rows if column.key in row.intervals]
-    p_values = intervals.holm(np.array([row.intervals[column.key].p_zero for row in with_one]))
-    return [row for row, p in zip(with_one, p_values, strict=True) if p < SIGNIFICANT]
+    """Return the rows of differences with an interval in a column that excludes zero."""
+    return [
+        row
+        for row in rows
+        if column.key in row.intervals
+        and (row.intervals[column.key].low > 0 or row.intervals[column.key].high < 0)
+    ]
 
 
 def best(
     rows: Sequence[Row], columns: Sequence[Column], clips: Sequence[str]
 ) -> frozenset[tuple[str, str]]:
-    """(row, column) of those not distinguishable from the best among rows that may
-    know the same.
+    """Return (row, column) where no method with the same or fewer inputs is significantly better.
+
+    A row without a rival is not marked, nor one that, like a rival with a better mean, has less
+    than `MIN_EFFECTIVE` effective clips.
     """
-    found: set[tuple[str, str]] = set()
-    rivals: dict[tuple[str, bool], list[Row]] = {}
-    for row in rows:
-        rivals.setdefault((row.marks, row.by_truth), []).append(row)
+    sequences = intervals.sequences_of(clips)
+    marked: set[tuple[str, str]] = set()
     for column in columns:
-        for group in rivals.values():
-            found |= {
-                (row.name, column.key)
-                for row in _leaders(group, column, intervals.sequences_of(clips))
-            }
-    return frozenset(found)
+        if column.higher_is_better is None:
+            continue
+        scored = [row for row in rows if row.complete and _has_mean(row, column.key)]
+        for row in scored:
+            rivals = [other for other in scored if other is not row and _may_rival(other, row)]
+            if rivals and not _is_beaten(row, rivals, column, sequences):
+                marked.add((row.name, column.key))
+    return frozenset(marked)
 
 
-def _leaders(rows: Sequence[Row], column: Column, sequences: npt.NDArray[np.str_]) -> list[Row]:
-    """The best of the complete rows and those that don't differ from it; none where there is no
-    rival.
+def _has_mean(row: Row, key: str) -> bool:
+    return key in row.values and bool(np.isfinite(row.estimates[key].mean))
+
+
+def _may_rival(other: Row, row: Row) -> bool:
+    """Return whether a method has no privileged input that the row lacks."""
+    return set(other.marks) <= set(row.marks) and other.by_truth == row.by_truth
+
+
+def _is_beaten(
+    row: Row, rivals: Sequence[Row], column: Column, sequences: npt.NDArray[np.str_]
+) -> bool:
+    """Return whether a rival is better, p < .05 after Bonferroni's correction for better means.
+
+    Too few effective clips count as beaten.
     """
-    sign, key = (1.0 if column.higher_is_better else -1.0), column.key
-    known = [
-        row
-        for row in rows
-        if row.complete and key in row.values and np.isfinite(row.estimates[key].mean)
-    ]
-    if len(known) < 2 or column.higher_is_better is None:
-        return []
-    leader = max(known, key=lambda row: sign * float(row.estimates[key].mean))
-    others = [row for row in known if row is not leader]
-    gaps = [intervals.interval(leader.values[key] - row.values[key], sequences) for row in others]
-    p_values = intervals.holm(np.array([gap.p_zero for gap in gaps]))
-    if not np.isfinite(p_values).any():  # too few clips
-        return []
-    return [leader, *(row for row, p in zip(others, p_values, strict=True) if p >= SIGNIFICANT)]
+    sign = 1.0 if column.higher_is_better else -1.0
+    key = column.key
+    mean = sign * float(row.estimates[key].mean)
+    better = [rival for rival in rivals if sign * float(rival.estimates[key].mean) > mean]
+    if any(one.intervals[key].effective < MIN_EFFECTIVE for one in (row, *better)):
+        return True
+    for rival in sorted(better, key=lambda rival: -sign * float(rival.estimates[key].mean)):
+        gap = sign * (rival.values[key] - row.values[key])
+        if intervals.interval(gap, sequences).p_zero * len(better) < SIGNIFICANT:
+            return True
+    return False

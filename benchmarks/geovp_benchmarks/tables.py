@@ -15,6 +15,8 @@ from geovp_benchmarks.store import Cell, Results, Rows
 from geovp_benchmarks.stored_facts import bounds, higher_is_better, legend, marks, summary, title
 from geovp_benchmarks.table_model import (
     EVERYTHING,
+    MIN_EFFECTIVE,
+    SIGNIFICANT,
     Choice,
     Column,
     Row,
@@ -29,10 +31,12 @@ from geovp_classic.types import FloatArray
 
 SAMPLE_COUNTS = (2, 5, 10, 20, 50)
 BOLD = (
-    "Bold: not significantly different from the best in its column among methods with the same "
-    "privileged inputs (paired differences over common clips, p >= .05 after Holm's correction)."
+    "Bold: no method with the same or fewer privileged inputs is significantly better (paired "
+    "differences over common clips, p < .05 after Bonferroni's correction)."
 )
-STAR = "*: different from zero, p < .05 after Holm's correction for the methods of the column."
+FEW = "No value is in bold if it or a better rival has fewer than eight effective clips."
+SIMULTANEOUS = "simultaneous 95 % intervals (Bonferroni) of the mean paired difference"
+STAR = "*: the interval excludes zero."
 BEST_OF = (
     "Oracle-selected: a best sample is selected with the real future, which is unavailable at "
     "prediction time, so such methods compete only with each other. 'best of N' selects per "
@@ -134,12 +138,18 @@ def against(
             f"no method is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}"
         )
     clips, rows = results.protocol()["clips"], []
-    for row in (row for row in main.rows if row is not chosen and row.num_clips):
+    others = [row for row in main.rows if row is not chosen and row.num_clips]
+    level = 1 - SIGNIFICANT / max(len(others), 1)
+    for row in others:
         values = {
             key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values
         }
         both = np.isfinite(np.array([*values.values()])).any(axis=0)
-        rows.append(Row.of(row.name, row.marks, values, clips, both, row.by_truth, row.protocol))
+        rows.append(
+            Row.of(
+                row.name, row.marks, values, clips, both, row.by_truth, row.protocol, level=level
+            )
+        )
     columns = tuple(
         column for column in main.columns if any(column.key in row.values for row in rows)
     )
@@ -154,7 +164,7 @@ def against(
         table,
         notes=(
             main.notes[0],
-            kind.replace("of the mean", "of the mean paired difference"),
+            kind.replace("95 % interval of the mean", SIMULTANEOUS),
             *[STAR] * bool(starred),
         ),
     )
@@ -178,7 +188,12 @@ def _used(table: Table) -> list[str]:
         kind += " Fewer than 3 clips give no interval."
     if any("(" in table.clips(row) for row in table.rows):
         kind += " (n) behind the clips: how many independent ones they are worth."
-    return [kind, *[BOLD] * bool(table.best)]
+    has_few = any(
+        row.intervals[column.key].effective < MIN_EFFECTIVE
+        for row, column in shown
+        if column.higher_is_better is not None
+    )
+    return [kind, *[BOLD] * bool(table.best), *[FEW] * has_few]
 
 
 def _table(

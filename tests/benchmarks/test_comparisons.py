@@ -47,6 +47,18 @@ def test_rows_with_other_grants_or_chosen_by_the_truth_do_not_compete() -> None:
     assert bold(seer, seers_twin, lucky, row("a", SCENES), row("b", SCENES - 1)) == {"seer", "a"}
 
 
+def test_a_row_with_more_inputs_is_not_bold_below_a_better_row_with_fewer() -> None:
+    seer, plain = row("seer", SCENES - 1 + OWN[0], "pf"), row("plain", SCENES + OWN[1], "p")
+    assert bold(seer, plain, row("worse", SCENES - 2 + OWN[2])) == {"plain"}
+
+
+def test_nothing_is_bold_below_eight_effective_clips() -> None:
+    drift = np.linspace(0, 30, 30)  # each clip is like the one before it
+    rows = row("a", SCENES[0] + drift), row("b", SCENES[0] + drift - 1)
+    assert rows[0].intervals["psnr"].effective < 8
+    assert bold(*rows) == set()
+
+
 def test_an_unfinished_row_and_one_without_rivals_are_not_bold() -> None:
     half = SCENES + 9
     half[:10] = np.nan
@@ -84,8 +96,8 @@ def test_differences_are_paired_and_marked_when_they_are_certain(results: Result
     assert ("good", "psnr") in table.starred
     assert ("same", "psnr") not in table.starred
     text = formats.markdown(table).splitlines()
-    assert any("95 % interval of the mean paired difference over clips" in line for line in text)
-    assert any(line.startswith("- *: different from zero") for line in text)
+    assert any("simultaneous 95 % intervals" in line for line in text)
+    assert any(line.startswith("- *: the interval excludes zero") for line in text)
     assert row_of(text, "good")[2].startswith("+1.0")
     assert "*" in row_of(text, "good")[2]
     assert "*" not in row_of(text, "same")[2]

@@ -87,13 +87,6 @@ def test_the_same_seed_gives_the_same_interval() -> None:
     assert first.low < first.mean < first.high
 
 
-def test_holms_correction_worked_out() -> None:
-    # sorted: .01 * 3 = .03, .02 * 2 = .04, .04 * 1 = .04
-    corrected = intervals.holm(np.array([0.04, 0.01, np.nan, 0.02]))
-    np.testing.assert_allclose(corrected, [0.04, 0.03, np.nan, 0.04])
-    np.testing.assert_allclose(intervals.holm(np.array([0.9, 0.8])), [1.0, 1.0])
-
-
 def test_a_clips_sequence_is_its_name_without_the_number() -> None:
     assert [intervals.sequence_of(name) for name in ("03/000180", "a/b/7", "7")] == [
         "03",
