@@ -19,6 +19,7 @@ from geovp_classic.types import BoolArray, ByteArray, Clip
 TRUTH = "ground truth"
 MEANS = "The numbers under a film are means over all predicted frames of the clip."
 WIDTH_PX, QUALITY = 144, 60  # of a frame in the page
+FIRST_SHOWN = 10  # step; all films show the same image at step 0
 
 
 def browser(material: Material, figures: Mapping[str, Sequence[Html]]) -> Html:
@@ -128,12 +129,15 @@ def _controls(material: Material, names: Sequence[str], chosen: Sequence[str], b
             if part
         )
     last = str(material.protocol["num_future"])
+    first = str(min(FIRST_SHOWN, material.protocol["num_future"]))
     step_s = "" if material.step_s is None else str(material.step_s)
     return tag(
         "div",
         tag("label", "clip ", tag("select", *groups, id="clip")),
         tag("button", "play", id="play", type="button"),
-        tag("label", "frame ", tag("input", type="range", id="step", min="0", max=last, value="0")),
+        tag(
+            "label", "frame ", tag("input", type="range", id="step", min="0", max=last, value=first)
+        ),
         tag("output", "", id="when", data_step_s=step_s),
         tag("label", tag("input", type="checkbox", id="inpainted"), " mark inpainted pixels"),
         class_="bar script",

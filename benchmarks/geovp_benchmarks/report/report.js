@@ -9,7 +9,7 @@ one("#filter").addEventListener("input", (event) => {
   all("[data-row]").forEach((row) => { row.hidden = !row.dataset.row.toLowerCase().includes(word); });
 });
 
-// Tables by a column: up, then down; what is no number stays last.
+// Tables by a column: best first, then worst first; what is no number stays last.
 const value = (row, column) => {
   const text = row.cells[column].textContent.trim();
   return column ? parseFloat(text) : text.toLowerCase();
@@ -17,7 +17,9 @@ const value = (row, column) => {
 all("table.sortable").forEach((table) => all("thead th", table).forEach((head, column) => {
   head.tabIndex = 0;
   const sort = () => {
-    const sign = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+    const first = head.textContent.includes("↑") ? "descending" : "ascending";
+    const isAgain = head.getAttribute("aria-sort") === first;
+    const sign = (first === "ascending") === isAgain ? -1 : 1;
     all("thead th", table).forEach((other) => other.removeAttribute("aria-sort"));
     head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
     const order = (a, b) => {
