@@ -113,6 +113,17 @@ def add_division(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--by", metavar="KIND", help=help_text)
 
 
+def add_choice(parser: argparse.ArgumentParser) -> None:
+    """Add options that choose methods and metrics."""
+    order = "in this order. Default: all"
+    parser.add_argument(
+        "--methods", nargs="+", default=[], metavar="METHOD", help=f"The methods, {order}."
+    )
+    parser.add_argument(
+        "--metrics", nargs="+", default=[], metavar="COLUMN", help=f"The metrics, {order}."
+    )
+
+
 def add_row(parser: argparse.ArgumentParser, out: str) -> None:
     """Ask for a row of a matrix, and on which clips and into which folder it is studied."""
     add_matrix(parser, "a matrix file, or a built-in one's name; its metrics are measured")

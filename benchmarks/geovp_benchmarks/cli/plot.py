@@ -2,7 +2,7 @@
 
 import argparse
 
-from geovp_benchmarks.arguments import add_division, add_results_folder
+from geovp_benchmarks.arguments import add_choice, add_division, add_results_folder
 from geovp_benchmarks.progress import progress_bar
 
 
@@ -10,6 +10,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which results, and which of their figures."""
     add_results_folder(parser)
     add_division(parser)
+    add_choice(parser)
     parser.add_argument(
         "--format", choices=("pdf", "svg", "png"), help="of all figures (default: png and svg)"
     )
@@ -30,13 +31,17 @@ def run(chosen: argparse.Namespace) -> int:
     from geovp_benchmarks import plots
     from geovp_benchmarks.plots import layout
     from geovp_benchmarks.store import Results
+    from geovp_benchmarks.table_model import Choice
 
+    choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     width = None if chosen.width is None else layout.width_in(chosen.width)
     wanted = layout.Layout((chosen.format,) if chosen.format else (), width, not chosen.no_title)
     with progress_bar("plots", "figures") as progress:
         parts = Results(chosen.folder).by_dataset().values()
         figures = (
-            each for part in parts for each in plots.write_all(part, progress, chosen.by, wanted)
+            each
+            for part in parts
+            for each in plots.write_all(part, progress, chosen.by, wanted, choice)
         )
         written = [path for _, files in figures for path in files]
     print(*written, sep="\n")

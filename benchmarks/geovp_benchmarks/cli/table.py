@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import add_division, add_json, add_results_folder
+from geovp_benchmarks.arguments import add_choice, add_division, add_json, add_results_folder
 from geovp_benchmarks.cli.messages import width
 from geovp_classic.errors import BadData
 
@@ -46,13 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="suite",
         help="thesis: as its table 4.1, in md or tex",
     )
-    several = "in this order; default: all"
-    parser.add_argument(
-        "--methods", nargs="+", default=[], metavar="METHOD", help=f"the methods, {several}"
-    )
-    parser.add_argument(
-        "--metrics", nargs="+", default=[], metavar="COLUMN", help=f"the columns, {several}"
-    )
+    add_choice(parser)
     parser.add_argument(
         "--label",
         metavar="NAME",

@@ -18,6 +18,7 @@ from geovp_benchmarks.plots.layout import Layout
 from geovp_benchmarks.plots.material import Material, Page
 from geovp_benchmarks.progress import Progress, no_progress, tracked
 from geovp_benchmarks.store import Results
+from geovp_benchmarks.table_model import EVERYTHING, Choice
 from geovp_classic.data.atomic import write_bytes
 
 __all__ = ["Layout", "Page", "figures", "rendered", "write", "write_all"]
@@ -36,11 +37,12 @@ def figures(
     progress: Progress = no_progress,
     by: str | None = None,
     layout: Layout = AS_IT_COMES,
+    choice: Choice = EVERYTHING,
 ) -> Iterator[Page]:
     """All figures, or the curves of strata, drawn one after the other; BadData when the folder
     holds no results.
     """
-    drawing = _drawing(results, by, layout)
+    drawing = _drawing(results, by, layout, choice)
     for draw in tracked(drawing, len(drawing), progress):
         with matplotlib.style.context(style.SHEET):
             pages = draw()
@@ -49,13 +51,18 @@ def figures(
         yield from (replace(page, formats=layout.formats or page.formats) for page in pages)
 
 
-def _drawing(results: Results, by: str | None, layout: Layout) -> list[Callable[[], list[Page]]]:
-    if by is not None:
-        parts = {subset.label: Material.read(subset) for subset in strata.divide(results, by)}
-        whole = [metric for metric in horizon.metrics(Material.read(results)) if "@" not in metric]
-        return [partial(horizon.stratum_pages, parts, by, metric) for metric in whole]
-    material = Material.read(results)
+def _drawing(
+    results: Results, by: str | None, layout: Layout, choice: Choice
+) -> list[Callable[[], list[Page]]]:
+    material = Material.read(results, choice)
     metrics = horizon.metrics(material)
+    metrics = choice.columns(metrics, ()) or metrics
+    if by is not None:
+        parts = {
+            subset.label: Material.read(subset, choice) for subset in strata.divide(results, by)
+        }
+        whole = [metric for metric in metrics if "@" not in metric]
+        return [partial(horizon.stratum_pages, parts, by, metric) for metric in whole]
     drawing: list[Callable[[], list[Page]]] = [
         partial(horizon.pages, material, metric) for metric in metrics
     ]
@@ -77,6 +84,7 @@ def write_all(
     progress: Progress = no_progress,
     by: str | None = None,
     layout: Layout = AS_IT_COMES,
+    choice: Choice = EVERYTHING,
 ) -> Iterator[tuple[Page, dict[Path, bytes]]]:
     """Write every figure into the results folder's plots, remove those that are no longer drawn;
     each with its files.
@@ -88,10 +96,12 @@ def write_all(
     BadData when the folder holds no results.
     """
     drawn: set[str] = set()
-    for page in figures(results, progress, by, layout):
+    for page in figures(results, progress, by, layout, choice):
         files = write(page, results.plots)
         drawn.add(page.name)
         yield page, files
+    if choice != EVERYTHING:
+        return
     for kind in KINDS if by is None else (f"strata-{by}",):
         for path in results.plots.glob(f"{kind}-*"):
             if path.stem not in drawn:

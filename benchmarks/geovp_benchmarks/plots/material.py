@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from geovp_benchmarks import stored_facts
 from geovp_benchmarks.plots import style
 from geovp_benchmarks.store import Cell, Results, Rows
+from geovp_benchmarks.table_model import EVERYTHING, Choice
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,14 @@ class Material:
     step_s: float | None  # seconds from one horizon step to the next, None where clips differ
 
     @classmethod
-    def read(cls, results: Results) -> Self:
-        """Everything but images; BadData when the folder holds no results."""
+    def read(cls, results: Results, choice: Choice = EVERYTHING) -> Self:
+        """Read everything but images.
+
+        BadData when the folder holds no results, or no method that was chosen.
+        """
         protocol = results.protocol()
-        ran = [cell for cell in results.cells() if cell.status in ("done", "partial")]
+        cells = choice.cells(results.cells())
+        ran = [cell for cell in cells if cell.status in ("done", "partial")]
         rows = {cell.name: results.scores(cell.name) for cell in ran}
         cells = [cell for cell in ran if len(rows[cell.name])]
         return cls(results, protocol, cells, rows, _step_s(results, protocol["num_past"]))

@@ -15,12 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 
 from geovp_benchmarks import intervals, plots
 from geovp_benchmarks.plots import Page, strips, style, trajectories
 from geovp_benchmarks.plots.layout import width_in
 from geovp_benchmarks.store import Results
+from geovp_benchmarks.table_model import Choice
 from geovp_classic.geometry import se3
 
 SIDE = 16
@@ -85,6 +87,16 @@ class TestWriteAll:
             "↓ lower is better" in (folder / "plots" / "horizon-translation-error.svg").read_text()
         )
         assert "a/b[0:9) &lt;x&gt; &amp; $y" in (folder / "plots" / f"strip-{CLIP}.svg").read_text()
+
+    def test_chosen_methods_and_metrics_alone_are_drawn(self, folder: Path) -> None:
+        choice = Choice(("copy-last",), ("psnr",))
+        (page,) = (
+            page for page in plots.figures(Results(folder), choice=choice) if page.kind == "horizon"
+        )
+        assert page.subject == "psnr"
+        (line,) = (line for line in page.figure.axes[0].lines if len(line.get_xdata()) == 6)
+        assert "copy-last" in {text.get_text() for text in page.figure.findobj(Text)}
+        np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 7))
 
     def test_outdated_figures_go_and_foreign_files_stay(self, folder: Path, tmp_path: Path) -> None:
         shutil.copytree(
