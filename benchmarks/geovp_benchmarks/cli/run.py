@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from geovp_benchmarks.selection import Ranking, Selection
     from geovp_benchmarks.store import Cell, Results
 
-KEEP = """keep the predictions of N clips (3), of all, of clips named with commas between, or of
+KEEP = """keep the predictions of N clips (4), of all, of clips named with commas between, or of
 three clips selected by a score: worst:METRIC, best:METRIC or median:METRIC of the first complete
 method, pose sources with renderers first, or worst:METRIC:METHOD. Selected clips are known after
 the run: all methods are computed on them once more"""
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--limit", type=positive, metavar="N", help="only the first N clips")
     add_device(parser)
-    parser.add_argument("--keep", default="3", metavar="WHICH", help=KEEP)
+    parser.add_argument("--keep", default="4", metavar="WHICH", help=KEEP)
     parser.add_argument(
         "--fresh",
         action="store_true",
