@@ -86,17 +86,10 @@ class PredictionRequest:
         """Metres where the height gives them."""
         scale = "unit-speed" if self.camera_height_m is None else "ground-plane"
         odometry = {"name": "monocular", "frames": frames, "scale": {"name": scale}}
-        refinements = [
-            {"name": "registration", "frames": frames},
-            "unmeasured-intervals",
-            "rotation-drift",
-            "nonholonomic",
-            {"name": "road-height", "frames": frames},
-        ]
         return {
             "name": "refined",
             "source": {"name": "chained", "odometry": odometry},
-            "refinements": refinements,
+            "refinements": [{"name": "registration", "frames": frames}],
         }
 
 

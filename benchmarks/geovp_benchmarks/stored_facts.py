@@ -16,6 +16,7 @@ MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
     "CAMERA_HEIGHT": ("h", "camera height"),
     "FULL_FRAMES": ("w", "uncropped frames"),
     "RIGHT_FRAMES": ("r", "right camera's frames"),
+    "FUTURE_FRAMES": ("i", "future images, for poses only"),
 }
 
 

@@ -27,7 +27,7 @@ GEOMETRIC = {
     "GT 2D Pose": ("planar", "ground-truth"),
     "GT 3D Pose": ("ground-truth",),
 }
-TRUTH = ("PAST_POSES", "FUTURE_POSES", "PAST_DEPTHS")  # rows with these never compete
+TRUTH = ("PAST_POSES", "FUTURE_POSES", "PAST_DEPTHS", "FUTURE_FRAMES")  # of no contender
 DECIMALS = 3
 FIGURES = {  # of the thesis: what it shows, and the names of our files
     "4.3": ("predicted paths", "paths-*.png"),

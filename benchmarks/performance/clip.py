@@ -21,13 +21,9 @@ from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.observation import Observer
 from geovp_classic.observation import recent as recent_frames
-from geovp_classic.pose_refinement.nonholonomic import NonholonomicConstraint
 from geovp_classic.pose_refinement.registration import Registration
-from geovp_classic.pose_refinement.rotation_drift import RotationDrift
-from geovp_classic.pose_refinement.unmeasured_intervals import UnmeasuredIntervals
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.refined import Refined
-from geovp_classic.pose_sources.road_height import RoadHeight
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.types import Context, FloatArray, Motion, Views
 from performance import Seconds, rounds_parser, timed
@@ -57,10 +53,7 @@ def lines(
 
 def parts(frames: Literal["crop", "full"]) -> tuple[Refined, DepthFusion]:
     """Refined `chained` and `depth-fusion` at their defaults, but for the frames."""
-    others = UnmeasuredIntervals(), RotationDrift(), NonholonomicConstraint()
-    return Refined(
-        Chained(), (Registration(frames), *others, RoadHeight(frames=frames))
-    ), DepthFusion(frames=frames)
+    return Refined(Chained(), (Registration(frames),)), DepthFusion(frames=frames)
 
 
 def one_clip(

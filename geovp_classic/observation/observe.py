@@ -98,6 +98,9 @@ class Observer:
         window = scene_window(mask)
         greys = greys[:, *window]
         frames = context.frames[:, *window]
+        future_frames, future_full = context.future_frames, context.future_full
+        if future_frames is not None:
+            future_frames = future_frames[:, *window]
         camera = _windowed(context.intrinsics, window)
         vehicle = self.followed_vehicle.detect(greys)
         full, full_mask, full_usable = context.full, None, None
@@ -106,11 +109,9 @@ class Observer:
                 full.frames, _greys(full.frames)
             )
             full_window = scene_window(full_mask)
-            full = replace(
-                full,
-                frames=full.frames[:, *full_window],
-                intrinsics=_windowed(full.intrinsics, full_window),
-            )
+            full = _windowed_view(full, full_window)
+            if future_full is not None:
+                future_full = _windowed_view(future_full, full_window)
         if vehicle is not None:
             masks = _vehicle_masks(vehicle, context)
             frames = self._inpainted(frames, masks)
@@ -131,6 +132,8 @@ class Observer:
             if context.past_depths is None
             else context.past_depths[:, *window],
             full=full,
+            future_frames=future_frames,
+            future_full=future_full,
             observations=observations,
         )
         if full is not None and full_usable is not None:
@@ -161,6 +164,24 @@ class Observer:
             return context.full_observations
         usable = self.screening.usable(_greys(context.full.frames))
         return self._full_observations(context.full, context.intrinsics, usable)
+
+    def future_greys(self, context: Context, frames: Stream) -> ByteArray:
+        """Return the grey future images [F, H, W] of one image stream.
+
+        Raise Incompatible if they, or the uncropped frames, are missing.
+        """
+        if frames == "full" and context.future_full is not None:
+            view = context.future_full
+            usable = np.ones(len(view), dtype=bool)
+            return self._full_observations(
+                view, context.intrinsics, usable
+            ).greys
+        if frames == "crop" and context.future_frames is not None:
+            return _greys(context.future_frames)
+        raise Incompatible(
+            f"future images ({frames}) are asked for, the clip has none: use a data set that gives "
+            "them"
+        )
 
     def recent(
         self,
@@ -239,6 +260,11 @@ def stream(context: Context, frames: Stream) -> Observations:
     return Observer().stream(context, frames)
 
 
+def future_greys(context: Context, frames: Stream) -> ByteArray:
+    """Return the future images of one stream in grey; see `Observer.future_greys`."""
+    return Observer().future_greys(context, frames)
+
+
 def scene_window_of(greys: ByteArray) -> Window:
     """Return the rows and columns of grey images [P, H, W] that show the scene."""
     return scene_window(Observer().scene(greys[..., None], greys)[0])
@@ -278,6 +304,11 @@ def _windowed(camera: Intrinsics, window: Window) -> Intrinsics:
     return camera.cropped(
         columns.start, rows.start, width_px, rows.stop - rows.start
     )
+
+
+def _windowed_view(view: ExtraView, window: Window) -> ExtraView:
+    camera = _windowed(view.intrinsics, window)
+    return replace(view, frames=view.frames[:, *window], intrinsics=camera)
 
 
 def _warped(

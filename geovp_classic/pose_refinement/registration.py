@@ -9,15 +9,15 @@ are the prior, which also fixes the scale.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import cv2
 import numpy as np
 
 from geovp_classic import observation
-from geovp_classic.errors import BadData, Incompatible
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.geometry.optical_flow import track_points
+from geovp_classic.observation import Stream
 from geovp_classic.pose_refinement.local_bundle import Corners, LocalBundle
 from geovp_classic.types import (
     BoolArray,
@@ -104,12 +104,49 @@ class CornerTracker:
 
 
 @dataclass(frozen=True)
-class Registered:
-    """Poses that fit the images, and the correction of the given directions of motion."""
+class ImageRegistration:
+    """Adjustment of poses to tracked corners of a reference image."""
 
-    world_from_cam: FloatArray  # [P, 4, 4]
-    # [3, 3] rotation of the given directions, in the reference camera's frame
-    direction_correction: FloatArray
+    tracker: CornerTracker = field(default_factory=CornerTracker)
+    bundle: LocalBundle = field(default_factory=LocalBundle)
+    min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
+
+    def register(
+        self,
+        images: ByteArray,  # [P, H, W] grey
+        camera: Intrinsics,
+        world_from_cam: FloatArray,  # [P, 4, 4]
+        reference: int,
+    ) -> FloatArray:
+        """Return the adjusted poses [P, 4, 4]; that of the reference stays.
+
+        All poses stay without motion or enough corners.
+        """
+        sources = np.delete(np.arange(len(images)), reference)
+        source_from_reference = (
+            se3.inverse(world_from_cam[sources]) @ world_from_cam[reference]
+        )
+        if not source_from_reference[:, :3, 3].any():
+            return world_from_cam
+        pixels, is_visible = self.tracker.track(images, reference)
+        is_used = is_visible[sources].any(axis=0)
+        if is_used.sum() < self.min_corners:
+            return world_from_cam
+        rays = pinhole.unproject(
+            pixels[reference, is_used], np.ones(is_used.sum()), camera
+        )
+        corners = Corners(
+            rays,
+            pixels[sources][:, is_used],
+            is_visible[sources][:, is_used],
+            camera,
+        )
+        reference_from_source = se3.inverse(
+            self.bundle.adjust(corners, source_from_reference)
+        )
+        adjusted = world_from_cam.copy()
+        adjusted[sources] = world_from_cam[reference] @ reference_from_source
+        return adjusted
 
 
 @dataclass(frozen=True)
@@ -121,11 +158,9 @@ class Registration:
     the first of those.
     """
 
-    frames: Literal["crop", "full"] = "crop"
+    frames: Stream = "crop"
     num_frames: int = 10
-    tracker: CornerTracker = field(default_factory=CornerTracker)
-    bundle: LocalBundle = field(default_factory=LocalBundle)
-    min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
+    registration: ImageRegistration = field(default_factory=ImageRegistration)
     # Part of the past error of the direction of motion that is expected in the future.
     persistence: float = 0.8
 
@@ -146,79 +181,34 @@ class Registration:
 
     def refine(self, context: Context, motion: Motion) -> Motion:
         """Return the motion with registered past poses, its futures turned about the last one."""
-        stream = observation.stream(context.only(self.needs), self.frames)
+        stream = observation.stream(context, self.frames)
         steps = np.flatnonzero(stream.is_usable)
         steps = steps[steps >= len(stream.is_usable) - self.num_frames]
         given = motion.past.world_from_cam
-        reference = len(steps) - 1
-        registered = self.register(
-            stream.greys[steps], stream.intrinsics, given[steps], reference
+        adjusted = self.registration.register(
+            stream.greys[steps],
+            stream.intrinsics,
+            given[steps],
+            reference=len(steps) - 1,
         )
         first = steps[0]
         past = given.copy()
-        past[:first] = (
-            registered.world_from_cam[0]
-            @ se3.inverse(given[first])
-            @ given[:first]
-        )
-        past[steps] = registered.world_from_cam
-        last_from_cam = se3.inverse(given[-1]) @ motion.futures
-        last_from_cam[..., :3, 3] @= registered.direction_correction.T
-        futures = given[-1] @ last_from_cam
-        return motion.refined(
-            replace(motion.past, world_from_cam=past), futures
-        )
-
-    def register(
-        self,
-        images: ByteArray,  # [P, H, W] grey
-        camera: Intrinsics,
-        world_from_cam: FloatArray,  # [P, 4, 4]
-        reference: int,
-    ) -> Registered:
-        """Return the adjusted poses; that of the reference stays, and all do without enough
-        corners or without motion.
-        """
-        unchanged = Registered(world_from_cam, np.eye(3))
-        sources = np.delete(np.arange(len(images)), reference)
-        source_from_reference = (
-            se3.inverse(world_from_cam[sources]) @ world_from_cam[reference]
-        )
-        if not source_from_reference[:, :3, 3].any():
-            return unchanged
-        pixels, is_visible = self.tracker.track(images, reference)
-        is_used = is_visible[sources].any(axis=0)
-        if is_used.sum() < self.min_corners:
-            return unchanged
-        rays = pinhole.unproject(
-            pixels[reference, is_used], np.ones(is_used.sum()), camera
-        )
-        corners = Corners(
-            rays,
-            pixels[sources][:, is_used],
-            is_visible[sources][:, is_used],
-            camera,
-        )
-        reference_from_source = se3.inverse(
-            self.bundle.adjust(corners, source_from_reference)
-        )
-        adjusted = world_from_cam.copy()
-        adjusted[sources] = world_from_cam[reference] @ reference_from_source
+        past[:first] = adjusted[0] @ se3.inverse(given[first]) @ given[:first]
+        past[steps] = adjusted
+        world_from_last = given[steps[-1]]
+        last_from_world = se3.inverse(world_from_last)
         correction = direction_correction(
-            se3.inverse(source_from_reference),
-            reference_from_source,
+            last_from_world @ given[steps[:-1]],
+            last_from_world @ adjusted[:-1],
             self.persistence,
         )
-        return Registered(adjusted, correction)
-
-
-def unrefined(motion: Motion, name: str) -> Motion:
-    """Return the motion of the pose source; Incompatible where nothing has been registered."""
-    if motion.unrefined is None:
-        raise Incompatible(
-            f"{name} compares given with registered poses: put registration before it"
+        last_from_cam = last_from_world @ motion.futures
+        last_from_cam[..., :3, 3] @= correction.T
+        return replace(
+            motion,
+            past=replace(motion.past, world_from_cam=past),
+            futures=world_from_last @ last_from_cam,
         )
-    return motion.unrefined
 
 
 def direction_correction(

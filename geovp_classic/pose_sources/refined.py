@@ -4,29 +4,17 @@ from dataclasses import dataclass, field
 
 from geovp_classic.interfaces import PoseRefinement, PoseSource
 from geovp_classic.parallel import single_threaded_blas
-from geovp_classic.pose_refinement.nonholonomic import NonholonomicConstraint
 from geovp_classic.pose_refinement.registration import Registration
-from geovp_classic.pose_refinement.rotation_drift import RotationDrift
-from geovp_classic.pose_refinement.unmeasured_intervals import (
-    UnmeasuredIntervals,
-)
-from geovp_classic.pose_sources.road_height import RoadHeight
 from geovp_classic.types import Context, Motion, PrivilegedInput
 
 
 def _default_refinements() -> tuple[PoseRefinement, ...]:
-    return (
-        Registration(),
-        UnmeasuredIntervals(),
-        RotationDrift(),
-        NonholonomicConstraint(),
-        RoadHeight(),
-    )
+    return (Registration(),)
 
 
 @dataclass(frozen=True)
 class Refined:
-    """A pose source and its refinements; the default chain was selected on `val`."""
+    """A pose source and its refinements."""
 
     source: PoseSource
     refinements: tuple[PoseRefinement, ...] = field(

@@ -57,7 +57,8 @@ class GeometricPredictor:
         mask = observed.crop_mask(needs)
         if not mask.any() and observed.vehicle is None:
             return scene
-        return MaskedScene(scene, observed.original, mask, observed.vehicle)
+        original = observed.original.only(needs)
+        return MaskedScene(scene, original, mask, observed.vehicle)
 
 
 def show(scene: Scene, motion: Motion, context: Context) -> Prediction:

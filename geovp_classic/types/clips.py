@@ -33,6 +33,7 @@ class PrivilegedInput(enum.Flag):
     CAMERA_HEIGHT = enum.auto()
     FULL_FRAMES = enum.auto()
     RIGHT_FRAMES = enum.auto()
+    FUTURE_FRAMES = enum.auto()  # for poses only
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,6 +115,8 @@ class Clip(ShortRepr):
             camera_height_m=self.camera_height_m,
             full=take(self.full, past),
             right=take(self.right, past),
+            future_frames=take(self.frames, future),
+            future_full=take(self.full, future),
             name=self.name,
         )
         target = Target(
@@ -140,6 +143,12 @@ class Context(ShortRepr):
     camera_height_m: float | None = None  # PrivilegedInput.CAMERA_HEIGHT
     full: ExtraView | None = None  # [P], PrivilegedInput.FULL_FRAMES
     right: ExtraView | None = None  # [P], PrivilegedInput.RIGHT_FRAMES
+    future_frames: ByteArray | None = (
+        None  # [F, H, W, 3], PrivilegedInput.FUTURE_FRAMES
+    )
+    future_full: ExtraView | None = (
+        None  # [F], PrivilegedInput.FUTURE_FRAMES with FULL_FRAMES
+    )
     name: str = ""  # of the clip, by which recorded predictions are found
     observations: Observations | None = None  # [P], of the frames
     full_observations: Observations | None = (
@@ -201,6 +210,9 @@ class Context(ShortRepr):
             "full": PrivilegedInput.FULL_FRAMES,
             "full_observations": PrivilegedInput.FULL_FRAMES,
             "right": PrivilegedInput.RIGHT_FRAMES,
+            "future_frames": PrivilegedInput.FUTURE_FRAMES,
+            "future_full": PrivilegedInput.FUTURE_FRAMES
+            | PrivilegedInput.FULL_FRAMES,
         }
         hidden = copy.copy(self)  # its arrays were checked when it was made
         for field, needed in input_of_field.items():

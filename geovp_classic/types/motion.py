@@ -127,14 +127,7 @@ class Motion(ShortRepr):
     tracked: (
         BoolArray  # [P]; False for a pose that was bridged instead of measured
     )
-    unrefined: Motion | None = (
-        None  # motion of the pose source, before refinements
-    )
 
     def __post_init__(self) -> None:
         store_rigid(self, "futures", 4)
         store_checked(self, "tracked", bool, (len(self.past),))
-
-    def refined(self, past: Trajectory, futures: FloatArray) -> Motion:
-        """Return the motion with other poses; those of the pose source remain in `unrefined`."""
-        return Motion(past, futures, self.tracked, self.unrefined or self)

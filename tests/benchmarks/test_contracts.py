@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -138,16 +138,6 @@ class Speechless:
 
 
 @dataclass(frozen=True)
-class Forgetful:
-    """A refinement that loses the motion of the pose source."""
-
-    needs: ClassVar[PrivilegedInput] = PrivilegedInput.NONE
-
-    def refine(self, context: Context, motion: Motion) -> Motion:
-        return Motion(motion.past, motion.futures, motion.tracked)
-
-
-@dataclass(frozen=True)
 class Biased(GivenDepth):
     """A renderer with frames that are brighter by ten times a number."""
 
@@ -195,7 +185,6 @@ INDEPENDENT = "renders each view from its own pose and time alone"
         ("odometries", Fragile(), TWO_FRAMES, "ZeroDivisionError: no parallax"),
         ("inpainters", Painter(), VALID, "covered pixels were changed"),
         ("frame_metrics", UpsideDown(), VALID, "noise is as good as the truth"),
-        ("pose_refinements", Forgetful(), VALID, "was lost: use Motion.refined"),
         ("renderers", Speechless(), "has the methods of its interface", "lacks needs, reconstruct"),
         ("renderers", Biased(by="number of poses"), INDEPENDENT, "its own pose and time alone"),
         ("renderers", Biased(by="row"), INDEPENDENT, "its own pose and time alone"),

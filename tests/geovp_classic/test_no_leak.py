@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -16,7 +16,9 @@ from geovp_classic.odometry.recorded import Recorded as RecordedPast
 from geovp_classic.pose_sources.chained import Chained
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.pose_sources.planar import Planar
+from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.renderers.depth_fusion import DepthFusion
 from geovp_classic.renderers.given_depth import GivenDepth
 from geovp_classic.types import Clip, Context, ExtraView, FloatArray, PrivilegedInput, Trajectory
 
@@ -30,7 +32,9 @@ FIELD_OF_INPUT = {
     PrivilegedInput.CAMERA_HEIGHT: "camera_height_m",
     PrivilegedInput.FULL_FRAMES: "full",
     PrivilegedInput.RIGHT_FRAMES: "right",
+    PrivilegedInput.FUTURE_FRAMES: "future_frames",
 }
+FUTURE_FULL = PrivilegedInput.FUTURE_FRAMES | PrivilegedInput.FULL_FRAMES
 
 
 def leaked_fields(context: Context, needs: PrivilegedInput) -> list[str]:
@@ -40,6 +44,7 @@ def leaked_fields(context: Context, needs: PrivilegedInput) -> list[str]:
         for needed, field in (
             *FIELD_OF_INPUT.items(),
             (PrivilegedInput.FULL_FRAMES, "full_observations"),
+            (FUTURE_FULL, "future_full"),
         )
         if needed not in needs and getattr(context, field) is not None
     ]
@@ -48,7 +53,8 @@ def leaked_fields(context: Context, needs: PrivilegedInput) -> list[str]:
 def falsify(clip: Clip, needs: PrivilegedInput) -> Clip:
     """Return the clip with the same observed frames, times and needed inputs, all else false."""
     frames = clip.frames.copy()
-    frames[NUM_PAST:] = 255 - frames[NUM_PAST:]
+    if PrivilegedInput.FUTURE_FRAMES not in needs:
+        frames[NUM_PAST:] = 255 - frames[NUM_PAST:]
     error = np.zeros((len(clip), 6))
     if PrivilegedInput.PAST_POSES not in needs:
         error[:NUM_PAST] = np.linspace([0.5, 0, 0, 0, 0.1, 0], [3, 1, 2, 0.5, 0.3, 0.1], NUM_PAST)
@@ -65,15 +71,19 @@ def falsify(clip: Clip, needs: PrivilegedInput) -> Clip:
         depths=depths,
         moving=np.ones(clip.depths.shape, dtype=bool),
         camera_height_m=clip.camera_height_m * (1 if PrivilegedInput.CAMERA_HEIGHT in needs else 2),
-        full=_falsify_view(clip.full, PrivilegedInput.FULL_FRAMES in needs),
+        full=_falsify_view(
+            clip.full, PrivilegedInput.FULL_FRAMES in needs, keep_future=FUTURE_FULL in needs
+        ),
         right=_falsify_view(clip.right, PrivilegedInput.RIGHT_FRAMES in needs),
     )
 
 
-def _falsify_view(view: ExtraView, is_needed: bool) -> ExtraView:
+def _falsify_view(view: ExtraView, is_needed: bool, keep_future: bool = False) -> ExtraView:
     frames = 255 - view.frames
     if is_needed:
         frames[:NUM_PAST] = view.frames[:NUM_PAST]
+    if keep_future:
+        frames[NUM_PAST:] = view.frames[NUM_PAST:]
     return dataclasses.replace(view, frames=frames)
 
 
@@ -149,7 +159,8 @@ def test_the_witness_notices_a_leak() -> None:
             return super().predict(context, num_samples)
 
     calls = calls_of("predictors", Careless(GroundTruth(), GivenDepth()))
-    assert ("GroundTruth", ["past_depths", "camera_height_m", "full", "right"]) in calls
+    name, fields = calls[0]
+    assert (name, fields[:3]) == ("GroundTruth", ["past_depths", "camera_height_m", "full"])
 
 
 def test_deeply_nested_components_are_watched() -> None:
@@ -157,6 +168,28 @@ def test_deeply_nested_components_are_watched() -> None:
     calls = calls_of("predictors", GeometricPredictor(source, GivenDepth()))
     assert [name for name, _ in calls] == ["Planar", "Chained", "Recorded", "GivenDepth"]
     assert all(fields == [] for _, fields in calls)
+
+
+@pytest.mark.parametrize("frames", ["crop", "full"])
+def test_future_images_reach_the_pose_source_alone(frames: Literal["crop", "full"]) -> None:
+    predictor = GeometricPredictor(Registered(frames), DepthFusion(frames=frames))
+    calls = calls_of("predictors", predictor)
+    assert [name for name, _ in calls][:2] == ["Registered", "DepthFusion"]
+    assert not any({"future_frames", "future_full"}.intersection(fields) for _, fields in calls)
+
+    clip = street.clip()
+    observed, false_observed = (
+        predictor.observe(each.split(NUM_PAST, predictor.needs)[0])
+        for each in (clip, falsify(clip, ~PrivilegedInput.FUTURE_FRAMES))
+    )
+    motion = predictor.estimate(observed)
+    false_motion = predictor.estimate(false_observed)
+    assert np.abs(motion.futures - false_motion.futures).max() > 1e-6
+    scenes = [predictor.reconstruct(each, motion.past) for each in (observed, false_observed)]
+    views, false_views = (
+        scene.view(motion.futures[0], clip.times_s[NUM_PAST:], clip.intrinsics) for scene in scenes
+    )
+    np.testing.assert_array_equal(views.frames, false_views.frames)
 
 
 def test_a_forecaster_sees_past_poses_and_future_times_only() -> None:
@@ -193,7 +226,7 @@ def test_a_privileged_input_shows_its_field_without_the_future(needs: Privileged
 def test_the_memory_of_the_context_does_not_hold_the_future() -> None:
     """A slice of an array would lead back to the whole array by `base`."""
     context, _ = street.clip().split(NUM_PAST, ~PrivilegedInput.NONE)
-    for owner in (context, context.past, context.full, context.right):
+    for owner in (context, context.past, context.full, context.right, context.future_full):
         for name, value in vars(owner).items():
             if isinstance(value, np.ndarray) and value.base is not None and name != "times_s":
                 assert value.base.nbytes == value.nbytes
@@ -203,6 +236,6 @@ def test_all_privileged_inputs_and_roles_are_tested() -> None:
     assert set(FIELD_OF_INPUT) == set(PrivilegedInput)
     fields = {field.name for field in dataclasses.fields(Context)}
     always = {"name", "frames", "times_s", "intrinsics", "observations"}
-    assert fields == always | {"full_observations", *FIELD_OF_INPUT.values()}
+    assert fields == always | {"full_observations", "future_full", *FIELD_OF_INPUT.values()}
     with_needs = {role for role, p in registry.PROTOCOL_OF_ROLE.items() if hasattr(p, "needs")}
     assert set(ROLES) == with_needs - {"scales"}  # a scale gets numbers from its odometry

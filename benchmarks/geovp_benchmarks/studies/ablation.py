@@ -29,20 +29,15 @@ SCORED = (0, 4, 9, 14, 19)  # of the future frames
 METRICS = ("psnr", "ssim", "lpips")
 STRETCHES = ("03[0:180)", "raw0095", "00[0:569)", "00[600:725)")  # train and val
 SMALL, SMALL_PX, SIZE_PX = "00", 128, 256  # a sequence whose frames are no higher
-CHAIN = ("registration", "unmeasured-intervals", "rotation-drift", "nonholonomic", "road-height")
 
 Spec = Mapping[str, Any]
 TRUE: Spec = {"name": "ground-truth"}
 FUSION: Spec = {"name": "depth-fusion"}
 
 
-def refined(source: Spec, *left_out: str) -> Spec:
-    """The source with the default chain of refinements but for some."""
-    return {
-        "name": "refined",
-        "source": source,
-        "refinements": [{"name": n} for n in CHAIN if n not in left_out],
-    }
+def refined(source: Spec) -> Spec:
+    """Return the source with the default refinements."""
+    return {"name": "refined", "source": source}
 
 
 @dataclass(frozen=True)
@@ -78,20 +73,7 @@ def variants() -> list[Variant]:
         add(part, *modules, source=refined({**chained, **settings}), whole=with_odometry)
 
     add("all")
-    add("all refinements", "pose_refinement", "refined", source=TRUE)
-    add(
-        "registration and what needs it",
-        "pose_refinement.registration",
-        source=refined(TRUE, *CHAIN[:4]),
-    )
-    interval_modules = ("pose_refinement.unmeasured_intervals", "pose_refinement.angle_kernels")
-    add("unmeasured intervals", *interval_modules, source=refined(TRUE, "unmeasured-intervals"))
-    for name in CHAIN[2:]:
-        add(
-            name.replace("-", " "),
-            f"pose_refinement.{name.replace('-', '_')}",
-            source=refined(TRUE, name),
-        )
+    add("refinements", "pose_refinement", "refined", source=TRUE)
     add("ground prior", "geometry.ground_plane", depth={"name": "multiview", "ground": "none"})
     add("crack closing", "render.fusion", crack_px=0)
     add("detail transfer", "render.detail_transfer", detail="none")

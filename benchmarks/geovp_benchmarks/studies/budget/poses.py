@@ -9,7 +9,7 @@ and *speed* the distance along it, so that both together are the position; *heig
 the source's forecast is made anew from the corrected past where its odometry can be swapped. True
 future positions are always put in the unit of the past, so that a scale that is wrong everywhere
 alters no image but through forecasters and depths in metres. The truth are the recorded poses
-refined from the images, with which the images agree.
+registered to all images.
 """
 
 from dataclasses import dataclass, field, replace
@@ -21,16 +21,16 @@ from scipy.spatial.transform import Rotation
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import PoseSource
 from geovp_classic.pose_sources.chained import Chained
-from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.pose_sources.planar import Planar
 from geovp_classic.pose_sources.refined import Refined
+from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.types import BoolArray, Context, FloatArray, Motion, PrivilegedInput, Trajectory
 
 Oracles = frozenset[str]  # the stages that are true
 PAST, SCALE = "past poses", "scale"
 COMPONENTS = ("speed", "path", "yaw", "pitch", "roll", "height")
 STAGES = (PAST, SCALE, *COMPONENTS)
-TRUTH = Refined(GroundTruth())
+TRUTH = Registered()
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def tables(budget: Budget) -> Iterator[str]:
         yield f"left out where it occurs: {reason}"
     yield "Holes are what even true poses do not show;"
     yield f"frames of which less than {MIN_SEEN:.0%} is shown are left out."
-    yield "True poses are the recorded ones, refined from the images."
+    yield "True poses are the recorded ones, registered to all images."
     yield "A scale error common to past and future affects only what is in metres:"
     yield "forecasters and recorded depth."
     if scores.have_intervals:

@@ -1,0 +1,53 @@
+"""Recorded poses registered to all images, past and future: the best poses that images allow."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from geovp_classic import observation
+from geovp_classic.observation import Stream
+from geovp_classic.parallel import single_threaded_blas
+from geovp_classic.pose_refinement.registration import ImageRegistration
+from geovp_classic.pose_sources.ground_truth import GroundTruth
+from geovp_classic.types import Context, Motion, PrivilegedInput
+
+
+@dataclass(frozen=True)
+class Registered:
+    """The recorded motion, adjusted to corners of the last observed frame in all other frames.
+
+    Future images are a privileged input for poses only; renderers do not see them.
+    """
+
+    frames: Stream = "crop"
+    registration: ImageRegistration = field(default_factory=ImageRegistration)
+
+    @property
+    def needs(self) -> PrivilegedInput:
+        """Return all poses and future images, and the uncropped frames if they are used."""
+        needs = GroundTruth.needs | PrivilegedInput.FUTURE_FRAMES
+        if self.frames == "full":
+            needs |= PrivilegedInput.FULL_FRAMES
+        return needs
+
+    @single_threaded_blas
+    def estimate(self, context: Context, num_samples: int = 1) -> Motion:
+        """Return the registered motion, one sample; raise Incompatible without poses or images.
+
+        The last observed pose stays, and so do poses of unusable frames.
+        """
+        recorded = GroundTruth().estimate(context)
+        stream = observation.stream(context, self.frames)
+        future_greys = observation.future_greys(context, self.frames)
+        images = np.concatenate([stream.greys[stream.is_usable], future_greys])
+        poses = recorded.past.world_from_cam.copy()
+        last = int(stream.is_usable.sum()) - 1
+        adjusted = self.registration.register(
+            images,
+            stream.intrinsics,
+            np.concatenate([poses[stream.is_usable], recorded.futures[0]]),
+            reference=last,
+        )
+        poses[stream.is_usable] = adjusted[: last + 1]
+        past = replace(recorded.past, world_from_cam=poses)
+        return Motion(past, adjusted[None, last + 1 :], recorded.tracked)
