@@ -15,13 +15,14 @@ import numpy as np
 
 from geovp_classic.colmap_library import pycolmap
 from geovp_classic.geometry import se3
+from geovp_classic.geometry.bundle_adjustment import INVERSE_DEPTHS, Bundle, BundleAdjustment
 from geovp_classic.geometry.two_view import homogeneous, refine
 from geovp_classic.odometry.bundle import bundle_adjust
 from geovp_classic.odometry.lens import Lens
 from geovp_classic.odometry.resection import refine_pose
 from geovp_classic.odometry.triangulation import triangulate
 from geovp_classic.parallel import single_threaded_blas
-from geovp_classic.pose_refinement.local_bundle import Corners, LocalBundle
+from geovp_classic.pose_refinement.registration import ImageRegistration
 from geovp_classic.types import FloatArray, Intrinsics
 from performance import rounds_parser, timed
 
@@ -142,7 +143,16 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
         Lens(CAMERA).pixels(scene.rays),
     )
     visible = np.ones((NUM_VIEWS - 1, NUM_POINTS), dtype=bool)
-    corners = Corners(homogeneous(scene.rays[0]), pixels[1:], visible, CAMERA)
+    points = np.pad(homogeneous(scene.rays[0]), ((0, 0), (0, 1)))
+    bundle = Bundle(given[1:], points, pixels[1:], visible, CAMERA)
+    prior = ImageRegistration().prior(given[1:])
+    is_free = np.ones((NUM_VIEWS - 1, 6), dtype=bool)
+
+    def ours() -> FloatArray:
+        start = bundle.with_inverse_depths()
+        adjusted = BundleAdjustment().adjust(start, is_free, INVERSE_DEPTHS, prior)
+        last: FloatArray = adjusted.cam_from_world[-1]
+        return last
 
     def library() -> FloatArray:
         points = triangulate(scene.rays, given)
@@ -153,7 +163,7 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     return Comparison(
         "local bundle adjustment",
         "m",
-        lambda: LocalBundle().adjust(corners, given[1:])[-1],
+        ours,
         library,
         lambda pose: _distance(pose, poses[-1]),
     )

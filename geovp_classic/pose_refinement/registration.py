@@ -16,9 +16,14 @@ import numpy as np
 from geovp_classic import observation
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
+from geovp_classic.geometry.bundle_adjustment import (
+    INVERSE_DEPTHS,
+    Bundle,
+    BundleAdjustment,
+    PosePrior,
+)
 from geovp_classic.geometry.optical_flow import track_points
 from geovp_classic.observation import Stream
-from geovp_classic.pose_refinement.local_bundle import Corners, LocalBundle
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -105,11 +110,17 @@ class CornerTracker:
 
 @dataclass(frozen=True)
 class ImageRegistration:
-    """Adjustment of poses to tracked corners of a reference image."""
+    """Adjustment of given poses to tracked corners of a reference image."""
 
     tracker: CornerTracker = field(default_factory=CornerTracker)
-    bundle: LocalBundle = field(default_factory=LocalBundle)
+    bundle: BundleAdjustment = field(default_factory=BundleAdjustment)
     min_corners: int = 30  # visible in at least one other frame; with fewer the given poses stay
+    # Standard deviation of a given rotation, relative to the reference.
+    rotation_deviation_rad: float = 1.7e-4
+    # Standard deviation of a given position, over its distance from the reference.
+    position_deviation_fraction: float = 7e-4
+    # Deviation of all given poses, in standard deviations, that halves their weight (Cauchy).
+    prior_scale: float = 5.5
 
     def register(
         self,
@@ -135,18 +146,33 @@ class ImageRegistration:
         rays = pinhole.unproject(
             pixels[reference, is_used], np.ones(is_used.sum()), camera
         )
-        corners = Corners(
-            rays,
+        given = Bundle(
+            source_from_reference,
+            np.pad(rays, ((0, 0), (0, 1))),
             pixels[sources][:, is_used],
             is_visible[sources][:, is_used],
             camera,
         )
-        reference_from_source = se3.inverse(
-            self.bundle.adjust(corners, source_from_reference)
+        adjusted = self.bundle.adjust(
+            given.with_inverse_depths(),
+            np.ones((len(sources), 6), dtype=bool),
+            INVERSE_DEPTHS,
+            self.prior(source_from_reference),
         )
-        adjusted = world_from_cam.copy()
-        adjusted[sources] = world_from_cam[reference] @ reference_from_source
-        return adjusted
+        registered = world_from_cam.copy()
+        registered[sources] = world_from_cam[reference] @ se3.inverse(
+            adjusted.cam_from_world
+        )
+        return registered
+
+    def prior(self, source_from_reference: FloatArray) -> PosePrior:
+        """Return the prior of given poses [S, 4, 4]."""
+        fraction = self.position_deviation_fraction
+        distance = np.linalg.norm(source_from_reference[:, :3, 3], axis=1)
+        distance = np.maximum(distance, fraction * distance.max())
+        precision = np.full((len(distance), 6), 1 / self.rotation_deviation_rad)
+        precision[:, :3] = 1 / (fraction * distance[:, None])
+        return PosePrior(source_from_reference, precision, self.prior_scale)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from geovp_benchmarks.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible
 from geovp_classic.forecasting import constant
@@ -16,6 +17,7 @@ from geovp_classic.pose_sources.constant_turn import ConstantTurn
 from geovp_classic.pose_sources.constant_velocity import ConstantVelocity
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.pose_sources.planar import Planar
+from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.pose_sources.stand_still import StandStill
 from geovp_classic.types import (
     BoolArray,
@@ -56,6 +58,18 @@ def test_ground_truth_is_the_recording() -> None:
     np.testing.assert_array_equal(motion.past.world_from_cam, whole.trajectory.world_from_cam[:5])
     np.testing.assert_array_equal(motion.futures, whole.trajectory.world_from_cam[None, 5:])
     assert motion.tracked.all()
+
+
+def test_registered_corrects_poses_that_contradict_future_images() -> None:
+    street_clip = street.clip()
+    truth = street_clip.trajectory
+    error = np.zeros((len(truth), 6))
+    error[7, 3] = np.deg2rad(0.5)  # a pitch of more than a pixel
+    recorded = replace(truth, world_from_cam=truth.world_from_cam @ se3.exp(error))
+    motion = Registered().estimate(context(replace(street_clip, trajectory=recorded)))
+    np.testing.assert_array_equal(motion.past.world_from_cam[-1], truth.world_from_cam[4])
+    left = se3.inverse(truth.world_from_cam[5:]) @ motion.futures[0]
+    assert np.rad2deg(se3.rotation_angle_rad(left)).max() < 0.15
 
 
 def test_only_constant_turn_predicts_a_constant_turn() -> None:
