@@ -18,7 +18,7 @@ CLASSIC_LAYERS = [
     {"types"},
     {"geometry", "parallel", "files", "colmap_library"},
     {"interfaces", "observation"},
-    {"odometry", "forecasting", "pose_refinement", "depth", "dynamic_objects", "rendering"}
+    {"odometry", "forecasting", "pose_refinement", "depth", "rendering"}
     | {"metrics", "data", "registry"},
     {"pose_sources", "inpainters"},
     {"renderers"},  # depth fusion has a default inpainter

@@ -1,4 +1,4 @@
-"""Dense reprojection of one frame's pixels into another frame, and triangulation from there.
+"""Dense reprojection of one frame's pixels into another frame.
 
 A pixel (u, v, 1) with inverse depth q reprojects to A (u, v, 1) + q b. Here A = K R K^-1, and
 b = K t is the epipole (Hartley & Zisserman 2004, eq. 13.2). As q grows from 0 (infinity), the
@@ -51,23 +51,6 @@ class Epipolar:
         )
         z = np.maximum(ratio, np.float32(1e-3))
         return np.stack([x / z, y / z], axis=-1), ratio
-
-    def triangulate(
-        self,
-        pixels: FloatArray,  # [H, W, 2] in the other frame, of all pixels of this one
-    ) -> FloatArray:
-        """Return the inverse depth [H, W] that reprojects nearest to the pixels (least squares).
-
-        A pixel p times z is x and y: (b_xy - p b_z) q = p a_z - a_xy. Without parallax it is 0.
-        """
-        u, v = np.moveaxis(np.asarray(pixels, np.float32), -1, 0)
-        x, y, z = self._at(u)
-        b = self.epipole
-        along_u = b[0] - u * b[2]
-        along_v = b[1] - v * b[2]
-        damping = np.float32(1e-3)  # squared pixels per unit of inverse depth
-        numerator = along_u * (u * z - x) + along_v * (v * z - y)
-        return numerator / (along_u**2 + along_v**2 + damping)
 
     def _at(self, like: FloatArray) -> tuple[FloatArray, ...]:
         """Return A (u, v, 1) for the pixels of an array [H, W], one array per row of A."""

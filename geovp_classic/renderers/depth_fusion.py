@@ -1,4 +1,4 @@
-"""Depth fusion: `depth`, `dynamic_objects` and `rendering` meet here and only here."""
+"""Depth fusion: `depth` and `rendering` meet here and only here."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -6,11 +6,7 @@ from typing import Literal
 import numpy as np
 
 from geovp_classic.depth.multiview import Multiview
-from geovp_classic.dynamic_objects.detection import DynamicObjects
-from geovp_classic.dynamic_objects.posed_images import PosedImages
-from geovp_classic.dynamic_objects.sprites import DynamicScene, Sprite, mask_out
 from geovp_classic.errors import BadData
-from geovp_classic.geometry.ground_plane import GroundFit
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
 from geovp_classic.interfaces import DepthSource, Inpainter, Scene
 from geovp_classic.observation import recent as recent_frames
@@ -49,10 +45,6 @@ class DepthFusion:
     patch_model: PatchModel = field(default_factory=PatchModel)
     # None: magnified surfaces stay blurred.
     detail: MagnifiedDetail | None = field(default_factory=MagnifiedDetail)
-    # None: dynamic objects are rendered as static.
-    dynamic_objects: DynamicObjects | None = field(
-        default_factory=DynamicObjects
-    )
     exposure_estimator: ExposureEstimator = field(
         default_factory=ExposureEstimator
     )
@@ -84,16 +76,13 @@ class DepthFusion:
     @single_threaded_blas
     def reconstruct(self, context: Context, past: Trajectory) -> Scene:
         """Return the fused cloud of the last frames, in the world frame and unit of the past."""
-        recent, past = self._recent(context, past)
+        recent, past = recent_frames(
+            context.only(self.needs), past, self.frames, self.num_frames
+        )
         last_s = float(past.times_s[-1])
-        since_s = past.times_s - last_s
 
         depths, confidence = self.depth.inverse_depths(recent, past)
         exposure = self._exposure(recent, past, depths[-1])
-        sprites = self._sprites(recent, past, depths[-1], exposure)
-        depths, is_dynamic = mask_out(
-            sprites, depths, past.world_from_cam, since_s
-        )
 
         is_known = confidence > 0
         is_known[-1] = True  # the last frame's depth map has no holes
@@ -101,7 +90,7 @@ class DepthFusion:
         cloud, used = fusion.fuse(
             sources,
             depths,
-            is_known & ~is_dynamic,
+            is_known,
             self.max_depth_difference,
             self.patch_model,
         )
@@ -115,7 +104,7 @@ class DepthFusion:
             self.detail,
             self.crack_px,
         )
-        if self.frames == "full" and not sprites:
+        if self.frames == "full":
             step = np.abs(context.times_s[: context.num_past] - last_s).argmin()
             last = Source(
                 context.frames[step],
@@ -123,29 +112,12 @@ class DepthFusion:
                 past.world_from_cam[-1],
             )
             scene = StationaryScene(scene, last, float(np.max(depths[-1])))
-        if sprites:
-            scene = DynamicScene(scene, sprites, last_s)
         if self.exposure is not None:
             is_whole = self.frames == "full"
             scene = ExposedScene(
                 scene, sources[-1], exposure, self.exposure, last_s, is_whole
             )
         return scene
-
-    def sprites(self, context: Context, past: Trajectory) -> list[Sprite]:
-        """Return the dynamic objects of the last frame, in the unit of the past."""
-        recent, past = self._recent(context, past)
-        depths, _ = self.depth.inverse_depths(recent, past)
-        exposure = self._exposure(recent, past, depths[-1])
-        return self._sprites(recent, past, depths[-1], exposure)
-
-    def _recent(
-        self, context: Context, past: Trajectory
-    ) -> tuple[Context, Trajectory]:
-        """Return the last usable frames, cropped or uncropped, and their poses."""
-        return recent_frames(
-            context.only(self.needs), past, self.frames, self.num_frames
-        )
 
     def _exposure(
         self, recent: Context, past: Trajectory, inverse_depth: FloatArray
@@ -155,36 +127,6 @@ class DepthFusion:
         return self.exposure_estimator.estimate(
             greys, recent.intrinsics, past, inverse_depth
         )
-
-    def _sprites(
-        self,
-        recent: Context,
-        past: Trajectory,
-        inverse_depth: FloatArray,
-        exposure: Exposure,
-    ) -> list[Sprite]:
-        """Return the dynamic objects of the last frame; none where there is no road."""
-        camera = recent.intrinsics
-        road = GroundFit().fit(inverse_depth, camera)
-        if self.dynamic_objects is None or road is None:
-            return []
-        gains = np.exp(exposure.log_gains).astype(np.float32)
-        images = stream(recent, "crop").greys * gains[:, None, None]
-        observed = PosedImages(
-            images, camera, past, inverse_depth.astype(np.float32), road
-        )
-        pose = past.world_from_cam[-1]
-        return [
-            Sprite(
-                recent.frames[-1],
-                dynamic.mask,
-                camera,
-                pose,
-                dynamic.depth,
-                dynamic.velocity,
-            )
-            for dynamic in self.dynamic_objects.detect(observed)
-        ]
 
     def _sources(self, recent: Context, past: Trajectory) -> list[Source]:
         """Return the posed frames, uncropped ones at their own resolution."""

@@ -160,7 +160,7 @@ class TestCheck:
 
 @pytest.mark.parametrize(
     ("words", "names"),
-    [([], cli.VERBS), (["study"], ("depth", "dynamic-objects", "odometry", "confidence"))],
+    [([], cli.VERBS), (["study"], ("depth", "odometry", "confidence"))],
 )
 def test_help_names_everything_and_imports_nothing_heavy(
     words: list[str], names: tuple[str, ...]

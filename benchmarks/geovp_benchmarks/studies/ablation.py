@@ -78,7 +78,6 @@ def variants() -> list[Variant]:
     add("crack closing", "render.fusion", crack_px=0)
     add("detail transfer", "render.detail_transfer", detail="none")
     add("borrowed detail", inpainter={"name": "nearest-background"})
-    add("dynamic objects", "dynamic_objects", dynamic_objects="none")
     add("exposure", "render.exposure", exposure="none")
     add_tracked(with_odometry)
     add("refinements, odometry", "pose_refinement", source=chained, whole=with_odometry)

@@ -38,23 +38,6 @@ def test_what_is_behind_is_far_outside() -> None:
     np.testing.assert_allclose(ratio, -1)  # 5 m behind, over 5 m before
 
 
-def test_places_on_their_lines_give_the_inverse_depth_back(inverse_depth: FloatArray) -> None:
-    between = Epipolar.of(CAMERA, MOTION)
-    found = between.triangulate(slowly_seen(inverse_depth))
-    np.testing.assert_allclose(
-        found, inverse_depth, atol=6e-3
-    )  # near the epipole a place says little
-    assert np.median(np.abs(found - inverse_depth)) < 1e-5
-
-
-def test_beside_its_line_the_nearest_place_counts() -> None:
-    # Sideways motion: lines are rows, so what lies above or below its row changes nothing.
-    between = Epipolar.of(CAMERA, se3.exp(np.array([1.0, 0, 0, 0, 0, 0])))
-    pixels, _ = between.project(np.full((40, 48), 0.1, np.float32))
-    pixels[..., 1] += 3
-    np.testing.assert_allclose(between.triangulate(pixels), 0.1, atol=1e-5)
-
-
 def test_another_camera_sees_the_same_points_at_its_own_pixels(inverse_depth: FloatArray) -> None:
     other = Intrinsics(30.0, 40.0, 12.0, 9.0, 24, 20)
     mine, ratio = Epipolar.of(CAMERA, MOTION).project(inverse_depth)

@@ -19,7 +19,6 @@ from tests.geovp_classic.rendering.wall import CAMERA, at, past_of, wall
 PLAIN: dict[str, Any] = {
     "inpainter": Blank(),
     "detail": None,
-    "dynamic_objects": None,
     "exposure": None,
 }
 

@@ -20,7 +20,7 @@ def test_only_the_last_pose_shows_the_last_frame_itself(clock_offset_s: float) -
     )[0]
     context, _ = clip.split(10, NEEDS)
     past = replace(clip.trajectory[:10], times_s=clip.times_s[:10] + clock_offset_s)
-    renderer = DepthFusion(frames="full", dynamic_objects=None, exposure=None)
+    renderer = DepthFusion(frames="full", exposure=None)
     scene = renderer.reconstruct(context.only(renderer.needs), past)
     steps = se3.exp(np.array([[0, 0, 1e-5, 0, 0, 0], [0, 0, 0.5, 0, 0, 0]]))
     poses = past.world_from_cam[-1] @ steps

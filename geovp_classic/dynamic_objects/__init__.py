@@ -1,1 +1,0 @@
-"""Dynamic objects: detected, segmented, their velocity measured, and rendered as sprites."""
