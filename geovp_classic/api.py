@@ -11,6 +11,7 @@ from geovp_classic import registry
 from geovp_classic.data import layouts
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import Dataset, FrameMetric, PoseSource, Renderer
+from geovp_classic.observation import Observer
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.types import Clip, Context, FloatArray, Prediction, Target
 
@@ -40,12 +41,14 @@ def predict(
     pose_source: PoseSource | Spec | None = None,
     renderer: Renderer | Spec = "depth-fusion",
     num_samples: int = 1,
+    mask: Path | None = None,
 ) -> Prediction:
     """Predict frames [S, F, H, W, 3] for the future times of the context.
 
     Components are given as objects, names or tables. Without a pose source, the camera is tracked
     in the observed frames, and its motion is forecast and refined; lengths are metres if the
-    context has the camera's height. Raises Incompatible if a privileged input is missing.
+    context has the camera's height. `mask` is an image file that is nonzero where no scene is
+    shown, such as the hood, in any size. Raises Incompatible if a privileged input is missing.
     """
     if pose_source is None:
         scale = (
@@ -57,7 +60,9 @@ def predict(
             "source": {"name": "chained", "odometry": odometry},
         }
     predictor = GeometricPredictor(
-        _build("pose_sources", pose_source), _build("renderers", renderer)
+        _build("pose_sources", pose_source),
+        _build("renderers", renderer),
+        Observer(mask=mask),
     )
     return predictor.predict(context, num_samples)
 

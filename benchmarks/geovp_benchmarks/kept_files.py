@@ -17,7 +17,7 @@ from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 POSES = {"world_from_cam": ("f", 3), "past": ("f", 3), "futures": ("f", 4)}
 TIMES = {"times_s": ("f", 1), "past_times_s": ("f", 1), "is_metric": ("b", 0)}
 PREDICTION = {"frames": ("u1", 5), "covered": ("b", 4), "tracked": ("b", 1), **POSES, **TIMES}
-PREDICTION |= {"scale_uncertainty": ("f", 0)}
+PREDICTION |= {"scale_uncertainty": ("f", 0), "confidence": ("f", 2)}
 CLIP = {
     "frames": ("u1", 4),
     "intrinsics": ("f", 1),
@@ -39,12 +39,16 @@ def read_prediction(path: Path) -> Prediction:
             arrays["past"], arrays["past_times_s"], bool(arrays["is_metric"]), uncertainty
         )
         motion = Motion(past, arrays["futures"], arrays["tracked"])
-    return Prediction(arrays["frames"], arrays.get("covered"), motion)
+    return Prediction(arrays["frames"], arrays.get("covered"), motion, arrays.get("confidence"))
 
 
 def write_prediction(path: Path, prediction: Prediction) -> None:
     """Keep a prediction."""
-    arrays: dict[str, Any] = {"frames": prediction.frames, "covered": prediction.covered}
+    arrays: dict[str, Any] = {
+        "frames": prediction.frames,
+        "covered": prediction.covered,
+        "confidence": prediction.confidence,
+    }
     if prediction.motion is not None:
         past = prediction.motion.past
         arrays |= {

@@ -1,4 +1,4 @@
-"""Signs that a prediction's geometry is wrong, found in the observed frames alone."""
+"""Signs that a prediction's motion is wrong, found in the observed frames alone."""
 
 from pathlib import Path
 
@@ -6,38 +6,13 @@ import numpy as np
 
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.speed_prior import MIN_SPREAD
-from geovp_classic.types import Context, Motion, Views
+from geovp_classic.types import Context, Motion
 
 MIN_TRACKED_SHARE = 0.7
-MIN_CHANGE = 2.0  # grey values between observed frames; with less the camera stands
-MAX_PHOTOMETRIC_RESIDUAL = 0.75  # of that change; 0.07 to 0.5 on KITTI
 MAX_OFF_AXIS_DEG = 6.0  # between the optical axis and the direction of travel; at most 2 on KITTI
 STRAIGHT_RAD = np.radians(
     1.0
 )  # a step with less rotation: in turns a car's camera does travel sideways
-
-
-def photometric_residual(context: Context, rerendered: Views) -> float | None:
-    """The share of the change between the observed frames and the last one that rendering them
-    leaves.
-
-    The scene is shown at the poses of the observed frames: 0 where every one is met, 1 where the
-    last frame would do as well. Means over the covered pixels; None for a camera that stands.
-    """
-    covered = rerendered.covered[:-1]
-    if not covered.any():
-        return None
-    seen = context.frames[:-1][covered].astype(np.int16)
-    change = float(
-        np.abs(
-            seen - np.broadcast_to(context.frames[-1], context.frames[:-1].shape)[covered]
-        ).mean()
-    )
-    return (
-        float(np.abs(seen - rerendered.frames[:-1][covered]).mean()) / change
-        if change > MIN_CHANGE
-        else None
-    )
 
 
 def off_axis_deg(motion: Motion) -> float | None:
@@ -63,20 +38,14 @@ def stands(motion: Motion) -> bool:
     return not np.ptp(motion.past.world_from_cam[:, :3, 3], axis=0).any()
 
 
-def warnings(context: Context, motion: Motion, share: float | None) -> list[str]:
-    """A sentence for every sign that the geometry is not to be trusted."""
+def warnings(context: Context, motion: Motion) -> list[str]:
+    """Return a sentence for each sign that the motion is not to be trusted."""
     found, tracked = [], motion.tracked
     if tracked.mean() < MIN_TRACKED_SHARE:
         count = f"only {int(tracked.sum())} of {len(tracked)} observed frames could be tracked"
         found.append(
             f"{count}: the motion is mostly a guess; give sharper frames or a larger --size"
         )
-    if share is not None and share > MAX_PHOTOMETRIC_RESIDUAL:
-        left = (
-            f"{share:.0%} of the change between the observed frames is not explained by the "
-            "geometry found"
-        )
-        found.append(f"{left}: check the intrinsics and --fps")
     angle_deg = off_axis_deg(motion)
     if angle_deg is not None and angle_deg > MAX_OFF_AXIS_DEG:
         travels = f"the camera travels {angle_deg:.0f} degrees off its optical axis"

@@ -18,7 +18,7 @@ from geovp_benchmarks.prediction_request import PredictionRequest
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.interfaces import FramePredictor
-from geovp_classic.observation import Observer
+from geovp_classic.predictors.hindcast import CheckedScene
 from geovp_classic.types import ByteArray, Context, Prediction, Views
 
 METRICS = ("psnr", "ssim", "lpips")
@@ -39,6 +39,7 @@ class Geometry:
     views: Views  # [F]
     # [P], the scene at the last observed time, rendered at the poses of the observed frames
     rerendered: Views
+    scene: CheckedScene
 
 
 @dataclass(frozen=True)
@@ -54,26 +55,21 @@ class Predicted:
     camera: Camera
     actual: ByteArray | None  # [F' <= F, H, W, 3], what was recorded of the future
 
-    @cached_property
-    def photometric_residual(self) -> float | None:
-        """The share of the observed change that the geometry leaves; None for a camera
-        that stands.
-        """
-        return (
-            None
-            if self.geometry is None
-            else plausibility.photometric_residual(self.context, self.geometry.rerendered)
-        )
+    @property
+    def error_ratio(self) -> float | None:
+        """Return the hindcast's error ratio; None without a scene."""
+        return None if self.geometry is None else self.geometry.scene.error_ratio
 
     @cached_property
     def warnings(self) -> list[str]:
         """A sentence for everything that speaks against the prediction."""
         motion = self.prediction.motion
-        found = (
-            []
-            if motion is None
-            else plausibility.warnings(self.context, motion, self.photometric_residual)
-        )
+        found = [] if motion is None else plausibility.warnings(self.context, motion)
+        if self.geometry is not None and not self.geometry.scene.is_trusted:
+            found.append(
+                f"the scene's error in earlier frames is {self.error_ratio:.0%} of that of copies "
+                "of the last one, so the last frame is predicted: check the intrinsics and --fps"
+            )
         return [*self.camera.warnings, *found]
 
     @cached_property
@@ -85,9 +81,9 @@ class Predicted:
     @cached_property
     def scene_mask_fraction(self) -> float:
         """Return the fraction of the frame under the scene mask."""
-        return round(
-            float(Observer().observe(self.context).hidden_mask(self.predictor.needs).mean()), 4
-        )
+        if self.geometry is None:
+            return 0.0
+        return round(float(self.geometry.scene.mask.mean()), 4)
 
     @cached_property
     def scores(self) -> dict[str, list[float]]:
@@ -131,7 +127,7 @@ class Predicted:
             "tracked_frames": None if motion is None else int(motion.tracked.sum()),
             "is_metric": motion is not None and motion.past.is_metric,
             "scale_uncertainty": motion and motion.past.scale_uncertainty,
-            "photometric_residual": self.photometric_residual,
+            "hindcast_error_ratio": self.error_ratio,
             "off_axis_deg": motion and plausibility.off_axis_deg(motion),
             "confidence": self.confidence,
             "scene_mask_fraction": self.scene_mask_fraction,
@@ -166,7 +162,7 @@ class Predicted:
             lines.append(f"motion: {count}, lengths in {unit}")
         if self.scene_mask_fraction:
             lines.append(
-                "scene mask: letterbox bars, the ego vehicle or a vehicle ahead cover "
+                "scene mask: letterbox bars, the ego vehicle or --mask cover "
                 f"{self.scene_mask_fraction:.0%} of the image"
             )
         if self.confidence is not None:

@@ -13,8 +13,8 @@ from geovp_classic import registry
 from geovp_classic.data import windows
 from geovp_classic.data.windows import Recording
 from geovp_classic.errors import BadData
-from geovp_classic.interfaces import FramePredictor, Scene
-from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.interfaces import FramePredictor
+from geovp_classic.predictors.geometric import GeometricPredictor, show
 from geovp_classic.types import ByteArray, Clip, Context, Prediction, PrivilegedInput
 
 NUM_STAGES = 5
@@ -58,20 +58,16 @@ def _run(
     observed = predictor.observe(context)
     motion = predictor.estimate(observed, num_samples)
     progress(2, NUM_STAGES)
-    scene: Scene = predictor.reconstruct(observed, motion.past)
+    scene = predictor.reconstruct(observed, motion.past)
     progress(3, NUM_STAGES)
     past_s, future_s = np.split(context.times_s, [context.num_past])
-    samples = [scene.view(future, future_s, context.intrinsics) for future in motion.futures]
-    frames, covered = (
-        np.stack([each.frames for each in samples]),
-        np.stack([each.covered for each in samples]),
-    )
-    at_once_s = np.full(
-        len(past_s), past_s[-1]
-    )  # a cloud shows one instant: what moves leaves no trail in it
-    rerendered = scene.view(motion.past.world_from_cam, at_once_s, context.intrinsics)
+    prediction = show(scene, motion, context)
+    views = scene.view(motion.futures[0], future_s, context.intrinsics)
+    # A cloud shows one instant, so that dynamic objects leave no trails.
+    at_once_s = np.full(len(past_s), past_s[-1])
+    rerendered = scene.scene.view(motion.past.world_from_cam, at_once_s, context.intrinsics)
     progress(4, NUM_STAGES)
-    return Prediction(frames, covered, motion), Geometry(samples[0], rerendered)
+    return prediction, Geometry(views, rerendered, scene)
 
 
 def _recording(request: PredictionRequest) -> Recording:

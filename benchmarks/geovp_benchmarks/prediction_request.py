@@ -1,6 +1,6 @@
 """What is asked of `geovp predict`, and whether it can be done: components, size, memory."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,12 +53,21 @@ class PredictionRequest:
         None  # a matrix file or a built-in one's name, and a method of it, in place of all three
     )
     num_samples: int = 1
+    mask: Path | None = None  # of `Observer`
     device: str | None = None  # of networks that do not name one
 
     def build(self) -> FramePredictor:
         """The predictor asked for; by default odometry and forecast, refined, and depth fusion."""
         with on_device(self.device):
-            return self._build()
+            predictor = self._build()
+        if self.mask is None:
+            return predictor
+        if not isinstance(predictor, GeometricPredictor):
+            raise BadData(
+                f"--mask {self.mask} is given, but {registry.name_of(predictor)} has no scene: "
+                "give it with a pose source and a renderer"
+            )
+        return replace(predictor, observer=replace(predictor.observer, mask=self.mask))
 
     def _build(self) -> FramePredictor:
         if self.method is not None:

@@ -6,120 +6,91 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from geovp_classic.geometry import se3
 from geovp_classic.geometry.optical_flow import track_points
-from geovp_classic.types import BoolArray, ByteArray, FloatArray
+from geovp_classic.types import BoolArray, ByteArray
 
 
 @dataclass(frozen=True)
 class FrameScreening:
     """Detection of frames without information; thresholds are in grey values of 0..255."""
 
-    min_contrast: float = 4.0  # standard deviation; a frame with less is blank
-    max_duplicate_difference: float = (
-        0.3  # mean difference; noise and video coding exceed it
-    )
-    min_motion_difference: float = (
-        3.0  # of a moving camera; no change after it is a fault
-    )
-    min_cut_change: float = (
-        1.25  # times the median change of the clip, at a cut
-    )
-    max_cut_tracked_fraction: float = (
-        0.2  # of the corners; in streets at least half are tracked
-    )
-    cut_height_px: int = 96  # of the small images in which a cut is looked for
-    cut_num_corners: tuple[int, int] = (15, 80)  # fewest and most corners there
-    cut_window_px: int = 11  # of Lucas-Kanade there
+    # Standard deviation; a frame with less is blank.
+    min_contrast: float = 4.0
+    # Mean difference; noise and video coding exceed it.
+    max_duplicate_difference: float = 0.3
+    # Mean difference of a moving camera; no change after it is a fault.
+    min_motion_difference: float = 3.0
+    # Change at a cut, over the median change of the clip.
+    min_cut_change: float = 1.25
+    # Of the corners, across a cut; in streets at least half are tracked.
+    max_cut_tracked_fraction: float = 0.2
+    cut_height_px: int = 96  # of the images in which cuts are detected
+    min_cut_corners: int = 15  # with fewer there is no evidence of a cut
+    max_cut_corners: int = 80
+    cut_window_px: int = 11  # of Lucas-Kanade
 
     def usable(
         self,
         greys: ByteArray,  # [P, H, W]
     ) -> BoolArray:
         """Return which frames [P] carry information; all of them if fewer than two do."""
-        usable = np.array(
-            [
-                cv2.meanStdDev(grey)[1].item() > self.min_contrast
-                for grey in greys
-            ]
-        )
+        contrast = np.array([grey.std() for grey in greys])
+        usable = contrast > self.min_contrast
         previous_change = 0.0
         for before, now in itertools.pairwise(np.flatnonzero(usable)):
             change = _difference(greys[before], greys[now])
-            is_duplicate = change < self.max_duplicate_difference
-            usable[now] = not (
-                is_duplicate and previous_change >= self.min_motion_difference
-            )
-            if not is_duplicate:
+            if change >= self.max_duplicate_difference:
                 previous_change = change
+            elif previous_change >= self.min_motion_difference:
+                usable[now] = False
         steps = np.flatnonzero(usable)
-        usable[steps[: self._first_after_last_cut(greys[steps])]] = False
-        return usable if usable.sum() >= 2 else np.ones(len(greys), dtype=bool)
+        usable[steps[: self._last_cut(greys[steps])]] = False
+        return usable if usable.sum() >= 2 else np.ones(len(greys), bool)
 
-    def _first_after_last_cut(self, greys: ByteArray) -> int:
+    def _last_cut(self, greys: ByteArray) -> int:
         """Return the index of the first grey image after the last cut; 0 without a cut.
 
         At a cut no image before matches one after, which a single bad image cannot cause.
         """
-        pairs = list(itertools.pairwise(range(len(greys))))
-        changes = np.array([_difference(greys[a], greys[b]) for a, b in pairs])
-        for a, b in reversed(pairs[:-1]):
-            if changes[a] <= self.min_cut_change * np.median(changes):
-                continue
-            across = [(a, b), (a, b + 1), (max(a - 1, 0), b)]
-            tracked = (
-                self._tracked_fraction(greys[i], greys[j]) for i, j in across
+        if len(greys) < 3:
+            return 0
+        pairs = itertools.pairwise(greys)
+        changes = np.array([_difference(*pair) for pair in pairs])
+        is_large = changes > self.min_cut_change * np.median(changes)
+        for before in np.flatnonzero(is_large[:-1])[::-1]:
+            now = before + 1
+            across = (
+                (before, now),
+                (before, now + 1),
+                (max(before - 1, 0), now),
             )
-            if all(
-                fraction < self.max_cut_tracked_fraction for fraction in tracked
-            ):
-                return b
+            if not any(self._match(greys[i], greys[j]) for i, j in across):
+                return int(now)
         return 0
 
-    def _tracked_fraction(
-        self, before_grey: ByteArray, now_grey: ByteArray
-    ) -> float:
-        """Return the fraction of corners tracked there and back; 1 if there are too few."""
-        min_corners, max_corners = self.cut_num_corners
-        before = self._normalised(before_grey)
-        now = self._normalised(now_grey)
-        corners = cv2.goodFeaturesToTrack(before, max_corners, 0.01, 5)
-        if corners is None or len(corners) < min_corners:
-            return 1.0
+    def _match(self, before: ByteArray, now: ByteArray) -> bool:
+        """Return whether corners can be tracked between two images and back."""
+        images = self._normalised(before), self._normalised(now)
+        corners = cv2.goodFeaturesToTrack(
+            images[0], self.max_cut_corners, 0.01, 5
+        )
+        if corners is None or len(corners) < self.min_cut_corners:
+            return True
         pixels = np.asarray(corners.reshape(-1, 2), np.float32)
-        return track_points((before, now), pixels, pixels, self.cut_window_px)[
-            1
-        ].mean()
+        _, is_tracked, _ = track_points(
+            images, pixels, pixels, self.cut_window_px
+        )
+        return bool(is_tracked.mean() >= self.max_cut_tracked_fraction)
 
     def _normalised(self, grey: ByteArray) -> ByteArray:
-        """Return a small image of fixed mean and contrast, independent of exposure."""
-        size_px = (
-            round(grey.shape[1] * self.cut_height_px / len(grey)),
-            self.cut_height_px,
-        )
+        """Return a small image of fixed contrast, independent of exposure."""
+        width_px = round(grey.shape[1] * self.cut_height_px / len(grey))
         small = cv2.resize(
-            grey.astype(np.float32), size_px, interpolation=cv2.INTER_AREA
+            grey, (width_px, self.cut_height_px), interpolation=cv2.INTER_AREA
         )
-        normalised = (small - small.mean()) / max(small.std(), 1e-3)
-        return np.clip(128 + 48 * normalised, 0, 255).astype(np.uint8)
+        return np.asarray(cv2.equalizeHist(small), np.uint8)
 
 
 def _difference(before: ByteArray, now: ByteArray) -> float:
     """Return the mean absolute difference of two grey images."""
     return cv2.norm(before, now, cv2.NORM_L1) / before.size
-
-
-def bridged(
-    world_from_cam: FloatArray,  # [P, 4, 4]
-    times_s: FloatArray,  # [P]
-    is_valid: BoolArray,  # [P]
-) -> FloatArray:
-    """Interpolate invalid poses at constant twist; return them unchanged with fewer than two valid.
-
-    Poses before the first or after the last valid one are extrapolated.
-    """
-    steps = np.flatnonzero(is_valid)
-    if len(steps) < 2:
-        return world_from_cam
-    poses = se3.interpolate(world_from_cam[steps], times_s[steps], times_s)
-    return np.where(is_valid[:, None, None], world_from_cam, poses)

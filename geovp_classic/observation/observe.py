@@ -1,21 +1,19 @@
 """Observation of a clip: screening, scene mask and grey images, computed once per stream."""
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
 
-from geovp_classic.errors import Incompatible
+from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import pinhole
-from geovp_classic.observation.followed_vehicle import (
-    FollowedVehicle,
-    FollowedVehicleDetector,
-)
 from geovp_classic.observation.frame_screening import FrameScreening
 from geovp_classic.observation.scene_mask import (
     SceneMasking,
     Window,
+    read_mask,
     scene_window,
 )
 from geovp_classic.types import (
@@ -23,7 +21,6 @@ from geovp_classic.types import (
     ByteArray,
     Context,
     ExtraView,
-    FloatArray,
     Intrinsics,
     Observations,
     PrivilegedInput,
@@ -40,19 +37,11 @@ class Observed:
     context: Context  # with observations
     mask: BoolArray  # [H, W], non-scene pixels of the crop
     full_mask: BoolArray | None  # [H', W'], the same of the uncropped frames
-    vehicle: FollowedVehicle | None  # within the scene window of the crop
     original: Context  # as it was given
 
     def only(self, needs: PrivilegedInput) -> Context:
         """Return the observed context with the given privileged inputs alone."""
         return self.context.only(needs)
-
-    def hidden_mask(self, needs: PrivilegedInput) -> BoolArray:
-        """Return the pixels [H, W] of the last frame with the ego or a followed vehicle or bars."""
-        mask = self.crop_mask(needs).copy()
-        if self.vehicle is not None:
-            mask[scene_window(self.mask)] |= self.vehicle.mask
-        return mask
 
     def crop_mask(self, needs: PrivilegedInput) -> BoolArray:
         """Return the non-scene pixels [H, W] of the crop.
@@ -60,14 +49,13 @@ class Observed:
         Uncropped frames, where they are a privileged input, may show an ego vehicle that the crop
         does not.
         """
-        full = (
-            self.original.full if PrivilegedInput.FULL_FRAMES in needs else None
-        )
-        if self.mask.any() or self.full_mask is None or full is None:
+        full = self.original.full
+        if PrivilegedInput.FULL_FRAMES not in needs or self.mask.any():
             return self.mask
-        return (
-            _warped(self.full_mask, full.intrinsics, self.original.intrinsics)
-            > 0
+        if full is None or self.full_mask is None:
+            return self.mask
+        return _warped(
+            self.full_mask, full.intrinsics, self.original.intrinsics
         )
 
 
@@ -77,71 +65,64 @@ class Observer:
 
     screening: FrameScreening = field(default_factory=FrameScreening)
     masking: SceneMasking = field(default_factory=SceneMasking)
-    followed_vehicle: FollowedVehicleDetector = field(
-        default_factory=FollowedVehicleDetector
-    )
-    max_full_scale: float = (
-        1.5  # resolution of uncropped frames over that of the crop
-    )
-    inpaint_radius_px: float = (
-        3.0  # of the pixels of a followed vehicle (Telea 2004)
-    )
+    # Image file, nonzero where no scene is shown, in addition to what is detected. It is of the
+    # uncropped frames if the clip has them, else of the frames, in any size.
+    mask: Path | None = None
+    # Of the height and the width that the mask must leave free.
+    min_scene_fraction: float = 0.25
+    # Resolution of uncropped frames over that of the crop.
+    max_full_scale: float = 1.5
 
     def observe(self, context: Context) -> Observed:
         """Return the context reduced to the scene, with observations of its streams.
 
         Observations of the crop depend on the crop alone, so that no component sees more than its
-        own privileged inputs.
+        own privileged inputs. Raise BadData for an unsuitable mask of the user.
         """
+        full = context.full
         greys = _greys(context.frames)
-        mask, is_usable = self.scene(context.frames, greys)
-        window = scene_window(mask)
-        greys = greys[:, *window]
-        frames = context.frames[:, *window]
+        mask, is_usable = self.scene(greys)
+        full_mask, full_usable = None, is_usable
+        if full is not None:
+            full_mask, full_usable = self.scene(_greys(full.frames))
+        if self.mask is not None:
+            whole = (full or context).intrinsics
+            drawn = read_mask(self.mask, whole.height_px, whole.width_px)
+            mask |= _warped(drawn, whole, context.intrinsics)
+            full_mask = None if full_mask is None else full_mask | drawn
+
+        window = self._window(mask)
+        camera = _windowed(context.intrinsics, window)
+        observations = Observations(
+            context.frames[:, *window], greys[:, *window], is_usable, camera
+        )
+        depths = context.past_depths
         future_frames, future_full = context.future_frames, context.future_full
         if future_frames is not None:
             future_frames = future_frames[:, *window]
-        camera = _windowed(context.intrinsics, window)
-        vehicle = self.followed_vehicle.detect(greys)
-        full, full_mask, full_usable = context.full, None, None
-        if full is not None:
-            full_mask, full_usable = self.scene(
-                full.frames, _greys(full.frames)
-            )
-            full_window = scene_window(full_mask)
+        reduced = replace(
+            context,
+            frames=observations.frames,
+            intrinsics=camera,
+            past_depths=None if depths is None else depths[:, *window],
+            future_frames=future_frames,
+            observations=observations,
+        )
+        if full is not None and full_mask is not None:
+            full_window = self._window(full_mask)
             full = _windowed_view(full, full_window)
             if future_full is not None:
                 future_full = _windowed_view(future_full, full_window)
-        if vehicle is not None:
-            masks = _vehicle_masks(vehicle, context)
-            frames = self._inpainted(frames, masks)
-            greys = _greys(frames)
-            if full is not None:
-                warped = [
-                    _warped(mask, camera, full.intrinsics) for mask in masks
-                ]
-                full = replace(
-                    full, frames=self._inpainted(full.frames, warped)
-                )
-        observations = Observations(frames, greys, is_usable, camera)
-        reduced = replace(
-            context,
-            frames=frames,
-            intrinsics=camera,
-            past_depths=None
-            if context.past_depths is None
-            else context.past_depths[:, *window],
-            full=full,
-            future_frames=future_frames,
-            future_full=future_full,
-            observations=observations,
-        )
-        if full is not None and full_usable is not None:
             full_observations = self._full_observations(
                 full, camera, full_usable
             )
-            reduced = replace(reduced, full_observations=full_observations)
-        return Observed(reduced, mask, full_mask, vehicle, context)
+            reduced = replace(
+                reduced,
+                full=full,
+                future_full=future_full,
+                full_observations=full_observations,
+            )
+        return Observed(reduced, mask, full_mask, context)
 
     def stream(self, context: Context, frames: Stream) -> Observations:
         """Return the observations of one image stream: those of the context, or computed now.
@@ -207,18 +188,28 @@ class Observer:
         return recent.observed(steps), past[steps]
 
     def scene(
-        self, frames: ByteArray, greys: ByteArray
+        self,
+        greys: ByteArray,  # [P, H, W]
     ) -> tuple[BoolArray, BoolArray]:
-        """Return the mask [H, W] of non-scene pixels, and which frames [P] are usable.
-
-        Frames are [P, H, W, C], grey images [P, H, W].
-        """
-        content = self.masking.content_window(frames)
-        greys = greys[:, *content]
-        is_usable = self.screening.usable(np.ascontiguousarray(greys))
-        mask = np.ones(frames.shape[1:3], bool)
-        mask[content] = self.masking.ego_vehicle(greys[is_usable])
+        """Return the detected mask [H, W] of non-scene pixels, and which frames [P] are usable."""
+        content = self.masking.content_window(greys)
+        inside = np.ascontiguousarray(greys[:, *content])
+        is_usable = self.screening.usable(inside)
+        mask = np.ones(greys.shape[1:], bool)
+        mask[content] = self.masking.ego_vehicle(inside[is_usable])
         return mask, is_usable
+
+    def _window(self, mask: BoolArray) -> Window:
+        """Return the rows and columns of the scene; raise BadData if a drawn mask hides them."""
+        rows, columns = scene_window(mask)
+        height, width = mask[rows, columns].shape
+        min_height, min_width = self.min_scene_fraction * np.array(mask.shape)
+        if height < min_height or width < min_width:
+            raise BadData(
+                f"mask {self.mask} leaves {width}x{height} of {mask.shape[1]}x{mask.shape[0]} "
+                "pixels: give one that leaves a quarter of the height and the width"
+            )
+        return rows, columns
 
     def _full_observations(
         self, full: ExtraView, crop: Intrinsics, is_usable: BoolArray
@@ -241,19 +232,6 @@ class Observer:
         camera = native.resized(width_px, height_px)
         return Observations(frames, _greys(frames), is_usable, camera)
 
-    def _inpainted(
-        self, frames: ByteArray, masks: list[ByteArray]
-    ) -> ByteArray:
-        """Return frames [P, H, W, 3] with masked pixels inpainted from around them."""
-        radius_px = self.inpaint_radius_px
-        pairs = zip(frames, masks, strict=True)
-        return np.stack(
-            [
-                cv2.inpaint(np.array(f), mask, radius_px, cv2.INPAINT_TELEA)
-                for f, mask in pairs
-            ]
-        )
-
 
 def stream(context: Context, frames: Stream) -> Observations:
     """Return the observations of one image stream of a context; see `Observer.stream`."""
@@ -267,7 +245,7 @@ def future_greys(context: Context, frames: Stream) -> ByteArray:
 
 def scene_window_of(greys: ByteArray) -> Window:
     """Return the rows and columns of grey images [P, H, W] that show the scene."""
-    return scene_window(Observer().scene(greys[..., None], greys)[0])
+    return scene_window(Observer().scene(greys)[0])
 
 
 def recent(
@@ -279,23 +257,6 @@ def recent(
 
 def _greys(frames: ByteArray) -> ByteArray:
     return np.stack([pinhole.grey8(frame) for frame in frames])
-
-
-def _vehicle_masks(
-    vehicle: FollowedVehicle, context: Context
-) -> list[ByteArray]:
-    """Return the followed vehicle's mask [H, W] in each observed frame."""
-    past_s = context.times_s[: context.num_past]
-    fractions = back_fractions(past_s, past_s[0], past_s[-1])
-    mask = vehicle.mask.astype(np.uint8)
-    return [vehicle.moved(mask, fraction) for fraction in fractions]
-
-
-def back_fractions(
-    times_s: FloatArray, first_s: float, last_s: float
-) -> FloatArray:
-    """Return fractions [F] of the way from the last observed time back to the first."""
-    return (last_s - times_s) / (last_s - first_s)
 
 
 def _windowed(camera: Intrinsics, window: Window) -> Intrinsics:
@@ -312,15 +273,15 @@ def _windowed_view(view: ExtraView, window: Window) -> ExtraView:
 
 
 def _warped(
-    mask: BoolArray | ByteArray, camera: Intrinsics, other: Intrinsics
-) -> ByteArray:
+    mask: BoolArray, camera: Intrinsics, other: Intrinsics
+) -> BoolArray:
     """Return a camera's mask [H, W] as another camera at the same place sees it."""
     other_from_this = other.matrix @ np.linalg.inv(camera.matrix)
     size_px = (other.width_px, other.height_px)
-    image = mask.astype(np.uint8)
-    return np.asarray(
-        cv2.warpAffine(
-            image, other_from_this[:2], size_px, flags=cv2.INTER_NEAREST
-        ),
-        np.uint8,
+    warped = cv2.warpAffine(
+        mask.astype(np.uint8),
+        other_from_this[:2],
+        size_px,
+        flags=cv2.INTER_NEAREST,
     )
+    return np.asarray(warped > 0)

@@ -1,15 +1,17 @@
-"""Mask of non-scene pixels: letterbox bars and the ego vehicle.
+"""Mask of non-scene pixels: letterbox bars, the ego vehicle, and a mask drawn by the user.
 
 Parts of the ego vehicle, such as the hood, stay in place below a lasting edge while the rest of the
 image moves. To a reconstruction they are a surface that moves with the camera.
 """
 
-import itertools
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from geovp_classic import files
+from geovp_classic.errors import BadData
 from geovp_classic.types import BoolArray, ByteArray
 
 Window = tuple[slice, slice]  # rows and columns
@@ -20,45 +22,36 @@ class SceneMasking:
     """Detection of letterbox bars and the ego vehicle; grey values are 0..255."""
 
     max_bar_grey: float = 20.0  # brightest pixel of a bar
-    max_bar_brightness_fraction: float = (
-        0.1  # of the image's; dark footage is not letterboxing
-    )
+    # Of a bar, over that of the image; dark footage is not letterboxing.
+    max_bar_brightness_fraction: float = 0.1
     max_lit_fraction: float = 0.02  # of a bar's line that may be brighter
-    min_content_fraction: float = (
-        0.5  # of the height and the width, between bars
-    )
+    # Of the height and the width, between bars.
+    min_content_fraction: float = 0.5
     bar_border_px: int = 2  # blended with the bars by video coding
     min_frames: int = 3  # fewer frames show no ego vehicle
     min_rows: int = 64  # nor do smaller images
-    max_still_deviation: float = (
-        3.0  # standard deviation of a pixel in place, over the frames
-    )
-    min_motion_difference: float = (
-        3.0  # mean change of the scene from the first to the last frame
-    )
+    # Standard deviation of a pixel of the ego vehicle over the frames.
+    max_still_deviation: float = 3.0
+    # Mean change of the scene from the first to the last frame.
+    min_motion_difference: float = 3.0
     max_vehicle_height_fraction: float = 0.4  # of the image
     min_vehicle_width_fraction: float = 0.6  # of the lowest row
     min_edge: float = 12.0  # grey values across the vehicle's border
-    min_edge_frames_fraction: float = (
-        0.75  # a shadow's border passes this test in single frames
-    )
+    # Of the frames with that edge; a shadow has one in single frames.
+    min_edge_frames_fraction: float = 0.75
     edge_margin_px: int = 3  # to both sides of the border
-    max_arc_distance_fraction: float = (
-        0.03  # of the height: farther above the arc is road
-    )
-    arc_num_columns: int = 12  # through which candidate arcs are laid
-    max_leak_fraction: float = (
-        1 / 3
-    )  # of the columns that leak into the road above the arc
+    # The border rises by at most this fraction of the height above its
+    # quantile; what rises more is smooth road.
+    max_rise_fraction: float = 0.03
+    rise_quantile: float = 1 / 3
 
     def content_window(
         self,
-        frames: ByteArray,  # [P, H, W, 3]
+        greys: ByteArray,  # [P, H, W]
     ) -> Window:
         """Return the rows and columns between letterbox bars."""
-        rows = self._content_lines(frames)
-        columns = self._content_lines(frames.swapaxes(1, 2))
-        return rows, columns
+        brightest = greys.max(axis=0)
+        return self._content_lines(brightest), self._content_lines(brightest.T)
 
     def ego_vehicle(
         self,
@@ -66,63 +59,60 @@ class SceneMasking:
     ) -> BoolArray:
         """Return the mask [H, W] of what stays in place at the bottom while the rest moves."""
         nothing = np.zeros(greys.shape[1:], bool)
-        if len(greys) < self.min_frames or greys.shape[1] < self.min_rows:
-            return nothing
+        height = len(nothing)
         margin_px = self.edge_margin_px
-        bottom = greys[:, -margin_px:].astype(np.float32).mean(axis=1)
-        if (
-            bottom.std(axis=0) < self.max_still_deviation
-        ).mean() < self.min_vehicle_width_fraction:
+        if len(greys) < self.min_frames or height < self.min_rows:
             return nothing
-        first = (
-            round(greys.shape[1] * (1 - self.max_vehicle_height_fraction))
-            - 2 * margin_px
-        )
-        grey = greys[:, first:].astype(np.float32)
-        still = (grey.std(axis=0) < self.max_still_deviation).astype(np.uint8)
-        closed = cv2.morphologyEx(still, cv2.MORPH_CLOSE, np.ones((5, 5)))
-        labels = cv2.connectedComponents(closed)[1]
-        label = np.bincount(labels[-1]).argmax()
-        mask = nothing.copy()
-        mask[first:] = labels == label
-        mask &= ~self._leaks(mask)
-        top = top_row(mask)
-        mask[:top] = False
-        is_narrow = mask[-1].mean() < self.min_vehicle_width_fraction
-        if label == 0 or is_narrow or top <= first + margin_px:
+        bottom = greys[:, -margin_px:].mean(axis=1)
+        is_still = bottom.std(axis=0) < self.max_still_deviation
+        if is_still.mean() < self.min_vehicle_width_fraction:
             return nothing
-        has_vehicle = mask.any(axis=0)
-        tops = mask.argmax(axis=0)
-        mask |= (np.arange(len(mask))[:, None] >= tops) & has_vehicle
-        columns = np.flatnonzero(has_vehicle)
-        border = tops[has_vehicle] - first
-        above = grey[:, border - margin_px, columns]
-        below = grey[:, np.minimum(border + margin_px, len(still) - 1), columns]
+
+        mask = self._still_region(greys.astype(np.float32))
+        columns = np.flatnonzero(mask.any(axis=0))
+        if mask[-1].mean() < self.min_vehicle_width_fraction:
+            return nothing
+        border = mask.argmax(axis=0)[columns]
+        if border.min() <= margin_px:
+            return nothing
+        lowest = np.minimum(border + margin_px, height - 1)
+        above = greys[:, border - margin_px, columns].astype(np.float32)
+        below = greys[:, lowest, columns].astype(np.float32)
         edges = np.median(np.abs(above - below), axis=1)  # of each frame
         edge = np.quantile(edges, 1 - self.min_edge_frames_fraction)
-        motion = np.abs(grey[-1] - grey[0])[~mask[first:]].mean()
+        motion = cv2.absdiff(greys[-1], greys[0])[~mask].mean()
         is_vehicle = (
             edge >= self.min_edge and motion >= self.min_motion_difference
         )
         return mask if is_vehicle else nothing
 
-    def _content_lines(self, frames: ByteArray) -> slice:
-        """Return the rows between bars at the top and the bottom."""
-        num_lines = frames.shape[1]
-        ends = [
-            (frames[:, end] > self.max_bar_grey).any(axis=(0, 2)).mean()
-            for end in (0, -1)
-        ]
-        if min(ends) > self.max_lit_fraction:
-            return slice(0, num_lines)
-        brightest = frames.max(axis=(0, 3))
-        brightness = np.quantile(brightest, 0.95)
+    def _still_region(self, greys: ByteArray) -> BoolArray:
+        """Return the mask [H, W] of the still region at the bottom, without holes."""
+        height = greys.shape[1]
+        first = round(height * (1 - self.max_vehicle_height_fraction))
+        still = np.zeros(greys.shape[1:], np.uint8)
+        still[first:] = greys[:, first:].std(axis=0) < self.max_still_deviation
+        closed = cv2.morphologyEx(still, cv2.MORPH_CLOSE, np.ones((5, 5)))
+        labels = cv2.connectedComponents(closed)[1]
+        region = labels == np.bincount(labels[-1]).argmax()
+        region &= closed > 0
+        columns = np.flatnonzero(region.any(axis=0))
+        if len(columns) == 0:
+            return region
+        tops = np.where(region.any(axis=0), region.argmax(axis=0), height)
+        highest = np.quantile(tops[columns], self.rise_quantile)
+        tops = np.maximum(tops, highest - self.max_rise_fraction * height)
+        return np.asarray(np.arange(height)[:, None] >= tops)
+
+    def _content_lines(self, brightest: ByteArray) -> slice:
+        """Return the rows between bars at the top and the bottom of an image [H, W]."""
+        num_lines = len(brightest)
         black = min(
-            self.max_bar_grey, self.max_bar_brightness_fraction * brightness
+            self.max_bar_grey,
+            self.max_bar_brightness_fraction * np.quantile(brightest, 0.95),
         )
-        lit = np.flatnonzero(
-            (brightest > black).mean(axis=1) > self.max_lit_fraction
-        )
+        is_lit = (brightest > black).mean(axis=1) > self.max_lit_fraction
+        lit = np.flatnonzero(is_lit)
         if len(lit) == 0:
             return slice(0, num_lines)
         start = lit[0] + self.bar_border_px if lit[0] > 0 else 0
@@ -133,46 +123,46 @@ class SceneMasking:
             return slice(0, num_lines)
         return slice(int(start), int(stop))
 
-    def _leaks(self, mask: BoolArray) -> BoolArray:
-        """Return where a mask [H, W] leaks into texture-free road, far above the vehicle's arc.
 
-        The arc is the parabola through three columns' tops with the least truncated errors.
-        """
-        columns = np.flatnonzero(mask.any(axis=0))
-        if len(columns) < 3:
-            return np.zeros_like(mask)
-        tops = mask.argmax(axis=0)[columns].astype(float)
-        bound_px = self.max_arc_distance_fraction * len(mask)
-        samples = np.unique(
-            np.linspace(0, len(columns) - 1, self.arc_num_columns).astype(int)
+def read_mask(path: Path, height_px: int, width_px: int) -> BoolArray:
+    """Return the nonzero pixels of an image file as a mask [H, W] of that size.
+
+    Raise BadData for a file that is no image, or whose aspect ratio differs by more than 5 %.
+    """
+    data = np.frombuffer(files.read_bytes(path), np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    if image is None:
+        raise BadData(
+            f"mask {path} is not an image: give a PNG that is nonzero where no scene is shown"
         )
-        triples = np.array(list(itertools.combinations(samples, 3)))
-        powers = np.vander(columns / mask.shape[1], 3)
-        arcs = (
-            np.linalg.solve(powers[triples], tops[triples][..., None])[..., 0]
-            @ powers.T
+    height, width = image.shape
+    if abs(width * height_px / (height * width_px) - 1) > 0.05:
+        raise BadData(
+            f"mask {path} has {width}x{height} pixels, the frames {width_px}x{height_px}: give a "
+            "mask of the frames' aspect ratio"
         )
-        errors = np.minimum(np.abs(arcs - tops), bound_px).mean(axis=1)
-        arc = arcs[errors.argmin()]
-        is_leak = tops < arc - bound_px
-        limit = np.zeros(mask.shape[1])
-        if is_leak.mean() < self.max_leak_fraction:
-            limit[columns[is_leak]] = arc[is_leak]
-        return np.arange(len(mask))[:, None] < limit
+    size_px = (width_px, height_px)
+    resized = cv2.resize(image, size_px, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(resized > 0)
 
 
 def scene_window(mask: BoolArray) -> Window:
-    """Return the rows and columns of a scene mask [H, W] between the bars, down to the vehicle."""
-    rows = np.flatnonzero(~mask.all(axis=1))
-    columns = np.flatnonzero(~mask.all(axis=0))
-    across = slice(int(columns[0]), int(columns[-1]) + 1)
-    top = int(rows[0])
-    return slice(top, top + top_row(mask[top:, across])), across
+    """Return the columns and rows of a scene mask [H, W] that are nearly free of it.
+
+    Columns are masked by at most three quarters, rows between them by at most a twentieth.
+    """
+    height = len(mask)
+    columns = _longest_run(mask.sum(axis=0) <= 3 / 4 * height)
+    between = mask[:, columns]
+    rows = _longest_run(between.sum(axis=1) <= between.shape[1] / 20)
+    return rows, columns
 
 
-def top_row(mask: BoolArray) -> int:
-    """Return the top row of a mask [H, W], robust to single columns; H if it is empty."""
-    columns = mask.any(axis=0)
-    if not columns.any():
-        return len(mask)
-    return int(np.quantile(mask.argmax(axis=0)[columns], 0.05))
+def _longest_run(is_free: BoolArray) -> slice:
+    """Return the longest run of True in a mask [N]."""
+    ends = np.flatnonzero(np.diff(np.pad(is_free, 1).astype(int)))
+    starts, stops = ends[::2], ends[1::2]
+    if len(starts) == 0:
+        return slice(0, 0)
+    longest = (stops - starts).argmax()
+    return slice(int(starts[longest]), int(stops[longest]))

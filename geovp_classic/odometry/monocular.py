@@ -11,10 +11,8 @@ import numpy as np
 
 from geovp_classic.geometry import pinhole, planar, se3
 from geovp_classic.interfaces import Scale, ScaleEstimator
-from geovp_classic.observation import frame_screening, stream
+from geovp_classic.observation import stream
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.plausibility import Plausibility, longest_segment
-from geovp_classic.odometry.stationarity import Stationarity
 from geovp_classic.odometry.tracking import Image, Tracker, Tracking
 from geovp_classic.parallel import parallel_map, single_threaded_blas
 from geovp_classic.types import (
@@ -39,8 +37,6 @@ class Monocular:
     scale: Scale = field(default_factory=GroundPlane)
     frames: Literal["crop", "full"] = "crop"
     tracking: Tracking = field(default_factory=Tracking)
-    stationarity: Stationarity = field(default_factory=Stationarity)
-    plausibility: Plausibility = field(default_factory=Plausibility)
     # Images between two that the scale is measured with; the first that is long enough is used.
     # Images less than this many camera heights apart say little about the road.
     scale_strides: tuple[int, ...] = (1, 2, 4)
@@ -68,10 +64,6 @@ class Monocular:
         times_s = context.times_s[: context.num_past]
         steps = np.flatnonzero(view.is_usable)
         greys = view.greys[steps]
-        if self.stationarity.is_stationary(greys):
-            greys = np.repeat(
-                greys[-1:], len(greys), axis=0
-            )  # hides what moves in front of the street
         corners = parallel_map(self.tracking.corners.detect, greys)
         images = [
             Image(*image)
@@ -80,20 +72,7 @@ class Monocular:
 
         # Track
         path = self._track_images(images, view.intrinsics)
-        if self.plausibility.is_sideways(path.world_from_cam):
-            # Two views of a turn also fit a sharper one with a step to the side; others may not.
-            reversed_images = [
-                replace(image, time_s=-image.time_s) for image in images[::-1]
-            ]
-            backward = self._track_images(reversed_images, view.intrinsics)
-            if backward.reprojection_error < path.reprojection_error:
-                path = backward.reversed()
-
-        # Check
         is_measured = longest_segment(path.tracked, self.tracking.max_bridged)
-        is_measured &= self.plausibility.fits_acceleration(
-            path.world_from_cam, times_s[steps]
-        )
         if is_measured.sum() >= 2:
             path = path.select(is_measured)
             images = [images[index] for index in np.flatnonzero(is_measured)]
@@ -106,13 +85,11 @@ class Monocular:
         estimator.finalize(path.length, images[-1].time_s - images[0].time_s)
 
         # Bridge
-        world_from_cam: FloatArray = np.tile(np.eye(4), (len(times_s), 1, 1))
-        world_from_cam[steps] = path.world_from_cam
-        world_from_cam[:, :3, 3] *= estimator.unit
-        is_known = np.isin(np.arange(len(times_s)), steps)
-        world_from_cam = frame_screening.bridged(
-            world_from_cam, times_s, is_known
-        )
+        poses = path.world_from_cam.copy()
+        poses[:, :3, 3] *= estimator.unit
+        world_from_cam: FloatArray = np.tile(poses[:1], (len(times_s), 1, 1))
+        if len(steps) >= 2:
+            world_from_cam = se3.interpolate(poses, times_s[steps], times_s)
         tracked: BoolArray = np.zeros(len(times_s), dtype=bool)
         tracked[steps] = path.tracked
         return self._trajectory(
@@ -174,11 +151,7 @@ class Monocular:
         for image in images:
             tracker.push(image)
         tracker.map.adjust(num_fixed=1)
-        return Path(
-            *tracker.poses(),
-            tracker.map.reprojection_error(),
-            tracker.radial.mean,
-        )
+        return Path(*tracker.poses(), tracker.radial.mean)
 
     def _fit_scale(
         self,
@@ -241,7 +214,6 @@ class Path:
 
     world_from_cam: FloatArray  # [P, 4, 4]
     tracked: BoolArray  # [P]
-    reprojection_error: float  # median, in standard deviations
     radial: float  # of `Lens`
 
     @property
@@ -250,18 +222,31 @@ class Path:
         steps = np.diff(self.world_from_cam[:, :3, 3], axis=0)
         return float(np.linalg.norm(steps, axis=1).sum())
 
-    def reversed(self) -> Path:
-        """Return the path in the other direction, from its new first image."""
-        world_from_cam = (
-            se3.inverse(self.world_from_cam[-1]) @ self.world_from_cam[::-1]
-        )
-        return replace(
-            self, world_from_cam=world_from_cam, tracked=self.tracked[::-1]
-        )
-
     def select(self, mask: BoolArray) -> Path:
         """Return the path through some of the images [P]."""
         selected = self.world_from_cam[mask]
         return replace(
             self, world_from_cam=selected, tracked=self.tracked[mask]
         )
+
+
+def longest_segment(
+    tracked: BoolArray,  # [P]
+    max_bridged: int,  # images in a row, before tracking restarts
+) -> BoolArray:
+    """Return which poses [P] belong to the restart with most tracked ones.
+
+    Poses of different restarts are related by continued motion only. The image of a restart, which
+    is the last one of a gap, counts as well.
+    """
+    steps = np.flatnonzero(tracked)
+    restarts = np.flatnonzero(np.diff(steps) > max_bridged + 1) + 1
+    segments = np.split(steps, restarts)
+    segment = max(
+        reversed(segments), key=len
+    )  # the last one of equally long ones
+    is_measured: BoolArray = np.zeros(len(tracked), dtype=bool)
+    is_measured[segment] = True
+    if len(segment) and segment[0] > steps[0]:
+        is_measured[segment[0] - 1] = True
+    return is_measured

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from geovp_classic.interfaces import PoseSource, Renderer, Scene
+from geovp_classic.interfaces import PoseSource, Renderer
 from geovp_classic.observation import Observed, Observer
-from geovp_classic.rendering.masked_scene import MaskedScene
+from geovp_classic.predictors.hindcast import CheckedScene, Hindcast
 from geovp_classic.types import (
     Context,
     Motion,
@@ -27,6 +27,7 @@ class GeometricPredictor:
     pose_source: PoseSource
     renderer: Renderer
     observer: Observer = field(default_factory=Observer)
+    hindcast: Hindcast = field(default_factory=Hindcast)
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -50,18 +51,24 @@ class GeometricPredictor:
             observed.only(self.pose_source.needs), num_samples
         )
 
-    def reconstruct(self, observed: Observed, past: Trajectory) -> Scene:
-        """Reconstruct the scene, which depends on the past alone."""
+    def reconstruct(self, observed: Observed, past: Trajectory) -> CheckedScene:
+        """Reconstruct the scene, which depends on the past alone, and hindcast the past."""
         needs = self.renderer.needs
-        scene = self.renderer.reconstruct(observed.only(needs), past)
-        mask = observed.crop_mask(needs)
-        if not mask.any() and observed.vehicle is None:
-            return scene
-        original = observed.original.only(needs)
-        return MaskedScene(scene, original, mask, observed.vehicle)
+        context = observed.only(needs)
+        scene = self.renderer.reconstruct(context, past)
+        error_ratio = self.hindcast.error_ratio(scene, context, past)
+        return CheckedScene(
+            scene,
+            error_ratio,
+            error_ratio <= self.hindcast.max_error_ratio,
+            observed.original.frames[-1],
+            observed.crop_mask(needs),
+            past.world_from_cam[-1],
+            observed.original.intrinsics,
+        )
 
 
-def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
+def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
     """Render the scene from all sampled futures of the motion, at the future times."""
     times_s = context.times_s[context.num_past :]
     samples = [
@@ -70,4 +77,8 @@ def show(scene: Scene, motion: Motion, context: Context) -> Prediction:
     ]
     frames = np.stack([views.frames for views in samples])
     covered = np.stack([views.covered for views in samples])
-    return Prediction(frames, covered, motion)
+    num_frames = len(motion.tracked) + np.arange(1, len(times_s) + 1)
+    tracked_fraction = motion.tracked.sum() / num_frames
+    agreement = max(0.0, 1 - scene.error_ratio)
+    confidence = covered.mean(axis=(2, 3)) * tracked_fraction * agreement
+    return Prediction(frames, covered, motion, confidence)

@@ -3,8 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
 from geovp_classic.depth.multiview import Multiview
 from geovp_classic.errors import BadData
 from geovp_classic.inpainters.detail_transfer import DetailTransfer
@@ -22,7 +20,6 @@ from geovp_classic.rendering.exposure import (
 )
 from geovp_classic.rendering.patches import PatchModel
 from geovp_classic.rendering.source import Source
-from geovp_classic.rendering.stationary import StationaryScene
 from geovp_classic.types import Context, FloatArray, PrivilegedInput, Trajectory
 
 
@@ -104,14 +101,6 @@ class DepthFusion:
             self.detail,
             self.crack_px,
         )
-        if self.frames == "full":
-            step = np.abs(context.times_s[: context.num_past] - last_s).argmin()
-            last = Source(
-                context.frames[step],
-                context.intrinsics,
-                past.world_from_cam[-1],
-            )
-            scene = StationaryScene(scene, last, float(np.max(depths[-1])))
         if self.exposure is not None:
             is_whole = self.frames == "full"
             scene = ExposedScene(

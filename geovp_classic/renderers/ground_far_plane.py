@@ -17,7 +17,6 @@ from geovp_classic.observation import recent
 from geovp_classic.rendering import patches
 from geovp_classic.rendering.inpainting import inpainted_views
 from geovp_classic.rendering.source import Source, resampled, warp
-from geovp_classic.rendering.stationary import StationaryScene
 from geovp_classic.types import (
     BoolArray,
     ByteArray,
@@ -50,7 +49,7 @@ class GroundFarPlane:
 
     def reconstruct(
         self, context: Context, past: Trajectory
-    ) -> StationaryScene:
+    ) -> "GroundFarScene":
         """Return the two planes; raise Incompatible without a camera height or metric poses."""
         context, past = recent(context, past, "crop", len(past))
         if context.camera_height_m is None:
@@ -68,12 +67,9 @@ class GroundFarPlane:
         last = Source(
             context.frames[-1], context.intrinsics, past.world_from_cam[-1]
         )
-        scene = GroundFarScene(
+        return GroundFarScene(
             last, normal_last, context.camera_height_m, self.inpainter
         )
-        below_horizon = pinhole.rays(context.intrinsics) @ normal_last
-        max_inverse_depth = float(below_horizon.max()) / context.camera_height_m
-        return StationaryScene(scene, last, max_inverse_depth)
 
     @property
     def _roll_rad(self) -> float:

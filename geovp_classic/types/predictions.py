@@ -37,6 +37,8 @@ class Prediction(ShortRepr):
     frames: ByteArray  # [S, F, H, W, 3]
     covered: BoolArray | None = None  # [S, F, H, W]
     motion: Motion | None = None
+    # [S, F], in [0, 1]; it ranks frames by their expected quality and is not a probability
+    confidence: FloatArray | None = None
 
     def __post_init__(self) -> None:
         shape = self.frames.shape[:-1]
@@ -46,17 +48,4 @@ class Prediction(ShortRepr):
             )
         store_checked(self, "frames", np.uint8, (*shape, 3))
         store_checked(self, "covered", bool, shape)
-
-    @property
-    def confidence(self) -> FloatArray | None:
-        """Return the evidence for each frame [S, F], in [0, 1]; None without coverage or motion.
-
-        It is the fraction of covered pixels, times the number of tracked past frames, divided by
-        the number of frames up to the step, P + k. It ranks frames and is not a probability.
-        """
-        if self.covered is None or self.motion is None:
-            return None
-        tracked = self.motion.tracked
-        num_frames = len(tracked) + np.arange(1, self.covered.shape[1] + 1)
-        covered_fraction = self.covered.mean(axis=(2, 3))
-        return covered_fraction * tracked.sum() / num_frames
+        store_checked(self, "confidence", np.float64, shape[:2])

@@ -254,7 +254,7 @@ def test_the_json_says_where_everything_came_from(written: Path) -> None:
     assert about["code"] == code_hash([street])  # all of its components are of this package
     assert (about["tracked_frames"], about["is_metric"]) == (8, True)
     assert 0 < about["scale_uncertainty"] < 0.1  # the road was found
-    assert about["photometric_residual"] < 0.5
+    assert about["hindcast_error_ratio"] < 0.5
     predicted = cv2.imread(str(written / "frames" / "000008.png")).astype(float)
     real = cv2.resize(street.clip().frames[8][..., ::-1], (96, 96), interpolation=cv2.INTER_AREA)
     psnr = 10 * np.log10(255**2 / np.mean((predicted - real) ** 2))
@@ -337,7 +337,7 @@ def test_a_row_of_a_matrix(images: Path, tmp_path: Path, refused: Says) -> None:
 
 
 def test_samples_get_folders_of_their_own(images: Path, tmp_path: Path) -> None:
-    given = predict(images, "--past 8 --future 2 --size 64")
+    given = predict(images, "--past 8 --future 2 --size 96")
     source = '{ name = "chained", odometry = { name = "monocular", scale = "unit-speed" }, forecaster = "motion-prior" }'
     more = ["--samples", "3", "--pose-source", source, "--out", str(tmp_path / "out")]
     assert cli.main([*given, *more]) == 0

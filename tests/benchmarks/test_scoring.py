@@ -196,7 +196,8 @@ def halves(samples: int, sideways_m: Sequence[float] | None = None) -> Predictio
     futures = np.tile(own_from_world, (len(sideways_m), FUTURE, 1, 1))
     futures[..., :3, 3] += np.multiply.outer(sideways_m, own_from_world[:3, 0])[:, None]
     past = Trajectory(np.tile(own_from_world, (PAST, 1, 1)), 0.1 * np.arange(PAST), is_metric=True)
-    return Prediction(frames, covered, Motion(past, futures, np.array([True, False, True])))
+    motion = Motion(past, futures, np.array([True, False, True]))
+    return Prediction(frames, covered, motion, np.tile([0.5, 0.25], (samples, 1)))
 
 
 @pytest.mark.parametrize("metric", [Brightness(), Masked()])
@@ -247,9 +248,7 @@ def test_every_sample_has_its_future_or_all_share_one(
     rows = score(ScoringContext(standing(), PAST), halves(3, sideways_m), metrics)
     for sample, distance_m in enumerate(expected):
         np.testing.assert_allclose(values(rows, "off", sample), [distance_m] * FUTURE, atol=1e-12)
-        # half of the pixels, or none; two of three past frames tracked, four or five frames until
-        # there
-        np.testing.assert_allclose(values(rows, "confidence", sample), [0.5 * 2 / 4, 0.0])
+        np.testing.assert_array_equal(values(rows, "confidence", sample), [0.5, 0.25])
 
 
 @pytest.mark.parametrize("shape", [(1, 64, 64), (3, 64, 64), (2, 32, 64), (2, 64, 128)])

@@ -153,17 +153,8 @@ def test_outputs_have_the_expected_shapes_and_types() -> None:
         Prediction(frames)
     with pytest.raises(BadData, match="covered"):
         Prediction(frames[None], covered)
-
-
-def test_confidence_is_the_fraction_of_covered_pixels_times_that_of_tracked_frames() -> None:
-    covered = np.ones((2, 3, 4, 4), bool)
-    covered[1, 2, :, 0] = False  # a quarter of the second sample's third frame
-    tracked = np.array([True, True, False, True])
-    motion = Motion(trajectory(4), np.tile(IDENTITY, (1, 3, 1, 1)), tracked)
-    frames = np.zeros((2, 3, 4, 4, 3), np.uint8)
-    confidence = Prediction(frames, covered, motion).confidence
-    np.testing.assert_allclose(confidence, [[3 / 5, 3 / 6, 3 / 7], [3 / 5, 3 / 6, 0.75 * 3 / 7]])
-    assert Prediction(frames).confidence is Prediction(frames, covered).confidence is None
+    with pytest.raises(BadData, match="confidence"):
+        Prediction(frames[None], confidence=np.ones(len(frames)))
 
 
 def test_reprs_show_shapes() -> None:

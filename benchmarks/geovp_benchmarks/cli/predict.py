@@ -81,6 +81,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="use the whole images, not only their middle",
     )
+    parser.add_argument(
+        "--mask",
+        type=Path,
+        metavar="FILE",
+        help="image that is nonzero where the video shows no scene, such as the hood; in any size",
+    )
     spec = "as in a matrix: a name, or a table '{ name = ..., ... }'"
     for name, role in (
         ("--pose-source", "pose_sources"),

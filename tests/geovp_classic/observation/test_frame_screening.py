@@ -7,7 +7,7 @@ import pytest
 from geovp_classic.data.synthetic.dataset import Synthetic
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.observation import recent
-from geovp_classic.observation.frame_screening import FrameScreening, bridged
+from geovp_classic.observation.frame_screening import FrameScreening
 from geovp_classic.types import BoolArray, ByteArray, Context, Intrinsics, Trajectory
 
 
@@ -66,14 +66,6 @@ def test_context_and_past_lose_the_same_steps(film: ByteArray) -> None:
     np.testing.assert_array_equal(context.past.world_from_cam, poses[[0, 1, 3, 4, 5, 6, 7]])
 
 
-def test_bridges_follow_the_screw_motion_between_and_beyond() -> None:
-    poses = se3.exp(np.arange(6.0)[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
-    known = np.array([False, True, False, True, True, False])
-    broken = np.where(known[:, None, None], poses, np.eye(4))
-    np.testing.assert_allclose(bridged(broken, np.arange(6.0), known), poses, atol=1e-12)
-    np.testing.assert_array_equal(bridged(broken, np.arange(6.0), known & False), broken)
-
-
 @pytest.mark.parametrize(("apart", "is_usable"), [(7, False), (8, False), (9, True)])
 def test_a_frame_is_blank_below_a_contrast_of_four_grey_values(
     apart: int, is_usable: bool, film: ByteArray
@@ -109,17 +101,6 @@ def test_two_frames_are_enough(film: ByteArray) -> None:
     assert np.flatnonzero(usable(film)).tolist() == [1, 7]
     film[7] = 0
     assert usable(film).all()
-
-
-def test_poses_are_interpolated_by_time() -> None:
-    times_s = np.array([0.0, 1.0, 4.0, 5.0])
-    poses = se3.exp(times_s[:, None] * [0.1, 0, 1.0, 0, 0.2, 0])
-    known = np.array([True, False, False, True])
-    np.testing.assert_allclose(
-        bridged(np.where(known[:, None, None], poses, 0), times_s, known), poses, atol=1e-12
-    )
-    alone = np.array([False, True, False, False])
-    np.testing.assert_array_equal(bridged(poses, times_s, alone), poses)
 
 
 @pytest.fixture(scope="module")

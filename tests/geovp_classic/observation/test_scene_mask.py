@@ -1,17 +1,21 @@
 """The scene mask: letterbox bars and the ego vehicle, detected, hidden from components, and shown."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from geovp_classic.data.synthetic.dataset import Synthetic
+from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
 from geovp_classic.observation import Observer
-from geovp_classic.observation.scene_mask import SceneMasking, scene_window, top_row
+from geovp_classic.observation.scene_mask import SceneMasking, scene_window
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.renderers.ground_far_plane import GroundFarPlane
 from geovp_classic.types import (
     BoolArray,
@@ -34,11 +38,15 @@ def greys_of(frames: ByteArray) -> ByteArray:
 
 
 def scene_mask(frames: ByteArray) -> BoolArray:
-    return Observer().scene(frames, greys_of(frames))[0]
+    return Observer().scene(greys_of(frames))[0]
 
 
 def vehicle_mask(frames: ByteArray) -> BoolArray:
     return SceneMasking().ego_vehicle(greys_of(frames))
+
+
+def top_row(mask: BoolArray) -> int:
+    return scene_window(mask)[0].stop
 
 
 @pytest.fixture(scope="module")
@@ -162,8 +170,11 @@ def hooded(clip: Clip, mask: BoolArray) -> Clip:
 def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -> None:
     mask = arched(SIDE, SIDE)
     renderer = Noted()
+    predictor = GeometricPredictor(
+        GroundTruth(), renderer, hindcast=Hindcast(max_error_ratio=np.inf)
+    )
     context, _ = hooded(clip, mask).split(10, renderer.needs)
-    prediction = GeometricPredictor(GroundTruth(), renderer).predict(context)
+    prediction = predictor.predict(context)
     seen = renderer.context
     assert seen.past_depths is not None
     assert seen.full is not None
@@ -178,14 +189,8 @@ def test_a_hood_is_hidden_from_the_renderer_and_shown_in_each_view(clip: Clip) -
     shown = np.where(found[..., None], context.frames[-1], 77)
     np.testing.assert_array_equal(prediction.frames[0], [shown] * 2)
     np.testing.assert_array_equal(prediction.covered[0], [found] * 2)
-
-
-def test_a_camera_of_another_size_sees_the_scene_alone(clip: Clip) -> None:
-    predictor = GeometricPredictor(GroundTruth(), Noted())
-    context, _ = hooded(clip, arched(SIDE, SIDE)).split(10, predictor.needs)
-    observed = predictor.observe(context)
-    scene = predictor.reconstruct(observed, predictor.estimate(observed).past)
-    other = context.intrinsics.resized(50, 40)
+    scene = predictor.reconstruct(predictor.observe(context), context.past)
+    other = context.intrinsics.resized(50, 40)  # shows the scene alone
     assert (scene.view(np.eye(4)[None], context.times_s[-1:], other).frames == 77).all()
 
 
@@ -210,3 +215,50 @@ def test_a_hood_that_only_uncropped_frames_show_is_hidden_with_these_alone(clip:
     observed = Observer().observe(context)
     assert not observed.crop_mask(PrivilegedInput.NONE).any()
     assert abs(top_row(observed.crop_mask(PrivilegedInput.FULL_FRAMES)) - top) <= 1
+
+
+def drawn(path: Path, shape: tuple[int, int], masked: tuple[slice, slice]) -> Path:
+    """Write a mask of that shape (H, W) that is nonzero in a rectangle."""
+    mask = np.zeros(shape, np.uint8)
+    mask[masked] = 255
+    cv2.imwrite(str(path), mask)
+    return path
+
+
+def test_a_drawn_mask_of_any_size_hides_pixels(clip: Clip, tmp_path: Path) -> None:
+    context, _ = replace(clip, full=None).split(10, PrivilegedInput.NONE)
+    half = drawn(tmp_path / "mask.png", (SIDE // 2, SIDE // 2), np.s_[40:, 10:])
+    observed = Observer(mask=half).observe(context)
+    expected = np.zeros((SIDE, SIDE), bool)
+    expected[80:, 20:] = True
+    np.testing.assert_array_equal(observed.mask, expected)
+    np.testing.assert_array_equal(observed.context.frames, context.frames[:, :80])
+
+
+def test_a_drawn_mask_of_uncropped_frames_covers_their_crop(clip: Clip, tmp_path: Path) -> None:
+    context, _ = clip.split(10, PrivilegedInput.FULL_FRAMES)
+    assert context.full is not None
+    shape = context.full.frames.shape[1:3]
+    observed = Observer(mask=drawn(tmp_path / "mask.png", shape, np.s_[80:, :])).observe(context)
+    assert observed.context.intrinsics.height_px == 80
+    assert observed.context.full.intrinsics.height_px == 80
+
+
+@pytest.mark.parametrize(
+    ("shape", "masked", "message"),
+    [
+        ((SIDE, 2 * SIDE), np.s_[80:, :], "has 192x96 pixels, the frames 96x96"),
+        ((SIDE, SIDE), np.s_[:, 10:], "leaves 10x96 of 96x96 pixels"),
+        ((0, 0), np.s_[:, :], "is not an image"),
+    ],
+)
+def test_an_unsuitable_drawn_mask_is_refused(
+    clip: Clip, tmp_path: Path, shape: tuple[int, int], masked: tuple[slice, slice], message: str
+) -> None:
+    path = tmp_path / "mask.png"
+    path.write_bytes(b"")
+    if shape != (0, 0):
+        drawn(path, shape, masked)
+    context, _ = replace(clip, full=None).split(10, PrivilegedInput.NONE)
+    with pytest.raises(BadData, match=message):
+        Observer(mask=path).observe(context)

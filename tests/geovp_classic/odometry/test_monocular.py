@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
-from typing import ClassVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from geovp_classic import interfaces, registry
 from geovp_classic.errors import BadData, Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.odometry.ground_plane_scale import GroundPlane
-from geovp_classic.odometry.monocular import Monocular, Path
+from geovp_classic.odometry.monocular import Monocular, Path, longest_segment
 from geovp_classic.odometry.speed_prior import SpeedPrior
 from geovp_classic.odometry.tracking import Image, Tracker, Tracking
 from geovp_classic.odometry.unit_scale import UnitSpeed
@@ -258,44 +257,23 @@ def test_the_map_of_a_sequence_stays_small(
     assert max(num_tracks[20:]) < 1.5 * max(num_tracks[5:20])
 
 
+@dataclass(frozen=True)
 class Scripted(Monocular):
-    """An odometry that tracks given paths in turn."""
+    """An odometry that tracks a given path."""
 
-    paths: ClassVar[list[Path]] = []
-    times_s: ClassVar[list[float]] = []
+    path: Path | None = None
 
     def _track_images(self, images: list[Image], intrinsics: Intrinsics) -> Path:
-        self.times_s.append(images[0].time_s)
-        return self.paths.pop(0)
+        assert self.path is not None
+        return self.path
 
 
-def scripted(*paths: Path) -> tuple[Trajectory, BoolArray]:
-    """Return the result of an odometry that tracks these paths of ten random images."""
+def scripted(path: Path) -> tuple[Trajectory, BoolArray]:
+    """Return the result of an odometry that tracks this path of ten random images."""
     brightness = 20 * np.arange(1, 11, dtype=np.uint8)[:, None, None, None]
     frames = np.random.default_rng(0).integers(0, 20, (10, 64, 64, 3), dtype=np.uint8) + brightness
-    Scripted.paths = list(paths)
-    Scripted.times_s = []
-    odometry = Scripted(scale=UnitSpeed())
+    odometry = Scripted(scale=UnitSpeed(), path=path)
     return odometry.track(context(frames, Intrinsics(60.0, 60.0, 31.5, 31.5, 64, 64)))
-
-
-@pytest.mark.parametrize(("backward_error", "is_backward_better"), [(0.5, True), (2.0, False)])
-def test_a_sideways_path_is_tracked_backwards_too(
-    backward_error: float, is_backward_better: bool
-) -> None:
-    """The path with the smaller reprojection error wins, from its first frame on."""
-    straight = se3.exp(np.arange(10.0)[:, None] * [0, 0, 0.5, 0, 0, 0])
-    sideways = se3.exp(np.arange(10.0)[:, None] * [-0.8, 0, 0.1, 0, 0.14, 0])
-    tracked = np.ones(10, dtype=bool)
-    forward = Path(sideways, tracked, 1.0, 0.0)
-    trajectory, _ = scripted(forward, Path(straight[::-1], tracked, backward_error, 0.0))
-    assert Scripted.times_s == pytest.approx([0.0, -0.9])
-    expected = (straight if is_backward_better else sideways)[1, :3, 3]
-    step = trajectory.world_from_cam[1, :3, 3]
-    np.testing.assert_allclose(
-        step / np.linalg.norm(step), expected / np.linalg.norm(expected), atol=1e-9
-    )
-    np.testing.assert_allclose(trajectory.world_from_cam[0], np.eye(4), atol=1e-12)
 
 
 @pytest.mark.parametrize(("lost", "restart"), [((1, 2, 3), 0), ((1, 2, 3, 4, 5, 6), 6)])
@@ -307,7 +285,7 @@ def test_lost_images_are_bridged_at_constant_velocity(lost: tuple[int, ...], res
     poses[list(lost)] = truth[0]
     tracked[list(lost)] = False
     poses[max(lost) + 1 :] = se3.inverse(truth[restart]) @ truth[max(lost) + 1 :]
-    trajectory, marks = scripted(Path(poses, tracked.copy(), 1.0, 0.0))
+    trajectory, marks = scripted(Path(poses, tracked.copy(), 0.0))
     tracked[0] = restart == 0
     np.testing.assert_array_equal(marks, tracked)
     motion = steps(trajectory.world_from_cam)
@@ -363,3 +341,20 @@ def test_a_real_street_in_metres() -> None:
         )
     assert np.median(rotations_deg) < 0.05
     np.testing.assert_allclose(lengths, 1, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("tracked", "expected"),
+    [
+        ("1111111111", "1111111111"),
+        ("1000010000", "1000010000"),  # localised again in the same map
+        ("1000001111", "0000011111"),  # restarted at the sixth image
+        ("1110000011", "1110000000"),  # restarted as well, but with fewer tracked images
+        ("1110011000", "1110011000"),
+        ("0000000000", "0000000000"),
+    ],
+)
+def test_the_longest_segment_of_a_path_with_gaps(tracked: str, expected: str) -> None:
+    marks = np.array([mark == "1" for mark in tracked])
+    segment = longest_segment(marks, max_bridged=4)
+    assert "".join("1" if mark else "0" for mark in segment) == expected

@@ -16,6 +16,7 @@ from geovp_classic.geometry import se3
 from geovp_classic.pose_sources.ground_truth import GroundTruth
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.predictors.geometric import GeometricPredictor
+from geovp_classic.predictors.hindcast import Hindcast
 from geovp_classic.predictors.recorded import Recorded
 from geovp_classic.types import (
     ByteArray,
@@ -70,7 +71,7 @@ class TestCopyLast:
 
 
 class _Spread:
-    """A pose source that places sample s at x = s metres and stores the contexts that it gets."""
+    """A pose source that places sample s at x = s + 1 metres and stores the contexts that it gets."""
 
     needs = PrivilegedInput.CAMERA_HEIGHT
 
@@ -82,7 +83,7 @@ class _Spread:
         poses = np.tile(np.eye(4), (context.num_past, 1, 1))
         past = Trajectory(poses, context.times_s[: context.num_past], is_metric=False)
         futures = np.tile(np.eye(4), (num_samples, context.num_future, 1, 1))
-        futures[:, :, 0, 3] = np.arange(num_samples)[:, None]
+        futures[:, :, 0, 3] = np.arange(1, num_samples + 1)[:, None]
         return Motion(past, futures, np.ones(context.num_past, dtype=bool))
 
 
@@ -125,9 +126,11 @@ class TestGeometricPredictor:
             assert given.past is given.future is None
 
     def test_each_sample_is_rendered_from_its_own_future(self, context: Context) -> None:
-        prediction = GeometricPredictor(_Spread(), _XAsGrey()).predict(context, num_samples=5)
+        unchecked = Hindcast(max_error_ratio=np.inf)
+        predictor = GeometricPredictor(_Spread(), _XAsGrey(), hindcast=unchecked)
+        prediction = predictor.predict(context, num_samples=5)
         assert prediction.frames.shape == (5, NUM_FUTURE, HEIGHT, WIDTH, 3)
-        assert prediction.frames[:, 0, 0, 0, 0].tolist() == [0, 10, 20, 30, 40]
+        assert prediction.frames[:, 0, 0, 0, 0].tolist() == [10, 20, 30, 40, 50]
         assert prediction.covered.mean() == 0.5
         assert prediction.motion.futures.shape == (5, NUM_FUTURE, 4, 4)
 

@@ -1,0 +1,105 @@
+"""Hindcasting: a scene must explain the past better than copies of the last frame do.
+
+It is rendered from the poses of a few earlier frames and compared with those. This tests poses,
+depths and masks at once, with observed frames alone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_classic.errors import BadData
+from geovp_classic.interfaces import Scene
+from geovp_classic.types import (
+    BoolArray,
+    ByteArray,
+    Context,
+    FloatArray,
+    Intrinsics,
+    Trajectory,
+    Views,
+)
+
+
+@dataclass(frozen=True)
+class Hindcast:
+    """Error of a scene in earlier frames, relative to that of copies of the last frame."""
+
+    num_frames: int = 3  # evenly spaced among the usable ones before the last
+    # A scene with a larger one is replaced by the last frame.
+    max_error_ratio: float = 0.95
+    # Grey values; frames that change less do not test a scene.
+    min_change: float = 3.0
+
+    def __post_init__(self) -> None:
+        if self.num_frames < 1:
+            raise BadData(
+                f"hindcast: num_frames is {self.num_frames}, expected 1 or more"
+            )
+
+    def error_ratio(
+        self, scene: Scene, context: Context, past: Trajectory
+    ) -> float:
+        """Return the error of the scene over that of copies; 0 without earlier frames.
+
+        The context was observed. Only covered pixels are compared; it is infinite if there are
+        none.
+        """
+        assert context.observations is not None
+        earlier = np.flatnonzero(context.observations.is_usable[:-1])
+        if len(earlier) == 0:
+            return 0.0
+        numbers = np.linspace(0, len(earlier) - 1, self.num_frames)
+        steps = np.unique(earlier[numbers.round().astype(int)])
+        views = scene.view(
+            past.world_from_cam[steps], past.times_s[steps], context.intrinsics
+        )
+        scene_error = copy_error = 0.0
+        for number, step in enumerate(steps):
+            covered = views.covered[number]
+            if covered.any():
+                actual = context.frames[step][covered]
+                last = context.frames[-1][covered]
+                scene_error += _error(views.frames[number][covered], actual)
+                copy_error += max(_error(last, actual), self.min_change)
+        return scene_error / copy_error if copy_error > 0 else np.inf
+
+
+@dataclass(frozen=True)
+class CheckedScene:
+    """A scene that is replaced by the last frame where that shows the truth or is the best guess.
+
+    This is under the scene mask, from the pose of the last frame, and everywhere if the scene
+    failed its hindcast.
+    """
+
+    scene: Scene
+    error_ratio: float
+    is_trusted: bool
+    last: ByteArray  # [H, W, 3]
+    mask: BoolArray  # [H, W], non-scene pixels
+    world_from_last: FloatArray  # [4, 4]
+    intrinsics: Intrinsics  # of the last frame
+
+    def view(
+        self,
+        world_from_cam: FloatArray,
+        times_s: FloatArray,
+        intrinsics: Intrinsics,
+    ) -> Views:
+        """Return the views from the poses [F, 4, 4]; only the scene for any other camera."""
+        views = self.scene.view(world_from_cam, times_s, intrinsics)
+        if intrinsics != self.intrinsics:
+            return views
+        shift = np.abs(world_from_cam - self.world_from_last)
+        is_last = shift.max(axis=(1, 2)) < 1e-9  # rounding
+        is_last |= not self.is_trusted
+        is_copied = self.mask | is_last[:, None, None]
+        frames = np.where(is_copied[..., None], self.last, views.frames)
+        return Views(frames, views.covered | is_copied, views.depths)
+
+
+def _error(predicted: ByteArray, actual: ByteArray) -> float:
+    """Return the mean absolute difference of pixels [N, 3] at equal mean brightness."""
+    gain = actual.mean() / max(predicted.mean(), 1.0)
+    return float(np.abs(gain * predicted - actual).mean())
