@@ -140,9 +140,9 @@ def turning(clip: Clip, deg_per_frame: float) -> Corrupted:
     return np.stack(frames), first_from_cam
 
 
-def errors(clip: Clip, corrupt: Callable[[Clip, float], Corrupted], strength: float) -> Errors:
+def errors(clip: Clip, corrupt: Callable[[Clip, float], Corrupted], severity: float) -> Errors:
     """Trajectory's own checks raise on anything not rigid."""
-    frames, poses = corrupt(clip, strength)
+    frames, poses = corrupt(clip, severity)
     times_s = np.append(clip.times_s, clip.times_s[-1] + 0.1)
     trajectory, tracked = Monocular().track(
         Context(frames, times_s, clip.intrinsics, camera_height_m=1.65)
@@ -168,11 +168,11 @@ HARDEST = [(blur, 32), (exposure, -2), (black, 4), (flat, 1), (noise, 40)]
 HARDEST += [(dropped, 3), (repeated, 3), (occluded, 1), (standing, 10), (turning, 4)]
 
 
-@pytest.mark.parametrize(("corrupt", "strength"), HARDEST)
+@pytest.mark.parametrize(("corrupt", "severity"), HARDEST)
 def test_nothing_raises_and_all_poses_are_finite(
-    clip: Clip, corrupt: Callable[[Clip, float], Corrupted], strength: float
+    clip: Clip, corrupt: Callable[[Clip, float], Corrupted], severity: float
 ) -> None:
-    found = errors(clip, corrupt, strength)
+    found = errors(clip, corrupt, severity)
     assert 0 <= found.bridged <= 1
     assert np.isfinite(found.rotation_deg)
 

@@ -8,8 +8,9 @@ than LIMIT_DB below copying, `-` clips that could not be predicted.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,29 @@ import numpy as np
 
 from geovp_benchmarks.arguments import figure_file, positive
 from geovp_benchmarks.progress import Progress
-from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs, predict
+from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs
 from geovp_benchmarks.studies.corruption.kinds import (
     CORRUPTIONS,
     NUM_SEVERITIES,
     Corruption,
-    Level,
+    Severity,
 )
 from geovp_classic import registry
 from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.interfaces import PoseSource, Renderer
+from geovp_classic.observation import Observer
+from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.rendering.source import Source, resampled
-from geovp_classic.types import ByteArray, Clip, Context, ExtraView, FloatArray, Target
+from geovp_classic.types import (
+    ByteArray,
+    Clip,
+    Context,
+    ExtraView,
+    FloatArray,
+    Motion,
+    PrivilegedInput,
+    Target,
+)
 
 LIMIT_DB = 0.5
 
@@ -91,28 +104,30 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         for dataset in (registry.build("datasets", s) for s in specs)
         for number in range(len(dataset))
     ]
-    cells = columns()
+    methods = columns()
     what = f"{len(clips)} clips of {', '.join(chosen.frames)}; dB over copying the last frame"
     yield what
-    yield f"{'corruption':<32}" + "".join(f"{name:>12}" for name in cells)
-    levels = [
-        (name, level)
+    yield f"{'corruption':<32}" + "".join(f"{name:>12}" for name in methods)
+    severities = [
+        (name, severity)
         for name in names
-        for level in range(1 if name in ("none", "stationary") else NUM_SEVERITIES)
+        for severity in range(1 if name in ("none", "stationary") else NUM_SEVERITIES)
     ]
     found: dict[str, list[FloatArray]] = {name: [] for name in names}
-    for done, (name, level) in enumerate(levels, 1):
-        gains = np.array(
-            [[gain_db(clip, name, level, *cell) for cell in cells.values()] for clip in clips]
-        )
+    for done, (name, severity) in enumerate(severities, 1):
+        gains = np.array([gains_db(clip, name, severity, methods) for clip in clips])
         found[name].append(_mean(gains))
-        progress(done, len(levels))
-        yield f"{name} {level + 1}".ljust(32) + "".join(_text(gain) for gain in found[name][-1])
+        progress(done, len(severities))
+        yield f"{name} {severity + 1}".ljust(32) + "".join(_text(gain) for gain in found[name][-1])
     means = {name: np.array(gains) for name, gains in found.items()}
+    values = np.concatenate(list(means.values()))
+    num_below = (values < -LIMIT_DB).sum()
+    lowest = np.nanmin(values)
+    yield f"{num_below} of {values.size} below -{LIMIT_DB} dB, the lowest {lowest:.1f} dB"
     if chosen.plot is not None:
         from geovp_benchmarks.plots.corruption import corruption_figure
 
-        pairs = [(source, renderer) for source, renderer in (name.split() for name in cells)]
+        pairs = [(source, renderer) for source, renderer in (name.split() for name in methods)]
         corruption_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
     if chosen.page is not None:
         from geovp_benchmarks.formats import write_page
@@ -124,34 +139,55 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
             "Corruptions",
             [command],
             "the same with `--page`",
-            _page(what, list(cells), means),
+            _page(what, list(methods), means),
         )
 
 
-def gain_db(clip: Clip, name: str, level: Level, source: Any, renderer: Any) -> float:
-    """Mean PSNR over SCORED steps, less that of the copied last frame; NaN where nothing could be
-    predicted.
+def gains_db(
+    clip: Clip, name: str, severity: Severity, methods: Mapping[str, tuple[PoseSource, Renderer]]
+) -> FloatArray:
+    """Return each method's mean PSNR over SCORED steps, less that of the last frame, copied.
+
+    It is NaN for a method that could not predict. Methods share observations, and motions by the
+    first word of their name.
     """
     metric = registry.build("frame_metrics", "psnr")
-    context, target = corrupted(clip, CORRUPTIONS[name], level, source.needs | renderer.needs)
-    try:
-        predicted = predict(context, source, renderer)
-    except GeovpError:
-        return float("nan")
-    actual, copied = (
-        target.frames[np.array(SCORED)],
-        np.repeat(context.frames[-1:], len(SCORED), axis=0),
+    needs = [source.needs | renderer.needs for source, renderer in methods.values()]
+    context, target = corrupted(
+        clip, CORRUPTIONS[name], severity, reduce(PrivilegedInput.__or__, needs)
     )
-    return float((metric(predicted, actual, None) - metric(copied, actual, None)).mean())
+    steps = np.array(SCORED)
+    actual, times_s = target.frames[steps], context.times_s[NUM_PAST + steps]
+    copied = np.repeat(context.frames[-1:], len(steps), axis=0)
+    observed = Observer().observe(context)
+    motions: dict[str, Motion] = {}
+    gains = []
+    for label, (source, renderer) in methods.items():
+        predictor = GeometricPredictor(source, renderer)
+        motion_name = label.split()[0]
+        try:
+            if motion_name not in motions:
+                motions[motion_name] = predictor.estimate(observed)
+            motion = motions[motion_name]
+            scene = predictor.reconstruct(observed, motion.past)
+            views = scene.view(motion.futures[0, steps], times_s, context.intrinsics)
+        except GeovpError:
+            gains.append(np.nan)
+            continue
+        gain = metric(views.frames, actual, None) - metric(copied, actual, None)
+        gains.append(float(gain.mean()))
+    return np.array(gains)
 
 
-def corrupted(clip: Clip, what: Corruption, level: Level, needs: Any) -> tuple[Context, Target]:
+def corrupted(
+    clip: Clip, what: Corruption, severity: Severity, needs: Any
+) -> tuple[Context, Target]:
     """Context and target of the corrupted clip."""
-    order = what.order(level)
+    order = what.order(severity)
 
     def images(frames: ByteArray) -> ByteArray:
         return np.stack(
-            [what.image(frames[shown], step, level) for step, shown in enumerate(order)]
+            [what.image(frames[shown], step, severity) for step, shown in enumerate(order)]
         )
 
     wide = clip.full and ExtraView(
@@ -167,7 +203,7 @@ def corrupted(clip: Clip, what: Corruption, level: Level, needs: Any) -> tuple[C
             clip.trajectory, world_from_cam=clip.trajectory.world_from_cam[order]
         )
     context, target = replace(clip, **changes).split(NUM_PAST, needs)
-    return what.context(context, level), target
+    return what.context(context, severity), target
 
 
 def _mean(gains: FloatArray) -> FloatArray:
@@ -189,9 +225,9 @@ def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
 
     rows = [["corruption, severity", *cells]]
     for name, gains in means.items():
-        for level, line in enumerate(gains, 1):
+        for severity, line in enumerate(gains, 1):
             texts = [f"**{gain:.1f}**" if gain < -LIMIT_DB else f"{gain:.1f}" for gain in line]
-            rows.append([f"{name} {level}", *("-" if text == "nan" else text for text in texts)])
+            rows.append([f"{name} {severity}", *("-" if text == "nan" else text for text in texts)])
     values, names = np.concatenate(list(means.values())), np.array(cells)
     crop, wide = (values[:, np.char.endswith(names, renderer)] for renderer in ("crop", "full"))
     below, behind = (values < -LIMIT_DB).sum(), (wide < crop - LIMIT_DB).sum()
