@@ -20,8 +20,8 @@ HEAD = ("method", "clips", "confidence", "step alone", "among clips at a step")
 NOTE = (
     "1: frames of higher confidence have the better {}, always; 0: no relation. Step alone: how "
     "an earlier step ranks. "
-    "Confidence: 1 less the hindcast's error ratio, times the fractions of covered pixels and of "
-    "tracked frames; no probability."
+    "Confidence: 1 less the hindcast's squared error ratio, times the fractions of covered "
+    "pixels and of tracked frames; no probability."
 )
 
 

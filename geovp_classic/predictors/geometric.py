@@ -79,6 +79,6 @@ def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
     covered = np.stack([views.covered for views in samples])
     num_frames = len(motion.tracked) + np.arange(1, len(times_s) + 1)
     tracked_fraction = motion.tracked.sum() / num_frames
-    agreement = max(0.0, 1 - scene.error_ratio)
+    agreement = max(0.0, 1 - scene.error_ratio**2)
     confidence = covered.mean(axis=(2, 3)) * tracked_fraction * agreement
     return Prediction(frames, covered, motion, confidence)
