@@ -56,11 +56,16 @@ class GeometricPredictor:
         needs = self.renderer.needs
         context = observed.only(needs)
         scene = self.renderer.reconstruct(context, past)
-        error_ratio = self.hindcast.error_ratio(scene, context, past)
+        hindcast = self.hindcast
+        scene_error, copy_error = hindcast.errors(scene, context, past)
+        error_ratio = scene_error / copy_error
+        is_trusted = error_ratio <= hindcast.max_error_ratio
+        shown_error = scene_error if is_trusted else copy_error
         return CheckedScene(
             scene,
             error_ratio,
-            error_ratio <= self.hindcast.max_error_ratio,
+            1 / (1 + shown_error / hindcast.error_at_half_confidence),
+            is_trusted,
             observed.original.frames[-1],
             observed.crop_mask(needs),
             past.world_from_cam[-1],
@@ -79,6 +84,5 @@ def show(scene: CheckedScene, motion: Motion, context: Context) -> Prediction:
     covered = np.stack([views.covered for views in samples])
     num_frames = len(motion.tracked) + np.arange(1, len(times_s) + 1)
     tracked_fraction = motion.tracked.sum() / num_frames
-    agreement = max(0.0, 1 - scene.error_ratio**2)
-    confidence = covered.mean(axis=(2, 3)) * tracked_fraction * agreement
+    confidence = covered.mean(axis=(2, 3)) * tracked_fraction * scene.agreement
     return Prediction(frames, covered, motion, confidence)

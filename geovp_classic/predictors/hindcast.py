@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
 from geovp_classic.interfaces import Scene
 from geovp_classic.types import (
     BoolArray,
@@ -23,46 +24,64 @@ from geovp_classic.types import (
 
 @dataclass(frozen=True)
 class Hindcast:
-    """Error of a scene in earlier frames, relative to that of copies of the last frame."""
+    """Comparison of a scene with earlier frames and with copies of the last frame."""
 
     num_frames: int = 3  # evenly spaced among the usable ones before the last
+    scale: float = (
+        0.5  # of the views; a quarter of the pixels takes a quarter of the time
+    )
     # A scene with a larger one is replaced by the last frame.
     max_error_ratio: float = 0.95
     # Grey values; frames that change less do not test a scene.
     min_change: float = 3.0
+    # Grey values, of a hindcast error that halves the confidence.
+    error_at_half_confidence: float = 10.0
 
     def __post_init__(self) -> None:
-        if self.num_frames < 1:
+        if self.num_frames < 1 or not 0 < self.scale <= 1:
             raise BadData(
-                f"hindcast: num_frames is {self.num_frames}, expected 1 or more"
+                f"hindcast: num_frames {self.num_frames} and scale {self.scale}, expected at "
+                "least one frame and a scale in (0, 1]"
             )
 
-    def error_ratio(
+    def errors(
         self, scene: Scene, context: Context, past: Trajectory
-    ) -> float:
-        """Return the error of the scene over that of copies; 0 without earlier frames.
+    ) -> tuple[float, float]:
+        """Return the mean error of the scene and that of copies, in grey values.
 
-        The context was observed. Only covered pixels are compared; it is infinite if there are
-        none.
+        The context was observed. Only covered pixels are compared; the scene's error is infinite
+        if there are none, and 0 without earlier frames.
         """
         assert context.observations is not None
         earlier = np.flatnonzero(context.observations.is_usable[:-1])
         if len(earlier) == 0:
-            return 0.0
+            return 0.0, self.min_change
         numbers = np.linspace(0, len(earlier) - 1, self.num_frames)
         steps = np.unique(earlier[numbers.round().astype(int)])
+        camera = context.intrinsics
+        width_px = max(1, round(camera.width_px * self.scale))
+        height_px = max(1, round(camera.height_px * self.scale))
         views = scene.view(
-            past.world_from_cam[steps], past.times_s[steps], context.intrinsics
+            past.world_from_cam[steps],
+            past.times_s[steps],
+            camera.resized(width_px, height_px),
         )
-        scene_error = copy_error = 0.0
+        last_frame = pinhole.resize(context.frames[-1], (width_px, height_px))
+        scene_errors = []
+        copy_errors = []
         for number, step in enumerate(steps):
             covered = views.covered[number]
             if covered.any():
-                actual = context.frames[step][covered]
-                last = context.frames[-1][covered]
-                scene_error += _error(views.frames[number][covered], actual)
-                copy_error += max(_error(last, actual), self.min_change)
-        return scene_error / copy_error if copy_error > 0 else np.inf
+                frame = context.frames[step]
+                frame = pinhole.resize(frame, (width_px, height_px))
+                actual = frame[covered]
+                last = last_frame[covered]
+                predicted = views.frames[number][covered]
+                scene_errors.append(_error(predicted, actual))
+                copy_errors.append(max(_error(last, actual), self.min_change))
+        if not scene_errors:
+            return np.inf, self.min_change
+        return float(np.mean(scene_errors)), float(np.mean(copy_errors))
 
 
 @dataclass(frozen=True)
@@ -74,7 +93,8 @@ class CheckedScene:
     """
 
     scene: Scene
-    error_ratio: float
+    error_ratio: float  # of the hindcast: scene over copies
+    agreement: float  # in [0, 1], of what is shown with earlier frames
     is_trusted: bool
     last: ByteArray  # [H, W, 3]
     mask: BoolArray  # [H, W], non-scene pixels

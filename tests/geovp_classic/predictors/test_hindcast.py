@@ -73,14 +73,16 @@ def test_the_last_frame_replaces_a_scene_that_does_not(renderer: Wall) -> None:
     prediction, context = predict(clip(), renderer)
     assert (prediction.frames == context.frames[-1]).all()
     assert prediction.covered.all()
-    assert (prediction.confidence < 0.1).all()
+    assert (prediction.confidence < predict(clip(), Wall())[0].confidence).all()
 
 
 def test_confidence_falls_with_the_error_and_the_step() -> None:
-    # The wall itself has no error: 6 tracked frames of the 7 and 8 up to each step.
-    np.testing.assert_allclose(predict(clip(), Wall())[0].confidence, [[6 / 7, 6 / 8]], rtol=1e-2)
+    right = predict(clip(), Wall())[0].confidence
     worse = predict(clip(), Wall(offset=0.2))[0].confidence
-    assert (worse < 0.98 * np.array([6 / 7, 6 / 8])).all()
+    # 6 tracked frames of the 7 and 8 up to each step
+    assert right[0, 1] / right[0, 0] == pytest.approx((6 / 8) / (6 / 7))
+    assert (worse > 0).all()
+    assert (worse < 0.98 * right).all()
 
 
 def test_a_stationary_past_tests_no_scene_but_the_last_pose_shows_the_last_frame() -> None:
@@ -107,9 +109,11 @@ def test_unusable_frames_are_not_compared() -> None:
 def test_a_single_frame_is_no_test() -> None:
     context, _ = clip().split(1, GroundTruth.needs)
     observed = GeometricPredictor(GroundTruth(), Wall()).observe(context)
-    assert Hindcast().error_ratio(Wall(offset=2.4), observed.context, context.past) == 0
+    assert Hindcast().errors(Wall(offset=2.4), observed.context, context.past)[0] == 0
 
 
 def test_settings_without_a_test_are_refused() -> None:
-    with pytest.raises(BadData, match="num_frames is 0"):
+    with pytest.raises(BadData, match="num_frames 0"):
         Hindcast(num_frames=0)
+    with pytest.raises(BadData, match="scale 0"):
+        Hindcast(scale=0.0)
