@@ -4,7 +4,7 @@ import numpy as np
 from numpy.random import Generator
 
 from geovp_classic.data.synthetic.manoeuvres import Journey
-from geovp_classic.data.synthetic.terrain import Terrain
+from geovp_classic.data.synthetic.roads import world_from_vehicle
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
@@ -40,7 +40,6 @@ def right_from_left() -> FloatArray:
 
 def world_from_camera(
     ego: Journey,
-    terrain: Terrain,
     times_s: FloatArray,  # [T]
     seed: int,
     pitch_deg: float,
@@ -70,8 +69,8 @@ def world_from_camera(
     mount = planar.level_vehicle_from_cam(
         np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
     )
-    world_from_vehicle = terrain.world_from_vehicle(*ego.place_at(times_s))
-    return world_from_vehicle @ se3.exp(body_from_rest) @ mount
+    world_from_rest = world_from_vehicle(*ego.place_at(times_s))
+    return world_from_rest @ se3.exp(body_from_rest) @ mount
 
 
 def expose(

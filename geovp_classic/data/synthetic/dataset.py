@@ -15,7 +15,7 @@ from geovp_classic import files
 from geovp_classic.data.atomic import atomic_write
 from geovp_classic.data.synthetic import camera
 from geovp_classic.data.synthetic.manoeuvres import Manoeuvre
-from geovp_classic.data.synthetic.render import render_drive
+from geovp_classic.data.synthetic.rendering import render_drive
 from geovp_classic.data.synthetic.shading import Optics
 from geovp_classic.data.synthetic.street import build_street
 from geovp_classic.errors import BadData
@@ -173,7 +173,6 @@ class Synthetic:
 
         world_from_cam = camera.world_from_camera(
             street.ego,
-            street.terrain,
             times_s,
             seed,
             self.pitch_deg,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.ndimage import gaussian_filter1d
 
-from geovp_classic.data.synthetic.roads import Path, Roads, from_bends, straight
+from geovp_classic.data.synthetic.roads import Path, Roads, from_bends
 from geovp_classic.types import FloatArray
 
 LANE_M = 1.65  # from the middle of the road to the middle of a lane
@@ -98,8 +98,10 @@ def plan(manoeuvre: Manoeuvre, rng: Generator) -> Plan:
         ]
         roads = Roads([from_bends(bends, easing_m=5.0)])
     else:
-        main = straight((0.0, -200.0), 0.0, 560.0)
-        cross = straight((-260.0, 0.0), np.pi / 2, 520.0)
+        main = from_bends([(560.0, 0.0)], start=(0.0, -200.0))
+        cross = from_bends(
+            [(520.0, 0.0)], start=(-260.0, 0.0), start_yaw_rad=np.pi / 2
+        )
         roads = Roads([main, cross], (200.0, 260.0))
     default = {"speed_m_s": _draw(rng, table["speed_m_s"])}
     ego, *traffic = (

@@ -4,19 +4,29 @@ Light is linear; the byte of an image is its square root (gamma 2).
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from geovp_classic.data.synthetic.ray_casting import Hits
-from geovp_classic.data.synthetic.textures import (
-    TABLES,
-    TILE_M,
-    Texture,
-    sample,
-)
-from geovp_classic.types import BoolArray, FloatArray
+from geovp_classic.data.synthetic import textures
+from geovp_classic.data.synthetic.textures import Texture
+from geovp_classic.types import BoolArray, FloatArray, IntArray
 
 Rgb = tuple[float, float, float]
+STAINS = textures.column("stains", 0.0)
+GLOSS = textures.column("gloss", 0.0)
+
+
+class Hits(NamedTuple):
+    """Surface points that rays from the eye hit."""
+
+    points: FloatArray  # [N, 3]
+    normal: FloatArray  # [N, 3], towards the eye
+    texture: IntArray  # [N]
+    tint: FloatArray  # [N, 3]
+    uv: FloatArray  # [N, 2], place on the texture in tiles
+    uv_axes: FloatArray  # [N, 2, 3], change of uv by a step in the world
+    pixel_m: FloatArray  # [N], width of a pixel at this distance
 
 
 @dataclass(frozen=True)
@@ -36,22 +46,16 @@ class Weather:
         The sky is paler at the horizon, with clouds on a flat ceiling and a glow around the sun.
         """
         up = np.maximum(-directions[:, 1:2], 0.0)
-        horizon_weight = np.exp(-4.0 * up)
-        clear = self.horizon * horizon_weight + self.zenith * (
-            1 - horizon_weight
-        )
-
+        weight = np.exp(-4.0 * up)
+        clear = self.horizon * weight + self.zenith * (1 - weight)
         reach = 0.35 / (up + 0.12)
         uv = directions[:, [0, 2]] * reach + self.cloud_shift
-        uv_steps = 0.004 * reach[:, :, None] ** 2 * np.eye(2)
-        clouds = sample(Texture.CLOUDS, uv, uv_steps)
-        cover = clouds[:, 3:] * np.minimum(
-            1.0, 5.0 * up
-        )  # no clouds in the haze
-
+        blur = 0.004 * reach[:, 0] ** 2
+        cover = textures.sample(Texture.CLOUDS, uv, 0 * uv, blur)[:, :1]
+        cover *= np.minimum(1.0, 5.0 * up)  # no clouds in the haze
         towards_sun = np.maximum(directions @ self.to_sun, 0.0)[:, None]
         glow = 0.35 * towards_sun**24 * self.sun
-        return clear * (1 - cover) + clouds[:, :3] * cover + glow
+        return clear * (1 - cover) + 0.93 * cover + glow
 
 
 @dataclass(frozen=True)
@@ -77,19 +81,28 @@ def shade(
     """Return the light [N, 3] that comes from N hits to the eye."""
     sight = hits.points - eye
     distance_m = np.linalg.norm(sight, axis=-1, keepdims=True)
-    min_size = optics.finest_detail_m / TILE_M[hits.texture]
-    texel = sample(hits.texture, hits.uv, hits.uv_steps, min_size)
-    is_tinted = texel[:, 3:]  # 0 to 1
-    colour = texel[:, :3] * (1 + is_tinted * (hits.tint - 1)) * _stains(hits)
-    light = colour**2 * _irradiance(hits, is_lit, weather)
-
     ray = sight / distance_m
     facing = -np.einsum("nj,nj->n", hits.normal, ray)[:, None]
+
+    # The footprint of a pixel is longer along the surface, away from the eye.
+    away = ray + facing * hits.normal
+    away /= np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
+    longer_m = hits.pixel_m[:, None] / np.maximum(facing, 0.02) * away
+    shorter_m = np.maximum(hits.pixel_m, optics.finest_detail_m)
+    longer = np.einsum("nkj,nj->nk", hits.uv_axes, longer_m)
+    tiles_per_m = np.linalg.norm(hits.uv_axes, axis=-1).max(axis=-1)
+    texel = textures.sample(
+        hits.texture, hits.uv, longer, shorter_m * tiles_per_m
+    )
+    is_tinted = texel[:, 3:]  # 0 to 1
+    colour = texel[:, :3] * (1 + is_tinted * (hits.tint - 1))
+    colour *= _stains(hits)
+    light = colour**2 * _irradiance(hits, is_lit, weather)
+
     reflected = weather.sky_light(ray + 2 * facing * hits.normal)
-    gloss = optics.gloss * _column("gloss", hits) * (1 - 0.7 * is_tinted)
+    gloss = optics.gloss * GLOSS[hits.texture, None] * (1 - 0.7 * is_tinted)
     gloss *= 0.25 + 0.75 * (1 - np.clip(facing, 0, 1)) ** 5  # Schlick 1994
     light += gloss * (reflected - light)
-
     transmission = np.exp(-optics.haze_per_m * distance_m)
     return light * transmission + weather.horizon * (1 - transmission)
 
@@ -97,23 +110,18 @@ def shade(
 def _irradiance(hits: Hits, is_lit: BoolArray, weather: Weather) -> FloatArray:
     """Return the light [N, 3] that arrives from sun and sky; leaves also let it through."""
     cosine = hits.normal @ weather.to_sun
-    through_leaves = hits.ambient * (0.25 + 0.5 * np.abs(cosine))
+    up = -hits.normal[:, 1]
     is_leaf = hits.texture == Texture.LEAVES
-    direct = np.where(is_leaf, through_leaves, np.maximum(cosine, 0.0)) * is_lit
-    from_sky = hits.ambient * (0.75 - 0.25 * hits.normal[:, 1])
+    direct = np.where(is_leaf, 0.25 + 0.5 * cosine, cosine)
+    direct = np.maximum(direct, 0.0) * is_lit
+    from_sky = np.where(is_leaf, 0.6 + 0.4 * up, 0.75 + 0.25 * up)
     return direct[:, None] * weather.sun + from_sky[:, None] * weather.ambient
 
 
 def _stains(hits: Hits) -> FloatArray:
     """Return the factors [N, 1] of large stains, which hide the repetition of the textures."""
-    tile_m = TILE_M[Texture.STAINS]
+    tile_m = textures.TILE_M[Texture.STAINS]
     uv = hits.points @ [[1.0, 0.0], [0.5, 0.7], [0.0, 1.0]] / tile_m
-    uv_steps = np.minimum(hits.sizes_m, 8.0)[:, :, None] / tile_m * np.eye(2)
-    pattern = sample(Texture.STAINS, uv, uv_steps)[:, :1]
-    return 1 + _column("stains", hits) * (2 * pattern - 1)
-
-
-def _column(name: str, hits: Hits) -> FloatArray:
-    """Return a property [N, 1] of the textures that were hit; default: 0."""
-    values = np.array([table.get(name, 0.0) for table in TABLES.values()])
-    return values[hits.texture, None]
+    blur = np.minimum(4 * hits.pixel_m, 8.0) / tile_m[0]
+    pattern = textures.sample(Texture.STAINS, uv, 0 * uv, blur)[:, :1]
+    return 1 + STAINS[hits.texture, None] * (2 * pattern - 1)

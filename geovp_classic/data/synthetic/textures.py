@@ -1,106 +1,194 @@
-"""The textures of textures.toml, and their colour averaged over the footprint of a pixel."""
+"""Painted textures, and their colours averaged over the footprints of pixels.
+
+Textures are RGBA images in display brightness, described in textures.toml. Alpha is 0 where the
+tint of an object does not apply.
+"""
 
 import enum
 import functools
 import math
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numba
 import numpy as np
+from numpy.random import Generator
+from scipy import fft
 
-from geovp_classic.data.synthetic import images
-from geovp_classic.data.synthetic.images import SIZE
 from geovp_classic.types import ByteArray, FloatArray, IntArray
 
-MAX_TAPS = 8  # along the longer side of a footprint
-
-
+SIZE = 512  # of the images, a power of two
+MAX_TAPS = (
+    8  # along the longer side of a footprint; limits the cost of grazing views
+)
+TABLES: dict[str, dict[str, Any]] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text()
+)
 Texture = enum.IntEnum(
     "Texture",
-    "PLAIN ASPHALT ROAD ZEBRA PAVEMENT GRASS PLASTER BRICK PLASTER_WINDOWS BRICK_WINDOWS ROOF "
-    "LEAVES CAR_SIDE CAR_END CAR_WINDOW CLOUDS STAINS",
+    "GROUND PLAIN ASPHALT ROAD KERB PAVEMENT GRASS ZEBRA HILLS PLASTER "
+    "BRICK PLASTER_WINDOWS BRICK_WINDOWS ROOF LEAVES CAR_SIDE BONNET_SIDE "
+    "CAR_TAIL CAR_NOSE WINDSCREEN SIDE_WINDOWS WHEEL CLOUDS STAINS",
     start=0,
 )
-TABLES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
-TILE_M = np.array([table.get("tile_m", 1.0) for table in TABLES.values()])
+
+
+def column(name: str, default: Any) -> FloatArray:
+    """Return a property of all textures, [textures] or [textures, K]."""
+    return np.array([table.get(name, default) for table in TABLES.values()])
+
+
+TILE_M = column("tile_m", [0.0, 0.0])  # 0: the image covers a surface once
+
+
+def noise_of(
+    rng: Generator, slope: float, min_frequency: float = 1.0
+) -> FloatArray:
+    """Return tileable noise [SIZE, SIZE] of zero mean and unit standard deviation.
+
+    The amplitude falls as frequency**-slope. Frequencies are in cycles per tile.
+    """
+    rows = fft.fftfreq(SIZE, 1 / SIZE)[:, None]
+    frequency = np.hypot(rows, fft.rfftfreq(SIZE, 1 / SIZE))
+    gain = np.maximum(frequency, 1e-9) ** -slope
+    gain[frequency < min_frequency] = 0
+    white = rng.standard_normal((SIZE, SIZE))
+    shaped: FloatArray = fft.irfft2(fft.rfft2(white) * gain, (SIZE, SIZE))
+    return shaped / shaped.std()
+
+
+def paint(
+    rng: Generator,
+    brightness: float = 0.9,
+    colour: Sequence[float] = (1.0, 1.0, 1.0),
+    noise: Sequence[tuple[float, float, float]] = ((0.02, 1.0, 1.0),),
+    stones: dict[str, Any] | None = None,
+    shapes: Sequence[dict[str, Any]] = (),
+    **_: Any,
+) -> ByteArray:
+    """Paint a texture of textures.toml as RGBA [SIZE, SIZE, 4]."""
+    pattern = np.full((SIZE, SIZE), brightness)
+    for amplitude, *spectrum in noise:
+        pattern += amplitude * noise_of(rng, *spectrum)
+    if stones is not None:
+        pattern *= _stones(rng, **stones)
+    colours = np.clip(pattern[..., None] * [*colour, 1e9], 0, 1)
+    image = (255 * colours).astype(np.uint8)
+    for shape in shapes:
+        for shift in shape.get("repeat", [[0, 0]]):
+            _draw(image, shift, **shape)
+    return image
+
+
+def _stones(
+    rng: Generator,
+    num: tuple[int, int],  # stones across and down
+    spread: float,  # standard deviation of their brightness
+    joint: float,  # thickness of the bed joints in stone heights
+    joint_brightness: float,
+    shift: float = 0.5,  # of every second row, in stone widths
+    slope: float = 0.0,  # brightness from the upper to the lower edge of a stone
+) -> FloatArray:
+    """Return the brightness [SIZE, SIZE] of rows of stones."""
+    num_across, num_down = num
+    rows, columns = np.mgrid[:SIZE, :SIZE] / SIZE
+    down = rows * num_down
+    row = down.astype(int)
+    across = columns * num_across + shift * (row % 2)
+    stones = 1 + spread * rng.standard_normal((num_down, num_across))
+    brightness = stones[row, across.astype(int) % num_across]
+    brightness *= 1 + slope * (down % 1 - 1)
+    is_joint = (across % 1 < 0.06) | (down % 1 < joint)
+    return np.where(is_joint, joint_brightness, brightness)
+
+
+def _draw(
+    image: ByteArray,
+    shift: Sequence[int],
+    kind: str,
+    at: Sequence[int],
+    colour: Sequence[int],
+    width: int = -1,
+    **_: Any,
+) -> None:
+    """Draw a shape on an image."""
+    points = np.reshape(at, (-1, 2))
+    if kind == "ellipse":
+        centre = points[0] + shift
+        pose = (centre.tolist(), points[1].tolist(), 0, 0, 360)
+        cv2.ellipse(image, *pose, colour, width, cv2.LINE_AA)
+        return
+    points += shift
+    if kind == "rectangle":
+        first, second = points.tolist()
+        cv2.rectangle(image, first, second, colour, width)
+    else:
+        cv2.polylines(image, [points], False, colour, width, cv2.LINE_AA)
 
 
 @functools.lru_cache(maxsize=1)
 def mip_maps() -> ByteArray:
-    """Paint all textures; return RGBA [textures, 2 SIZE, SIZE, 4] in display brightness.
+    """Paint all textures; return RGBA [textures, 2 SIZE, SIZE, 4].
 
     Level k of a texture starts at row 2 SIZE - (2 SIZE >> k).
     """
     stack = np.zeros((len(Texture), 2 * SIZE, SIZE, 4), dtype=np.uint8)
-    for number, (name, table) in enumerate(TABLES.items()):
+    for number, table in enumerate(TABLES.values()):
         # All streets share the images; they differ by tints and layout.
-        image = images.paint(
-            name, table, np.random.default_rng([20_110_926, number])
-        )
+        image = paint(np.random.default_rng([20_110_926, number]), **table)
         for level in range(SIZE.bit_length()):
             size = SIZE >> level
             first = 2 * SIZE - 2 * size
-            resized = cv2.resize(
+            stack[number, first : first + size, :size] = cv2.resize(
                 image, (size, size), interpolation=cv2.INTER_AREA
             )
-            stack[number, first : first + size, :size] = resized
     return stack
 
 
 def sample(
     texture: IntArray | Texture,  # [N] or one for all
     uv: FloatArray,  # [N, 2], in tiles; images repeat
-    uv_steps: FloatArray,  # [N, 2, 2], change of uv to the next pixel to the right and below
-    min_size: FloatArray
-    | float = 0.0,  # [N], in tiles; smaller details are not resolved
+    longer: FloatArray,  # [N, 2], the longer side of the footprint of a pixel, in tiles
+    shorter: FloatArray,  # [N], length of the shorter side, in tiles
 ) -> FloatArray:
     """Return RGBA [N, 4] in 0..1, averaged over the footprint of each pixel."""
     textures = np.zeros(len(uv), dtype=int) + texture
-    min_sizes = np.zeros(len(uv)) + min_size
-    return _sample(
-        mip_maps(), textures, np.ascontiguousarray(uv), uv_steps, min_sizes
-    )
+    return _sample(mip_maps(), textures, uv, longer, shorter)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _sample(stack, texture, uv, uv_steps, min_size):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _sample(stack, texture, uv, longer, shorter):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Average taps along the longer side of the footprint in two mip levels."""
     size = stack.shape[2]
     colours = np.zeros((len(texture), 4))
     for i in range(len(texture)):
-        image = stack[texture[i]]
-        right = math.hypot(uv_steps[i, 0, 0], uv_steps[i, 0, 1]) * size
-        down = math.hypot(uv_steps[i, 1, 0], uv_steps[i, 1, 1]) * size
-        longer = 0 if right > down else 1
-        major = max(right, down)
-        minor = max(min(right, down), major / MAX_TAPS, min_size[i] * size, 1.0)
+        major = math.hypot(longer[i, 0], longer[i, 1]) * size
+        minor = max(shorter[i] * size, major / MAX_TAPS, 1.0)
         num_taps = min(max(math.ceil(major / minor), 1), MAX_TAPS)
         level = min(math.log2(minor), math.log2(size))
-        for step in range(2):
-            mip = int(level) + step
-            mip_weight = 1.0 - abs(level - mip)
-            if mip_weight == 0.0:
+        for mip in range(int(level), int(level) + 2):
+            weight = (1.0 - abs(level - mip)) / (255.0 * num_taps)
+            if weight == 0.0:
                 continue
             width = size >> mip
             first = 2 * size - 2 * width
             for tap in range(num_taps):
                 offset = (tap + 0.5) / num_taps - 0.5
-                x = (uv[i, 0] + offset * uv_steps[i, longer, 0]) * width - 0.5
-                y = (uv[i, 1] + offset * uv_steps[i, longer, 1]) * width - 0.5
+                x = (uv[i, 0] + offset * longer[i, 0]) * width - 0.5
+                y = (uv[i, 1] + offset * longer[i, 1]) * width - 0.5
                 left = math.floor(x)
                 top = math.floor(y)
                 for row in (top, top + 1):
-                    for column in (left, left + 1):
-                        weight = (
-                            mip_weight
-                            * (1.0 - abs(x - column))
-                            * (1.0 - abs(y - row))
-                        )
-                        texel = image[first + row % width, column % width]
+                    for col in (left, left + 1):
+                        part = (1.0 - abs(x - col)) * (1.0 - abs(y - row))
+                        texel = stack[
+                            texture[i], first + row % width, col % width
+                        ]
                         for channel in range(4):
                             colours[i, channel] += (
-                                weight * texel[channel] / (255.0 * num_taps)
+                                weight * part * texel[channel]
                             )
     return colours

@@ -1,4 +1,4 @@
-"""Paths, hills, speeds and manoeuvres."""
+"""Paths, roads, speeds and manoeuvres."""
 
 import numpy as np
 import pytest
@@ -6,15 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from geovp_classic.data.synthetic.manoeuvres import Journey, Manoeuvre, Speed, plan
-from geovp_classic.data.synthetic.roads import from_bends, straight
-from geovp_classic.data.synthetic.terrain import Terrain, rolling_hills
-from geovp_classic.types import FloatArray
+from geovp_classic.data.synthetic.roads import Roads, from_bends, world_from_vehicle
+from geovp_classic.data.synthetic.textures import Texture
 
 TIMES_S = np.arange(60) * 0.1
 
 
 def test_a_straight_path_continues_beyond_its_ends() -> None:
-    path = straight((1.0, 2.0), np.pi / 2, 10.0)  # towards +x; right of it is -z
+    path = from_bends(
+        [(10.0, 0.0)], start=(1.0, 2.0), start_yaw_rad=np.pi / 2
+    )  # towards +x; right of it is -z
     places, yaw_rad = path.at(np.array([-3.0, 4.0, 15.0]), right_m=3.0)
     np.testing.assert_allclose(places, [[-2.0, -1.0], [5.0, -1.0], [16.0, -1.0]], atol=1e-9)
     np.testing.assert_allclose(yaw_rad, np.pi / 2)
@@ -30,38 +31,31 @@ def test_bends_have_their_turn_and_length(turn_rad: float) -> None:
 
 
 @given(along_m=st.floats(1.0, 99.0), right_m=st.floats(-8.0, 8.0))
-def test_the_distance_from_a_path_is_recovered(along_m: float, right_m: float) -> None:
+def test_places_beside_a_path_are_recovered(along_m: float, right_m: float) -> None:
     path = from_bends([(40.0, 0.0), (30.0, 0.8), (30.0, 0.0)])
     place, _ = path.at(along_m, right_m)
-    assert path.right_m(place[None])[0] == pytest.approx(right_m, abs=0.01)
+    np.testing.assert_allclose(path.locate(place[None])[0], [[right_m, along_m]], atol=0.02)
 
 
-def slope_of(terrain: Terrain, places: FloatArray) -> FloatArray:
-    """Return the gradient [N, 2] of the height by central differences."""
-    rises = [terrain.height_m(places + d) - terrain.height_m(places - d) for d in 1e-4 * np.eye(2)]
-    return np.stack(rises, axis=-1) / 2e-4
+def test_vehicles_face_along_their_yaw() -> None:
+    vehicle = world_from_vehicle(np.array([[3.0, 4.0]]), np.array([np.pi / 2]))[0]
+    expected = [[0, 0, 1, 3], [0, 1, 0, 0], [-1, 0, 0, 4], [0, 0, 0, 1]]  # ahead is +x
+    np.testing.assert_allclose(vehicle, expected, atol=1e-12)
 
 
-@given(seed=st.integers(0, 1000))
-def test_hills_are_gentle(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    slope = slope_of(rolling_hills(rng, max_slope=0.025), rng.uniform(-300, 300, (200, 2)))
-    assert np.linalg.norm(slope, axis=-1).max() < 0.025 * 1.4 + 1e-7
-
-
-def test_a_vehicle_follows_the_ground_along_its_heading() -> None:
-    terrain = rolling_hills(np.random.default_rng(1), max_slope=0.03)
-    places, yaw_rad = np.array([[3.0, 40.0], [-20.0, 9.0]]), np.array([0.4, -2.0])
-    world_from_vehicle = terrain.world_from_vehicle(places, yaw_rad)
-    rotation = world_from_vehicle[:, :3, :3]
-    np.testing.assert_allclose(rotation @ rotation.swapaxes(-1, -2), [np.eye(3)] * 2, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(rotation), 1.0)
-    np.testing.assert_allclose(world_from_vehicle[:, 1, 3], -terrain.height_m(places))
-    x, y, z = rotation[:, :, 2].T
-    np.testing.assert_allclose(np.arctan2(x, z), yaw_rad, atol=1e-3)
-    heading = np.stack([np.sin(yaw_rad), np.cos(yaw_rad)], axis=-1)
-    expected = (slope_of(terrain, places) * heading).sum(axis=-1)
-    np.testing.assert_allclose(-y / np.hypot(x, z), expected, atol=1e-4)
+def test_distances_from_the_kerb_are_signed_and_corners_are_rounded() -> None:
+    main = from_bends([(160.0, 0.0)], start=(0.0, -80.0))
+    cross = from_bends([(160.0, 0.0)], start=(-80.0, 0.0), start_yaw_rad=np.pi / 2)
+    roads = Roads([main, cross], (80.0, 80.0))  # 9.2 m wide, corners of radius 6 m
+    on_arc_m = 4.6 + 6.0 * (1 - 0.5**0.5)
+    places = np.array([[0.0, 50.0], [4.6, 30.0], [-7.6, 50.0], [on_arc_m, on_arc_m], [4.6, 4.6]])
+    expected_m = [-4.6, 0.0, 3.0, 0.0, -6.0 * (2**0.5 - 1)]
+    np.testing.assert_allclose(roads.distance_m(places), expected_m, atol=1e-6)
+    # The junction reaches 4.6 + 6.5 m, the zebra crossing 3 m further, and the pavement is 2.2 m.
+    x_m, z_m = [0.0, 0.0, 0.0, 4.7, 6.0, 7.0], [11.0, 14.0, 14.2, 50.0, 50.0, 50.0]
+    texture, _, _ = roads.surface(np.stack([x_m, z_m], axis=-1))
+    names = ["ASPHALT", "ZEBRA", "ROAD", "KERB", "PAVEMENT", "GRASS"]
+    assert [Texture(number).name for number in texture] == names
 
 
 def test_distances_are_integrals_of_the_speed() -> None:
@@ -74,7 +68,7 @@ def test_distances_are_integrals_of_the_speed() -> None:
 
 
 def test_the_left_lane_leads_back() -> None:
-    journey = Journey(straight((0.0, 0.0), 0.0, 100.0), Speed([5.0]), 60.0, right_m=-2.0)
+    journey = Journey(from_bends([(100.0, 0.0)]), Speed([5.0]), 60.0, right_m=-2.0)
     places, yaw_rad = journey.place_at(np.array([0.0, 4.0]))
     np.testing.assert_allclose(places, [[-2.0, 60.0], [-2.0, 40.0]], atol=1e-9)
     np.testing.assert_allclose(yaw_rad, np.pi)
