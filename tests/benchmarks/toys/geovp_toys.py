@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from geovp_classic.errors import BadData, Incompatible, MissingExtra
+from geovp_classic.geometry import pinhole
 from geovp_classic.types import (
     Clip,
     Context,
@@ -120,10 +121,12 @@ class SlideScene:
     def view(
         self, world_from_cam: np.ndarray, times_s: np.ndarray, intrinsics: Intrinsics
     ) -> Views:
-        shape = (len(world_from_cam), *self.frame.shape[:2])
+        size_px = (intrinsics.width_px, intrinsics.height_px)
+        frame = pinhole.resize(self.frame, size_px)
+        shape = (len(world_from_cam), *frame.shape[:2])
         covered = np.ones(shape, bool)
         covered[:, :, : shape[2] // 2] = False
-        return Views(np.broadcast_to(self.frame, (*shape, 3)), covered, np.ones(shape, np.float32))
+        return Views(np.broadcast_to(frame, (*shape, 3)), covered, np.ones(shape, np.float32))
 
 
 @dataclass(frozen=True)
