@@ -146,11 +146,10 @@ def local_bundle_adjustment(scene: Scene) -> Comparison:
     points = np.pad(homogeneous(scene.rays[0]), ((0, 0), (0, 1)))
     bundle = Bundle(given[1:], points, pixels[1:], visible, CAMERA)
     prior = ImageRegistration().prior(given[1:])
-    is_free = np.ones((NUM_VIEWS - 1, 6), dtype=bool)
 
     def ours() -> FloatArray:
         start = bundle.with_inverse_depths()
-        adjusted = BundleAdjustment().adjust(start, is_free, INVERSE_DEPTHS, prior)
+        adjusted = BundleAdjustment().adjust(start, INVERSE_DEPTHS, prior)
         last: FloatArray = adjusted.cam_from_world[-1]
         return last
 

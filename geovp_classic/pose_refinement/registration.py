@@ -155,7 +155,6 @@ class ImageRegistration:
         )
         adjusted = self.bundle.adjust(
             given.with_inverse_depths(),
-            np.ones((len(sources), 6), dtype=bool),
             INVERSE_DEPTHS,
             self.prior(source_from_reference),
         )
