@@ -164,5 +164,5 @@ def _longest_run(is_free: BoolArray) -> slice:
     starts, stops = ends[::2], ends[1::2]
     if len(starts) == 0:
         return slice(0, 0)
-    longest = (stops - starts).argmax()
-    return slice(int(starts[longest]), int(stops[longest]))
+    index = (stops - starts).argmax()
+    return slice(int(starts[index]), int(stops[index]))
