@@ -136,7 +136,7 @@ class Roads:
         place by a step in the world [N, 2, 3].
         """
         located = [path.locate(places) for path in self.paths]
-        from_path_m = np.array([found for found, _ in located])  # [paths, N, 2]
+        from_path_m = np.array([place for place, _ in located])  # [paths, N, 2]
         from_kerb_m = self._from_kerb_m(from_path_m[..., 0])
         # The textures of road, kerb, pavement and grass follow each other.
         bands_m = [0.0, self.kerb_m, self.pavement_m]

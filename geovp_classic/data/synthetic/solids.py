@@ -76,7 +76,7 @@ class RayCaster:
     def cast(self, origins: FloatArray, directions: FloatArray) -> Cast:
         """Return the nearest hits of rays; origins and directions are [N, 3] or [3]."""
         rays = np.broadcast_arrays(origins, directions)
-        found = _cast(
+        hits = _cast(
             self.boxes,
             self.order,
             self.local_from_world,
@@ -84,7 +84,7 @@ class RayCaster:
             self.solids.is_round,
             *map(np.ascontiguousarray, rays),
         )
-        return Cast(*found)
+        return Cast(*hits)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
