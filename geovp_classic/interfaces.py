@@ -42,11 +42,11 @@ class ScaleEstimator(Protocol):
 
     @property
     def unit(self) -> float:
-        """Return metres per unit of the odometry; 1 while unknown."""
+        """Return metres per unit of the odometry, on average; 1 while unknown."""
 
     @property
-    def confidence(self) -> float:
-        """Return the confidence in the unit, from 0 (unknown) to 1."""
+    def units(self) -> FloatArray:
+        """Return metres per unit of the odometry at each update [N]."""
 
     @property
     def uncertainty(self) -> float:

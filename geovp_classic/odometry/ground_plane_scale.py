@@ -1,6 +1,7 @@
 """Metric scale of an odometry from the road and the camera's height above it."""
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,8 +9,14 @@ from geovp_classic.errors import Incompatible
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import ScaleEstimator
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.road import RoadAligner, blur, level_plane
-from geovp_classic.odometry.speed_prior import SpeedPrior
+from geovp_classic.odometry.random_walk import RandomWalk
+from geovp_classic.odometry.road import (
+    RoadAligner,
+    RoadMeasurement,
+    RoadPair,
+    level_plane,
+)
+from geovp_classic.odometry.speed_prior import MIN_SPREAD, SpeedPrior
 from geovp_classic.types import (
     ByteArray,
     FloatArray,
@@ -22,29 +29,41 @@ from geovp_classic.types import (
 class GroundPlane:
     """Metres from the camera's known height: the road ahead is aligned from image to image.
 
-    The logarithm of the height in units of the odometry, pitch and roll are measured together at
-    every keyframe, and smoothed over time. In turns, the road ahead is not the one driven on.
+    Every pair of images measures the height in units of the odometry, from scratch. A random walk
+    is then fitted to all measurements. Constants were chosen on train and val drives.
     """
 
-    drift: float = 0.002  # of the unit from keyframe to keyframe, relative
-    drift_per_rad: float = 0.08  # in addition, by the rotation
-    error: float = 0.06  # relative standard deviation of a measurement
-    error_per_rad: float = 12.0
-    wobble_rad: float = 0.02  # of pitch and roll from image to image
+    # relative standard deviation of a measurement
+    # that also covers its correlation with the next ones
+    error: float = 0.05
+    alignment_error_ratio: float = 4.0  # in addition, by the alignment's own
+    # relative increase by the rotation: in turns, the road ahead is not the one driven on
+    error_per_rad: float = 8.0
+    # relative error that all measurements share: of pitch, and by roads that are not flat
+    systematic_error: float = 0.02
+    walk: RandomWalk = field(default_factory=RandomWalk)  # of the height
+    step_per_rad: float = 20.0  # relative increase of its steps by the rotation
+    # search around the last heights, in logarithms
+    search_range: float = 0.3
+    search_step: float = 0.03
+    num_recent: int = 5  # heights
+    # first search: heights in lengths of the motion, and pitches around the expected one
+    min_height: float = 0.15
+    max_height: float = 40.0
+    num_heights: int = 80
+    pitches_deg: tuple[float, ...] = (0.0, -2.0, 2.0)
+    sufficient_correlation: float = 0.85  # ends the first search
+    max_missed: int = 2  # pairs in a row, before the first search is repeated
+    wobble_rad: float = 0.004  # of pitch and roll from image to image
     initial_tilt_rad: float = (
         0.0175  # uncertainty of pitch and roll before the first measurement
     )
+    min_tilt_rate: float = 0.05  # of the running means of pitch and roll
     max_pitch_deg: float = 20.0  # of a camera with a visible road
     # assumed if a clip shows no road; "none": the clip has no metric scale
     prior: SpeedPrior | None = field(default_factory=SpeedPrior)
     road: RoadAligner = field(default_factory=RoadAligner)
     min_samples: int = 50  # of the road in the image
-    gate: float = (
-        3.0  # standard deviations from which a measurement is rejected
-    )
-    max_rejected: int = (
-        2  # measurements in a row, before the search is repeated
-    )
 
     needs = PrivilegedInput.CAMERA_HEIGHT
     is_metric = True
@@ -70,7 +89,7 @@ class GroundPlane:
 
 
 class GroundPlaneEstimator:
-    """Kalman filter of the logarithm of the camera's height in units of the odometry."""
+    """Camera heights in units of the odometry, and a random walk through them."""
 
     def __init__(
         self,
@@ -81,56 +100,48 @@ class GroundPlaneEstimator:
     ) -> None:
         self.settings = settings
         self.camera_height_m = camera_height_m
+        self.unit = 1.0
+        self.units: FloatArray = np.zeros(0)
+        self.uncertainty = np.inf
         self.pitch_rad = pitch_rad
         self.roll_rad = 0.0
-        self.log_height = 0.0
-        self.variance = np.inf
-        self.num_measurements = 0
-        self.num_rejected = 0  # measurements in a row
-        self.lens = Lens(camera)  # of the rows that show the road
-        self.pixels = settings.road.samples(
-            self.lens, level_plane(1.0, pitch_rad)
+        self._measurements: list[Measurement] = []  # one per update
+        self._recent: list[float] = []  # logarithms of measured heights
+        self._num_measured = 0
+        self._num_missed = 0  # in a row
+        self._is_restarted = False
+        self._lens = Lens(camera)
+        self._pixels = settings.road.samples(
+            self._lens, level_plane(1.0, pitch_rad)
         )  # [N, 2]
-        self.top_px = 0  # of the rows that show the road
-        if len(self.pixels):
-            self.top_px = max(0, int(self.pixels[:, 1].min()) - 24)
-            self.pixels[:, 1] -= self.top_px
-            height_px = camera.height_px - self.top_px
-            self.lens = Lens(
-                camera.cropped(0, self.top_px, camera.width_px, height_px)
+        self._top_px = 0  # of the rows that show the road
+        if len(self._pixels):
+            self._top_px = max(0, int(self._pixels[:, 1].min()) - 24)
+            self._pixels[:, 1] -= self._top_px
+            height_px = camera.height_px - self._top_px
+            self._lens = Lens(
+                camera.cropped(0, self._top_px, camera.width_px, height_px)
             )
-
-    @property
-    def unit(self) -> float:
-        """Return metres per unit of the odometry; 1 while unknown."""
-        if not np.isfinite(self.variance):
-            return 1.0
-        return float(self.camera_height_m / np.exp(self.log_height))
-
-    @property
-    def confidence(self) -> float:
-        """Return 1 for a known unit down to 0 for a relative deviation of a fifth or more."""
-        return float(np.clip(1 - 5 * self.uncertainty, 0, 1))
-
-    @property
-    def uncertainty(self) -> float:
-        """Return the relative standard deviation of the unit; infinite while unknown."""
-        return float(np.sqrt(self.variance))
 
     def finalize(self, length: float, duration_s: float) -> None:
-        """Assume the prior's median speed if no road was found."""
-        prior = self.settings.prior
-        if prior is not None and self.confidence == 0 and length > 0:
-            metres_per_unit = prior.median_m_s * duration_s / length
-            self.log_height = float(
-                np.log(self.camera_height_m / metres_per_unit)
+        """Fit the walk, or assume the prior's median speed if no road was found."""
+        if self._num_measured:
+            log_heights, deviations = self.settings.walk.smooth(
+                *np.array(self._measurements).T
             )
-            self.variance = prior.spread**2
+            variance = float(np.mean(deviations**2))
+            self.uncertainty = float(
+                np.sqrt(variance + self.settings.systematic_error**2)
+            )
+            self.units = self.camera_height_m / np.exp(log_heights)
+            self.unit = float(np.exp(np.log(self.units).mean()))
+        if self.uncertainty > MIN_SPREAD:
+            self._assume(length, duration_s)
 
     def restart(self) -> None:
         """Forget the height after a change of the odometry's unit; keep pitch and roll."""
-        self.variance = np.inf
-        self.num_rejected = 0
+        self._recent = []
+        self._is_restarted = True
 
     def update(
         self,
@@ -140,98 +151,112 @@ class GroundPlaneEstimator:
         radial: float = 0.0,
     ) -> None:
         """Measure the height from two grey images [H, W] and the motion between them [4, 4]."""
-        length = float(np.linalg.norm(before_from_now[:3, 3]))
-        if length < 1e-6 or len(self.pixels) < self.settings.min_samples:
-            return
-        self.lens = replace(self.lens, radial=radial)
-        images = (before[self.top_px :], now[self.top_px :])
-        road = self.settings.road
-        blurs_px = [road.blur_px]
-        is_new = not np.isfinite(self.variance)
-        if is_new:
-            plane = road.search(
-                images,
-                before_from_now,
-                self.lens,
-                self.pixels[::3],
-                self.pitch_rad,
-                self.roll_rad,
-            )
-            if plane is None:
-                return
-            self.log_height = -float(np.log(np.linalg.norm(plane)))
-            self.pitch_rad = pitch(plane)
-            self.variance = 0.1**2
-            blurs_px = [2 * road.blur_px, road.blur_px]
-        plane = level_plane(
-            float(np.exp(self.log_height)), self.pitch_rad, self.roll_rad
-        )
-        information = self._prior_information(plane)
-        for blur_px in blurs_px:
-            blurred = (blur(images[0], blur_px), blur(images[1], blur_px))
-            plane = road.align(
-                blurred,
-                before_from_now,
-                self.lens,
-                self.pixels,
-                plane,
-                information,
-            )
-            if plane is None:
-                break
+        settings = self.settings
         turn_rad = float(se3.rotation_angle_rad(before_from_now))
-        self.variance += (
-            self.settings.drift + self.settings.drift_per_rad * turn_rad
-        ) ** 2
-        if plane is not None:
-            self._correct(plane, turn_rad)
-        elif is_new:
-            self.variance = np.inf
-
-    def _prior_information(self, plane: FloatArray) -> FloatArray:
-        """Return the inverse covariance [3, 3] of the plane before a measurement.
-
-        It is loose in height (30 %), and tighter in pitch and roll.
-        """
-        size = float(np.linalg.norm(plane))
-        along = np.outer(plane, plane) / size**2
-        initial_rad = self.settings.initial_tilt_rad / (
-            1 + self.num_measurements
+        step_ratio = 1 + settings.step_per_rad * turn_rad
+        if self._is_restarted:
+            step_ratio = np.inf
+            self._is_restarted = False
+        road = settings.road
+        pair = RoadPair(
+            road.blurred(before[self._top_px :]),
+            road.blurred(now[self._top_px :]),
+            before_from_now,
+            replace(self._lens, radial=radial),
         )
-        tilt_rad = self.settings.wobble_rad + initial_rad
-        return (
-            along / (0.3 * size) ** 2
-            + (np.eye(3) - along) / (tilt_rad * size) ** 2
-        )
-
-    def _correct(self, plane: FloatArray, turn_rad: float) -> None:
-        """Correct the filter by a measured plane, unless it fails the gate."""
-        measured = -float(np.log(np.linalg.norm(plane)))
-        variance = (
-            self.settings.error + self.settings.error_per_rad * turn_rad
-        ) ** 2
-        innovation = measured - self.log_height
-        if abs(innovation) > self.settings.gate * np.sqrt(
-            self.variance + variance
-        ):
-            self.num_rejected += 1
-            if self.num_rejected > self.settings.max_rejected:
-                self.restart()
+        measured = self._measure(pair)
+        if measured is None:
+            self._measurements.append(Measurement(np.nan, np.inf, step_ratio))
+            self._num_missed += 1
+            if self._num_missed > settings.max_missed:
+                self._recent = []
             return
-        gain = self.variance / (self.variance + variance)
-        self.log_height += gain * innovation
-        self.variance *= 1 - gain
-        self.num_rejected = 0
-        self.num_measurements += 1
-        rate = (
-            max(0.05, 1 / (1 + self.num_measurements))
-            * self.settings.error**2
-            / variance
+        log_height = -float(np.log(np.linalg.norm(measured.plane)))
+        turn_ratio = 1 + settings.error_per_rad * turn_rad
+        deviation = turn_ratio * np.hypot(
+            settings.error, settings.alignment_error_ratio * measured.deviation
         )
+        self._measurements.append(
+            Measurement(log_height, float(deviation), step_ratio)
+        )
+        self._recent = [*self._recent, log_height][-settings.num_recent :]
+        self._num_missed = 0
+        self._num_measured += 1
+        rate = max(settings.min_tilt_rate, 1 / self._num_measured)
+        self._update_tilt(measured.plane, rate / turn_ratio**2)
+
+    def _measure(self, pair: RoadPair) -> RoadMeasurement | None:
+        """Return the plane of the road; None if it is not visible."""
+        length = float(np.linalg.norm(pair.before_from_now[:3, 3]))
+        if length < 1e-6 or len(self._pixels) < self.settings.min_samples:
+            return None
+        road = self.settings.road
+        if not self._recent:
+            first = self._search_all(pair, length)
+            if first is None:
+                return None
+            log_height = -float(np.log(np.linalg.norm(first)))
+            self.pitch_rad = pitch(first)
+        else:
+            log_height = float(np.median(self._recent))
+        width = self.settings.search_range
+        log_heights = log_height + np.arange(
+            -width, width, self.settings.search_step
+        )
+        expected = level_plane(1.0, self.pitch_rad, self.roll_rad)
+        planes = expected / np.exp(log_heights)[:, None]
+        start, correlation = road.search(pair, self._pixels, planes)
+        if correlation < road.min_correlation:
+            return None
+        initial_rad = self.settings.initial_tilt_rad / (1 + self._num_measured)
+        tilt_rad = self.settings.wobble_rad + initial_rad
+        return road.align(pair, self._pixels, start, tilt_rad)
+
+    def _search_all(self, pair: RoadPair, length: float) -> FloatArray | None:
+        """Return the plane [3] among all heights and pitches."""
+        settings = self.settings
+        heights = length * np.geomspace(
+            settings.min_height, settings.max_height, settings.num_heights
+        )
+        best = None
+        best_correlation = settings.road.min_correlation
+        pitches_deg = (0.0,) if self._num_measured else settings.pitches_deg
+        for offset_rad in np.radians(pitches_deg):
+            pitch_rad = self.pitch_rad + offset_rad
+            planes = level_plane(1.0, pitch_rad, self.roll_rad)
+            planes = planes / heights[:, None]
+            plane, correlation = settings.road.search(
+                pair, self._pixels, planes
+            )
+            if correlation > best_correlation:
+                best = plane
+                best_correlation = correlation
+            if correlation > settings.sufficient_correlation:
+                break
+        return best
+
+    def _update_tilt(self, plane: FloatArray, rate: float) -> None:
         self.pitch_rad += rate * (pitch(plane) - self.pitch_rad)
-        self.roll_rad += rate * (
-            float(np.arctan2(plane[0], plane[1])) - self.roll_rad
-        )
+        roll_rad = float(np.arctan2(plane[0], plane[1]))
+        self.roll_rad += rate * (roll_rad - self.roll_rad)
+
+    def _assume(self, length: float, duration_s: float) -> None:
+        """Assume the prior's median speed, if there is a prior."""
+        prior = self.settings.prior
+        self.unit = 1.0
+        self.uncertainty = np.inf
+        if prior is not None and length > 0:
+            self.unit = prior.median_m_s * duration_s / length
+            self.uncertainty = prior.spread
+        self.units = np.full(len(self._measurements), self.unit)
+
+
+class Measurement(NamedTuple):
+    """The logarithm of a height (NaN: none), its deviation, and the walk's relative step to it."""
+
+    log_height: float
+    deviation: float
+    step_ratio: float
 
 
 def pitch(plane: FloatArray) -> float:

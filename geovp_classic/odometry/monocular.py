@@ -41,6 +41,7 @@ class Monocular:
     # Images less than this many camera heights apart say little about the road.
     scale_strides: tuple[int, ...] = (1, 2, 4)
     min_baseline_heights: float = 1 / 3
+    max_uncertainty: float = 0.2  # relative, of a scale that counts as measured
 
     @property
     def needs(self) -> PrivilegedInput:
@@ -82,7 +83,6 @@ class Monocular:
         estimator = self._fit_scale(
             images, path, view.intrinsics, context.camera_height_m
         )
-        estimator.finalize(path.length, images[-1].time_s - images[0].time_s)
 
         # Bridge
         poses = path.world_from_cam.copy()
@@ -110,7 +110,7 @@ class Monocular:
         tracker = Tracker(self.tracking, intrinsics)
         estimator = self.scale.estimator(intrinsics, camera_height_m)
         num_starts = 1
-        units = np.full(len(times_s), np.nan)
+        updated = []  # steps
         for index, (frame, time_s) in enumerate(
             zip(frames, times_s, strict=True)
         ):
@@ -123,16 +123,16 @@ class Monocular:
                 num_starts = tracker.num_starts
             if tracker.new_pair is not None:
                 estimator.update(*tracker.new_pair)
-            if estimator.confidence > 0:
-                units[index] = estimator.unit
+                updated.append(index)
         poses, tracked = tracker.poses()
         steps = se3.inverse(poses[:-1]) @ poses[1:]
-        is_known = np.isfinite(units)
-        if is_known.any():
+        length = float(np.linalg.norm(steps[:, :3, 3], axis=1).sum())
+        estimator.finalize(length, float(times_s[-1] - times_s[0]))
+        if len(estimator.units):
             units = np.interp(
-                np.arange(len(units)), np.flatnonzero(is_known), units[is_known]
+                np.arange(1, len(times_s)), updated, estimator.units
             )
-            steps[:, :3, 3] *= units[1:, None]
+            steps[:, :3, 3] *= units[:, None]
         world_from_cam = np.stack(
             list(accumulate(steps, np.matmul, initial=np.eye(4)))
         )
@@ -169,6 +169,7 @@ class Monocular:
             steps[path.tracked[:-1] & path.tracked[1:], :3, 3]
         )
         mean_step = path.length / max(len(steps), 1)
+        duration_s = images[-1].time_s - images[0].time_s
         best: ScaleEstimator | None = None
         for stride in self.scale_strides:
             estimator = self.scale.estimator(intrinsics, height_m, pitch_rad)
@@ -179,11 +180,13 @@ class Monocular:
                     before_from_now = se3.inverse(poses[before]) @ poses[now]
                     greys = (images[before].grey, images[now].grey)
                     estimator.update(*greys, before_from_now, path.radial)
-            if best is None or estimator.confidence > 0:
+            estimator.finalize(path.length, duration_s)
+            is_measured = estimator.uncertainty < self.max_uncertainty
+            if best is None or is_measured:
                 best = estimator
             baseline_m = stride * mean_step * best.unit
             min_baseline_m = self.min_baseline_heights * (height_m or 0.0)
-            if best.confidence > 0 and baseline_m > min_baseline_m:
+            if is_measured and baseline_m > min_baseline_m:
                 break
         assert best is not None
         return best

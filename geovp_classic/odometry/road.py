@@ -5,6 +5,8 @@ camera's height, so that m . x = 1 for the points x of the plane. A ray r of the
 r / (m . r), and another camera observes it along R r + t (m . r), which is linear in m.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import cv2
@@ -17,27 +19,36 @@ from geovp_classic.types import BoolArray, ByteArray, FloatArray
 
 
 @dataclass(frozen=True)
+class RoadMeasurement:
+    """Plane of the road [3], and the standard deviation of the logarithm of its height."""
+
+    plane: FloatArray
+    deviation: float
+
+
+@dataclass(frozen=True)
 class RoadAligner:
-    """Direct alignment of two images of the road (Irani & Anandan 1999)."""
+    """Search and direct alignment of the road in two images (Irani & Anandan 1999)."""
 
     # part of the road that is used, in camera heights
     min_distance: float = 2.5
     max_distance: float = 10.0
     half_width: float = 1.4
     max_samples: int = 1000
+    search_stride: int = 3  # the search uses one sample of three
     min_visible_fraction: float = 0.5  # of the samples, in the other image
-    # search: heights in lengths of the motion, and pitches around the expected one
-    min_height: float = 0.15
-    max_height: float = 40.0
-    num_heights: int = 60
-    pitches_deg: tuple[float, ...] = (0.0, -2.0, 2.0)
-    sufficient_correlation: float = 0.85  # ends the search
     min_correlation: float = 0.5
-    blur_px: float = 1.0  # of the images that are aligned
+    blur_px: float = 1.0  # of the images
+    mean_px: int = 21  # window of the local mean that the search subtracts
+    max_rounds: int = 6  # of the alignment
     grey_noise: float = 2.0  # standard deviation of grey values
-    max_height_error: float = (
-        0.05  # by the grey noise; above it the road has no texture
-    )
+    max_deviation: float = 0.05  # above it the road has no texture
+
+    def blurred(self, grey: ByteArray) -> FloatArray:
+        """Return the grey image [H, W] as float32, blurred."""
+        sigma_px = self.blur_px
+        blurred = cv2.GaussianBlur(grey, (0, 0), sigma_px)
+        return blurred.astype(np.float32)
 
     def samples(self, lens: Lens, normal: FloatArray) -> FloatArray:
         """Return pixels [N, 2] of the road ahead, evenly spread over the image.
@@ -64,12 +75,80 @@ class RoadAligner:
         stride = max(1, int(np.ceil(np.sqrt(len(road) / self.max_samples))))
         return road[(road % stride == 0).all(axis=1)].astype(np.float64)
 
+    def search(
+        self,
+        pair: RoadPair,
+        pixels: FloatArray,  # [N, 2]
+        planes: FloatArray,  # [M, 3]
+    ) -> tuple[FloatArray, float]:
+        """Return the plane [3] with the largest correlation, and that.
+
+        The local mean is subtracted from the images, so that exposure does not matter.
+        """
+        size_px = (self.mean_px, self.mean_px)
+        before, now = (
+            image - cv2.blur(image, size_px)
+            for image in (pair.before, pair.now)
+        )
+        pixels = pixels[:: self.search_stride]
+        rays = homogeneous(pair.lens.rays(pixels))
+        values = sample(now, pixels)
+        correlations = self.correlation(before, values, pair, rays, planes)
+        best = int(correlations.argmax())
+        return planes[best], float(correlations[best])
+
+    def align(
+        self,
+        pair: RoadPair,
+        pixels: FloatArray,  # [N, 2] of the second image
+        start: FloatArray,  # [3], with the expected pitch and roll
+        tilt_rad: float,  # standard deviation of pitch and roll
+    ) -> RoadMeasurement | None:
+        """Return the plane near the start that aligns both images best.
+
+        This is Gauss-Newton on the difference of grey values (Lucas & Kanade 1981), with
+        Geman-McClure weights against other surfaces. The result is None if the road is not visible,
+        has no texture, or looks different.
+        """
+        derivatives = [
+            cv2.Sobel(pair.before, cv2.CV_32F, dx, 1 - dx, scale=1 / 8)
+            for dx in (1, 0)
+        ]
+        fields = np.stack([pair.before, *derivatives], axis=-1)
+        target = sample(pair.now, pixels)
+        rays = homogeneous(pair.lens.rays(pixels))
+        prior_information = _tilt_information(start, tilt_rad)
+        plane = start
+        for _ in range(self.max_rounds):
+            linear = self._linearise(pair, fields, target, rays, plane)
+            if linear is None:
+                return None
+            difference, jacobian = linear
+            spread = max(
+                self.grey_noise, 1.4826 * float(np.median(np.abs(difference)))
+            )
+            weight = geman_mcclure_weight(difference, 2 * spread) / spread**2
+            mean = weight @ jacobian / weight.sum()
+            jacobian -= mean  # eliminates the change of brightness
+            information = jacobian.T * weight @ jacobian + prior_information
+            gradient = jacobian.T * weight @ difference
+            gradient += prior_information @ (plane - start)
+            step = -np.linalg.solve(information, gradient)
+            plane = plane + step
+            if np.abs(step).max() < 5e-3 * np.linalg.norm(plane):
+                break
+        covariance = np.linalg.inv(information)
+        deviation = float(np.sqrt(plane @ covariance @ plane) / (plane @ plane))
+        correlation = self.correlation(pair.before, target, pair, rays, plane)
+        if deviation > self.max_deviation or correlation < self.min_correlation:
+            return None
+        return RoadMeasurement(plane, deviation)
+
     def correlation(
         self,
         before: FloatArray,  # [H, W] float32
         values: FloatArray,  # [N] grey values now
-        before_from_now: FloatArray,  # [4, 4]
-        lens: Lens,
+        pair: RoadPair,
         rays: FloatArray,  # [N, 3] of the values, z = 1
         planes: FloatArray,  # [..., 3] in the camera now
     ) -> FloatArray:
@@ -77,127 +156,84 @@ class RoadAligner:
 
         They are -1 where too little of the plane is visible in the other image.
         """
-        _, pixels, visible = _project(lens, rays, before_from_now, planes)
-        count = visible.sum(axis=-1)
+        _, pixels, visible = pair.project(rays, planes)
         values_before = sample(before, pixels)
         a = _normalised(np.broadcast_to(values, visible.shape), visible)
         b = _normalised(values_before, visible)
-        is_visible = count >= self.min_visible_fraction * len(rays)
+        is_visible = visible.mean(axis=-1) >= self.min_visible_fraction
         return np.where(is_visible, (a * b).sum(axis=-1), -1.0)
 
-    def search(
+    def _linearise(
         self,
-        images: tuple[ByteArray, ByteArray],  # [H, W] each, before and now
-        before_from_now: FloatArray,  # [4, 4]
-        lens: Lens,
-        pixels: FloatArray,  # [N, 2]
-        pitch_rad: float,
-        roll_rad: float,
-    ) -> FloatArray | None:
-        """Return the plane [3] with the largest correlation; None if it is low everywhere.
+        pair: RoadPair,
+        fields: FloatArray,  # [H, W, 3] float32: the image before and its derivatives
+        target: FloatArray,  # [N] grey values now
+        rays: FloatArray,  # [N, 3]
+        plane: FloatArray,  # [3]
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return the differences of visible grey values and their jacobian.
 
-        The images are band-pass filtered, so that exposure does not matter.
+        The median difference is a change of brightness, and is subtracted. The result is None if
+        too few samples are visible.
         """
-        before, now = (blur(grey, 1.5) - blur(grey, 6.0) for grey in images)
-        values = sample(now, pixels)
-        rays = homogeneous(lens.rays(pixels))
-        heights = np.geomspace(
-            self.min_height, self.max_height, self.num_heights
-        )
-        heights *= np.linalg.norm(before_from_now[:3, 3])
-        best_plane = None
-        best_correlation = self.min_correlation
-        for offset_rad in np.radians(self.pitches_deg):
-            planes = (
-                level_plane(1.0, pitch_rad + offset_rad, roll_rad)
-                / heights[:, None]
-            )
-            correlations = self.correlation(
-                before, values, before_from_now, lens, rays, planes
-            )
-            best = int(correlations.argmax())
-            if correlations[best] > best_correlation:
-                best_plane = planes[best]
-                best_correlation = float(correlations[best])
-            if best_correlation > self.sufficient_correlation:
-                break
-        return best_plane
-
-    def align(
-        self,
-        images: tuple[
-            FloatArray, FloatArray
-        ],  # [H, W] float32 each, before and now
-        before_from_now: FloatArray,  # [4, 4]
-        lens: Lens,
-        pixels: FloatArray,  # [N, 2] of the second image
-        prior: FloatArray,  # [3], the plane to start from
-        prior_information: FloatArray,  # [3, 3], its inverse covariance
-    ) -> FloatArray | None:
-        """Return the plane [3] near the prior that aligns both images best.
-
-        This is Gauss-Newton on the difference of grey values (Lucas & Kanade 1981), with
-        Geman-McClure weights against other surfaces, and one offset for a change of brightness.
-        The result is None if the road is not visible, has no texture, or looks different.
-        """
-        before, now = images
-        target = sample(now, pixels)
-        rays = homogeneous(lens.rays(pixels))
-        slope_u = cv2.Scharr(before, cv2.CV_32F, 1, 0, scale=1 / 32)
-        slope_v = cv2.Scharr(before, cv2.CV_32F, 0, 1, scale=1 / 32)
-        fields = np.stack([before, slope_u, slope_v], axis=-1)
-        translation = before_from_now[:3, 3]
-        focal_px = (lens.camera.fx_px, lens.camera.fy_px)
-        plane = prior
-        for _ in range(6):
-            points, pixels_before, visible = _project(
-                lens, rays, before_from_now, plane
-            )
-            if visible.mean() < self.min_visible_fraction:
-                return None
-            x, y, depth = points[visible].T
-            values, by_u, by_v = sample(fields, pixels_before[visible]).T
-            # derivative of the grey value by m . r, without distortion
-            slope = (
-                by_u
-                * focal_px[0]
-                * (translation[0] * depth - x * translation[2])
-            )
-            slope += (
-                by_v
-                * focal_px[1]
-                * (translation[1] * depth - y * translation[2])
-            )
-            jacobian = (slope / depth**2)[:, None] * rays[visible]
-            difference = values - target[visible]
-            difference -= np.median(difference)
-            spread = max(
-                self.grey_noise, 1.4826 * float(np.median(np.abs(difference)))
-            )
-            weight = geman_mcclure_weight(difference, 2 * spread) / spread**2
-            jacobian -= (
-                weight @ jacobian / weight.sum()
-            )  # eliminates the offset
-            information = jacobian.T * weight @ jacobian
-            gradient = jacobian.T * weight @ difference + prior_information @ (
-                plane - prior
-            )
-            step = -np.linalg.solve(information + prior_information, gradient)
-            plane = plane + step
-            if np.abs(step).max() < 5e-3 * np.linalg.norm(plane):
-                break
-        height_error = 1 / np.sqrt(
-            max(float(plane @ information @ plane), 1e-12)
-        )
-        correlation = self.correlation(
-            before, target, before_from_now, lens, rays, plane
-        )
-        if (
-            height_error > self.max_height_error
-            or correlation < self.min_correlation
-        ):
+        points, pixels, visible = pair.project(rays, plane)
+        if visible.mean() < self.min_visible_fraction:
             return None
-        return plane
+        x, y, depth = points[visible].T
+        values, by_u, by_v = sample(fields, pixels[visible]).T
+        camera = pair.lens.camera
+        translation = pair.before_from_now[:3, 3]
+        # derivative of the grey value by m . r, without distortion
+        slope = (
+            by_u * camera.fx_px * (translation[0] * depth - x * translation[2])
+        )
+        slope += (
+            by_v * camera.fy_px * (translation[1] * depth - y * translation[2])
+        )
+        jacobian = (slope / depth**2)[:, None] * rays[visible]
+        difference = values - target[visible]
+        return difference - np.median(difference), jacobian
+
+
+@dataclass(frozen=True)
+class RoadPair:
+    """Two blurred images of the road and the motion between them."""
+
+    before: FloatArray  # [H, W] float32
+    now: FloatArray  # [H, W] float32
+    before_from_now: FloatArray  # [4, 4]
+    lens: Lens
+
+    def project(
+        self,
+        rays: FloatArray,  # [N, 3]
+        planes: FloatArray,  # [..., 3]
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Project the road into the camera before.
+
+        Return its points [..., N, 3] over their depth in the camera now, their pixels [..., N, 2],
+        and which are visible [..., N].
+        """
+        inverse_depth = planes @ rays.T
+        translation = self.before_from_now[:3, 3]
+        points = rays @ self.before_from_now[:3, :3].T
+        points = points + inverse_depth[..., None] * translation
+        in_front = points[..., 2] > 1e-3
+        depth = np.where(in_front, points[..., 2], 1.0)
+        pixels = self.lens.pixels(points[..., :2] / depth[..., None])
+        u, v = pixels[..., 0], pixels[..., 1]
+        camera = self.lens.camera
+        visible = in_front & (u > 1) & (u < camera.width_px - 2)
+        visible &= (v > 1) & (v < camera.height_px - 2)
+        return points, pixels, visible
+
+
+def _tilt_information(plane: FloatArray, tilt_rad: float) -> FloatArray:
+    """Return the inverse covariance [3, 3] of a plane with an unknown height."""
+    size2 = float(plane @ plane)
+    across = np.eye(3) - np.outer(plane, plane) / size2
+    any_height = 1e-4 * np.eye(3)  # keeps it regular
+    return (across / tilt_rad**2 + any_height) / size2
 
 
 def level_plane(
@@ -216,48 +252,19 @@ def level_plane(
     return np.array(normal) / height
 
 
-def blur(grey: ByteArray, sigma_px: float) -> FloatArray:
-    """Return the grey image [H, W] as float32, blurred."""
-    return np.asarray(
-        cv2.GaussianBlur(grey, (0, 0), sigma_px), dtype=np.float32
-    )
-
-
 def sample(
     image: FloatArray,  # [H, W] or [H, W, C], float32
     pixels: FloatArray,  # [..., N, 2]
 ) -> FloatArray:
     """Return the values [..., N] or [..., N, C] of an image at pixels, bilinear."""
-    u, v = pixels.reshape(-1, 2).astype(np.float32).T
+    num_pixels = pixels.shape[-2]  # OpenCV limits the columns of a map
+    u, v = np.moveaxis(
+        pixels.reshape(-1, num_pixels, 2).astype(np.float32), -1, 0
+    )
     values = np.asarray(
         cv2.remap(image, u, v, cv2.INTER_LINEAR), dtype=np.float64
     )
     return values.reshape(*pixels.shape[:-1], *image.shape[2:])
-
-
-def _project(
-    lens: Lens,
-    rays: FloatArray,  # [N, 3]
-    before_from_now: FloatArray,  # [4, 4]
-    planes: FloatArray,  # [..., 3]
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Project the road into the other camera.
-
-    Return its points [..., N, 3] over their depth in this camera, their pixels [..., N, 2], and
-    which are visible [..., N].
-    """
-    inverse_depth = planes @ rays.T
-    points = (
-        rays @ before_from_now[:3, :3].T
-        + inverse_depth[..., None] * before_from_now[:3, 3]
-    )
-    in_front = points[..., 2] > 1e-3
-    pixels = lens.pixels(
-        points[..., :2] / np.where(in_front, points[..., 2], 1.0)[..., None]
-    )
-    last = (lens.camera.width_px - 2, lens.camera.height_px - 2)
-    visible = in_front & ((pixels > 1) & (pixels < last)).all(axis=-1)
-    return points, pixels, visible
 
 
 def _normalised(values: FloatArray, visible: BoolArray) -> FloatArray:

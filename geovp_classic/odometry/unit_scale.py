@@ -1,6 +1,6 @@
 """Scale of an odometry without metres."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class UnitScale:
     """Estimator of a unit that stays unknown."""
 
     unit: float = 1.0
-    confidence: float = 0.0
+    units: FloatArray = field(default_factory=lambda: np.zeros(0))
     uncertainty: float = np.inf
 
     def finalize(self, length: float, duration_s: float) -> None:

@@ -6,7 +6,7 @@ import pytest
 from geovp_classic.geometry import se3
 from geovp_classic.geometry.two_view import homogeneous
 from geovp_classic.odometry.lens import Lens
-from geovp_classic.odometry.road import RoadAligner, blur, level_plane, sample
+from geovp_classic.odometry.road import RoadAligner, RoadPair, level_plane, sample
 from geovp_classic.types import ByteArray, FloatArray, Intrinsics
 
 ROAD = RoadAligner()
@@ -49,7 +49,8 @@ def test_correlation_is_that_of_numpy() -> None:
 
     def correlation(before: FloatArray, values: FloatArray, rays: FloatArray) -> FloatArray:
         plane = level_plane(1.6, 0.01, -0.02)
-        return ROAD.correlation(before, values, np.eye(4), Lens(camera), rays, plane)
+        pair = RoadPair(a, b, np.eye(4), Lens(camera))
+        return ROAD.correlation(before, values, pair, rays, plane)
 
     assert correlation(a + b, values, rays) == pytest.approx(expected, rel=1e-5)
     assert correlation(a, np.full(v.size, 7.0), rays) == 0.0
@@ -62,12 +63,11 @@ def test_alignment_finds_the_plane(
 ) -> None:
     frames, poses = straight
     greys = np.clip(frames[:2, ..., 0], offset, 255)
-    images = (blur(greys[0] - np.uint8(offset), 1.0), blur(greys[1], 1.0))
-    before_from_now = se3.inverse(poses[0]) @ poses[1]
+    before, now = ROAD.blurred(greys[0] - np.uint8(offset)), ROAD.blurred(greys[1])
     lens = Lens(camera)
+    pair = RoadPair(before, now, se3.inverse(poses[0]) @ poses[1], lens)
     pixels = ROAD.samples(lens, level_plane(1.0))
-    start = level_plane(1.75)
-    tilt = np.diag([1.0, 0.0, 1.0]) / (0.02 * np.linalg.norm(start)) ** 2  # 0.02 rad
-    plane = ROAD.align(images, before_from_now, lens, pixels, start, tilt)
-    assert plane is not None
-    assert 1 / np.linalg.norm(plane) == pytest.approx(1.65, rel=0.03)  # height above the corridor
+    measured = ROAD.align(pair, pixels, level_plane(1.75), tilt_rad=0.02)
+    assert measured is not None
+    height = 1 / np.linalg.norm(measured.plane)
+    assert height == pytest.approx(1.65, rel=0.03)  # above the corridor
