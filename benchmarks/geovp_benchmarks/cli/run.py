@@ -136,18 +136,20 @@ def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim:
 def conclude(
     results: Results, cells: Sequence[Cell], with_report: bool, as_json: bool = False
 ) -> int:
-    """Print the table, write all views, and say how the cells ended."""
+    """Write all views, print the table, and say how the cells ended."""
     from geovp_benchmarks import formats, report, tables
 
     built = tables.build(results)
-    print(formats.as_json(built[:1]) if as_json else formats.markdown(built[0], width()))
     formats.write_all(results, built)
     paths = [f"tables: {results.tables}"]
     if with_report and any(cell.num_clips for cell in cells):
         with progress_bar("plots", "figures") as progress:
             report.write(results, progress)
         paths += [f"plots:  {results.plots}", f"report: {results.report}"]
-    print(*([] if as_json else paths), sep="\n", end="" if as_json else "\n")
+    if as_json:
+        print(formats.as_json(built[:1]))
+    else:
+        print(formats.markdown(built[0], width()), *paths, sep="\n")
     return _judge(cells)
 
 

@@ -23,6 +23,7 @@ from geovp_classic.forecasting.constant import ConstantVelocity
 from geovp_classic.metrics.image import Psnr
 from geovp_classic.odometry.recorded import Recorded as RecordedPast
 from geovp_classic.pose_sources.chained import Chained
+from geovp_classic.pose_sources.registered import Registered
 from geovp_classic.pose_sources.stand_still import StandStill
 from geovp_classic.predictors.geometric import GeometricPredictor
 from geovp_classic.renderers.depth_fusion import DepthFusion
@@ -108,7 +109,7 @@ def toy_images(moving: BoolArray | None = None, step: float = 1.0) -> ClipImages
     times_s, camera = 0.1 * np.arange(8), Intrinsics(90.0, 90.0, 31.5, 31.5, 64, 64)
     frames = np.full((8, 64, 64, 3), 150, np.uint8)
     clip = Clip("toy", frames, times_s, camera, Trajectory(poses, times_s, True), moving=moving)
-    context, target = clip.split(5, PrivilegedInput.PAST_POSES | PrivilegedInput.FUTURE_POSES)
+    context, target = clip.split(5, Registered().needs)
     motions = ClipMotions(Chained(RecordedPast(), ConstantVelocity()), context)
     return ClipImages(motions, Half(), None, context, target, (0, 2))
 
