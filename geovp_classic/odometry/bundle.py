@@ -80,11 +80,11 @@ def _reconstruction(
         )
         rigid = pycolmap.Rigid3d(pycolmap.Rotation3d(pose[:3, :3]), pose[:3, 3])
         model.add_image_with_trivial_frame(image, rigid)
-    observed = np.isfinite(pixels[..., 0])
-    for n, point in enumerate(points):
-        track = pycolmap.Track()
-        for k in np.flatnonzero(observed[:, n]).tolist():
-            track.add_element(k + 1, n)
+    tracks = [pycolmap.Track() for _ in points]
+    is_observed = np.isfinite(pixels[..., 0])
+    for n, k in np.argwhere(is_observed.T).tolist():
+        tracks[n].add_element(k + 1, n)
+    for point, track in zip(points, tracks, strict=True):
         model.add_point3D(point, track)
     return model
 
