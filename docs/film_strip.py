@@ -21,7 +21,7 @@ def main() -> None:
     context, target = clip.split(10, ~geovp.PrivilegedInput.NONE)
     predictions = {
         "real": geovp.Prediction(target.frames[None]),
-        "true poses": geovp.predict(context, {"name": "refined", "source": "ground-truth"}),
+        "true poses": geovp.predict(context, "registered"),
         "no true pose": geovp.predict(context.only(geovp.PrivilegedInput.CAMERA_HEIGHT)),
         "copied": geovp.build("predictors", "copy-last").predict(context),
     }
