@@ -66,15 +66,21 @@ def rasterise_view(
         e_x = x_v * half_px + x_q * q_e - x * e_z
         e_y = y_v * half_px + y_q * q_e - y * e_z
 
-        # A box around the patch, as if all of it were at its nearest corner.
-        half_width = max_s * (abs(d_x) + abs(e_x)) / nearest_z
-        half_height = max_s * (abs(d_y) + abs(e_y)) / nearest_z
-        first_column = int(max(np.ceil(x - half_width), 0))
-        last_column = int(min(np.floor(x + half_width), width - 1))
-        first_row = int(max(np.ceil(y - half_height), 0))
-        last_row = int(min(np.floor(y + half_height), height - 1))
-        if first_column > last_column or first_row > last_row:
-            continue
+        left = right = top = bottom = 0.0
+        for corner in range(4):
+            s = 1 - 2 * (corner % 2)
+            t = 1 - 2 * (corner // 2)
+            scale = max_s / (z + s * d_z + t * e_z)
+            corner_x = scale * (s * d_x + t * e_x)
+            corner_y = scale * (s * d_y + t * e_y)
+            left = min(left, corner_x)
+            right = max(right, corner_x)
+            top = min(top, corner_y)
+            bottom = max(bottom, corner_y)
+        first_column = int(max(np.ceil(x + left), 0))
+        last_column = int(min(np.floor(x + right), width - 1))
+        first_row = int(max(np.ceil(y + top), 0))
+        last_row = int(min(np.floor(y + bottom), height - 1))
 
         # The cross product of d and e.
         normal_x = d_y * e_z - d_z * e_y
