@@ -124,22 +124,17 @@ class Multiview:
         self, observations: Observations, world_from_cam: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray] | None:
         """Return inverse depth and confidence [H, W] of a frame; None without parallax."""
-        key = (self, step, *world_from_cam.ravel().tolist())
-        if key not in observations.depth_maps:
-            camera = observations.intrinsics
-            sources = self.sources.choose(world_from_cam, step, camera)
-            source_from_reference = (
-                se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
-            )
-            greys = observations.greys
-            observations.depth_maps[key] = (
-                self._sweep(
-                    greys[step], greys[sources], source_from_reference, camera
-                )
-                if sources
-                else None
-            )
-        return observations.depth_maps[key]
+        camera = observations.intrinsics
+        sources = self.sources.choose(world_from_cam, step, camera)
+        if not sources:
+            return None
+        source_from_reference = (
+            se3.inverse(world_from_cam[sources]) @ world_from_cam[step]
+        )
+        greys = observations.greys
+        return self._sweep(
+            greys[step], greys[sources], source_from_reference, camera
+        )
 
     def _sweep(
         self,

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from geovp_classic.types.arrays import (
     BoolArray,
     ByteArray,
-    FloatArray,
     ShortRepr,
     store_checked,
 )
@@ -25,10 +23,6 @@ class Observations(ShortRepr):
     greys: ByteArray  # [P, H, W]
     is_usable: BoolArray  # [P]; False for blank or duplicate frames, and for those before a cut
     intrinsics: Intrinsics
-    # Depth maps by source and poses: a refinement and the renderer ask for the same ones.
-    depth_maps: dict[Hashable, tuple[FloatArray, FloatArray] | None] = field(
-        default_factory=dict, compare=False
-    )
 
     def __post_init__(self) -> None:
         shape = np.shape(self.frames)[:3]
@@ -43,5 +37,4 @@ class Observations(ShortRepr):
             self.greys[steps],
             self.is_usable[steps],
             self.intrinsics,
-            self.depth_maps,
         )

@@ -34,7 +34,9 @@ def test_bends_have_their_turn_and_length(turn_rad: float) -> None:
 def test_places_beside_a_path_are_recovered(along_m: float, right_m: float) -> None:
     path = from_bends([(40.0, 0.0), (30.0, 0.8), (30.0, 0.0)])
     place, _ = path.at(along_m, right_m)
-    np.testing.assert_allclose(path.locate(place[None])[0], [[right_m, along_m]], atol=0.02)
+    located_m = path.locate(place[None])[0][0]
+    assert located_m[0] == pytest.approx(right_m, abs=0.01)
+    assert located_m[1] == pytest.approx(along_m, abs=0.02)
 
 
 def test_vehicles_face_along_their_yaw() -> None:
