@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import geovp_classic
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.errors import MissingExtra

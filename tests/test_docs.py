@@ -26,10 +26,12 @@ import numpy as np
 import pytest
 
 import geovp_classic as geovp
-from geovp_benchmarks import cli, matrix, multiple_datasets
-from geovp_benchmarks.built_matrix import build_matrix
-from geovp_benchmarks.components import Failure
+from geovp_benchmarks import cli
+from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix.components import Failure
 from geovp_benchmarks.plots import video
+from geovp_benchmarks.running import multiple_datasets
+from geovp_benchmarks.running.built_matrix import build_matrix
 from geovp_classic import registry
 
 ROOT = Path(__file__).resolve().parents[1]

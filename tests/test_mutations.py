@@ -24,8 +24,8 @@ import cv2
 import numpy as np
 import pytest
 
-from geovp_benchmarks import matrix
-from geovp_benchmarks.store import Part, Results, Rows
+from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.results.store import Part, Results, Rows
 from geovp_classic import files
 from geovp_classic.data import (
     calibration_files,

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from geovp_benchmarks.profiling import peak_mb
+from geovp_benchmarks.running.profiling import peak_mb
 from geovp_classic import registry
 from geovp_classic.errors import GeovpError
 from geovp_classic.observation import Observer

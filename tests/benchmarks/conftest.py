@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import built_matrix, cli, plots
+from geovp_benchmarks import cli, plots
+from geovp_benchmarks.running import built_matrix
 from geovp_classic import registry
 from geovp_classic.data import pose_files
 from geovp_classic.data.synthetic import Synthetic

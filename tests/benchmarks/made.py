@@ -11,12 +11,12 @@ from typing import Any
 
 import cv2
 
-from geovp_benchmarks import matrix
-from geovp_benchmarks.executors import Executor, Serial
-from geovp_benchmarks.planning import Options
+from geovp_benchmarks.matrix import matrix
 from geovp_benchmarks.progress import no_progress
-from geovp_benchmarks.run import run
-from geovp_benchmarks.store import Cell, Part, Results, Rows
+from geovp_benchmarks.results.store import Cell, Part, Results, Rows
+from geovp_benchmarks.running.executors import Executor, Serial
+from geovp_benchmarks.running.planning import Options
+from geovp_benchmarks.running.run import run
 from geovp_classic.types import ByteArray, Intrinsics
 
 METRICS = {"frame": ["toy-difference"], "trajectory": ["toy-gap"]}

@@ -5,16 +5,18 @@ to the tables.
 import numpy as np
 import pytest
 
-from geovp_benchmarks import matrix as matrices
-from geovp_benchmarks import scoring, statistics, tables
-from geovp_benchmarks.contracts import street
-from geovp_benchmarks.executors import Serial
-from geovp_benchmarks.planning import Options
-from geovp_benchmarks.run import run
-from geovp_benchmarks.scoring import Metrics, ScoringContext, score
-from geovp_benchmarks.statistics import Cube
-from geovp_benchmarks.store import Results
-from geovp_benchmarks.tables import Row
+from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.analysis.statistics import Cube
+from geovp_benchmarks.audit.contracts import street
+from geovp_benchmarks.matrix import matrix as matrices
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running import scoring
+from geovp_benchmarks.running.executors import Serial
+from geovp_benchmarks.running.planning import Options
+from geovp_benchmarks.running.run import run
+from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
+from geovp_benchmarks.tables import tables
+from geovp_benchmarks.tables.tables import Row
 from geovp_classic.types import BoolArray, ByteArray, FloatArray, Prediction
 
 KALMAN = {

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from geovp_benchmarks.built_matrix import Cache, scene_key
-from geovp_benchmarks.profiling import StageProfiler
+from geovp_benchmarks.running.built_matrix import Cache, scene_key
+from geovp_benchmarks.running.profiling import StageProfiler
 from geovp_classic.errors import Incompatible
 from geovp_classic.types import Trajectory
 

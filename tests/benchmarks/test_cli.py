@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
 from geovp_classic import registry
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import METRICS, content, rows, values, write_matrix

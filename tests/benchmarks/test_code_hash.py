@@ -13,13 +13,15 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import built_matrix, components, tables
-from geovp_benchmarks import matrix as matrices
-from geovp_benchmarks.components import code_hash
-from geovp_benchmarks.executors import Serial
-from geovp_benchmarks.planning import Options
-from geovp_benchmarks.run import run
-from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.matrix import components
+from geovp_benchmarks.matrix import matrix as matrices
+from geovp_benchmarks.matrix.components import code_hash
+from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.running import built_matrix
+from geovp_benchmarks.running.executors import Serial
+from geovp_benchmarks.running.planning import Options
+from geovp_benchmarks.running.run import run
+from geovp_benchmarks.tables import tables
 from geovp_classic.predictors.copy_last import CopyLast
 from geovp_classic.renderers.depth_fusion import DepthFusion
 from tests.benchmarks.conftest import Command

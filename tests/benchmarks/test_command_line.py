@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import matrix_files
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.matrix import matrix_files
+from geovp_benchmarks.results.store import Results
 
 from .conftest import Command, Says
 from .test_cli import matrix, run
@@ -67,7 +67,7 @@ class TestSettings:
 
 class TestNames:
     def test_a_name_of_two_parts_and_a_component_that_is_only_named(self) -> None:
-        from geovp_benchmarks import matrix as matrices
+        from geovp_benchmarks.matrix import matrix as matrices
 
         read = matrices.read(
             Path("demo"),

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import formats, tables
-from geovp_benchmarks.store import Results
-from geovp_benchmarks.table_model import Column, Row, best
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import formats, tables
+from geovp_benchmarks.tables.table_model import Column, Row, best
 from tests.benchmarks.made import write_protocol
 from tests.benchmarks.test_tables import METRICS, lines, row_of, write
 

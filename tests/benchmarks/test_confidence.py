@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import confidence, tables
+from geovp_benchmarks.analysis import confidence
 from geovp_benchmarks.report import sections
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import tables
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores, values
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from geovp_benchmarks.contracts import Finding, check, street
+from geovp_benchmarks.audit.contracts import Finding, check, street
 from geovp_classic import registry
 from geovp_classic.errors import Incompatible, UnknownComponent
 from geovp_classic.forecasting.constant import Hold

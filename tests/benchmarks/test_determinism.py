@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from geovp_benchmarks.executors import Executor, Processes, Serial
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running.executors import Executor, Processes, Serial
 from tests.benchmarks.made import go
 
 MATRIX: dict[str, Any] = {

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import executors
+from geovp_benchmarks.running import executors
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from tests.benchmarks.made import STILL, content, go, rows

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
 from geovp_classic import files
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import STILL, content, go

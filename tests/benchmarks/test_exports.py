@@ -8,7 +8,7 @@ import open3d as o3d
 import pycolmap
 import pytest
 
-from geovp_benchmarks import exports
+from geovp_benchmarks.predict import exports
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.types import FloatArray, Intrinsics, Views

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from geovp_benchmarks import intervals
+from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.studies import coverage
 from geovp_classic.types import FloatArray
 

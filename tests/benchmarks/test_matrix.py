@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import matrix
+from geovp_benchmarks.matrix import matrix
 from geovp_classic.errors import GeovpError
 
 PROTOCOL = {
@@ -15,7 +15,7 @@ PROTOCOL = {
     "size_px": [32, 32],
     "stride": 5,
 }
-CONFIGS = Path(matrix.__file__).parent / "configs"
+CONFIGS = Path(matrix.__file__).parents[1] / "configs"
 
 
 def content(**tables: Any) -> dict[str, Any]:

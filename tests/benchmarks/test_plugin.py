@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
 from tests.benchmarks.made import content, write_matrix
 
 PROJECT = """

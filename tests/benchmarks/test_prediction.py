@@ -14,11 +14,12 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from geovp_benchmarks import cli, exports, plausibility, prediction, prediction_files, webcam
-from geovp_benchmarks.components import code_hash
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks import cli
+from geovp_benchmarks.audit.contracts import street
+from geovp_benchmarks.matrix.components import code_hash
 from geovp_benchmarks.plots import video
-from geovp_benchmarks.prediction_request import PredictionRequest, check_memory, output_size
+from geovp_benchmarks.predict import exports, plausibility, prediction, prediction_files, webcam
+from geovp_benchmarks.predict.prediction_request import PredictionRequest, check_memory, output_size
 from geovp_classic.data import pose_files
 from geovp_classic.errors import BadData
 from geovp_classic.types import ByteArray, FloatArray

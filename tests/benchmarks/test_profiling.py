@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from geovp_benchmarks import profiling
-from geovp_benchmarks.built_matrix import Cache
-from geovp_benchmarks.profiling import StageProfiler
+from geovp_benchmarks.running import profiling
+from geovp_benchmarks.running.built_matrix import Cache
+from geovp_benchmarks.running.profiling import StageProfiler
 
 LARGE_MB = 300
 on_linux = pytest.mark.skipif(

@@ -12,7 +12,8 @@ import pytest
 from scipy.ndimage import uniform_filter
 from scipy.signal import convolve2d
 
-from geovp_benchmarks import matrix, protocols, reproduction
+from geovp_benchmarks.audit import reproduction
+from geovp_benchmarks.matrix import matrix, protocols
 from geovp_classic import registry
 from geovp_classic.errors import BadData, UnknownComponent
 from geovp_classic.types import ByteArray

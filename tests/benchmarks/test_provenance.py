@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import formats, tables
-from geovp_benchmarks.components import nested, weights_of
-from geovp_benchmarks.provenance import id_notes, protocol_id
-from geovp_benchmarks.rescoring import rescore, stored_metrics
-from geovp_benchmarks.store import Cell, Results
+from geovp_benchmarks.matrix.components import nested, weights_of
+from geovp_benchmarks.results.provenance import id_notes, protocol_id
+from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.running.rescoring import rescore, stored_metrics
+from geovp_benchmarks.tables import formats, tables
 from tests.benchmarks.made import STILL, content, go
 
 PSNR = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import kept_files, record_files
+from geovp_benchmarks.results import kept_files, record_files
 from geovp_classic import files
 from geovp_classic.errors import BadData
 

@@ -9,8 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import cli, plots, protocols, reproduction, statistics, thesis
-from geovp_benchmarks.store import Results
+from geovp_benchmarks import cli, plots
+from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.audit import reproduction
+from geovp_benchmarks.matrix import protocols
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import thesis
 from geovp_classic.data.synthetic import Synthetic
 
 DRIVES = (60, 84, 93, 96)

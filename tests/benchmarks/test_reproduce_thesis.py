@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks import cli, plots
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
 from geovp_classic.data.synthetic import Synthetic
 from tests.benchmarks.conftest import Says, write_kitti
 from tests.benchmarks.made import dicts

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import locking
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running import locking
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import rows, write_images, write_matrix
@@ -147,7 +147,7 @@ def _small_files() -> None:
 HOLD = """
 import sys, time
 from pathlib import Path
-from geovp_benchmarks import locking
+from geovp_benchmarks.running import locking
 with locking.results_lock(Path(sys.argv[1])) as claim:
     claim("one protocol")
     print("held", flush=True)

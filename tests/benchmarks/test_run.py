@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import tables
-from geovp_benchmarks.executors import Processes
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running.executors import Processes
+from geovp_benchmarks.tables import tables
 from geovp_classic.errors import BadData, GeovpError
 from tests.benchmarks.made import STILL, content, crossed, go, rows, values
 

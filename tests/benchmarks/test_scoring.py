@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geovp_benchmarks import matrix
-from geovp_benchmarks.metric_set import MetricSet
-from geovp_benchmarks.scoring import Metrics, ScoringContext, score
-from geovp_benchmarks.store import Rows
-from geovp_benchmarks.stored_facts import title
+from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.results.store import Rows
+from geovp_benchmarks.results.stored_facts import title
+from geovp_benchmarks.running.metric_set import MetricSet
+from geovp_benchmarks.running.scoring import Metrics, ScoringContext, score
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import pinhole, se3
 from geovp_classic.metrics.image import Psnr

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks.selection import Ranking, Selection
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running.selection import Ranking, Selection
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_matrix, write_protocol, write_row

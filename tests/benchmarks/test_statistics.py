@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 
-from geovp_benchmarks import statistics
-from geovp_benchmarks.store import Rows
+from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.results.store import Rows
 from tests.benchmarks.made import scores
 
 NAN = float("nan")

@@ -11,8 +11,8 @@ import duckdb
 import numpy as np
 import pytest
 
-from geovp_benchmarks import part_files
-from geovp_benchmarks.store import Part, Results, Rows, check_clip_name, write_bytes
+from geovp_benchmarks.results import part_files
+from geovp_benchmarks.results.store import Part, Results, Rows, check_clip_name, write_bytes
 from geovp_classic.errors import BadData, GeovpError
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import dicts, scores, write_row

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import plots, strata, tables
-from geovp_benchmarks.rescoring import rescore, stored_metrics
-from geovp_benchmarks.store import Results
+from geovp_benchmarks import plots
+from geovp_benchmarks.analysis import strata
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running.rescoring import rescore, stored_metrics
+from geovp_benchmarks.tables import tables
 from tests.benchmarks.made import STILL, content, go, write_protocol, write_row
 
 FACTS: dict[str, dict[str, float]] = {

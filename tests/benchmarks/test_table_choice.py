@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from geovp_benchmarks import formats, tables
-from geovp_benchmarks.store import Results
-from geovp_benchmarks.table_model import Choice
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import formats, tables
+from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.errors import BadData
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol

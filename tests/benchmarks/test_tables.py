@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from geovp_benchmarks import formats, tables
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import formats, tables
 from tests.benchmarks.conftest import Says
 from tests.benchmarks.made import write_protocol, write_row
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks import planning
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running import planning
 from tests.benchmarks.conftest import Command, Says
 from tests.benchmarks.made import content, crossed, dicts, go, scores
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geovp_benchmarks.latex import tex_escaped
 from geovp_benchmarks.report.markup import tag
+from geovp_benchmarks.tables.latex import tex_escaped
 from geovp_classic import files
 from geovp_classic.data import frames, pose_files
 from geovp_classic.errors import BadData

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from geovp_benchmarks.contracts import street
-from geovp_benchmarks.contracts.exercises import RUN, Trial
+from geovp_benchmarks.audit.contracts import street
+from geovp_benchmarks.audit.contracts.exercises import RUN, Trial
 from geovp_classic import registry
 from geovp_classic.geometry import se3
 from geovp_classic.interfaces import Forecaster

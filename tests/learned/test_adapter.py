@@ -8,9 +8,11 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from geovp_benchmarks import built_matrix, cli, contracts
-from geovp_benchmarks.contracts import street
-from geovp_benchmarks.store import Results
+from geovp_benchmarks import cli
+from geovp_benchmarks.audit import contracts
+from geovp_benchmarks.audit.contracts import street
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.running import built_matrix
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import PrivilegedInput

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_learned.deepvo.network import Architecture, PoseNetwork
 from geovp_learned.deepvo.train import DeepVoTraining
 from geovp_learned.deepvo.windows import NO_AUGMENTATION

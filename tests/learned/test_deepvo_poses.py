@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from geovp_benchmarks.contracts import check, street
+from geovp_benchmarks.audit.contracts import check, street
 from geovp_classic import registry
 from geovp_classic.types import Context, PrivilegedInput
 from geovp_learned import checkpoints

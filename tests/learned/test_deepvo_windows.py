@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import planar, se3
 from geovp_classic.types import FloatArray
 from geovp_learned.deepvo import windows

@@ -15,7 +15,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from geovp_benchmarks.scoring import ManyMasks, Metrics, ScoringContext, score
+from geovp_benchmarks.running.scoring import ManyMasks, Metrics, ScoringContext, score
 from geovp_classic import registry
 from geovp_classic.errors import BadData, MissingExtra
 from geovp_classic.interfaces import FrameMetric

@@ -2,7 +2,7 @@
 
 import argparse
 
-from geovp_benchmarks.arguments import add_settings, settings
+from geovp_benchmarks.cli.arguments import add_settings, settings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print the tests that pass and those that fail."""
-    from geovp_benchmarks import contracts
+    from geovp_benchmarks.audit import contracts
     from geovp_classic import registry
 
     component = registry.build(chosen.role, {"name": chosen.name, **settings(chosen)})

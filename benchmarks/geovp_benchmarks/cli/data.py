@@ -5,7 +5,7 @@ import dataclasses
 import json
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_json
+from geovp_benchmarks.cli.arguments import add_json
 from geovp_benchmarks.progress import progress_bar, tracked
 
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a table of the sequences, the findings, and the splits that can be used."""
-    from geovp_benchmarks.formats import columns
+    from geovp_benchmarks.tables.formats import columns
     from geovp_classic.data.doctor import Doctor
 
     with progress_bar("doctor", "sequences") as progress:

@@ -12,7 +12,7 @@ from importlib import metadata
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_json, complete_with
+from geovp_benchmarks.cli.arguments import add_json, complete_with
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +75,7 @@ def _entries(role: str) -> list[dict[str, str]]:
 
 def _show(name: str, as_json: bool) -> int:
     """Print all about the components of a name, in every role that has one."""
-    from geovp_benchmarks import component_page
+    from geovp_benchmarks.cli import component_page
     from geovp_classic import registry
     from geovp_classic.errors import UnknownComponent
 
@@ -94,7 +94,7 @@ def _show(name: str, as_json: bool) -> int:
 
 
 def _list_protocols(as_json: bool) -> int:
-    from geovp_benchmarks import protocols
+    from geovp_benchmarks.matrix import protocols
 
     abouts = {name: protocol.about for name, protocol in protocols.ALL.items()}
     print(json.dumps(abouts, indent=2) if as_json else "\n".join(abouts.values()))

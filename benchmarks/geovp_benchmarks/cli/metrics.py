@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.results.store import Results
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print what differs, then the paired differences."""
-    from geovp_benchmarks import explanation
+    from geovp_benchmarks.tables import explanation
 
     (a, row_a), (b, row_b) = _parsed(chosen.a), _parsed(chosen.b)
     found = explanation.pairs(a, b, row_a, row_b)
@@ -49,7 +49,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 def _parsed(text: str) -> tuple[Results, str]:
     """The folder, and the row behind its last colon or ""."""
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.results.store import Results
 
     folder, colon, row = text.rpartition(":")
     if not colon or Path(text).exists():

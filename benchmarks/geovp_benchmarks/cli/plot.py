@@ -2,7 +2,7 @@
 
 import argparse
 
-from geovp_benchmarks.arguments import add_choice, add_division, add_results_folder
+from geovp_benchmarks.cli.arguments import add_choice, add_division, add_results_folder
 from geovp_benchmarks.progress import progress_bar
 
 
@@ -30,8 +30,8 @@ def run(chosen: argparse.Namespace) -> int:
     """Write the figures and print their paths."""
     from geovp_benchmarks import plots
     from geovp_benchmarks.plots import layout
-    from geovp_benchmarks.store import Results
-    from geovp_benchmarks.table_model import Choice
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.tables.table_model import Choice
 
     choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     width = None if chosen.width is None else layout.width_in(chosen.width)

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.arguments import add_device, positive
+from geovp_benchmarks.cli.arguments import add_device, positive
 from geovp_benchmarks.cli.messages import say
 from geovp_benchmarks.progress import progress_bar
 
@@ -144,8 +144,8 @@ def _new_folder(wanted: Path) -> Path:
 
 def run(chosen: argparse.Namespace) -> int:
     """Predict, write everything and print the paths."""
-    from geovp_benchmarks import prediction, prediction_files
-    from geovp_benchmarks.prediction_request import PredictionRequest
+    from geovp_benchmarks.predict import prediction, prediction_files
+    from geovp_benchmarks.predict.prediction_request import PredictionRequest
     from geovp_classic import registry
 
     if chosen.out is not None:

@@ -2,7 +2,7 @@
 
 import argparse
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.arguments import add_results_folder
 from geovp_benchmarks.progress import progress_bar
 
 
@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(chosen: argparse.Namespace) -> int:
     """Write figures and report and print the report's path."""
     from geovp_benchmarks import report
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.results.store import Results
 
     parts = Results(chosen.folder).by_dataset().values()
     with progress_bar("report", "figures") as progress:

@@ -10,12 +10,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.arguments import positive
 from geovp_benchmarks.progress import progress_bar
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.matrix import Matrix
-    from geovp_benchmarks.store import Cell, Results
+    from geovp_benchmarks.matrix.matrix import Matrix
+    from geovp_benchmarks.results.store import Cell, Results
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,8 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Inpainter what is missing, print both tables and write them with the figures."""
-    from geovp_benchmarks import formats, plots, reproduction, thesis
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks import plots
+    from geovp_benchmarks.audit import reproduction
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.tables import formats, thesis
     from geovp_classic.data.atomic import write_bytes
 
     matrix = reproduction.read_matrix(chosen.name).with_root(chosen.root)
@@ -89,9 +91,9 @@ def _fill(matrix: Matrix, results: Results, chosen: argparse.Namespace) -> list[
     scores.
     """
     from geovp_benchmarks.cli.run import executor_of, keep_rule
-    from geovp_benchmarks.planning import Options
-    from geovp_benchmarks.run import run as fill
-    from geovp_benchmarks.selection import Ranking
+    from geovp_benchmarks.running.planning import Options
+    from geovp_benchmarks.running.run import run as fill
+    from geovp_benchmarks.running.selection import Ranking
 
     keep, executor = keep_rule(chosen.keep, matrix), executor_of(chosen.workers)
     with progress_bar(chosen.name, "predictions") as progress:

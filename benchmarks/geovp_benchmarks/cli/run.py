@@ -9,17 +9,17 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import add_device, add_matrix, positive
+from geovp_benchmarks.cli.arguments import add_device, add_matrix, positive
 from geovp_benchmarks.cli.messages import say, width
 from geovp_benchmarks.progress import announce, progress_bar
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.executors import Executor
-    from geovp_benchmarks.locking import Claim
-    from geovp_benchmarks.matrix import Matrix
-    from geovp_benchmarks.selection import Ranking, Selection
-    from geovp_benchmarks.store import Cell, Results
+    from geovp_benchmarks.matrix.matrix import Matrix
+    from geovp_benchmarks.results.store import Cell, Results
+    from geovp_benchmarks.running.executors import Executor
+    from geovp_benchmarks.running.locking import Claim
+    from geovp_benchmarks.running.selection import Ranking, Selection
 
 KEEP = """keep the predictions of N clips (4), of all, of clips named with commas between, or of
 three clips selected by a score: worst:METRIC, best:METRIC or median:METRIC of the first complete
@@ -71,8 +71,8 @@ def run(chosen: argparse.Namespace) -> int:
     """Compute, then write all views of the results; of several data sets one after the other."""
     with progress_bar(chosen.matrix.stem, "predictions"):
         announce("starting")
-        from geovp_benchmarks import multiple_datasets
-        from geovp_benchmarks.store import Results
+        from geovp_benchmarks.results.store import Results
+        from geovp_benchmarks.running import multiple_datasets
         from geovp_classic.data.atomic import write_bytes
 
         matrices = multiple_datasets.read(chosen.matrix, chosen.root, chosen.set)
@@ -91,7 +91,7 @@ def run(chosen: argparse.Namespace) -> int:
 
 def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
     """Compute the cells of one data set while no other protocol's run may; the exit code."""
-    from geovp_benchmarks.locking import results_lock, unclaimed
+    from geovp_benchmarks.running.locking import results_lock, unclaimed
 
     with nullcontext(unclaimed) if chosen.dry_run else results_lock(results.root) as claim:
         return _filled(chosen, matrix.with_device(chosen.device), results, claim)
@@ -100,16 +100,16 @@ def _fill(chosen: argparse.Namespace, matrix: Matrix, results: Results) -> int:
 def _filled(chosen: argparse.Namespace, matrix: Matrix, results: Results, claim: Claim) -> int:
     with progress_bar(matrix.name, "predictions") as progress:
         announce("starting")
-        from geovp_benchmarks.planning import Options
-        from geovp_benchmarks.run import run as fill
-        from geovp_benchmarks.selection import Ranking
+        from geovp_benchmarks.running.planning import Options
+        from geovp_benchmarks.running.run import run as fill
+        from geovp_benchmarks.running.selection import Ranking
 
         keep = keep_rule(chosen.keep, matrix)
         options = Options(
             chosen.limit, 0 if isinstance(keep, Ranking) else keep, chosen.fresh, claim
         )
         if chosen.dry_run:
-            from geovp_benchmarks import dry_run
+            from geovp_benchmarks.running import dry_run
 
             plan, rows = dry_run.rows(matrix, results, options, progress)
             print(*dry_run.describe(plan, rows, chosen.workers or 1), sep="\n")
@@ -137,7 +137,8 @@ def conclude(
     results: Results, cells: Sequence[Cell], with_report: bool, as_json: bool = False
 ) -> int:
     """Write all views, print the table, and say how the cells ended."""
-    from geovp_benchmarks import formats, report, tables
+    from geovp_benchmarks import report
+    from geovp_benchmarks.tables import formats, tables
 
     built = tables.build(results)
     formats.write_all(results, built)
@@ -189,7 +190,7 @@ def executor_of(workers: int | None, scheduler: str | None = None) -> Executor:
 
 def keep_rule(text: str, matrix: Matrix) -> int | Selection | Ranking | None:
     """What --keep asks for: a number, clips, a rule, or None for all."""
-    from geovp_benchmarks.selection import NAMED, WHICH, Ranking, Selection
+    from geovp_benchmarks.running.selection import NAMED, WHICH, Ranking, Selection
 
     if text == "all":
         return None

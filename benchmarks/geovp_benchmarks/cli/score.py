@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_device, add_json, add_results_folder
+from geovp_benchmarks.cli.arguments import add_device, add_json, add_results_folder
 from geovp_benchmarks.cli.run import conclude
 from geovp_benchmarks.progress import progress_bar
 from geovp_classic.errors import BadData
@@ -23,11 +23,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Write a results folder of the kept clips alone."""
-    from geovp_benchmarks import matrix as matrices
-    from geovp_benchmarks.components import on_device
-    from geovp_benchmarks.metric_set import MetricSet
-    from geovp_benchmarks.rescoring import rescore, stored_metrics
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.matrix import matrix as matrices
+    from geovp_benchmarks.matrix.components import on_device
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.running.metric_set import MetricSet
+    from geovp_benchmarks.running.rescoring import rescore, stored_metrics
 
     folder = Path(os.path.realpath(chosen.folder))
     results = Results(chosen.folder)

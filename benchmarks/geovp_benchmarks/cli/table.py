@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import add_choice, add_division, add_json, add_results_folder
+from geovp_benchmarks.cli.arguments import add_choice, add_division, add_json, add_results_folder
 from geovp_benchmarks.cli.messages import width
 from geovp_classic.errors import BadData
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.store import Results
-    from geovp_benchmarks.table_model import Table
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.tables.table_model import Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,8 +70,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print in one format, write in all; the main table of each kind of clips is printed only."""
-    from geovp_benchmarks import formats, multiple_datasets
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.running import multiple_datasets
+    from geovp_benchmarks.tables import formats
 
     if chosen.page is not None and chosen.format != "md":
         raise BadData(f"--page is written as md alone, not as {chosen.format}: leave --format out")
@@ -109,7 +110,8 @@ def run(chosen: argparse.Namespace) -> int:
 
 def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> str:
     """What is printed, in Markdown no wider than so many columns."""
-    from geovp_benchmarks import formats, strata, thesis
+    from geovp_benchmarks.analysis import strata
+    from geovp_benchmarks.tables import formats, thesis
 
     _check(chosen)
     if chosen.style == "thesis":
@@ -123,8 +125,9 @@ def _text(chosen: argparse.Namespace, results: Results, columns: int | None) -> 
 
 def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
     """The tables of one data set; where nothing else is asked for, they are written as well."""
-    from geovp_benchmarks import formats, strata, tables
-    from geovp_benchmarks.table_model import EVERYTHING, Choice
+    from geovp_benchmarks.analysis import strata
+    from geovp_benchmarks.tables import formats, tables
+    from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 
     choice = Choice(tuple(chosen.methods), tuple(chosen.metrics))
     parts = [results] if chosen.by is None else strata.divide(results, chosen.by)
@@ -144,7 +147,7 @@ def _tables(chosen: argparse.Namespace, results: Results) -> list[Table]:
 
 
 def _check(chosen: argparse.Namespace) -> None:
-    from geovp_benchmarks import thesis
+    from geovp_benchmarks.tables import thesis
 
     if chosen.style == "thesis" and chosen.format not in thesis.FORMATS:
         raise BadData(

@@ -5,7 +5,7 @@ writes nothing.
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_results_folder, at_least, positive
+from geovp_benchmarks.cli.arguments import add_results_folder, at_least, positive
 from geovp_benchmarks.progress import progress_bar, tracked
 from geovp_classic.errors import BadData
 
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Print a verdict a pair; 0 when all reproduce."""
-    from geovp_benchmarks import verification
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.audit import verification
+    from geovp_benchmarks.results.store import Results
 
     parts = [*Results(chosen.folder).by_dataset().values()]
     if chosen.root is not None and len(parts) > 1:

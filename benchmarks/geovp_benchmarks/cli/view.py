@@ -5,7 +5,7 @@ on a time line.
 import argparse
 from pathlib import Path
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.arguments import add_results_folder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace) -> int:
     """Write the file and print how to look at it."""
-    from geovp_benchmarks import recording
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.plots import recording
+    from geovp_benchmarks.results.store import Results
 
     path = recording.write(Results(chosen.folder), chosen.clip, chosen.method, chosen.out)
     print(f"{path}\nlook at it with: rerun '{path}'")

@@ -12,13 +12,13 @@ import matplotlib.style
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from geovp_benchmarks import strata
+from geovp_benchmarks.analysis import strata
 from geovp_benchmarks.plots import horizon, kept_clips, style
 from geovp_benchmarks.plots.layout import Layout
 from geovp_benchmarks.plots.material import Material, Page
 from geovp_benchmarks.progress import Progress, no_progress, tracked
-from geovp_benchmarks.store import Results
-from geovp_benchmarks.table_model import EVERYTHING, Choice
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 from geovp_classic.data.atomic import write_bytes
 
 __all__ = ["Layout", "Page", "figures", "rendered", "write", "write_all"]

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from geovp_benchmarks import intervals
+from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.plots import style
 from geovp_classic.types import FloatArray
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from geovp_benchmarks import statistics
+from geovp_benchmarks.analysis import statistics
 from geovp_benchmarks.plots import curves, style
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
-from geovp_benchmarks.store import Cell
-from geovp_benchmarks.stored_facts import bounds, higher_is_better
+from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.stored_facts import bounds, higher_is_better
 
 _Line = tuple[
     str, Cell, statistics.Reduction, style.LineStyle

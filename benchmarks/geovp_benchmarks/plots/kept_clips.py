@@ -8,8 +8,8 @@ from geovp_benchmarks.plots import strips, style, trajectories
 from geovp_benchmarks.plots.layout import Layout
 from geovp_benchmarks.plots.material import Material, Page, numbered, title
 from geovp_benchmarks.plots.video import HORIZONS
-from geovp_benchmarks.store import Cell
-from geovp_benchmarks.stored_facts import higher_is_better
+from geovp_benchmarks.results.store import Cell
+from geovp_benchmarks.results.stored_facts import higher_is_better
 from geovp_classic.types import Clip, FloatArray, Motion, Prediction
 
 

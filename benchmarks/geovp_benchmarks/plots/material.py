@@ -8,10 +8,10 @@ from typing import Any, Self
 import numpy as np
 from matplotlib.figure import Figure
 
-from geovp_benchmarks import stored_facts
 from geovp_benchmarks.plots import style
-from geovp_benchmarks.store import Cell, Results, Rows
-from geovp_benchmarks.table_model import EVERYTHING, Choice
+from geovp_benchmarks.results import stored_facts
+from geovp_benchmarks.results.store import Cell, Results, Rows
+from geovp_benchmarks.tables.table_model import EVERYTHING, Choice
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,12 @@
 each cell.
 """
 
-from geovp_benchmarks import plots, tables
+from geovp_benchmarks import plots
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.report import films, markup, sections
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables import tables
 from geovp_classic.data.atomic import write_bytes
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from geovp_benchmarks import confidence as confidences
 from geovp_benchmarks import plots
-from geovp_benchmarks.explanation import flat
+from geovp_benchmarks.analysis import confidence as confidences
 from geovp_benchmarks.report.markup import Html, fold, image, joined, table, tag
-from geovp_benchmarks.store import Cell, Results
-from geovp_benchmarks.stored_facts import MARKS, data_name, higher_is_better, summary, title
-from geovp_benchmarks.table_model import Column, Row, Table
+from geovp_benchmarks.results.store import Cell, Results
+from geovp_benchmarks.results.stored_facts import MARKS, data_name, higher_is_better, summary, title
+from geovp_benchmarks.tables.explanation import flat
+from geovp_benchmarks.tables.table_model import Column, Row, Table
 
 CURVES = ("horizon", "samples")
 FOLDED = ("Confidence", "Methods", "Protocol")

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.arguments import positive
 from geovp_benchmarks.progress import Progress
 from geovp_classic import registry
 from geovp_classic.errors import BadData
@@ -205,7 +205,7 @@ def predict(context: Context, source: PoseSource, renderer: Renderer) -> ByteArr
 
 def line(variant: Variant, without: Results, whole: Results) -> str:
     """The part's gain in every metric, its time and its lines."""
-    from geovp_benchmarks.intervals import block_interval
+    from geovp_benchmarks.analysis.intervals import block_interval
 
     gains = np.array(whole.scores) - np.array(without.scores)
     cells = [f"{variant.part:<32}"]

@@ -8,7 +8,7 @@ predicted.
 import argparse
 from collections.abc import Iterator
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.arguments import add_results_folder
 from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 
@@ -23,10 +23,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The table."""
-    from geovp_benchmarks import confidence
-    from geovp_benchmarks.formats import columns
-    from geovp_benchmarks.store import Results
-    from geovp_benchmarks.stored_facts import title
+    from geovp_benchmarks.analysis import confidence
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.results.stored_facts import title
+    from geovp_benchmarks.tables.formats import columns
 
     for part in Results(chosen.folder).by_dataset().values():
         found = confidence.rankings(part, chosen.metric)

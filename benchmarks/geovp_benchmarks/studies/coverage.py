@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.arguments import positive
 from geovp_benchmarks.progress import Progress
 from geovp_classic.types import FloatArray
 
@@ -74,7 +74,7 @@ def coverage(
     from scipy import stats
     from scipy.signal import lfilter
 
-    from geovp_benchmarks.intervals import interval
+    from geovp_benchmarks.analysis.intervals import interval
 
     rng = np.random.default_rng(seed)
     parts = [

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geovp_benchmarks.arguments import add_results_folder
+from geovp_benchmarks.cli.arguments import add_results_folder
 from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 from geovp_classic.types import FloatArray
 
 if TYPE_CHECKING:
-    from geovp_benchmarks.store import Results
+    from geovp_benchmarks.results.store import Results
 
 ROW = re.compile(r"(.+?)-(\d+)(--.+)?")  # of a cell's folder: METHOD-SEED, METHOD-SEED--RENDERER
 METRICS = ("average-displacement", "final-displacement", "yaw-error", "psnr")
@@ -38,9 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """A table per metric."""
-    from geovp_benchmarks.formats import columns
-    from geovp_benchmarks.store import Results
-    from geovp_benchmarks.stored_facts import title
+    from geovp_benchmarks.results.store import Results
+    from geovp_benchmarks.results.stored_facts import title
+    from geovp_benchmarks.tables.formats import columns
 
     results = Results(chosen.folder)
     known = results.protocol()["metrics"]
@@ -61,7 +61,7 @@ def table(results: Results, reference: str, metric: str) -> list[list[str]]:
     """A head and a line per method: mean over seeds and clips, each seed's, and the differences
     from the reference.
     """
-    from geovp_benchmarks.intervals import interval, sequences_of
+    from geovp_benchmarks.analysis.intervals import interval, sequences_of
 
     found = by_seed(results, metric)
     if reference not in found:
@@ -96,7 +96,7 @@ def by_seed(results: Results, metric: str) -> dict[str, dict[int, Mapping[str, f
     """The value of each clip, its mean over steps, by method and seed; clips without one are left
     out.
     """
-    from geovp_benchmarks import statistics
+    from geovp_benchmarks.analysis import statistics
 
     found: dict[str, dict[int, Mapping[str, float]]] = {}
     for cell in results.cells():

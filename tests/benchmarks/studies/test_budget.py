@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks import matrix
-from geovp_benchmarks.intervals import Interval
+from geovp_benchmarks.analysis.intervals import Interval
+from geovp_benchmarks.matrix import matrix
 from geovp_benchmarks.studies.budget import offsets, stages
 from geovp_benchmarks.studies.budget.images import ClipImages, with_true_depth
 from geovp_benchmarks.studies.budget.offsets import Offset

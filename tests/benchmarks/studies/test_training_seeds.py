@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from geovp_benchmarks.cli import main
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
 from geovp_benchmarks.studies import training_seeds
 from tests.benchmarks.made import content, go, values
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geovp_benchmarks.store import Part, Results, Rows
+from geovp_benchmarks.results.store import Part, Results, Rows
 from geovp_classic.types import Clip, Intrinsics, Motion, Prediction, Trajectory
 from tests.benchmarks.made import scores
 

@@ -18,11 +18,12 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from geovp_benchmarks import intervals, plots
+from geovp_benchmarks import plots
+from geovp_benchmarks.analysis import intervals
 from geovp_benchmarks.plots import Page, strips, style, trajectories
 from geovp_benchmarks.plots.layout import width_in
-from geovp_benchmarks.store import Results
-from geovp_benchmarks.table_model import Choice
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.tables.table_model import Choice
 from geovp_classic.geometry import se3
 
 SIDE = 16

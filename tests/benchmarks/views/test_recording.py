@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from geovp_benchmarks import cli
-from geovp_benchmarks.recording import KeptClip
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.plots.recording import KeptClip
+from geovp_benchmarks.results.store import Results
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.geometry import se3

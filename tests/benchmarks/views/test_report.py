@@ -18,7 +18,7 @@ from geovp_benchmarks import plots, report
 from geovp_benchmarks.plots.material import Material
 from geovp_benchmarks.plots.strips import INPAINTED
 from geovp_benchmarks.report import films, markup
-from geovp_benchmarks.store import Results
+from geovp_benchmarks.results.store import Results
 
 
 @pytest.fixture(scope="module")

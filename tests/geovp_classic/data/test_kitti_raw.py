@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_classic.data import kitti_raw
 from geovp_classic.data.doctor import Doctor
 from geovp_classic.data.findings import Findings

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from geovp_benchmarks.scoring import ManyMasks
+from geovp_benchmarks.running.scoring import ManyMasks
 from geovp_classic.errors import BadData
 from geovp_classic.interfaces import FrameMetric
 from geovp_classic.metrics.image import Psnr, Ssim

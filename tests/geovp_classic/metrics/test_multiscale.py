@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate
 
-from geovp_benchmarks.scoring import ManyMasks
+from geovp_benchmarks.running.scoring import ManyMasks
 from geovp_classic.errors import BadData
 from geovp_classic.metrics.multiscale import MsSsim
 from geovp_classic.types import ByteArray

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_classic.geometry import pinhole
 from geovp_classic.types import Clip
 from geovp_learned.synsin.network import Architecture

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_classic.types import ByteArray
 from geovp_learned.video import slamp, srvp, svg, training
 from geovp_learned.video.autoencoder import AutoencoderConfig

@@ -13,7 +13,7 @@ PROGRAM = """
 import sys
 
 import numpy as np
-from geovp_benchmarks import profiling
+from geovp_benchmarks.running import profiling
 from geovp_classic import registry
 from geovp_classic.types import Context, Intrinsics
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from geovp_benchmarks.contracts import street
+from geovp_benchmarks.audit.contracts import street
 from geovp_classic import registry
 from geovp_classic.errors import BadData
 from geovp_classic.types import Context, PrivilegedInput

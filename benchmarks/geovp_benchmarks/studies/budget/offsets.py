@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geovp_benchmarks.intervals import KIND
+from geovp_benchmarks.analysis.intervals import KIND
 from geovp_benchmarks.studies.budget.poses import TRUTH
 from geovp_benchmarks.studies.budget.scores import Predict, Scores, Subject, heading, text
 from geovp_classic.errors import Incompatible

@@ -9,9 +9,10 @@ from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
-from geovp_benchmarks import intervals, matrix
-from geovp_benchmarks.intervals import Interval
-from geovp_benchmarks.matrix import Matrix
+from geovp_benchmarks.analysis import intervals
+from geovp_benchmarks.analysis.intervals import Interval
+from geovp_benchmarks.matrix import matrix
+from geovp_benchmarks.matrix.matrix import Matrix
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.ablation import SCORED
 from geovp_classic import registry

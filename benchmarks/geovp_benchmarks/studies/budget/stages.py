@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from geovp_benchmarks.intervals import KIND, Interval
+from geovp_benchmarks.analysis.intervals import KIND, Interval
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.budget.images import (
     ALL_STAGES,

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from geovp_benchmarks.arguments import figure_file, positive
+from geovp_benchmarks.cli.arguments import figure_file, positive
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.ablation import NUM_PAST, SCORED, STRETCHES, dataset_specs
 from geovp_benchmarks.studies.corruption.kinds import (
@@ -130,7 +130,7 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
         pairs = [(source, renderer) for source, renderer in (name.split() for name in methods)]
         corruption_figure(means, pairs, LIMIT_DB).savefig(chosen.plot)
     if chosen.page is not None:
-        from geovp_benchmarks.formats import write_page
+        from geovp_benchmarks.tables.formats import write_page
 
         frames = " ".join(f"'{one}'" for one in chosen.frames)
         command = f"geovp study corruption path/to/kitti {frames} --stride {chosen.stride}"
@@ -221,7 +221,7 @@ def _text(gain: float) -> str:
 
 def _page(what: str, cells: list[str], means: dict[str, FloatArray]) -> str:
     """What is written of the table, in Markdown."""
-    from geovp_benchmarks.formats import grid
+    from geovp_benchmarks.tables.formats import grid
 
     rows = [["corruption, severity", *cells]]
     for name, gains in means.items():

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from geovp_benchmarks.intervals import interval
+from geovp_benchmarks.analysis.intervals import interval
 from geovp_benchmarks.progress import Progress, no_progress
 from geovp_benchmarks.studies.forecasting.evaluation import Window
 from geovp_classic.forecasting.kalman import TurnRateKalman

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from geovp_benchmarks.arguments import positive
+from geovp_benchmarks.cli.arguments import positive
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.forecasting import TEST
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from geovp_benchmarks.intervals import Interval
+    from geovp_benchmarks.analysis.intervals import Interval
     from geovp_classic.types import FloatArray
 
 ALL = "00 01 02 03 04 05 06 07 08 09 10"
@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """The page's text, and with `--page` its file; BadData without windows."""
-    from geovp_benchmarks.formats import write_page
+    from geovp_benchmarks.tables.formats import write_page
 
     lines = [
         *_poses(chosen, progress),
@@ -103,9 +103,9 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
 def _poses(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     import numpy as np
 
-    from geovp_benchmarks.formats import grid
     from geovp_benchmarks.studies.forecasting.evaluation import read_sequences
     from geovp_benchmarks.studies.foreseeable import learners, windows
+    from geovp_benchmarks.tables.formats import grid
 
     sequences = read_sequences(chosen.poses, list(dict.fromkeys([*chosen.sequences, *chosen.fit])))
     everything = windows.read(sequences, chosen.stride, progress)
@@ -170,8 +170,8 @@ def _sizes(truth: FloatArray, noise: FloatArray) -> Iterator[list[str]]:
 
 
 def _images(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
-    from geovp_benchmarks.formats import grid
     from geovp_benchmarks.studies.foreseeable import images, windows
+    from geovp_benchmarks.tables.formats import grid
 
     sizes_px = dict.fromkeys(chosen.frames, chosen.size) if chosen.frames else SIZES_PX
     read = images.read(chosen.root, sizes_px, chosen.stride, progress)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from geovp_benchmarks.intervals import sequence_of
+from geovp_benchmarks.analysis.intervals import sequence_of
 from geovp_benchmarks.progress import Progress, tracked
 from geovp_benchmarks.studies.foreseeable.windows import COMPONENTS, HORIZONS, deviations, states
 from geovp_classic import registry

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from geovp_benchmarks.analysis.intervals import Interval, interval
 from geovp_benchmarks.fitting import network_training
 from geovp_benchmarks.fitting.network_training import Schedule
-from geovp_benchmarks.intervals import Interval, interval
 from geovp_benchmarks.progress import Progress
 from geovp_benchmarks.studies.foreseeable.windows import LONG_STEPS, MIRRORED, SHORT_STEPS, Windows
 from geovp_classic.forecasting import motion_network

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from geovp_benchmarks.arguments import add_settings, positive, settings
+from geovp_benchmarks.cli.arguments import add_settings, positive, settings
 from geovp_benchmarks.progress import Progress
 from geovp_classic.errors import BadData
 
@@ -62,8 +62,8 @@ def run(chosen: argparse.Namespace, progress: Progress) -> Iterator[str]:
     """Files and their drift, or with `--clips` a table of errors a step; BadData for one frame a
     clip.
     """
-    from geovp_benchmarks.formats import columns
     from geovp_benchmarks.studies.odometry import clips, paths
+    from geovp_benchmarks.tables.formats import columns
     from geovp_classic.data import layouts
 
     spec = {"name": chosen.odometry, **settings(chosen)}

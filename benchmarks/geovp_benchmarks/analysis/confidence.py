@@ -1,0 +1,88 @@
+"""Whether a row's confidence ranks its errors: Spearman correlations over stored
+clips and steps.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from geovp_benchmarks.analysis import statistics
+from geovp_benchmarks.matrix.matrix import CONFIDENCE
+from geovp_benchmarks.results.store import Results
+from geovp_benchmarks.results.stored_facts import higher_is_better
+from geovp_classic.errors import BadData
+from geovp_classic.registry import nearest
+from geovp_classic.types import FloatArray
+
+MIN_CLIPS = 3  # to be ranked at a step
+HEAD = ("method", "clips", "confidence", "step alone", "among clips at a step")
+NOTE = (
+    "1: frames of higher confidence have the better {}, always; 0: no relation. Step alone: how "
+    "an earlier step ranks. "
+    "Confidence: 1 less the hindcast's squared error ratio, times the fractions of covered "
+    "pixels and of tracked frames; no probability."
+)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Rank correlations with the metric (1: higher values have the better scores); NaN where not
+    defined.
+    """
+
+    label: str
+    num_clips: int
+    by_confidence: float  # over all clips, samples and steps
+    by_step: float  # of the step alone: what one knows without any confidence
+    among_clips: float  # confidence, over clips and samples at one step, averaged over steps
+
+    def texts(self) -> tuple[str, ...]:
+        """As HEAD."""
+        numbers = (self.by_confidence, self.by_step, self.among_clips)
+        return (
+            self.label,
+            str(self.num_clips),
+            *(f"{one:.2f}" if np.isfinite(one) else "-" for one in numbers),
+        )
+
+
+def rankings(results: Results, metric: str) -> list[Ranking]:
+    """A ranking for each row that has confidences; BadData for a metric that is not stored or has
+    no better.
+    """
+    abouts = results.protocol()["metrics"]
+    about = abouts.get(metric.partition("@")[0])
+    known = [name for name, one in abouts.items() if higher_is_better(name, one) is not None]
+    if about is None or higher_is_better(metric, about) is None:
+        raise BadData(f"{results.root} cannot be ranked by {metric!r}{nearest(metric, known)}")
+    return list(_rankings(results, metric, 1.0 if about["higher_is_better"] else -1.0))
+
+
+def _rankings(results: Results, metric: str, sign: float) -> Iterator[Ranking]:
+    for cell in results.cells():
+        rows, failed = results.scores(cell.name), results.failures(cell.name)
+        sure, score = statistics.cube(rows, CONFIDENCE), statistics.cube(rows, metric)
+        clips = [clip for clip in sure.clips if clip in score.clips and clip not in failed]
+        if clips:
+            one = sure.values[[sure.clips.index(clip) for clip in clips]]  # [N, S, F]
+            other = sign * score.values[[score.clips.index(clip) for clip in clips]]
+            earlier = np.broadcast_to(-np.arange(one.shape[2], dtype=float), one.shape)
+            steps = range(one.shape[2] if len(clips) >= MIN_CLIPS else 0)
+            within = [spearman(one[..., step], other[..., step]) for step in steps]
+            mean = float(np.mean([value for value in within if np.isfinite(value)] or [np.nan]))
+            yield Ranking(
+                cell.label, len(clips), spearman(one, other), spearman(earlier, other), mean
+            )
+
+
+def spearman(one: FloatArray, other: FloatArray) -> float:
+    """Spearman's rank correlation over the values that both have; NaN where either
+    does not vary.
+    """
+    both = np.isfinite(one) & np.isfinite(other)
+    if both.sum() < 2 or np.ptp(one[both]) == 0 or np.ptp(other[both]) == 0:
+        return float("nan")
+    from scipy import stats  # half a second that no other table needs
+
+    return float(stats.spearmanr(one[both], other[both]).statistic)

@@ -1,0 +1,1 @@
+"""Matrix files: schema, built-in files and protocols."""

@@ -1,0 +1,161 @@
+"""The camera of one's own video: given, read from a file, from photos' EXIF data, or estimated from
+the motion.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from geovp_benchmarks.predict.prediction_request import PredictionRequest
+from geovp_classic.data.calibration_files import Calibration, exif_focal_px, read_calibration
+from geovp_classic.data.frames import FrameFiles
+from geovp_classic.data.undistortion import UndistortedFrames, common_pinhole
+from geovp_classic.data.windows import Recording
+from geovp_classic.errors import BadData
+from geovp_classic.geometry import pinhole
+from geovp_classic.odometry.focal_length import FocalLengthEstimator
+from geovp_classic.types import ByteArray, Intrinsics
+
+DEFAULT_FOV_DEG = 70.0  # of a phone or a dashboard camera, roughly
+NUM_WINDOWS = 4
+ESTIMATION_RATE_HZ = 10.0  # more frames a second are thinned out
+MAX_WIDTH_PX = 1280  # wider images are made smaller for estimation
+BY_HAND = "give --fov, --calibration or --intrinsics if you know better"
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics of the images, at their stored size and without distortion, and where they came
+    from.
+    """
+
+    intrinsics: Intrinsics
+    source: str  # "given", "fov", "calibration", "exif", "motion" or "assumed"
+    removed_distortion: tuple[float, ...] = ()  # coefficients of the distortion that was taken out
+    interval_px: tuple[float, float] | None = None  # 90 % interval of an estimated focal length
+    warnings: tuple[str, ...] = ()
+
+
+def find_camera(
+    recording: Recording,
+    num_seen: int,  # frames up to the last observed one; later ones are not looked at
+    asked: PredictionRequest,
+) -> tuple[Camera, Recording]:
+    """The camera by the best source there is, and its images without distortion; BadData when two
+    sources are given.
+    """
+    width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
+    given, fov_deg, calibration, path = (
+        asked.intrinsics,
+        asked.fov_deg,
+        asked.calibration,
+        asked.path,
+    )
+    if sum(each is not None for each in (given, fov_deg, calibration)) > 1:
+        raise BadData("more than one of --intrinsics, --fov and --calibration is given: keep one")
+    if asked.distortion is not None and given is None and fov_deg is None:
+        raise BadData(
+            "--distortion belongs to --intrinsics or --fov: give one of them, or --calibration "
+            "alone"
+        )
+    if given is not None:
+        return _undistorted(
+            recording, Calibration(given, None, asked.distortion or ()), path, "given"
+        )
+    if fov_deg is not None:
+        if not 0 < fov_deg < 170:
+            raise BadData(
+                f"--fov {fov_deg:g} is not the angle of a pinhole camera: give degrees between "
+                "0 and 170"
+            )
+        middle = centred(focal_of_fov(fov_deg, width_px), width_px, height_px)
+        numbers = (middle.fx_px, middle.fy_px, middle.cx_px, middle.cy_px)
+        return _undistorted(
+            recording, Calibration(numbers, None, asked.distortion or ()), path, "fov"
+        )
+    if calibration is not None:
+        return _undistorted(
+            recording, read_calibration(calibration, path), calibration, "calibration"
+        )
+    focal_px = (
+        exif_focal_px(recording.frames.paths[0])
+        if isinstance(recording.frames, FrameFiles)
+        else None
+    )
+    exif = None if focal_px is None else Camera(centred(focal_px, width_px, height_px), "exif")
+    camera = exif or _by_motion(recording, num_seen)
+    return camera, replace(recording, intrinsics=camera.intrinsics)
+
+
+def _undistorted(
+    recording: Recording, read: Calibration, file: Path, source: str
+) -> tuple[Camera, Recording]:
+    """The camera and the images as a pinhole camera of the same focal length sees them, zoomed
+    until none is empty.
+    """
+    camera = read.of_size(file, recording.intrinsics.width_px, recording.intrinsics.height_px)
+    if (lens := read.lens(camera)) is None:
+        return Camera(camera, source), replace(recording, intrinsics=camera)
+    view = common_pinhole([lens], file)
+    frames = UndistortedFrames(recording.frames, (lens,) * len(recording.frames), view)
+    return Camera(view, source, read.distortion), replace(recording, frames=frames, intrinsics=view)
+
+
+def centred(focal_px: float, width_px: int, height_px: int) -> Intrinsics:
+    """Square pixels, and the principal point at the centre."""
+    return Intrinsics(
+        focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2, width_px, height_px
+    )
+
+
+def focal_of_fov(fov_deg: float, width_px: int) -> float:
+    """The focal length in pixels of a horizontal field of view."""
+    return float(width_px / 2 / np.tan(np.radians(fov_deg) / 2))
+
+
+def fov_of_focal(focal_px: float, width_px: int) -> float:
+    """The horizontal field of view in degrees of a focal length in pixels."""
+    return float(np.degrees(2 * np.arctan(width_px / 2 / focal_px)))
+
+
+def _by_motion(recording: Recording, num_seen: int) -> Camera:
+    """The estimate where it is sure, else a usual camera with a warning."""
+    width_px, height_px = recording.intrinsics.width_px, recording.intrinsics.height_px
+    rate_hz = 1 / float(np.median(np.diff(recording.times_s)))
+    stride = max(1, round(rate_hz / ESTIMATION_RATE_HZ))
+    estimator = FocalLengthEstimator()
+    span = min(estimator.window * stride, num_seen)
+    starts = np.unique(
+        np.linspace(0, num_seen - span, max(1, min(NUM_WINDOWS, 2 * num_seen // span - 1))).astype(
+            int
+        )
+    )
+    shrink = min(1.0, MAX_WIDTH_PX / width_px)
+    windows = (
+        [_grey(recording, step, shrink) for step in range(first, first + span, stride)]
+        for first in starts
+    )
+    found = estimator.estimate(windows)
+    if found is not None and found.is_sure:
+        low, focal, high = (each / shrink for each in (found.low_px, found.focal_px, found.high_px))
+        return Camera(centred(focal, width_px, height_px), "motion", interval_px=(low, high))
+    why = (
+        "too few frames, or hardly any turn" if found is None else "the motion leaves too much room"
+    )
+    words = (
+        f"the focal length cannot be told from the motion ({why}): {DEFAULT_FOV_DEG:g} degrees "
+        "are assumed"
+    )
+    focal_px = focal_of_fov(DEFAULT_FOV_DEG, width_px)
+    return Camera(
+        centred(focal_px, width_px, height_px), "assumed", warnings=(f"{words}; {BY_HAND}",)
+    )
+
+
+def _grey(recording: Recording, step: int, shrink: float) -> ByteArray:
+    frame = recording.frames.read(step)
+    height_px, width_px = frame.shape[:2]
+    return pinhole.grey8(
+        pinhole.resize(frame, (round(width_px * shrink), round(height_px * shrink)))
+    )

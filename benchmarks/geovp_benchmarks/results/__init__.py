@@ -1,0 +1,1 @@
+"""The results folder: protocol, methods, scores, kept predictions."""

@@ -1,0 +1,60 @@
+"""Where a row's numbers come from: the id of its protocol, and what its networks' weights are."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from geovp_benchmarks.results.store import Cell
+
+DIGITS = 8
+SHARED = ("split_hash", "num_past", "num_future", "size_px", "stride", "clips")
+NOT_COUNTED = (
+    "root",
+    "with_full",
+    "with_right",
+)  # a data set is the same in another folder; views follow from needs
+NOT_COMPARED = ("confidence",)  # describes what a prediction rests on, not how good it is
+OF_A_METRIC = ("asked", "unit", "definition")
+
+
+def content_hash(value: Any) -> str:
+    """SHA-256 of a JSON value, independent of the order of keys."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def protocol_id(protocol: Mapping[str, Any]) -> str:
+    """A short id of a protocol.json: another one when data set, clips, frames, sizes or metric
+    definitions differ.
+    """
+    dataset = {key: value for key, value in protocol["dataset"].items() if key not in NOT_COUNTED}
+    metrics = {
+        name: {key: about[key] for key in OF_A_METRIC if key in about}
+        for name, about in protocol["metrics"].items()
+        if name not in NOT_COMPARED
+    }
+    shared = {key: protocol.get(key) for key in SHARED}
+    return content_hash({**shared, "dataset": dataset, "metrics": metrics})[:DIGITS]
+
+
+def method_id(cell: Cell, protocol: Mapping[str, Any]) -> str:
+    """Return the protocol id that a method was computed under; without results, the folder's."""
+    return str(cell.record.get("protocol_id") or protocol["id"])
+
+
+def id_notes(cells: Iterable[Cell], protocol: Mapping[str, Any]) -> list[str]:
+    """Return the protocol's id, and the methods that were computed under another one."""
+    shared = protocol["id"]
+    other = [
+        f"{cell.label} {own}" for cell in cells if (own := method_id(cell, protocol)) != shared
+    ]
+    return [f"Protocol id {shared}" + (f", but of {', '.join(other)}" if other else "") + "."]
+
+
+def weights_notes(cells: Iterable[Cell]) -> list[str]:
+    """A note for all weights that rows with results use, with the rows."""
+    users: dict[str, list[str]] = {}
+    for cell in cells:
+        for note in cell.record.get("about", ()) if cell.num_clips else ():
+            users.setdefault(note, []).append(cell.label)
+    return [f"{note} ({', '.join(labels)})." for note, labels in users.items()]

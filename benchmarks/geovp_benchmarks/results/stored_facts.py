@@ -1,0 +1,85 @@
+"""What protocol.json and cell.json say: a column's title, direction and bounds, the data, the
+privileged inputs of a method.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from geovp_benchmarks.analysis.intervals import UNBOUNDED, Bounds
+from geovp_benchmarks.results.store import Cell
+
+MARKS = {  # PrivilegedInput -> (mark beside the row's name, what it means)
+    "PAST_POSES": ("p", "true past poses"),
+    "FUTURE_POSES": ("f", "true future poses"),
+    "PAST_DEPTHS": ("d", "true past depths"),
+    "CAMERA_HEIGHT": ("h", "camera height"),
+    "FULL_FRAMES": ("w", "uncropped frames"),
+    "RIGHT_FRAMES": ("r", "right camera's frames"),
+    "FUTURE_FRAMES": ("i", "future images, for poses only"),
+}
+
+
+def title(metric: str) -> str:
+    """A metric's name for people: "PSNR", "PSNR, stabilised", or "PSNR, covered pixels" for
+    "psnr@covered".
+    """
+    name, _, pixels = metric.partition("@")
+    stem = name.removesuffix("-stabilised")
+    words = (
+        stem.upper()
+        if len(stem) <= 5 or stem.startswith(("ms-ssim", "lpips-"))
+        else stem.replace("-", " ")
+    )
+    words += ", stabilised" * (stem != name)
+    return f"{words}, {pixels} pixels" if pixels else words
+
+
+def higher_is_better(metric: str, about: Mapping[str, Any]) -> bool | None:
+    """Return None where neither direction is better, as for coverage and confidence."""
+    return about.get("higher_is_better")
+
+
+def bounds(metric: str, about: Mapping[str, Any]) -> Bounds:
+    """Return the lowest and highest value that the metric can have."""
+    low, high = about.get("bounds") or (None, None)
+    return (
+        UNBOUNDED[0] if low is None else float(low),
+        UNBOUNDED[1] if high is None else float(high),
+    )
+
+
+def stored_bounds(metric: Any) -> list[float | None]:
+    """The bounds that a metric declares, as JSON has them: null where there is none."""
+    return [
+        float(end) if math.isfinite(end) else None for end in getattr(metric, "bounds", UNBOUNDED)
+    ]
+
+
+def data_name(protocol: Mapping[str, Any]) -> str:
+    """The data set and its split, for people."""
+    split = protocol["dataset"].get("split")
+    return f"{protocol['dataset_name']}, split {split}" if split else str(protocol["dataset_name"])
+
+
+def summary(protocol: Mapping[str, Any]) -> str:
+    """Which clips, and how many frames of which size are seen and predicted."""
+    frames = f"{protocol['num_past']} frames seen, the next {protocol['num_future']} predicted"
+    width_px, height_px = protocol["size_px"]
+    count = len(protocol["clips"])
+    return (
+        f"{count} clip{'s' * (count != 1)} of {data_name(protocol)}; {frames} at "
+        f"{width_px}x{height_px}"
+    )
+
+
+def marks(cell: Cell) -> str:
+    """The letters beside a row's name."""
+    return "".join(MARKS[name][0] for name in cell.privileged_inputs)
+
+
+def legend(cells: Iterable[Cell], but: str = "") -> list[str]:
+    """What the marks beside rows mean."""
+    used = {name for cell in cells for name in cell.privileged_inputs}
+    words = [f"[{mark}] {meaning}" for name, (mark, meaning) in MARKS.items() if name in used]
+    return [f"Privileged inputs{but}: {', '.join(words)}."] if words else []

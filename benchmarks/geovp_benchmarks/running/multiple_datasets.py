@@ -1,0 +1,97 @@
+"""Matrix files with several data sets: `[protocol] datasets = [...]` in place of `dataset`.
+
+Each data set has a matrix of its own, and a results folder below that of the file, named by the
+data set's label.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from geovp_benchmarks.matrix import matrix, matrix_files, matrix_values
+from geovp_benchmarks.matrix.matrix import Matrix
+from geovp_benchmarks.results.store import NOT_CELLS, Results
+from geovp_benchmarks.tables import formats, tables
+from geovp_classic.errors import BadData, GeovpError
+from geovp_classic.types import PrivilegedInput
+
+ONE = ""  # the label of a file's only data set
+
+
+def read(path: Path, root: Path | None = None, settings: Sequence[str] = ()) -> dict[str, Matrix]:
+    """The matrices of a file by the label of their data set, with settings of the command line and
+    roots in them.
+    """
+    return parse(*matrix_files.read(path, settings), root)
+
+
+def parse(name: str, content: Mapping[str, Any], root: Path | None = None) -> dict[str, Matrix]:
+    """The matrices of a TOML file's content; of several data sets, each is opened, so that none
+    fails hours later.
+    """
+    protocol = content.get("protocol")
+    if not isinstance(protocol, Mapping) or "datasets" not in protocol:
+        return {ONE: matrix.parse(name, content).with_root(root)}
+    if "dataset" in protocol:
+        raise BadData("protocol has both dataset and datasets: keep one of them")
+    if root is not None:
+        raise BadData(
+            "--root replaces the root of one data set, and the matrix file has datasets: write "
+            "roots there"
+        )
+    specs = matrix_values.named_specs(protocol["datasets"], "protocol.datasets")
+    if not specs:
+        raise BadData(
+            'protocol.datasets is empty: give a list such as [{ name = "kitti", root = "..." }]'
+        )
+    shared = {key: value for key, value in protocol.items() if key != "datasets"}
+    found = {}
+    for label, spec in specs.items():
+        if not matrix.ENTRY_NAME.fullmatch(label) or label in NOT_CELLS:
+            raise BadData(
+                f"protocol.datasets: {label!r} cannot be a folder's name: give letters, digits "
+                "and _ + - ."
+            )
+        own = {**content, "protocol": {**shared, "dataset": spec}}
+        try:
+            found[label] = matrix.parse(f"{name}/{label}", own).with_root(None)
+            found[label].build_dataset(PrivilegedInput.NONE)
+        except GeovpError as problem:
+            raise type(problem)(f"data set {label!r}: {problem}") from problem
+    return found
+
+
+def side_by_side(results: Results, width: int | None = None) -> str:
+    """One Markdown table with a group of columns for each data set, all rows in the order of the
+    file.
+    """
+    parts = {label: tables.build(part)[0] for label, part in results.by_dataset().items()}
+    columns = [(label, column) for label, table in parts.items() for column in table.columns]
+    rows = {label: {row.name: row for row in table.rows} for label, table in parts.items()}
+    marks = {
+        row.name: f" [{row.marks}]" * bool(row.marks)
+        for table in parts.values()
+        for row in table.rows
+    }
+    lines = [["method", *(f"{label}: {column.heading}" for label, column in columns)]]
+    for name in marks:
+        known = ((parts[label], rows[label].get(name), column) for label, column in columns)
+        texts = (
+            "-" if row is None else formats.value(table, row, column)
+            for table, row, column in known
+        )
+        lines.append([name + marks[name], *texts])
+    notes = [f"- {label}: {note}" for label, table in parts.items() for note in table.notes[:1]]
+    for label, part in results.by_dataset().items():
+        lost = (cell for cell in part.cells() if cell.status in ("skipped", "failed"))
+        notes += [f"- {label}: {cell.label}: {cell.status}: {cell.reason}." for cell in lost]
+    return "\n".join(
+        [
+            f"## {results.root.resolve().name}: all data sets",
+            "",
+            *formats.blocks(lines, width, 1),
+            "",
+            *notes,
+            "",
+        ]
+    )

@@ -1,0 +1,248 @@
+"""Compute the missing and stale results of a matrix, however earlier runs ended."""
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Set
+from dataclasses import dataclass, field
+from typing import Any
+
+from geovp_benchmarks.matrix.components import Failure, weights_of
+from geovp_benchmarks.matrix.matrix import CellPlan, Matrix
+from geovp_benchmarks.progress import Progress, announce
+from geovp_benchmarks.results.provenance import content_hash
+from geovp_benchmarks.results.store import Cell, Part, Results
+from geovp_benchmarks.running.built_matrix import Task, TaskResult, compute
+from geovp_benchmarks.running.executors import Executor
+from geovp_benchmarks.running.planning import Options, Plan, prepare
+from geovp_classic import registry
+from geovp_classic.types import PrivilegedInput
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Chunks still to be computed of each cell that can be, and the cells' failures."""
+
+    missing: dict[str, set[int]]  # cell -> chunks
+    failures: dict[str, tuple[int, Failure]] = field(
+        default_factory=dict
+    )  # cell -> of its first chunk that failed
+
+    def left(self, chunks: list[dict[int, str]]) -> int:
+        """Clips times cells that are still to be done."""
+        open_cells = (
+            indices for name, indices in self.missing.items() if name not in self.failures
+        )
+        return sum(len(chunks[index]) for indices in open_cells for index in indices)
+
+
+def run(
+    matrix: Matrix, results: Results, options: Options, executor: Executor, progress: Progress
+) -> list[Cell]:
+    """Compute missing results and return all cells; BadData when the matrix or the data set is
+    wrong.
+    """
+    announce("looking at components, metrics and clips")
+    plan = prepare(matrix, results, options)
+    for name in (None, *(cell.name for cell in matrix.cells)):
+        for path in results.set_damaged_aside(name):
+            logger.warning(
+                "%s was damaged: it is set aside as %s.damaged and computed again", path, path.name
+            )
+    plans = {cell.name: cell for cell in matrix.cells}
+    records = {name: _begin(plan, cell) for name, cell in plans.items()}
+    state = _State(
+        {
+            name: _missing(plan, name, record["code"])
+            for name, record in records.items()
+            if "code" in record
+        }
+    )
+    chunks = plan.chunks
+    total = state.left(chunks)
+    progress(0, total)
+    announce("first prediction: reading a clip, loading or compiling code")
+    try:
+        for result in executor.map(compute, _tasks(plan, state, records)):
+            _update(result, state)
+            progress(total - state.left(chunks), total)
+            clips = ", ".join(result.task.clips.values())
+            announce(f"after {clips}")  # other processes do not say what they do
+            logger.info("clips %s: done", clips)
+    finally:
+        for name in state.missing:
+            _finish(plan, name, records[name], state)
+    return results.cells()
+
+
+def _begin(plan: Plan, cell: CellPlan) -> dict[str, Any]:
+    """Write and return a cell's record, without a fingerprint when it cannot be built; stale rows
+    are set aside.
+    """
+    own = plan.built.components_of(cell)
+    before = plan.results.cell(cell.name)
+    failure, record = record_of(plan, cell)
+    if failure is not None:
+        _begin_without(plan, cell.name, record, failure)
+        return record
+    if before is None or before.fingerprint != record["fingerprint"]:
+        plan.results.swap(cell.name, before.fingerprint if before else "", record["fingerprint"])
+    record |= {"about": weights_of(own.values()), "protocol_id": plan.results.protocol()["id"]}
+    record["code"] = plan.built.code(cell)
+    tally = _tally(plan.results.parts(cell.name), record["code"])
+    plan.results.write_cell(cell.name, {**record, "status": "partial", **tally})
+    return record
+
+
+def record_of(plan: Plan, cell: CellPlan) -> tuple[Failure | None, dict[str, Any]]:
+    """Why a cell cannot be built here, if so, and its record, which then has no fingerprint."""
+    own = plan.built.components_of(cell)
+    names = (
+        {"pose_source": cell.pose_source, "renderer": cell.renderer}
+        if cell.predictor is None
+        else {}
+    )
+    record: dict[str, Any] = {
+        "label": cell.label,
+        "kind": cell.kind,
+        **names,
+        "num_samples": cell.num_samples,
+    }
+    asked = {role: plan.built.matrix.specs[key] for role, key in cell.components.items()}
+    record |= {"asked": asked, "protocol": plan.shared}
+    failures = [each for each in own.values() if isinstance(each, Failure)]
+    if failures:
+        return failures[0], record
+    components = {role: registry.describe(each) for role, each in own.items()}
+    needs = plan.built.needs(cell)
+    record |= {
+        "components": components,
+        "privileged_inputs": [str(each.name) for each in PrivilegedInput if each in needs],
+    }
+    record["fingerprint"] = content_hash([plan.shared, components, cell.num_samples])
+    return None, record
+
+
+def _begin_without(plan: Plan, name: str, record: Mapping[str, Any], failure: Failure) -> None:
+    """Write the record of a cell that cannot be built here, unless its rows were computed where it
+    could.
+    """
+    before = plan.results.cell(name)
+    same = before is not None and all(
+        before.record.get(key) == value for key, value in record.items()
+    )
+    if before is None or not same or before.num_clips == 0:
+        plan.results.swap(name, before.fingerprint if before else "", "")
+        nothing = {"components": {}, "privileged_inputs": [], "fingerprint": "", **_tally([])}
+        plan.results.write_cell(
+            name, {**record, **nothing, "status": failure.status, "reason": failure.reason}
+        )
+
+
+def _missing(plan: Plan, name: str, code: str) -> set[int]:
+    """The chunks that a cell lacks; parts that no longer fit are removed, those of other code only
+    with `fresh`.
+    """
+    kept = {clip for clip, _ in plan.results.predictions(name)} & {
+        clip for clip, _ in plan.results.clips()
+    }
+    missing, unfit = lacking(plan, plan.results.parts(name), kept, code)
+    for part in unfit:
+        plan.results.remove_part(name, part.index)
+    return missing
+
+
+def lacking(
+    plan: Plan, parts: Iterable[Part], kept: Set[str], code: str
+) -> tuple[set[int], list[Part]]:
+    """The chunks that a cell with these parts and kept clips lacks, and the parts that no longer
+    fit.
+    """
+    chunks = plan.chunks
+    specs = plan.built.metrics.describe(plan.columns)
+    missing, unfit = set(range(len(chunks))), []
+    for part in parts:
+        fits = part.index < len(chunks) and part.clips == tuple(chunks[part.index].values())
+        if not fits or (plan.fresh and part.code != code):
+            unfit.append(part)
+            continue
+        measured = all(part.metrics.get(column) == spec for column, spec in specs.items())
+        broken = any(
+            status == "failed" for status, *_ in part.failures.values()
+        )  # may have been mended
+        if measured and not broken and plan.kept.intersection(part.clips) <= kept:
+            missing.discard(part.index)
+    return missing, unfit
+
+
+def _tasks(plan: Plan, state: _State, records: Mapping[str, Mapping[str, Any]]) -> Iterator[Task]:
+    """A task per chunk, without the cells that have failed by then."""
+    matrix = plan.built.matrix
+    for index, clips in enumerate(plan.chunks):
+        cells = [cell for cell in matrix.cells if index in state.missing.get(cell.name, ())]
+        cells = [cell for cell in cells if cell.name not in state.failures]
+        if cells:
+            fingerprints = {cell.name: str(records[cell.name]["fingerprint"]) for cell in cells}
+            yield Task(
+                matrix=matrix.to_json(),
+                root=str(plan.results.root),
+                chunk=index,
+                clips=clips,
+                cells=tuple(cells),
+                fingerprints=fingerprints,
+                columns=plan.columns,
+                kept=plan.kept,
+            )
+
+
+def _update(result: TaskResult, state: _State) -> None:
+    """Update the missing chunks; of several failures of a cell the first chunk's is kept."""
+    index = result.task.chunk
+    for cell in result.task.cells:
+        failure = result.failures.get(cell.name)
+        if failure is None:
+            state.missing[cell.name].discard(index)
+        elif cell.name not in state.failures or index < state.failures[cell.name][0]:
+            state.failures[cell.name] = (index, failure)
+
+
+def _finish(plan: Plan, name: str, record: Mapping[str, Any], state: _State) -> None:
+    verdict: dict[str, Any] = {"status": "partial" if state.missing[name] else "done"}
+    if name in state.failures:
+        failure = state.failures[name][1]
+        verdict = {
+            "status": failure.status,
+            "reason": failure.reason,
+            "traceback": failure.traceback,
+        }
+    parts = plan.results.parts(name)
+    failures = [failure for part in parts for failure in part.failures.values()]
+    if failures and len(failures) == sum(len(part.clips) for part in parts):  # it predicted nothing
+        verdict = dict(zip(("status", "reason", "traceback"), failures[0], strict=True))
+        plan.results.remove_cell(name)
+        parts = []
+    elif failures and verdict["status"] == "done":
+        verdict["traceback"] = next((trace for *_, trace in failures if trace), "")
+    if verdict.get("traceback"):
+        logger.info(
+            "%s: %s\n%s", record["label"], verdict.get("reason", ""), verdict["traceback"].rstrip()
+        )
+    plan.results.write_cell(name, {**record, **verdict, **_tally(parts, record["code"])})
+
+
+def _tally(parts: list[Part], code: str = "") -> dict[str, Any]:
+    """Totals over the parquet parts of a cell; outdated clips are those that other
+    code computed.
+    """
+    stages = dict.fromkeys(stage for part in parts for stage in part.seconds)
+    seconds = {
+        stage: round(sum(part.seconds.get(stage, 0.0) for part in parts), 3) for stage in stages
+    }
+    return {
+        "num_clips": sum(len(part.clips) for part in parts),
+        "num_failed": sum(len(part.failures) for part in parts),
+        "num_outdated": sum(len(part.clips) for part in parts if part.code != code),
+        "seconds": seconds,
+        "peak_memory_mb": max((part.peak_memory_mb for part in parts), default=0.0),
+        "peak_is_own": all(part.peak_is_own for part in parts),
+    }

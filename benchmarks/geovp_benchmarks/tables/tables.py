@@ -1,0 +1,352 @@
+"""Tables of means and their intervals with the privileged inputs of each method; `formats` turns
+them into text.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from geovp_benchmarks.analysis import intervals, statistics
+from geovp_benchmarks.analysis.statistics import Cube
+from geovp_benchmarks.matrix.matrix import COVERAGE, UNASKED
+from geovp_benchmarks.results import provenance
+from geovp_benchmarks.results.store import Cell, Results, Rows
+from geovp_benchmarks.results.stored_facts import (
+    bounds,
+    higher_is_better,
+    legend,
+    marks,
+    summary,
+    title,
+)
+from geovp_benchmarks.tables.table_model import (
+    EVERYTHING,
+    MIN_EFFECTIVE,
+    SIGNIFICANT,
+    Choice,
+    Column,
+    Row,
+    Spread,
+    Table,
+    best,
+    different,
+)
+from geovp_classic import registry
+from geovp_classic.errors import BadData
+from geovp_classic.types import FloatArray
+
+SAMPLE_COUNTS = (2, 5, 10, 20, 50)
+BOLD = (
+    "Bold: no method with the same or fewer privileged inputs is significantly better (paired "
+    "differences over common clips, p < .05 after Bonferroni's correction)."
+)
+FEW = "No value is in bold if it or a better rival has fewer than eight effective clips."
+SIMULTANEOUS = "simultaneous 95 % intervals (Bonferroni) of the mean paired difference"
+STAR = "*: the interval excludes zero."
+BEST_OF = (
+    "Oracle-selected: a best sample is selected with the real future, which is unavailable at "
+    "prediction time, so such methods compete only with each other. 'best of N' selects per "
+    "metric, as in the papers; 'by' a metric, one sample for all columns."
+)
+
+
+def build(
+    results: Results,
+    spread: Spread = "interval",
+    *,
+    strict: bool = False,
+    choice: Choice = EVERYTHING,
+) -> list[Table]:
+    """The main table (whole frames and poses), then one per frame metric that was also taken over
+    sets of pixels.
+
+    Clips that a method could not predict count as copies of the last frame; `strict` leaves them
+    out. Of a choice of columns there is but one table, and rows compete among those chosen.
+    """
+    protocol, cells = results.protocol(), choice.cells(results.cells())
+    rows = {
+        cell.name: results.scores(cell.name) for cell in cells if cell.status in ("done", "partial")
+    }
+    failures = {name: results.failures(name) for name in rows}
+    if strict:
+        rows = {
+            name: one.of_clips({*one.clip.categories} - failures[name].keys())
+            for name, one in rows.items()
+        }
+    keys = _keys(rows.values())
+    metrics: Mapping[str, Mapping[str, Any]] = protocol["metrics"]
+    main = choice.columns(metrics, keys) or [name for name in metrics if name not in UNASKED]
+    methods = [
+        line
+        for cell in cells
+        if cell.name in rows
+        for line in _lines(cell, rows[cell.name], protocol)
+    ]
+    methods = choice.rows(methods)
+    tables = [
+        _table(
+            "scores",
+            "whole frames and poses",
+            {key: title(key) for key in main},
+            protocol,
+            methods,
+            cells,
+        )
+    ]
+    for name in (name for name in main if not choice.metrics and metrics[name]["role"] == "frame"):
+        apart = [key for key in keys if key.startswith(f"{name}@")]
+        if apart:
+            columns = {
+                name: "all pixels",
+                **{key: f"{key.partition('@')[2]} pixels" for key in apart},
+            }
+            columns |= {COVERAGE: title(COVERAGE)} if COVERAGE in keys else {}
+            heading = f"{title(name)} over sets of pixels"
+            tables.append(_table(f"pixels-{name}", heading, columns, protocol, methods, cells))
+    if not choice.metrics:
+        tables += [table for name in main for table in _sampled(name, protocol, cells, rows)]
+    excuses = [
+        _excuse(cell, failures[cell.name], strict) for cell in cells if failures.get(cell.name)
+    ]
+    tables = [replace(table, spread=spread) for table in tables]
+    return [
+        replace(table, notes=(table.notes[0], *_used(table), *table.notes[1:], *excuses))
+        for table in tables
+    ]
+
+
+def _excuse(cell: Cell, failures: Mapping[str, str], strict: bool) -> str:
+    """Which clips a method could not predict, why, and how they count."""
+    treated = (
+        "left out" if strict else "scored as copies of the last frame (--strict leaves them out)"
+    )
+    names = ", ".join([*failures][:3]) + (" ..." if len(failures) > 3 else "")
+    reasons = "; ".join(dict.fromkeys(failures.values()))
+    count = f"{len(failures)} of {cell.num_clips} clips could not be predicted"
+    return f"{cell.label}: {count}, {treated}: {names}: {reasons}."
+
+
+def against(
+    results: Results, name: str, *, strict: bool = False, choice: Choice = EVERYTHING
+) -> Table:
+    """Paired differences of all rows of the main table from one of them, over the clips that both
+    have.
+
+    Of a method with samples the row of the mean one.
+    """
+    main = build(results, strict=strict, choice=choice.including(name))[0]
+    chosen = next(
+        (row for row in main.rows if row.name == name or row.name.startswith(f"{name}, mean of ")),
+        None,
+    )
+    if chosen is None:
+        raise BadData(
+            f"no method is called {name!r}{registry.nearest(name, (row.name for row in main.rows))}"
+        )
+    clips, rows = results.protocol()["clips"], []
+    others = [row for row in main.rows if row is not chosen and row.num_clips]
+    level = 1 - SIGNIFICANT / max(len(others), 1)
+    for row in others:
+        values = {
+            key: one - chosen.values[key] for key, one in row.values.items() if key in chosen.values
+        }
+        both = np.isfinite(np.array([*values.values()])).any(axis=0)
+        rows.append(
+            Row.of(
+                row.name, row.marks, values, clips, both, row.by_truth, row.protocol, level=level
+            )
+        )
+    columns = tuple(
+        column for column in main.columns if any(column.key in row.values for row in rows)
+    )
+    starred = {(row.name, column.key) for column in columns for row in different(rows, column)}
+    whole = main.title.partition(":")[0]
+    heading = f"{whole}: differences from {name}"
+    table = Table(
+        "against", heading, columns, tuple(rows), (), frozenset(), starred=frozenset(starred)
+    )
+    kind, *_ = _used(table)
+    return replace(
+        table,
+        notes=(
+            main.notes[0],
+            kind.replace("95 % interval of the mean", SIMULTANEOUS),
+            *[STAR] * bool(starred),
+        ),
+    )
+
+
+def _used(table: Table) -> list[str]:
+    """What stands behind means and clips, and what is bold: each where there is any."""
+    shown = [
+        (row, column)
+        for row in table.rows
+        for column in table.columns
+        if column.key in row.estimates
+    ]
+    behind = "".join(table.texts(row, column)[1] for row, column in shown)
+    words = intervals.KIND if table.spread == "interval" else statistics.KIND
+    kind = f"{words}; a" if "[" in behind or "±" in behind else "A"
+    kind += " clip's value is the mean over its steps."
+    if table.spread == "interval" and any(
+        int(row.estimates[column.key].count) in (1, 2) for row, column in shown
+    ):
+        kind += " Fewer than 3 clips give no interval."
+    if any("(" in table.clips(row) for row in table.rows):
+        kind += " (n) behind the clips: how many independent ones they are worth."
+    has_few = any(
+        row.intervals[column.key].effective < MIN_EFFECTIVE
+        for row, column in shown
+        if column.higher_is_better is not None
+    )
+    return [kind, *[BOLD] * bool(table.best), *[FEW] * has_few]
+
+
+def _table(
+    name: str,
+    heading: str,
+    columns: Mapping[str, str],  # key -> words
+    protocol: Mapping[str, Any],
+    rows: Sequence[Row],
+    cells: Sequence[Cell],
+) -> Table:
+    abouts = {key: protocol["metrics"][key.partition("@")[0]] for key in columns}
+    made = tuple(_column(key, words, abouts[key], rows) for key, words in columns.items())
+    shown = {key.partition("@")[0]: about for key, about in abouts.items()}
+    notes, bold = tuple(_notes(protocol, shown, cells)), best(rows, made, protocol["clips"])
+    return Table(name, f"{protocol['name']}: {heading}", made, tuple(rows), notes, bold)
+
+
+def _column(key: str, words: str, about: Mapping[str, Any], rows: Sequence[Row]) -> Column:
+    means = np.array([float(row.estimates[key].mean) for row in rows if key in row.estimates])
+    known = means[np.isfinite(means)]
+    higher = higher_is_better(key, about)
+    unit = f" ({about['unit']})" if about.get("unit") else ""
+    arrow = "" if higher is None else "↑" if higher else "↓"
+    decimals = 2 if np.abs(known).max(initial=0.0) >= 10 else 3
+    unavailable = bool(about["unavailable"]) and not len(known)
+    return Column(key, f"{words}{unit} {arrow}".strip(), higher, decimals, unavailable)
+
+
+def _lines(cell: Cell, rows: Rows, protocol: Mapping[str, Any]) -> list[Row]:
+    """One row of a cell with one sample, three of a cell with more."""
+    keys = _keys([rows])
+    cubes = {key: statistics.cube(rows, key) for key in keys}
+    abouts = {key: protocol["metrics"].get(key.partition("@")[0], {}) for key in keys}
+    higher = {key: higher_is_better(key, about) for key, about in abouts.items()}
+    ends = {key: bounds(key, about) for key, about in abouts.items()}
+    clips, lines = protocol["clips"], []
+    scored = np.isin(clips, rows.clip.categories)
+    for suffix, reduce in _reductions(cubes, higher, protocol).items():
+        values = {
+            key: _aligned(cube, reduce(cube, higher[key]), clips) for key, cube in cubes.items()
+        }
+        by_truth, own = (
+            reduce is not statistics.mean_of_samples,
+            provenance.method_id(cell, protocol),
+        )
+        lines.append(
+            Row.of(cell.label + suffix, marks(cell), values, clips, scored, by_truth, own, ends)
+        )
+    return lines
+
+
+def _aligned(cube: Cube, values: FloatArray, clips: Sequence[str]) -> FloatArray:
+    """The means over steps of values [n, F] in the order of all clips [N], NaN for those that the
+    cube lacks.
+    """
+    means = dict(zip(cube.clips, statistics.over_steps(values).tolist(), strict=True))
+    return np.array([means.get(clip, np.nan) for clip in clips])
+
+
+def _reductions(
+    cubes: Mapping[str, Cube], higher: Mapping[str, bool | None], protocol: Mapping[str, Any]
+) -> dict[str, statistics.Reduction]:
+    """The reductions over samples, a row each, by the suffix of the method's name."""
+    count = max((cube.values.shape[1] for cube in cubes.values()), default=1)
+    if count == 1:
+        return {"": statistics.mean_of_samples}
+    reductions: dict[str, statistics.Reduction] = {
+        f", mean of {count}": statistics.mean_of_samples,
+        f", best of {count}": statistics.best_of_samples,
+    }
+    for judge in protocol["metrics"]:
+        rises = higher.get(judge)
+        if rises is not None:
+            reductions[f", best of {count} by {title(judge)}"] = statistics.best_by(
+                cubes[judge], rises
+            )
+            break
+    return reductions
+
+
+def _sampled(
+    name: str, protocol: Mapping[str, Any], cells: Sequence[Cell], rows: Mapping[str, Rows]
+) -> list[Table]:
+    """The expected best of k samples in one metric, where a cell has several samples."""
+    about = protocol["metrics"][name]
+    higher = higher_is_better(name, about)
+    if higher is None:
+        return []
+    many = [cell for cell in cells if cell.name in rows and cell.num_samples > 1]
+    curves = [
+        statistics.expected_best(statistics.cube(rows[cell.name], name), higher) for cell in many
+    ]
+    most = max((curve.shape[1] for curve in curves), default=1)
+    if most < 2:
+        return []
+    counts = sorted({1, most, *(count for count in SAMPLE_COUNTS if count < most)})
+    clips, lines = protocol["clips"], []
+    for cell, curve in zip(many, curves, strict=True):
+        cube = statistics.cube(rows[cell.name], name)
+        values = {
+            f"{name} of {k}": _aligned(cube, curve[:, k - 1 : k], clips)
+            for k in counts
+            if k <= curve.shape[1]
+        }
+        ends, own = dict.fromkeys(values, bounds(name, about)), provenance.method_id(cell, protocol)
+        scored = np.isin(clips, cube.clips)
+        lines.append(
+            Row.of(cell.label, marks(cell), values, clips, scored, protocol=own, bounds=ends)
+        )
+    columns = tuple(_column(f"{name} of {k}", f"best of {k}", about, lines) for k in counts)
+    heading = (
+        f"{protocol['name']}: {title(name)} of the best of k samples, on average over all sets of k"
+    )
+    notes, bold = tuple(_notes(protocol, {name: about}, many)), best(lines, columns, clips)
+    return [Table(f"samples-{name}", heading, columns, tuple(lines), notes, bold)]
+
+
+def _notes(
+    protocol: Mapping[str, Any], shown: Mapping[str, Any], cells: Sequence[Cell]
+) -> list[str]:
+    notes = [f"{summary(protocol)}."]
+    if any(cell.num_samples > 1 for cell in cells):
+        notes.append(BEST_OF)
+    notes += legend(cells)
+    for name, about in shown.items():
+        if about["unavailable"]:
+            notes.append(f"{title(name)}: unavailable: {about['unavailable']}.")
+        elif about.get("definition"):
+            notes.append(f"{title(name)}: {about['definition']}.")
+    for cell in cells:
+        if cell.status == "partial":
+            notes.append(
+                f"{cell.label}: partial: {cell.num_clips} of {len(protocol['clips'])} clips; "
+                "run again."
+            )
+        elif cell.status != "done":
+            notes.append(f"{cell.label}: {cell.status}: {cell.reason}.")
+    outdated = [cell.label for cell in cells if cell.num_outdated]
+    if outdated:
+        notes.append(
+            f"Computed by another version of the code, in whole or in part: {', '.join(outdated)}."
+        )
+    return [*notes, *provenance.weights_notes(cells), *provenance.id_notes(cells, protocol)]
+
+
+def _keys(tables: Iterable[Rows]) -> list[str]:
+    """All columns that have rows, in their order."""
+    return list(dict.fromkeys(key for rows in tables for key in rows.metric.categories))
